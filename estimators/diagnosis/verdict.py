@@ -19,6 +19,7 @@ VERDICT = "verdict.json"  # the files of a diagnosis, in one folder
 IMPROVED = "sim.yaml"
 REPORT = "report.html"
 NEXT_MOTION = "next_motion.parquet"
+TORQUE = "N m"  # unit of errors where torque was recorded
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
 
 _WORSE = 1.05  # of an error, from which on a larger one is called worse
@@ -130,7 +131,7 @@ class Fit:
     heldout_rmse_tolerances: tuple[float, ...] = ()  # values moved inside tolerances, no effect
     heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
-    unit: str = "N m"  # of all errors; rad where commands and positions alone were recorded
+    unit: str = TORQUE  # of all errors; rad where commands and positions alone were recorded
 
     @property
     def worse_within_tolerances(self) -> tuple[int, ...]:

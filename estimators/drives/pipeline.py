@@ -23,7 +23,7 @@ from estimators.drives.judgement.held_out import position_errors, resolution_of,
 from estimators.drives.judgement.of_the_arm import as_described
 from estimators.drives.judgement.verdict import verdict_of
 from estimators.drives.judgement.wording import about_counting, about_scale, not_shown, sags
-from estimators.drives.result import DriveDiagnosis
+from estimators.drives.result import DriveDiagnosis, DriveReplay
 from estimators.drives.simulation.loads import ArmLoads
 from estimators.drives.simulation.plant import rows_of
 from estimators.recordings import check_different
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.stages import Progress
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
 
 _TURNS: Final = 2  # findings of how joints count, after each of which all is looked for anew
 
@@ -99,7 +100,26 @@ def diagnose_drives(
             tuple(np.abs(before).mean(axis=0).tolist()),
             tuple(np.abs(after).mean(axis=0).tolist()),
         ),
+        replay=_replay(evidence, unseen[0], before, after),
     )
+
+
+def _replay(
+    evidence: DriveEvidence, told: Recording, before: FloatArray, after: FloatArray
+) -> DriveReplay:
+    """Return the first recording that was held out, beside what both simulations made of it.
+
+    Args:
+        evidence: With that recording as the description counts.
+        told: The same as it came.
+        before: Errors of the given simulation on all rows held out, (K, n) [rad].
+        after: The same of the improved one.
+    """
+    counted, rows = evidence.unseen[0], slice(len(told))
+    given = told.position + before[rows]
+    # where joints count against the description, positions of both are as it counts
+    other = counted.position - told.position
+    return DriveReplay(counted, given + other, counted.position + after[rows])
 
 
 def _identified(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +11,6 @@ from estimators.diagnosis.summary import lines_of
 from estimators.diagnosis.verdict import IMPROVED, NEXT_MOTION, REPORT, VERDICT
 from limo_driver.display import Displayed
 from limo_driver.outputs import require_folder
-from limo_driver.pages import Page
-from limo_driver.pages.markup import paragraph, section
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,6 +19,16 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Finding, Verdict
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True)
+class DriveReplay:
+    """A held-out recording beside two simulations that were run forward from its commands."""
+
+    recording: Recording  # T samples of n joints, as the description counts
+    given: FloatArray  # (T, n) [rad]
+    improved: FloatArray
 
 
 @dataclass(frozen=True, repr=False)
@@ -34,6 +41,7 @@ class DriveDiagnosis(Displayed):
     recordings: tuple[Recording, ...]
     held_out_error: tuple[tuple[float, ...], tuple[float, ...]]  # mean absolute, [rad] by joint
     failures: tuple[Failure, ...] = ()
+    replay: DriveReplay | None = None
 
     @property
     def simulation(self) -> Simulation:
@@ -75,9 +83,7 @@ class DriveDiagnosis(Displayed):
         (out / NEXT_MOTION).unlink(missing_ok=True)
         self.verdict.save(out / VERDICT)
         self.after.save(out / IMPROVED)
-        lines = str(self).splitlines()
-        body = section("What was found", paragraph(escape(lines[0])), "found") + section(
-            "Evidence", f"<pre>{escape(chr(10).join(lines[1:]))}</pre>", "evidence"
-        )
-        Page(headline(self.verdict), body).save(out / REPORT)
+        from estimators.drives.report import drive_report
+
+        drive_report(self).save(out / REPORT)
         return out / VERDICT, out / IMPROVED, out / REPORT

@@ -53,12 +53,14 @@ def curve(x: FloatArray, y: FloatArray, name: str, colour: str, width: float = 1
     }  # fmt: skip
 
 
-def dots(values: Sequence[float], names: Sequence[str], name: str, marker: Figure) -> Figure:
-    """Return one mark [N m] in the row of each name."""
+def dots(
+    values: Sequence[float], names: Sequence[str], name: str, marker: Figure, unit: str = "N m"
+) -> Figure:
+    """Return one mark in the row of each name."""
     return {
         "x": numbers(np.array(values, dtype=float)), "y": list(names), "mode": "markers",
         "name": name, "marker": marker,
-        "hovertemplate": "%{y}, " + name + ": %{x} N m<extra></extra>",
+        "hovertemplate": "%{y}, " + name + ": %{x} " + unit + "<extra></extra>",
     }  # fmt: skip
 
 

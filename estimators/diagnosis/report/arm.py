@@ -43,7 +43,7 @@ def arm(diagnosis: Diagnosis, charts: Charts) -> tuple[ArmView, str]:
             ("noise floor", fit.noise_floor),
         ),
         floor=fit.noise_floor,
-        pins=_pins(diagnosis.verdict.findings),
+        pins=pins(diagnosis.verdict.findings),
         motion=motion,
     )
     excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
@@ -138,7 +138,7 @@ def _worst(diagnosis: Diagnosis, time: FloatArray, recording: int) -> int:
     return int(np.argmin(np.abs(time - worst)))
 
 
-def _pins(findings: Sequence[Finding]) -> tuple[Pin, ...]:
+def pins(findings: Sequence[Finding]) -> tuple[Pin, ...]:
     """Return one text for each joint that has findings, and one for the flange."""
     at: dict[int | None, list[tuple[str, str, int]]] = {}
     for number, item in enumerate(findings, start=1):

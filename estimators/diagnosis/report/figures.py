@@ -78,20 +78,23 @@ def summary(fit: Fit) -> Figure:
     for name, a, b in zip(joints, fit.heldout_rmse_before, fit.heldout_rmse_after, strict=True):
         lines += [a, b, None]
         where += [name, name, None]
+    marked: list[tuple[str, Sequence[float], Figure]] = [
+        ("noise floor", fit.noise_floor, {
+            "symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}}),
+        ("given simulation", fit.heldout_rmse_before, {
+            "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
+        ("within tolerances", fit.heldout_rmse_tolerances, {
+            "symbol": "diamond-open", "size": 15, "color": TOLERANCES, "line": {"width": 2}}),
+        ("improved simulation", fit.heldout_rmse_after, {
+            "symbol": "circle", "size": 11, "color": AFTER}),
+    ]  # fmt: skip
     data = [
         {"x": lines, "y": where, "mode": "lines", "hoverinfo": "skip", "showlegend": False,
          "line": {"color": "#c9ced4", "width": 3}},
-        dots(fit.noise_floor, joints, "noise floor", {
-            "symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}}),
-        dots(fit.heldout_rmse_before, joints, "given simulation", {
-            "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
-        dots(fit.heldout_rmse_tolerances, joints, "within tolerances", {
-            "symbol": "diamond-open", "size": 15, "color": TOLERANCES, "line": {"width": 2}}),
-        dots(fit.heldout_rmse_after, joints, "improved simulation", {
-            "symbol": "circle", "size": 11, "color": AFTER}),
+        *(dots(values, joints, name, marker, fit.unit) for name, values, marker in marked),
     ]  # fmt: skip
     data = [item for item in data if item["x"]]
-    axes = layout("held-out RMSE [N m], logarithmic", "")
+    axes = layout(f"held-out RMSE [{fit.unit}], logarithmic", "")
     axes["xaxis"] |= {"type": "log"} | rounded_ticks(
         np.array([*fit.heldout_rmse_before, *fit.heldout_rmse_after, *fit.noise_floor])
     )

@@ -12,7 +12,7 @@ from estimators.diagnosis.headline import headline, place_of, to_interval
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.summary import WORSE, columns_of, coverage
-from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN, Interval
+from estimators.diagnosis.verdict import CONTACT, IMPROVED, TORQUE, UNKNOWN, Interval
 from estimators.diagnosis.wording import is_of_bodies, names_of, rounded
 from limo_driver.pages.markup import (
     UNSAID,
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.result import Diagnosis
     from estimators.diagnosis.verdict import Finding, Fit, Value, Verdict
+    from limo_driver.physics import Simulation
 
 VERDICTS = {
     "consistent": "simulation and recording agree",
@@ -74,21 +75,34 @@ def overview(diagnosis: Diagnosis, charts: Charts, between: str = "") -> str:
         _sources(diagnosis, names),
         badge=(VERDICTS[verdict.verdict], verdict.verdict),
     )
+    to_do = put(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
+    told = errors(verdict, charts) + cards(verdict, names) + notes(verdict.notes)
+    return f"{head}{to_do}{between}{told}"
+
+
+def errors(verdict: Verdict, charts: Charts) -> str:
+    """Return the section of the errors before and after, with what they count."""
+    of = "Torque" if verdict.fit.unit == TORQUE else "Position"
     chart = charts.place(
-        figures.summary(verdict.fit),
-        "Torque error of each joint on held-out motion",
+        figures.summary(verdict.fit), f"{of} error of each joint on held-out motion"
     )
-    beside = grid([chart, _removed(verdict)])
-    errors = f'<section id="errors">{beside}{_errors(verdict)}</section>'
-    cards = "".join(
+    beside = grid([chart, _meaning(verdict)])
+    return f'<section id="errors">{beside}{_errors(verdict)}</section>'
+
+
+def cards(verdict: Verdict, names: Sequence[str]) -> str:
+    """Return the section of the findings; empty if there are none.
+
+    Args:
+        verdict: What was found.
+        names: Of the recordings.
+    """
+    items = "".join(
         _card(number, item, verdict.fit, names)
         for number, item in enumerate(verdict.findings, start=1)
     )
-    if cards:
-        title = "Findings" if len(verdict.findings) > 1 else "Finding"
-        cards = f'<section id="findings"><h2>{title}</h2>{cards}</section>'
-    to_do = _put(diagnosis) + _next(verdict)
-    return f"{head}{to_do}{between}{errors}{cards}{_notes(verdict.notes)}"
+    title = "Findings" if len(verdict.findings) > 1 else "Finding"
+    return f'<section id="findings"><h2>{title}</h2>{items}</section>' if items else ""
 
 
 def _next(verdict: Verdict) -> str:
@@ -100,15 +114,15 @@ def _next(verdict: Verdict) -> str:
     return f'<p>{escape(asked)}<a href="#next">the motion to record next</a>.</p>'
 
 
-def _put(diagnosis: Diagnosis) -> str:
+def put(before: Simulation, after: Simulation, verdict: Verdict) -> str:
     """Return how to get what was found into a simulator; nothing where nothing changes."""
-    values = diagnosis.after.changes_from(diagnosis.before)
+    values = after.changes_from(before)
     if not values:
         return ""
-    if not diagnosis.verdict.findings and not diagnosis.verdict.identified:
+    if not verdict.findings and not verdict.identified:
         said = "Nothing has to change in your simulation."
         return f'<aside class="put">{paragraph(said)}</aside>'
-    kind = diagnosis.before.model.description.kind.lower()
+    kind = before.model.description.kind.lower()
     command = f"limo export {IMPROVED} --to {kind} --out improved/"
     where = "In the folder of this report; writes a copy of your own file with the values in it:"
     copied = folded(
@@ -123,11 +137,11 @@ def _put(diagnosis: Diagnosis) -> str:
     )
 
 
-def _notes(notes: Sequence[str]) -> str:
+def notes(said: Sequence[str]) -> str:
     """Return what a reader has to know before trusting the figures."""
-    if not notes:
+    if not said:
         return ""
-    return f'<section id="notes"><h2>Before you use the values</h2>{listed(notes)}</section>'
+    return f'<section id="notes"><h2>Before you use the values</h2>{listed(said)}</section>'
 
 
 def _sources(diagnosis: Diagnosis, names: Sequence[str]) -> str:
@@ -162,8 +176,8 @@ def _errors(verdict: Verdict) -> str:
     return table(headings, rows, numeric=1) + (paragraph(WORSE, "small") if worse else "")
 
 
-def _removed(verdict: Verdict) -> str:
-    """Say how much of the error is gone, and what the errors count."""
+def _meaning(verdict: Verdict) -> str:
+    """Say what the errors count."""
     meanings = {
         "Held-out": "parts of the recordings that no parameter was fitted to.",
         "Noise floor": "an estimate of the error that stays whatever the model. An error near it, "
@@ -173,7 +187,8 @@ def _removed(verdict: Verdict) -> str:
         "wrong, and no effect added.",
     }
     said = "".join(f"<dt>{name}</dt><dd>{prose(text)}</dd>" for name, text in meanings.items())
-    told = (_by_tolerances(verdict.fit, findings=bool(verdict.findings)), coverage(verdict))
+    counted = coverage(verdict) if verdict.rows.fitted else ""
+    told = (_by_tolerances(verdict.fit, findings=bool(verdict.findings)), counted)
     return f'<div>{"".join(map(paragraph, filter(None, told)))}<dl class="small">{said}</dl></div>'
 
 
@@ -245,7 +260,7 @@ def _card(order: int, item: Finding, fit: Fit, recordings: Sequence[str]) -> str
     facts = [
         ("confidence", meter(item.confidence)),
     ]
-    if drop := _drop(item):
+    if drop := _drop(item, fit.unit):
         facts.append(("held-out RMSE, fitted without → with it", drop))
     if item.share > 0:  # of a push nothing is: its rows are not scored
         does = "leaves" if unknown else "removes"
@@ -272,7 +287,7 @@ def _title_place(item: Finding, fit: Fit) -> str:
     return f"{place}, most of all at joint {shows}" if item.effect != CONTACT else place
 
 
-def _drop(item: Finding) -> str:
+def _drop(item: Finding, unit: str) -> str:
     pairs = item.heldout_rmse
     if pairs.before == pairs.after:  # nothing is taken off
         return ""
@@ -281,7 +296,8 @@ def _drop(item: Finding) -> str:
     joints = [j for j in own if j in everywhere] or everywhere
     shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
     return "; ".join(
-        f"joint {j}: {_rmse(pairs.before[j - 1])} → {_rmse(pairs.after[j - 1])} N m" for j in shown
+        f"joint {j}: {_rmse(pairs.before[j - 1])} → {_rmse(pairs.after[j - 1])} {unit}"
+        for j in shown
     )
 
 

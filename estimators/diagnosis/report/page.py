@@ -56,7 +56,7 @@ def report(diagnosis: Diagnosis, concealed: Sequence[Effect] | None = None) -> P
     worth, worth_in_full = telemetry(diagnosis)
     body = (
         overview(diagnosis, charts, known + worth + on_the_arm)
-        + sections.identified(diagnosis)
+        + sections.identified(diagnosis.verdict)
         + worth_in_full
         + pushed(diagnosis, charts)
         + sections.where(diagnosis, charts)

@@ -301,17 +301,17 @@ def tests(diagnosis: Diagnosis) -> str:
 
 def doubts(diagnosis: Diagnosis, charts: Charts) -> str:
     """Return what could not be observed and how far nuisance parameters moved."""
-    unseen = [
-        [escape(spoken(item.effect)), escape(item.reason)]
-        for item in diagnosis.verdict.not_observable
-    ]
-    body = ""
-    if unseen:
-        heads = ("effect", "how large it would have to be")
-        body += "<h3>What these recordings cannot show</h3>" + table(heads, unseen)
+    body = unobservable(diagnosis.verdict)
     if diagnosis.shifts:
         body += _moved(diagnosis.shifts, charts)
     return section("What is unsure", body, "unsure")
+
+
+def unobservable(verdict: Verdict) -> str:
+    """Return the table of effects that these recordings cannot show; empty if there are none."""
+    unseen = [[escape(spoken(item.effect)), escape(item.reason)] for item in verdict.not_observable]
+    title = "<h3>What these recordings cannot show</h3>"
+    return title + table(("effect", "why"), unseen) if unseen else ""
 
 
 def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
@@ -415,13 +415,13 @@ def _span(diagnosis: Diagnosis, start: float, stop: float, recording: int) -> st
     return f"{start:.1f} to {stop:.1f} s" + f" of {names[recording]}" * (len(names) > 1)
 
 
-def identified(diagnosis: Diagnosis) -> str:
+def identified(verdict: Verdict, lead: str = "") -> str:
     """Return the table of ordinary friction that the given simulation did not state."""
-    columns = identified_columns(diagnosis.verdict)
-    if not diagnosis.verdict.identified:
+    columns = identified_columns(verdict)
+    if not verdict.identified:
         return ""
     rows = [[escape(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
-    lead = (
+    lead = lead or (
         "The given simulation states no friction of these joints, so it is unknown, and estimated "
         "together with everything else; with 95\N{NO-BREAK SPACE}% intervals. What most of them "
         "have is ordinary; what is unlike its siblings is a finding."

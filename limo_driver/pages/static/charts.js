@@ -31,8 +31,9 @@ async function draw(place) {
     layout.xaxis.tickvals = ticks.filter((_, k) => kept[k]);
     layout.xaxis.ticktext = layout.xaxis.ticktext.filter((_, k) => kept[k]);
   }
-  broken(layout.xaxis?.title, layout.width - layout.margin.l - layout.margin.r);
-  broken(layout.yaxis?.title, place.clientHeight - layout.margin.t - layout.margin.b);
+  const { l = 0, r = 0, t = 0, b = 0 } = layout.margin ?? {};
+  broken(layout.xaxis?.title, layout.width - l - r);
+  broken(layout.yaxis?.title, place.clientHeight - t - b);
   if (touch) layout.dragmode = false; // a finger scrolls the page
   await Plotly.react(place, data, layout, config);
 }

@@ -103,7 +103,7 @@ async function play(section) {
     });
   }
   const recolour = () => {
-    section.querySelectorAll(".dot").forEach((dot) => { dot.style.background = themed(dot.dataset.colour); });
+    section.querySelectorAll(".dot[data-colour]").forEach((dot) => { dot.style.background = themed(dot.dataset.colour); });
     scene.recolour();
     paint();
     scene.render();
