@@ -33,8 +33,8 @@ _OPEN: Final = 3  # joints whose curves are seen at once
 _ERRORS: Final = (
     "RMSE: root mean square of measured less predicted torque. Noise floor: what the torque "
     "sensor's noise leaves behind the filter, as far as its spectrum tells. Of the intervals of a "
-    "model that knows how sure it is, 95 % hold the measured torque. Outside: motion unlike what "
-    "was learned, where the interval is a guess."
+    "model that knows how sure it is, 95 % hold the measured torque. Where motion is "
+    "unlike what was learned, the interval is a guess."
 )
 _CURVES: Final = (
     "The 6 s in which the joints reverse most often. Grey: measured. Orange: rigid body. Blue: the "
@@ -50,7 +50,7 @@ def evaluation_page(found: Evaluation) -> Page:
     seen = ", on motion that it was trained on" if found.trained_on else ""
     title = (
         f"{found.model} is {model:.3g} N m off the measured torque, the rigid body alone "
-        f"{rigid:.3g} N m (RMS over joints){seen}."
+        f"{rigid:.3g} N m (RMS over joints){seen}{_harmed(found)}."
     )
     of = f" of {found.recording.source}" if found.recording.source else ""
     source = (
@@ -58,8 +58,8 @@ def evaluation_page(found: Evaluation) -> Page:
         f"of {found.bandwidth:g} Hz."
     )
     lead = (
-        "Drag to turn. Each ring is a joint; its colour says how many noise floors the predicted "
-        "torque is off. “Now” shows the error at the time of the slider, by colour and size."
+        "Drag to turn. The ring around each joint is coloured by the error of the predicted torque "
+        "there, in multiples of its noise floor: over all samples, or at the moment of the slider."
         if view.errors
         else "Drag to turn. The noise floor is unknown here, so that errors have no colour."
     )
@@ -73,11 +73,35 @@ def evaluation_page(found: Evaluation) -> Page:
     return Page(title, body, charts, view)
 
 
+def _harmed(found: Evaluation) -> str:
+    """Say on how many joints the model does worse than the rigid body alone, if it does on any."""
+    names = [
+        name
+        for name, a, b in zip(
+            found.joint_names, found.rigid_body.rmse, found.hybrid.rmse, strict=True
+        )
+        if b > a
+    ]
+    if not names:
+        return ""
+    every = len(names) == len(found.joint_names)
+    where = "every joint" if every else f"{len(names)} of {len(found.joint_names)} joints"
+    return f"; it is worse than the rigid body on {where}"
+
+
 def _errors(found: Evaluation, charts: Charts) -> str:
     names = list(found.joint_names)
     errors = (
-        (found.noise_floor, "noise floor", {"symbol": "line-ns-open", "size": 16, "color": FLOOR}),
-        (found.rigid_body.rmse, _RIGID, {"symbol": "circle-open", "size": 11, "color": BEFORE}),
+        (
+            found.noise_floor,
+            "noise floor",
+            {"symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}},
+        ),
+        (
+            found.rigid_body.rmse,
+            _RIGID,
+            {"symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}},
+        ),
         (found.hybrid.rmse, found.model, {"symbol": "circle", "size": 11, "color": AFTER}),
     )
     axes = layout("RMSE [N m], logarithmic", "")
@@ -85,7 +109,9 @@ def _errors(found: Evaluation, charts: Charts) -> str:
     axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
     marks = [dots(values.tolist(), names, name, mark) for values, name, mark in errors]
     chart: Figure = {"data": marks, "layout": axes, "height": 90 + 34 * len(names)}
-    values = dict(found.figures()) | {"outside": [f"{part:.0%}" for part in found.outside]}
+    values = dict(found.figures()) | {
+        "unlike what was learned": [f"{part:.0%}" for part in found.outside]
+    }
     return charts.place(chart, "Error of each joint") + columns(values)
 
 
@@ -116,7 +142,7 @@ def _arm(found: Evaluation) -> ArmView:
 def _curves(found: Evaluation, charts: Charts) -> str:
     order = np.argsort(-found.hybrid.rmse).tolist()
     drawn = [(name, _joint(found, charts, j)) for j in order for name in [found.joint_names[j]]]
-    seen = "".join(f"<h3>{name}</h3>{body}" for name, body in drawn[:_OPEN])
+    seen = "".join(body for _, body in drawn[:_OPEN])
     return seen + "".join(folded(name, body) for name, body in drawn[_OPEN:])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -51,7 +52,7 @@ def drive_report(found: DriveDiagnosis) -> Page:
         for name, item in zip(names, found.recordings, strict=True)
     )
     head = header(
-        f"Diagnosis of drives of {found.before.model.name}, from commands and positions",
+        f"Diagnosis of drives of {PurePath(found.before.model.name).stem}, without torque",
         headline(verdict),
         told.removed(verdict.fit),
         f"Compared with {recorded}. No torque was recorded: errors are of positions, simulated "

@@ -10,13 +10,23 @@ import numpy as np
 
 from estimators.diagnosis.headline import headline
 from estimators.diagnosis.verdict import REPORT
+from estimators.diagnosis.wording import of_joints
 from estimators.fleet.result import changed
 from estimators.fleet.settings import FLEET
 from estimators.fleet.standing import dates_needed, dates_of
-from estimators.fleet.table import place_in_short
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, layout, numbers
-from limo_driver.pages.markup import UNSAID, folded, header, number, paragraph, section, table
+from limo_driver.pages.markup import (
+    UNSAID,
+    folded,
+    header,
+    number,
+    paragraph,
+    section,
+    table,
+    typeset,
+)
+from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -167,7 +177,7 @@ def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
 def _findings(rows: Sequence[FleetRow]) -> str:
     recordings = Counter(row.arm for row in rows if row.diagnosed)
     found = Counter(
-        (place_in_short(item), row.arm)
+        (f"{spoken(item.effect)}, {of_joints(item.joints)}", row.arm)
         for row in rows
         if row.verdict is not None
         for item in row.verdict.findings
@@ -176,7 +186,7 @@ def _findings(rows: Sequence[FleetRow]) -> str:
         [escape(effect), escape(arm), f"{count} of {recordings[arm]}"]
         for (effect, arm), count in sorted(found.items(), key=lambda item: (-item[1], item[0]))
     ]
-    return table(("effect@joint", "arm", "recordings"), listed, 2) if listed else ""
+    return table(("finding", "arm", "recordings"), listed, 2) if listed else ""
 
 
 def _worst(rows: Sequence[FleetRow], folder: Path) -> str:
@@ -187,8 +197,10 @@ def _worst(rows: Sequence[FleetRow], folder: Path) -> str:
             [
                 _linked(row, folder),
                 escape(row.arm),
-                UNSAID if row.date is None else f"{row.date:%Y-%m-%d}",
-                escape(headline(row.verdict)),
+                UNSAID
+                if row.date is None
+                else f"{row.date:%Y\N{NON-BREAKING HYPHEN}%m\N{NON-BREAKING HYPHEN}%d}",
+                escape(typeset(headline(row.verdict))),
                 number(_floors(row)),
             ]
             for row in ranked[: FLEET.worst]

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from estimators.fleet.series import series_of
+from estimators.fleet.settings import FLEET
 from estimators.fleet.standing import drifts_of, spreads_of, standings_of
 
 if TYPE_CHECKING:
@@ -80,7 +81,8 @@ class FleetDiagnosis:
                 told.add(item.arm)
                 lines.append(f"drifting: {item.arm}, {item.series.name} {changed(item)}")
         if not seen and not told:
-            lines.append("no arm is odd, and nothing drifts")
+            odd = "no arm is odd" if self.standings else f"no arm of fewer than {FLEET.arms} is odd"
+            lines.append(f"{odd}, and no drift shows")
         return "\n".join(lines)
 
 

@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 PAGE: Final = "report.html"
 _STYLES: Final = ((SEQUENCES, AFTER, "circle"), (SCAFFOLDS, BEFORE, "square"))
 _SPLITS: Final = (
-    "Blue: random split of sub-sequences, as in the paper. Orange: tested on scaffolds that were "
-    "never trained on. Diamonds: the paper's figures. Dotted: the rigid body alone. Bars: standard "
-    "deviation over runs."
+    "Inputs of networks: tau_rbd is the torque of the rigid body, r the rotation since the last "
+    "reversal. Blue: random split of sub-sequences, as in the paper. Orange: tested on scaffolds "
+    "that were never trained on. Diamonds: the paper's figures. Dotted: the rigid body alone. "
+    "Bars: standard deviation over runs."
 )
 _JUDGED: Final = (
     "A factor is the joint-averaged MSE of the first row over that of the second, over runs of "

@@ -82,11 +82,11 @@ def _next(file: str, robot: str) -> str:
             (
                 f"Send the rows of {file} at their times, and write beside each what the encoders "
                 "read: time, command_1, ..., position_1, ... [s, rad].",
-                f"python examples/play_servos.py {file} --out moves.csv",
+                f"python examples/play_servos.py {file} --out run.csv",
             ),
             (
                 "Find drives, friction, play and payload from that recording.",
-                f"limo diagnose moves.csv --robot {robot} --out diagnosis",
+                f"limo diagnose run.csv --robot {robot} --out diagnosis",
             ),
         ]
     )

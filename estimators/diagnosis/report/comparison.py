@@ -71,6 +71,7 @@ _FINDINGS = (
     "its own recordings."
 )
 _ERRORS = "RMSE [N m] of each joint on motion that nothing was fitted to."
+_NAMED = 3  # findings of one kind in the head
 _Pair = tuple["Finding | None", "Finding | None"]
 
 
@@ -109,9 +110,27 @@ def _title(
 ) -> str:
     if not changed:
         return f"{names[0]} and {names[1]} agree: the same findings, with intervals that overlap."
-    said = [f"{_name(key[0])} {_place(pairs[key], n)}" for key in changed[:3]]
-    more = f" and {len(changed) - 3} more" if len(changed) > 3 else ""  # noqa: PLR2004
-    return f"{names[0]} and {names[1]} differ in {', '.join(said)}{more}."
+    parts: list[str] = []
+    for where, of in zip(
+        (f"only in {names[0]}", f"only in {names[1]}", "changed"),
+        ("gone", "new", "changed"),
+        strict=True,
+    ):
+        own = [key for key in changed if _kind(pairs[key]) == of]
+        said = [f"{_name(key[0])} {_at(_place(pairs[key], n))}" for key in own[:_NAMED]]
+        more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
+        if own:
+            parts.append(f"{', '.join(said)}{more} {where}")
+    text = "; ".join(parts)
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def _kind(pair: _Pair) -> str:
+    return "changed" if all(pair) else ("gone" if pair[0] else "new")
+
+
+def _at(place: str) -> str:
+    return place if place.startswith(("at ", "whole")) else f"at {place}"
 
 
 def _name(effect: str) -> str:
@@ -125,7 +144,7 @@ def _place(pair: _Pair, n: int) -> str:
 
 def _pin(key: tuple[str, tuple[int, ...]], pair: _Pair, n: int) -> Pin:
     effect, joints = key
-    what = "changed" if all(pair) else ("gone" if pair[0] else "new")
+    what = _kind(pair)
     joint = None if effect == Payload.name or not joints else joints[0] - 1
     return Pin(f"{_place(pair, n)}: {_name(effect)} {what}", joint, "#findings")
 

@@ -178,17 +178,21 @@ def _errors(verdict: Verdict) -> str:
 
 def _meaning(verdict: Verdict) -> str:
     """Say what the errors count."""
+    fit = verdict.fit
     meanings = {
         "Held-out": "parts of the recordings that no parameter was fitted to.",
         "Noise floor": "an estimate of the error that stays whatever the model. An error near it, "
         "or below, cannot be told from noise.",
         "Reducible error": "the mean square of the error above the noise floor.",
-        "Within tolerances": "the given simulation with its values moved as far as they may be "
-        "wrong, and no effect added.",
     }
+    if fit.heldout_rmse_tolerances:
+        meanings["Within tolerances"] = (
+            "the given simulation with its values moved as far as they may be wrong, and no effect "
+            "added."
+        )
     said = "".join(f"<dt>{name}</dt><dd>{prose(text)}</dd>" for name, text in meanings.items())
     counted = coverage(verdict) if verdict.rows.fitted else ""
-    told = (_by_tolerances(verdict.fit, findings=bool(verdict.findings)), counted)
+    told = (_by_tolerances(fit, findings=bool(verdict.findings)), counted)
     return f'<div>{"".join(map(paragraph, filter(None, told)))}<dl class="small">{said}</dl></div>'
 
 
@@ -255,16 +259,17 @@ def _card(order: int, item: Finding, fit: Fit, recordings: Sequence[str]) -> str
     means = _NO_EFFECT_OF_THE_ARM.get(item.effect) or _KINDS[item.kind]
     head = (
         f"<h3>{escape(name)} <span>{escape(_title_place(item, fit))}</span></h3>"
-        f'<p class="kind">{escape(means)}</p><p class="evidence">{escape(item.evidence)}</p>'
+        f'<p class="kind">{escape(means)}</p>{paragraph(_sentence(item.evidence), "evidence")}'
     )
     facts = [
         ("confidence", meter(item.confidence)),
     ]
     if drop := _drop(item, fit.unit):
         facts.append(("held-out RMSE, fitted without → with it", drop))
+    beside = " that tolerances leave" if fit.heldout_rmse_tolerances else ""
     if item.share > 0:  # of a push nothing is: its rows are not scored
         does = "leaves" if unknown else "removes"
-        facts.insert(1, (does, f"{meter(item.share)} of the error that tolerances leave"))
+        facts.insert(1, (does, f"{meter(item.share)} of the error{beside}"))
     if item.equivalent:
         names = ", ".join(spoken(e) for e in item.equivalent)
         facts.append(("cannot be told from", escape(names)))
@@ -276,6 +281,10 @@ def _card(order: int, item: Finding, fit: Fit, recordings: Sequence[str]) -> str
         f'<article id="finding-{order}" class="{kind}">{head}<dl>{listed}</dl>'
         f"{_parameters(item) if item.effect != CONTACT else ''}</article>"
     )
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
 
 
 def _title_place(item: Finding, fit: Fit) -> str:
@@ -312,6 +321,8 @@ def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
     joints = (int(shows),) if is_of_bodies(item.effect) and shows.isdigit() else item.joints
     joints = [j for j in joints if j <= len(fit.noise_floor)]
     links = ", ".join(f'<a href="#joint-{j}">joint {j}</a>' for j in joints)
+    if not said:
+        return links
     return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
 
 

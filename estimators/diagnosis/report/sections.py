@@ -35,6 +35,7 @@ from limo_driver.pages.markup import (
     percent,
     section,
     table,
+    typeset,
 )
 from limo_driver.physics import spoken
 
@@ -426,7 +427,7 @@ def identified(verdict: Verdict, lead: str = "") -> str:
         "together with everything else; with 95\N{NO-BREAK SPACE}% intervals. What most of them "
         "have is ordinary; what is unlike its siblings is a finding."
     )
-    body = table([" ".join(heading).strip() for heading in columns], rows, numeric=1)
+    body = table([typeset(" ".join(heading).strip()) for heading in columns], rows, numeric=1)
     return section("Identified friction", body, "identified", lead)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from estimators.diagnosis.wording import names_of
 from estimators.telemetry import telemetry_in
 from limo_driver.pages.markup import section
 
@@ -28,10 +27,8 @@ def telemetry(diagnosis: Diagnosis) -> tuple[str, str]:
         A line that leads to the details, and the section that holds them.
     """
     said = {
-        name: telemetry_in(diagnosis.after, recording)
-        for name, recording in zip(
-            names_of(diagnosis.recordings), diagnosis.recordings, strict=True
-        )
+        recording.source or f"recording {number}": telemetry_in(diagnosis.after, recording)
+        for number, recording in enumerate(diagnosis.recordings, start=1)
     }
     items = "".join(
         f"<li>{escape(name)}: {escape('; '.join(lines))}.</li>" for name, lines in said.items()

@@ -96,7 +96,7 @@ def test_the_page_says_what_shows_what(arm, found):
     text = servo_page(found, arm, "moves.csv", "arm.xml").html()
     check_page(text)
     assert "creeping reversals" in text
-    assert "limo diagnose moves.csv" in text
+    assert "limo diagnose run.csv" in text
 
 
 def test_the_command_writes_csv_page_and_episodes(commanded, path, tmp_path):

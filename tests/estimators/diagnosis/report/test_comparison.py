@@ -95,7 +95,10 @@ def test_what_changed_what_is_new_and_what_is_gone_is_said(model):
     second = verdict(payload(1.5), found("torque_offset", (2,)))
     page = comparison(model, ("a<b", "tuesday"), [first, second])
     text = page.html().replace("\N{NO-BREAK SPACE}", " ")
-    assert "differ in payload at the flange, backlash joint 3, torque offset joint 2" in page.title
+    assert page.title == (
+        "Backlash at joint 3 only in a<b; torque offset at joint 2 only in tuesday; "
+        "payload at the flange changed."
+    )
     for said in ("1.00 kg [0.90, 1.10]", "1.50 kg [1.40, 1.60]", "backlash gone",
                  "torque offset new", "payload changed"):  # fmt: skip
         assert said in text
