@@ -1,12 +1,12 @@
 """Whether a diagnosis without torque names what is hidden in an arm behind servos.
 
 The arm is the concealed plant of `tests/concealed/servo_plant.py`, which shares no code with limo.
-Bars: at 200 Hz and 12 bit, three quarters of the hidden effects are named exactly, effect and joint
-and nothing else; nothing is named where nothing is hidden; mass of a payload within a tenth, play
-within a fifth.
+Bars: at 200 Hz and 12 bit, three quarters of the cases are named exactly, all hidden effects with
+their joints and nothing else; nothing is named where nothing is hidden; mass of a payload within a
+tenth, play within a fifth.
 
     python benchmarks/diagnosis/concealed_servos.py [--rate 200] [--bits 12] [--singles 20]
-        [--nulls 12] [--first 0] [--only payload] [--others]
+        [--sets 0] [--nulls 12] [--first 0] [--only payload+backlash] [--others]
 """
 
 from __future__ import annotations
@@ -18,16 +18,19 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import numpy as np
 
 import limo_driver as limo
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "concealed"))
 
 import servo_cases
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 VALUES = {
     "payload": ("mass", 0.1),
@@ -47,14 +50,27 @@ VALUES = {
 
 
 @dataclass(frozen=True)
+class Value:
+    """A value that was hidden and found."""
+
+    effect: str
+    ratio: float  # found over hidden
+    covered: bool  # whether its interval holds the hidden one
+
+
+@dataclass(frozen=True)
 class Outcome:
     """What was named in one case."""
 
-    exact: bool
+    case: servo_cases.Case
     named: tuple[tuple[str, tuple[int, ...]], ...]
-    ratio: float  # of the value found to the hidden one; NaN where there is none
-    covered: bool  # whether its interval holds the hidden one
+    values: tuple[Value, ...]
     seconds: float  # of processor
+
+    @property
+    def exact(self) -> bool:
+        """Whether all that is hidden was named, and nothing else."""
+        return set(self.named) == {(x.effect, x.joints) for x in self.case.hidden}
 
 
 def main() -> None:
@@ -63,25 +79,21 @@ def main() -> None:
     given.add_argument("--rate", type=float, default=200.0, help="of the recordings [Hz]")
     given.add_argument("--bits", type=int, default=12, help="of the encoders")
     given.add_argument("--singles", type=int, default=20)
+    given.add_argument("--sets", type=int, default=0, help="of two or three effects")
     given.add_argument("--nulls", type=int, default=12)
     given.add_argument("--first", type=int, default=0, help="seed")
-    given.add_argument("--only", default="", help="effect")
+    given.add_argument("--only", default="", help="effects, joined by +, of all singles")
     given.add_argument("--others", action="store_true", help="effects that came later")
     asked = given.parse_args()
     every = servo_cases.OTHERS if asked.others else servo_cases.SINGLES
-    effects = [asked.only] if asked.only else list(every)
-    found: dict[str, list[Outcome]] = {}
-    hidden = [effects[k % len(effects)] for k in range(asked.singles)] + [""] * asked.nulls
-    for k, effect in enumerate(hidden):
-        case = servo_cases.make(asked.first + k, effect, asked.rate, asked.bits)
-        outcome = run(case)
-        found.setdefault(effect, []).append(outcome)
-        print(
-            f"{case.seed:4d} {effect or 'nothing':24s} joint {case.joint} {case.size:8.4f}  "
-            f"{'right' if outcome.exact else 'WRONG'}  ratio {outcome.ratio:5.2f} "
-            f"{'in' if outcome.covered else '--'}  {outcome.seconds:4.0f} s  {outcome.named}",
-            flush=True,
-        )
+    effects = [tuple(asked.only.split("+"))] if asked.only else [(effect,) for effect in every]
+    hidden = [effects[k % len(effects)] for k in range(asked.singles)]
+    hidden += [servo_cases.drawn_set(asked.first + len(hidden) + k) for k in range(asked.sets)]
+    hidden += [()] * asked.nulls
+    found: list[Outcome] = []
+    for seed, own in enumerate(hidden, start=asked.first):
+        found.append(run(servo_cases.make(seed, own, asked.rate, asked.bits)))
+        print(line(found[-1]), flush=True)
     show(found, f"{asked.rate:g} Hz, {asked.bits} bit")
 
 
@@ -92,37 +104,55 @@ def run(case: servo_cases.Case) -> Outcome:
         begun = time.process_time()
         verdict = limo.diagnose(sim, recordings).verdict
         seconds = time.process_time() - begun
-    named = tuple((item.effect, item.joints) for item in verdict.findings)
-    wanted = ((case.hidden, case.joints),) if case.hidden else ()
-    right = [x for x in verdict.findings if wanted and (x.effect, x.joints) == wanted[0]]
-    ratio, covered = np.nan, False
-    if right and case.hidden in VALUES:
-        value = right[0].parameters[VALUES[case.hidden][0]]
-        ratio = float(value.value) / case.size
-        low, high = value.ci95
-        covered = low <= case.size <= high
-    return Outcome(named == wanted, named, ratio, covered, seconds)
+    named = {(item.effect, item.joints): item for item in verdict.findings}
+    values: list[Value] = []
+    for x in case.hidden:
+        item = named.get((x.effect, x.joints))
+        if item is not None and x.effect in VALUES:
+            value = item.parameters[VALUES[x.effect][0]]
+            low, high = value.ci95
+            values.append(Value(x.effect, float(value.value) / x.size, low <= x.size <= high))
+    return Outcome(case, tuple(named), tuple(values), seconds)
 
 
-def show(found: dict[str, list[Outcome]], title: str) -> None:
+def line(outcome: Outcome) -> str:
+    """Return a case in a line."""
+    hidden = ", ".join(f"{x.effect} {x.joints} {x.size:.4f}" for x in outcome.case.hidden)
+    ratios = ", ".join(f"{x.ratio:.2f} {'in' if x.covered else '--'}" for x in outcome.values)
+    text = f"{outcome.case.seed:4d} {hidden or 'nothing':40s} "
+    if outcome.exact:
+        return f"{text} right  found over hidden {ratios or '-'}  {outcome.seconds:.0f} s"
+    return f"{text} WRONG  named {outcome.named}  {outcome.seconds:.0f} s"
+
+
+def show(found: Sequence[Outcome], title: str) -> None:
     """Print the figures beside their bars."""
-    nulls = found.pop("", [])
     print(f"\n{title}")
-    for effect, outcomes in found.items():
-        ratios = [f"{x.ratio:.2f}" for x in outcomes if np.isfinite(x.ratio)]
+    nulls = [x for x in found if not x.case.hidden]
+    singles, sets = (
+        [x for x in found if x.case.hidden and (len(x.case.hidden) > 1) == many]
+        for many in (False, True)
+    )
+    values = [value for x in found for value in x.values]
+    for effect in dict.fromkeys(item.effect for x in found for item in x.case.hidden):
+        own = [x for x in singles if x.case.hidden[0].effect == effect]
+        ratios = [f"{x.ratio:.2f}" for x in values if x.effect == effect]
         bar = VALUES.get(effect, ("", None))[1]
         within = f", bar {1 - bar:g} to {1 + bar:g}" if bar else ""
+        alone = f"{sum(x.exact for x in own)} of {len(own)} alone; " if own else ""
+        print(f"{effect:24s} {alone}value found over hidden: {' '.join(ratios) or '-'}{within}")
+    for name, own in (("one effect", singles), ("two or three", sets)):
+        if own:
+            share = sum(x.exact for x in own) / len(own)
+            print(f"{name} exactly right: {share:.0%} of {len(own)} (bar 75 % at 200 Hz, 12 bit)")
+    if sets:
+        hidden = [(x, (item.effect, item.joints)) for x in sets for item in x.case.hidden]
+        hit = sum(item in x.named for x, item in hidden)
+        named = sum(len(x.named) for x in sets)
+        print(f"effects of sets that are named: {hit} of {len(hidden)}; {named - hit} false")
+    if values:
         print(
-            f"{effect:24s} {sum(x.exact for x in outcomes)} of {len(outcomes)}; value found over "
-            f"hidden: {' '.join(ratios) or '-'}{within}"
-        )
-    every = [x for outcomes in found.values() for x in outcomes]
-    if every:
-        share = sum(x.exact for x in every) / len(every)
-        valued = [x for x in every if np.isfinite(x.ratio)]
-        print(f"exactly right: {share:.0%} of {len(every)} (bar 75 % at 200 Hz and 12 bit)")
-        print(
-            f"95 % intervals that hold the value: {sum(x.covered for x in valued)} of {len(valued)}"
+            f"95 % intervals that hold the value: {sum(x.covered for x in values)} of {len(values)}"
         )
     if nulls:
         print(f"false on nulls: {sum(not x.exact for x in nulls)} of {len(nulls)} (bar 0)")

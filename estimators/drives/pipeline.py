@@ -20,11 +20,10 @@ from estimators.drives.hypotheses.search import leaving_out, search
 from estimators.drives.hypotheses.stated import is_stated, proven, stated_arm, with_intervals
 from estimators.drives.judgement.evidence import DriveEvidence
 from estimators.drives.judgement.held_out import position_errors, resolution_of, split
-from estimators.drives.judgement.of_the_arm import as_described
 from estimators.drives.judgement.verdict import verdict_of
 from estimators.drives.judgement.wording import about_counting, about_scale, not_shown, sags
 from estimators.drives.result import DriveDiagnosis, DriveReplay
-from estimators.drives.simulation.loads import ArmLoads
+from estimators.drives.simulation.loads import ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError

@@ -1,4 +1,4 @@
-"""Concealed cases without torque: an arm behind servos that has one thing in it that nobody stated.
+"""Concealed cases without torque: an arm behind servos that has something in it that nobody stated.
 
 A case is three recordings of commands and positions and the simulation that is believed of the arm,
 all drawn from one integer seed. What is hidden is kept apart.
@@ -41,6 +41,16 @@ OTHERS = (
     "stribeck_friction",
 )
 WHOLE = ("payload", "supply_sag")  # what no single joint has
+COUNTED = ("joint_sign", "swapped_joints")  # how recordings count
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One thing that nobody stated."""
+
+    effect: str
+    joints: tuple[int, ...]  # 1-based; none for the whole arm
+    size: float  # in the unit of the effect
 
 
 @dataclass(frozen=True)
@@ -48,18 +58,10 @@ class Case:
     """Recordings, what is believed, and what is hidden."""
 
     seed: int
-    hidden: str  # an effect; empty: nothing
-    joint: int  # 1-based; 0 for the whole arm
-    size: float  # in the unit of the effect
+    hidden: tuple[Hidden, ...]
     recordings: tuple[Played, ...]
     stated: dict  # sim.yaml
     description: str  # MJCF
-    other: int = 0  # the second of two joints, 1-based
-
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """Where it is hidden, 1-based; none for the whole arm."""
-        return tuple(j for j in (self.joint, self.other) if j)
 
     def write(self, folder: Path) -> tuple[Path, list[Path]]:
         """Write what a diagnosis is given; return the paths of simulation and recordings."""
@@ -72,9 +74,24 @@ class Case:
         return folder / "sim.yaml", paths
 
 
+def drawn_set(seed: int) -> tuple[str, ...]:
+    """Draw two or three effects: at most one of each loaded joint, and one of how joints count."""
+    random = np.random.default_rng([seed, 11])
+    many, chosen = int(random.integers(2, 4)), list[str]()
+    every = (*SINGLES, *OTHERS)
+    for k in random.permutation(len(every)).tolist():
+        own = [*chosen, every[k]]
+        single = [x for x in own if x not in (*WHOLE, "swapped_joints")]
+        if len(single) <= len(LOADED) and sum(x in COUNTED for x in own) < 2:
+            chosen = own
+        if len(chosen) == many:
+            break
+    return tuple(chosen)
+
+
 def make(
     seed: int,
-    hidden: str,
+    effects: tuple[str, ...],
     rate: float = 200.0,
     bits: int = 12,
     commanded: tuple[float, np.ndarray] | None = None,
@@ -83,7 +100,8 @@ def make(
 
     Args:
         seed: Of all that is drawn.
-        hidden: One of `SINGLES` or `OTHERS`, or empty for none.
+        effects: What is hidden, of `SINGLES` and `OTHERS`; those of single joints at joints of
+            their own.
         rate: Of the recordings [Hz].
         bits: Of the encoders.
         commanded: Seconds between two commands, and commands (K, n) [rad], of one recording that
@@ -95,25 +113,29 @@ def make(
     servos = believed.copy()
     for name in ("gain", "brake", "rotor", "dry", "wet", "late"):
         servos[name] *= np.exp(TOLERANCE * np.clip(random.normal(size=N), -2, 2))
-    joint, size, order = 0, 0.0, list(range(N))
-    true, sign, zero = arm, np.ones(N), np.zeros(N)
-    if hidden == "payload":
-        size = float(random.uniform(0.08, 0.25))
-        true = arm_.add_body(
-            arm, N - 1, size, np.array([plant.HAND + 0.02, 0, 0]), np.eye(3) * 2e-5
-        )
-    elif hidden == "supply_sag":
-        size = float(random.uniform(0.25, 0.6))
-        servos["source"] = size
-    elif hidden == "swapped_joints":
-        joint, other = sorted(int(j) for j in random.choice(N, 2, replace=False))
-        order[joint], order[other] = other, joint
-    elif hidden:
-        joint = int(random.choice(LOADED))
-        size = _SIZES[hidden](random)
-        _hide(servos, hidden, joint, size, random)
-        sign[joint] = -1.0 if hidden == "joint_sign" else 1.0
-        zero[joint] = size if hidden == "encoder_offset" else 0.0
+    true, sign, zero, order = arm, np.ones(N), np.zeros(N), list(range(N))
+    hidden, free = list[Hidden](), list(LOADED)
+    for effect in effects:
+        size, joints = 0.0, ()
+        if effect == "payload":
+            size = float(random.uniform(0.08, 0.25))
+            true = arm_.add_body(
+                arm, N - 1, size, np.array([plant.HAND + 0.02, 0, 0]), np.eye(3) * 2e-5
+            )
+        elif effect == "supply_sag":
+            size = float(random.uniform(0.25, 0.6))
+            servos["source"] = size
+        elif effect == "swapped_joints":
+            joints = tuple(sorted(int(j) for j in random.choice(N, 2, replace=False)))
+            order[joints[0]], order[joints[1]] = order[joints[1]], order[joints[0]]
+        else:
+            joint = int(random.choice(free))
+            free.remove(joint)
+            joints, size = (joint,), _SIZES[effect](random)
+            _hide(servos, effect, joint, size, random)
+            sign[joint] = -1.0 if effect == "joint_sign" else 1.0
+            zero[joint] = size if effect == "encoder_offset" else 0.0
+        hidden.append(Hidden(effect, tuple(j + 1 for j in joints), size))
     tick = servos["tick"][0]
     recordings = []
     every = max(1 / rate, 0.005)
@@ -123,10 +145,7 @@ def make(
         position = tick * np.round((own.position * sign + zero) / tick)
         told = (own.command * sign + zero)[:, order]
         recordings.append(Played(own.time, told, position[:, order]))
-    stated = _stated(believed)
-    joint += bool(joint or (hidden and hidden not in WHOLE))
-    other = max((j + 1 for j in range(N) if order[j] != j), default=0)
-    return Case(seed, hidden, joint, size, tuple(recordings), stated, plant.mjcf(arm), other)
+    return Case(seed, tuple(hidden), tuple(recordings), _stated(believed), plant.mjcf(arm))
 
 
 _SIZES = {

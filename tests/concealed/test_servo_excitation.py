@@ -25,12 +25,12 @@ def test_commands_that_are_played_show_what_is_hidden(hidden, commanded, tmp_pat
     assert planned.exit_code == 0, planned.output
 
     commands = np.loadtxt(moves, delimiter=",", skiprows=1)[:, 1:]
-    case = servo_cases.make(3, hidden, rate=50.0, commanded=(EVERY, commands))
+    case = servo_cases.make(3, (hidden,), rate=50.0, commanded=(EVERY, commands))
     sim, recordings = case.write(tmp_path)
     found = commanded(diagnose)(*recordings, "--sim", sim, "--out", tmp_path / "found")
     assert found.exit_code == 0, found.output
 
     verdict = json.loads((tmp_path / "found" / "verdict.json").read_text())
     named = [(item["effect"], item["joints"]) for item in verdict["findings"]]
-    assert named == [(hidden, [case.joint] if case.joint else [])]
+    assert named == [(x.effect, list(x.joints)) for x in case.hidden]
     assert verdict["fit"]["unit"] == "rad"

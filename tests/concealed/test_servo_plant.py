@@ -54,9 +54,21 @@ def test_friction_holds_within_its_band():
 
 
 def test_a_case_is_drawn_from_its_seed():
-    first, again = (servo_cases.make(3, "drive_delay") for _ in range(2))
+    first, again = (servo_cases.make(3, ("drive_delay",)) for _ in range(2))
     np.testing.assert_array_equal(first.recordings[0].position, again.recordings[0].position)
-    assert first.hidden == "drive_delay"
-    assert first.joint in (2, 3)
-    nothing = servo_cases.make(3, "")
-    assert nothing.joint == 0
+    (item,) = first.hidden
+    assert item.effect == "drive_delay"
+    assert item.joints in ((2,), (3,))
+    assert servo_cases.make(3, ()).hidden == ()
+
+
+def test_a_set_has_no_two_effects_at_one_joint():
+    for seed in range(40):
+        effects = servo_cases.drawn_set(seed)
+        assert len(effects) in (2, 3)
+        at = [
+            item.joints
+            for item in servo_cases.make(seed, effects, commanded=(0.1, np.zeros((2, 4)))).hidden
+            if item.effect not in (*servo_cases.WHOLE, "swapped_joints")
+        ]
+        assert len(set(at)) == len(at)

@@ -20,6 +20,9 @@ _MOVES: Final = 0.05  # [rad], range of a joint that can be judged
 _DEGREES: Final = (50.0, 66.0)  # range of commands over that of positions; 57.3 are degrees
 _TURNS: Final = 4 * np.pi  # [rad], range that no joint behind a position servo has
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
+_FURTHER: Final = 1.3  # times as far as its command, that no servo moves where both are alike
+_STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
+_ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
 _LATEST: Final = 0.5  # [s], by which command and position may be shifted
 _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
@@ -27,6 +30,10 @@ _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
 _AT_REST: Final = 0.002  # [rad] that a joint moves less than where it rests
 _LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
 _FOLLOWED: Final = 0.1  # [rad] of error, below which a joint follows its command
+_LEAP: Final = 1.6  # times as far as in the rows around, that joint and command move in one row
+_EVEN: Final = 0.3  # of a pace, by which that before and that behind a leap may differ
+_TICKS: Final = 4.0  # of an encoder, that a joint has to move in a row
+_LEAPS: Final = 2  # rows, from which on frames are missing
 _SAME: Final = 1e-6  # [rad], mean distance of commands that are the positions themselves
 
 
@@ -44,7 +51,12 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
         RecordingError: Names what the commands seem to be.
     """
     for recording in recordings:
-        mistake = _unit_mistake(recording) or _no_commands(recording) or _mistake(recording)
+        mistake = (
+            _unit_mistake(recording)
+            or _no_commands(recording)
+            or _scale_mistake(recording)
+            or _mistake(recording)
+        )
         if mistake:
             raise RecordingError(mistake, path=recording.source or None)
     return tuple(
@@ -59,11 +71,25 @@ def _unit_mistake(recording: Recording) -> str:
     told, does = np.ptp(commands_of(recording), axis=0), np.ptp(recording.position, axis=0)
     beyond = np.flatnonzero(np.minimum(told, does) > _TURNS)
     if not beyond.size:
-        return ""
+        return _at_one(recording)
     j = int(beyond[0])
     return (
         f"position_{j + 1} and command_{j + 1} span {does[j]:.3g} and {told[j]:.3g}; expected "
         "rad; are both in degrees, or normalised, as -100 to 100?"
+    )
+
+
+def _at_one(recording: Recording) -> str:
+    """Say whether all values end where joints do if they are normalised: at exactly one."""
+    position = np.abs(recording.position)
+    if max(float(position.max()), float(np.abs(commands_of(recording)).max())) > 1.0:
+        return ""
+    ends = np.flatnonzero((position == 1.0).sum(axis=0) >= _ENDS) + 1
+    if ends.size < _ENDS:
+        return ""
+    return (
+        f"no position and no command is beyond 1, and joints {', '.join(map(str, ends))} end at "
+        "exactly that; expected rad; are both normalised, as -1 to 1?"
     )
 
 
@@ -89,7 +115,8 @@ def _no_commands(recording: Recording) -> str:
     return ""
 
 
-def _mistake(recording: Recording) -> str:
+def _scale_mistake(recording: Recording) -> str:
+    """Say which unit the commands alone seem to have, if it is not rad."""
     command, position = commands_of(recording), recording.position
     told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
     judged = np.flatnonzero((does > _MOVES) & (told > 0))
@@ -102,6 +129,22 @@ def _mistake(recording: Recording) -> str:
                 f"command_{j + 1} spans {told[j]:.3g} while position_{j + 1} spans {does[j]:.3g} "
                 f"rad; expected set-points in rad; are the commands {what}?"
             )
+    for j in judged.tolist():
+        slope = _slope(command[:, j], position[:, j])
+        if slope > _FURTHER:
+            small = float(np.abs(command).max()) <= 1.0
+            what = "normalised, as -1 to 1" if small else "in another unit"
+            return (
+                f"position_{j + 1} moves {slope:.2f} rad where command_{j + 1} moves 1; expected "
+                f"set-points in rad, which no servo exceeds; are the commands {what}?"
+            )
+    return ""
+
+
+def _mistake(recording: Recording) -> str:
+    command, position = commands_of(recording), recording.position
+    told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
+    judged = np.flatnonzero((does > _MOVES) & (told > 0))
     steps = np.diff(position, axis=0)
     for j in judged.tolist():
         own = _correlation(command[:-1, j], position[:-1, j])
@@ -152,8 +195,36 @@ def _odd(recording: Recording, name: str) -> Iterator[str]:
     for text in recording.warnings:
         if _GAP.match(text):
             yield f"rows are missing: {text} ({name})"
+    if len(rows := _leaps(recording)) >= _LEAPS:
+        yield (
+            f"in {len(rows)} rows joints and commands move much further than in the rows around; "
+            f"were frames dropped and the others stamped evenly? ({name}, first at "
+            f"{recording.time[rows[0]]:.1f} s)"
+        )
     for j in range(recording.n):
         yield from _not_following(recording, j, name)
+
+
+def _leaps(recording: Recording) -> list[int]:
+    """Return rows at which joints and commands leap between two rows of the same steady pace.
+
+    No motor does that, nor a row that is read late: the next one would be short.
+    """
+    leap = _of_the_pace(recording.position) > _LEAP
+    leap &= _of_the_pace(commands_of(recording)) > _LEAP
+    return np.flatnonzero(leap.any(axis=1)).tolist()
+
+
+def _of_the_pace(values: FloatArray) -> FloatArray:
+    """Return steps over those around them, (T - 3, n); 0 where these are slow or differ."""
+    step = np.diff(values, axis=0)
+    size = np.where(step == 0.0, np.inf, np.abs(step))
+    tick = np.percentile(size, 1, axis=0, method="lower")
+    before, here, after = step[:-2], step[1:-1], step[2:]
+    pace = 0.5 * (before + after)
+    steady = np.abs(before - after) < _EVEN * np.abs(pace) + 2.0 * tick
+    fast = np.abs(pace) > _TICKS * tick
+    return np.where(steady & fast, here / np.where(pace == 0.0, 1.0, pace), 0.0)
 
 
 def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
@@ -201,6 +272,14 @@ def _left(command: FloatArray, position: FloatArray) -> bool:
     since = int(near[-1])
     side = np.sign(error[-1])
     return bool(side * (position[-1] - position[since]) > 0.5 * abs(error[-1]))
+
+
+def _slope(command: FloatArray, position: FloatArray) -> float:
+    """Return how far a joint moves for each unit of its command; 0 if they are not much alike."""
+    if _correlation(command, position) < _STRAIGHT:
+        return 0.0
+    told = command - command.mean()
+    return float(told @ position) / float(told @ told)
 
 
 def _correlation(x: FloatArray, y: FloatArray) -> float:

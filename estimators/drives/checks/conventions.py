@@ -7,7 +7,7 @@ the description does the gravity of its masses explain that lag with a gain abov
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -117,6 +117,32 @@ def conventions_of(
     odds = scores[ranked[0]] - scores[ranked[1]]
     told = tuple(j + 1 for j in joints)
     return Conventions(ranked[0], told, odds, as_described=ranked[0] == described)
+
+
+def likeliest_order(
+    body: RobotModel, recordings: Sequence[Recording], delay: float = 0.02
+) -> tuple[int, ...]:
+    """Return the column of each joint that gravity speaks for, with two exchanged at most.
+
+    Args:
+        body: With the masses that are known.
+        recordings: With commands.
+        delay: Of the drives [s].
+
+    Returns:
+        Column of each joint, 0-based, (n,).
+    """
+    rows = _rows(recordings, delay)
+    described = Convention((1,) * body.n, (0.0,) * body.n)
+    independent = _INDEPENDENT * sum(recording.duration for recording in recordings)
+    scores = dict[tuple[int, ...], float]()
+    for j, k in [(0, 0), *combinations(range(body.n), 2)]:
+        order = list(range(body.n))
+        order[j], order[k] = k, j
+        own = _Rows(rows.position[:, order], rows.velocity[:, order], rows.error[:, order])
+        moving = [m for m in order if np.any(np.abs(own.velocity[:, m]) > _MOVING)]
+        scores[tuple(order)] = _score(body, own, described, moving, independent)
+    return max(scores, key=lambda order: scores[order])
 
 
 def _conventions(n: int, joints: Sequence[int]) -> Iterator[Convention]:

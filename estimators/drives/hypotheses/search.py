@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
 _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
+_FADES: Final = BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
 _ZERO: Final = 0.3  # [rad]
 _SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
@@ -47,7 +48,6 @@ _WORTH: Final = 16.0  # [nat], that a suspect has to explain
 _EACH: Final = 2.0  # [nat], for each of its constants
 _MOST: Final = 4
 _FIRST, _GLANCE, _TRY, _THEN = 12, 2, 4, 8  # steps of fits
-_PAIRS: Final = 1  # of joints, that may be exchanged
 _LIKELY: Final = 2  # suspects that are looked at longer, of either kind
 
 
@@ -78,6 +78,7 @@ def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedVal
         {
             **{name: _belief(value_in(row, name), tolerance) for name in own},
             "offset": BelievedValue(value_in(row, "offset"), OFFSET),
+            "v_s": _FADES,
         }
         for row in rows
     ]
@@ -112,7 +113,7 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
     fit = fit_arm(problem, guess, _FIRST)
     problem, fit = reweighted(problem, fit, tick)
     chosen = list[Suspect]()
-    waiting = _without_most_swaps(problem, fit, list(suspects_of(loads)))
+    waiting = list(suspects_of(loads))
     while len(chosen) < _MOST:
         glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
         likely = _likely(problem, fit, waiting, glances)
@@ -120,28 +121,12 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
         if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
             break
         chosen.append(best.one)
-        waiting.remove(best.one)
+        waiting = [one for one in waiting if not best.one.excludes(one)]
         problem, fit = reweighted(best.problem, best.fit, tick)
         if best.one.effect in COUNTED:
             break  # all else is better looked for where joints count as described
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
     return Searched(problem, fit, tuple(kept))
-
-
-def _without_most_swaps(
-    problem: ArmProblem, fit: ArmFit, suspects: Sequence[Suspect]
-) -> list[Suspect]:
-    """Return suspects without the pairs of joints whose exchange predicts worse than others do.
-
-    There are many pairs, and a right one is far better at once, before any constant is fitted.
-    """
-
-    def cost(one: Suspect) -> float:
-        guess = one.added(fit.guess)
-        return problem.cost(guess, problem.errors(guess), range(problem.loads.n))
-
-    pairs = sorted((one for one in suspects if one.other is not None), key=cost)
-    return [one for one in suspects if one not in pairs[_PAIRS:]]
 
 
 def _likely(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.stats import t as student_t
 
-from estimators.drives.checks.conventions import conventions_of
+from estimators.drives.checks.conventions import conventions_of, likeliest_order
 from estimators.drives.fitting.arm import ArmFit, fit_arm, inner
 from estimators.drives.fitting.identification import DriveIdentification, typical_start, with_rows
 from estimators.drives.fitting.joint import (
@@ -22,7 +22,7 @@ from estimators.drives.fitting.joint import (
 from estimators.drives.hypotheses.search import Searched, reweighted
 from estimators.drives.hypotheses.suspects import COUNTED, Suspect
 from estimators.drives.simulation.columns import SAG
-from estimators.drives.simulation.loads import ArmChange, ArmLoads
+from estimators.drives.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import EncoderOffset, Payload, PositionServo
 
@@ -95,13 +95,20 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
     served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
     if len(served) < simulation.model.n:
         return False
-    loads = ArmLoads(simulation.body, recordings[:1])
-    sign = conventions_of(simulation.body, recordings[:1]).best.sign
-    weight = np.max(
-        [np.abs(simulation.body.gravity_torque(r.position)).max(axis=0) for r in recordings], axis=0
-    )
+    told = tuple(range(simulation.model.n))
+    order = likeliest_order(simulation.body, recordings)
+    return any(_near(simulation, recordings, own) for own in dict.fromkeys((told, order)))
+
+
+def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[int, ...]) -> bool:
+    """Say whether most gains are near the stated ones, of joints told in another order."""
+    body, stated = simulation.body, rows_of(simulation)
+    change = ArmChange((0.0,) * len(order), (1,) * len(order), order=order)
+    told = [as_described(r, change) for r in recordings]
+    sign = conventions_of(body, told[:1]).best.sign
+    weight = np.max([np.abs(body.gravity_torque(r.position)).max(axis=0) for r in told], axis=0)
     loaded = np.flatnonzero(weight > _LOADED * weight.max()) if weight.max() > 0 else np.array([])
-    stated, parts = rows_of(simulation), loads.parts(ArmChange((0.0,) * loads.n, sign))
+    parts = ArmLoads(body, told[:1]).parts(replace(change, sign=sign, order=()))
     apart = [
         abs(
             np.log(

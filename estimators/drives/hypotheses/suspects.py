@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.drives.checks.conventions import likeliest_order
 from estimators.drives.fitting.joint import COULOMB, DAMPING, with_values
 
 if TYPE_CHECKING:
@@ -21,8 +21,10 @@ NEUTRAL: Final = {
     "speed": np.inf,
     "v_s": 1.0,
     "gear": 1.0,
+    "delta": 1.0,
 }  # constants that are not 0 where there is nothing
 _START_MASS: Final = 0.05  # of the arm's own
+_FADING: Final = (1.0, 2.0)  # exponents of Stribeck friction: exponential, and as a bell
 _FREED: Final = {
     "kp": "position_servo",
     DAMPING: "viscous_friction",
@@ -43,6 +45,7 @@ class Suspect:
     shared: bool = False  # whether these are of the arm
     freed: str = ""  # a stated constant that is another
     other: int | None = None  # the second of two joints, 0-based
+    shape: tuple[tuple[str, float], ...] = ()  # constants of its law that are not fitted
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -53,6 +56,15 @@ class Suspect:
     def affects(self) -> tuple[int, ...] | None:
         """Joints that it acts on, 0-based; None: all."""
         return None if self.shared or self.joint is None else (self.joint,)
+
+    def excludes(self, other: Suspect) -> bool:
+        """Say whether another cannot be there beside it: itself, or another shape of it."""
+        return (self.effect, self.joint, self.other, self.freed) == (
+            other.effect,
+            other.joint,
+            other.other,
+            other.freed,
+        )
 
     def counted(self, change: ArmChange) -> ArmChange:
         """Return an arm in which a joint counts the other way, or two are exchanged."""
@@ -78,7 +90,7 @@ class Suspect:
             return replace(guess, change=change, shared=(*guess.shared, *self.names))
         rows, names = guess.rows.copy(), list(guess.names)
         j = self.joint or 0
-        rows[j] = with_values(rows[j], dict(self.start))
+        rows[j] = with_values(rows[j], dict((*self.shape, *self.start)))
         names[j] = (*names[j], *self.names)
         return replace(guess, rows=rows, names=tuple(names))
 
@@ -95,7 +107,8 @@ class Suspect:
             shared = tuple(name for name in guess.shared if name not in self.names)
             return replace(guess, change=change, shared=shared)
         rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
-        rows[j] = with_values(rows[j], {name: NEUTRAL.get(name, 0.0) for name in self.names})
+        own = (*self.names, *(name for name, _ in self.shape))
+        rows[j] = with_values(rows[j], {name: NEUTRAL.get(name, 0.0) for name in own})
         names[j] = tuple(name for name in names[j] if name not in self.names)
         return replace(guess, rows=rows, names=tuple(names))
 
@@ -107,14 +120,18 @@ def suspects_of(loads: ArmLoads) -> Iterator[Suspect]:
     yield Suspect("payload", None, (("mass", _START_MASS * mass), *com), shared=True)
     if loads.shows_supply:
         yield Suspect("supply_sag", None, (("sag", 0.2),), shared=True)
-    for j, k in combinations(range(loads.n), 2):
-        yield Suspect("swapped_joints", j, (), shared=True, other=k)
+    # There are many pairs of joints, and a right one is likelier before any constant is fitted.
+    order = likeliest_order(loads.body, loads.recordings)
+    if pair := [j for j in range(loads.n) if order[j] != j]:
+        yield Suspect("swapped_joints", pair[0], (), shared=True, other=pair[1])
     for j in range(loads.n):
         yield Suspect("encoder_offset", j, ((f"zero_{j + 1}", 0.0),), shared=True)
         yield Suspect("joint_sign", j, (), shared=True)
         for name, effect in _FREED.items():
             yield Suspect(effect, j, (), freed=name)
-        yield Suspect("stribeck_friction", j, (("stribeck", 0.05), ("v_s", 0.05)))
+        for delta in _FADING:
+            start = (("stribeck", 0.05), ("v_s", 0.05))
+            yield Suspect("stribeck_friction", j, start, shape=(("delta", delta),))
         yield Suspect("load_dependent_friction", j, (("by_load", 0.1),))
         yield Suspect("dead_band", j, (("dead_band", 0.01),))
         yield Suspect("profile_speed", j, (("speed", 1.0),))

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from estimators.drives.fitting.joint import NORMAL
 from estimators.drives.hypotheses.suspects import COUNTED
-from estimators.drives.simulation.free_run import commands_of
-from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from estimators.drives.hypotheses.stated import StatedArm
@@ -18,20 +14,6 @@ if TYPE_CHECKING:
     from estimators.drives.simulation.loads import ArmChange
 
 _AXES: Final = "xyz"
-
-
-def as_described(recording: Recording, change: ArmChange) -> Recording:
-    """Return a recording whose joints have the order and the signs of the description.
-
-    Args:
-        recording: With commands.
-        change: How the arm that was recorded differs.
-    """
-    order, sign = list(change.order or range(recording.n)), np.array(change.sign)
-    position, command = (
-        values[:, order] * sign for values in (recording.position, commands_of(recording))
-    )
-    return Recording.from_arrays(recording.time, position, command=command)
 
 
 def without(change: ArmChange, one: Suspect) -> ArmChange:

@@ -17,13 +17,13 @@ from estimators.drives.simulation.one_joint import LoadedJoint
 from estimators.drives.simulation.plant import most_torque
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _KEPT: Final = 6  # sets of zeros and signs
@@ -210,6 +210,20 @@ class ArmLoads:
     def _last(chain: RegressorChain, motion: Motion) -> FloatArray:
         """Return the columns of the last link, (T, n, 10)."""
         return np.swapaxes(chain.regressor(motion)[:, :, -PER_LINK:], 0, 1).copy()
+
+
+def as_described(recording: Recording, change: ArmChange) -> Recording:
+    """Return a recording whose joints have the order and the signs of the description.
+
+    Args:
+        recording: With commands.
+        change: How the arm that was recorded differs.
+    """
+    order, sign = list(change.order or range(recording.n)), np.array(change.sign)
+    position, command = (
+        values[:, order] * sign for values in (recording.position, commands_of(recording))
+    )
+    return Recording.from_arrays(recording.time, position, command=command)
 
 
 def _linked(motion: Motion, change: ArmChange) -> Motion:

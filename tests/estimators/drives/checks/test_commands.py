@@ -37,6 +37,7 @@ def early(command):
     [
         (np.rad2deg, "are the commands in degrees?"),
         (lambda c: 100.0 * c / np.abs(c).max(), "are the commands normalised, as -100 to 100?"),
+        (lambda c: 0.5 * c, "are the commands normalised, as -1 to 1?"),
         (deltas, "are the commands deltas?"),
         (exchanged, "are joints exchanged?"),
         (np.negative, "has one of them the other sign?"),
@@ -104,3 +105,23 @@ def test_values_in_another_unit_throughout_are_refused(scale):
 
     with pytest.raises(RecordingError, match="are both in degrees, or normalised"):
         check_commands([recorded(TIME, told, followed(told))])
+
+
+def test_values_from_minus_one_to_one_throughout_are_refused():
+    told = np.clip(COMMAND * 1.2 / np.abs(COMMAND).max(axis=0), -1.0, 1.0)
+
+    with pytest.raises(RecordingError, match="are both normalised, as -1 to 1"):
+        check_commands([recorded(TIME, told, followed(told))])
+
+
+def test_frames_that_were_dropped_and_stamped_evenly_are_told():
+    kept = np.ones(TIME.size, dtype=bool)
+    kept[210:213] = kept[500:503] = False
+    rows = int(kept.sum())
+
+    (said,) = check_commands([recorded(TIME[:rows], COMMAND[kept], followed(COMMAND)[kept])])
+
+    assert said.startswith(
+        "in 2 rows joints and commands move much further than in the rows around"
+    )
+    assert said.endswith("first at 4.2 s)")

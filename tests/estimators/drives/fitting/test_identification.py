@@ -10,7 +10,7 @@ from one_file import check_page, drawn
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import diagnose_drives, free_run, identify_drives
-from estimators.drives.checks.conventions import conventions_of
+from estimators.drives.checks.conventions import conventions_of, likeliest_order
 from estimators.drives.fitting.identification import with_servos
 from estimators.drives.fitting.joint import errors, fit_joint, independent, left_out, with_values
 from estimators.drives.page import drives_page
@@ -110,6 +110,15 @@ def test_gravity_tells_a_joint_that_counts_the_other_way(bare, recordings):
     told = conventions_of(bare.body, turned)
     assert told.best.sign == (1, -1)
     assert "joint 2 with the other sign" in told.sentence()
+
+
+def test_gravity_tells_columns_that_are_exchanged(bare, recordings):
+    exchanged = [
+        recorded(one.time, one.command[:, ::-1], one.position[:, ::-1]) for one in recordings
+    ]
+
+    assert likeliest_order(bare.body, recordings) == (0, 1)
+    assert likeliest_order(bare.body, exchanged) == (1, 0)
 
 
 def test_a_diagnosis_scores_positions(bare, recordings, tmp_path):

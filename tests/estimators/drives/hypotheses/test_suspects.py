@@ -10,10 +10,11 @@ from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated,
 
 from estimators.drives import diagnose_drives, free_run
 from estimators.drives.fitting.identification import DriveIdentification
-from estimators.drives.fitting.joint import JointFit, with_values
+from estimators.drives.fitting.joint import JointFit, value_in, with_values
+from estimators.drives.hypotheses.search import stated_guess
 from estimators.drives.hypotheses.stated import StatedArm
-from estimators.drives.hypotheses.suspects import Suspect
-from estimators.drives.simulation.loads import ArmChange
+from estimators.drives.hypotheses.suspects import Suspect, suspects_of
+from estimators.drives.simulation.loads import ArmChange, ArmLoads
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import Armature, CoulombFriction, Payload, Simulation, ViscousFriction
 from limo_driver.physics.simulation_file import Tolerances
@@ -134,3 +135,19 @@ def test_a_body_is_doubtful(stated, mass, deviation, doubtful):
     arm = StatedArm(none, change, {"mass": deviation}, (payload,))
 
     assert (arm.doubtful is payload) == doubtful
+
+
+def test_a_shape_that_is_not_fitted_comes_and_goes_with_its_suspect(stated, recordings):
+    guess = stated_guess(rows_of(stated))
+    (bell,) = [
+        one
+        for one in suspects_of(ArmLoads(stated.body, recordings[:1]))
+        if one.effect == "stribeck_friction" and one.joint == 0 and dict(one.shape)["delta"] == 2.0
+    ]
+
+    added = bell.added(guess)
+
+    assert value_in(added.rows[0], "delta") == 2.0
+    assert added.names[0] == (*guess.names[0], "stribeck", "v_s")
+    np.testing.assert_array_equal(bell.removed(added).rows, guess.rows)
+    assert bell.excludes(replace(bell, shape=()))
