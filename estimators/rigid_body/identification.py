@@ -24,6 +24,7 @@ from estimators.rigid_body.tolerances import tolerances_of
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
+from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
@@ -256,10 +257,14 @@ def _simulation(
         link: inertial_of(fit.parameters[PER_LINK * i : PER_LINK * (i + 1)])
         for i, link in enumerate(model.link_names)
     }
+    # A value that was not found is said to be 0 where the description states another.
+    stated = {
+        (effect.name, joint) for effect in described_effects(model) for joint in effect.joints
+    }
     effects = tuple(
         term.make(joint, value)
         for term, joint, value, deviation in _by_joint(model.n, terms, fit)
-        if deviation > 0 or term.effect.endswith("friction")
+        if deviation > 0 or term.effect.endswith("friction") or (term.effect, joint) in stated
     )
     return Simulation(robot=model.name, effects=effects, inertials=bodies, tolerances=known)
 

@@ -97,7 +97,8 @@ def nominal(
     Inertias are those of the description. Friction, armature and offsets, which it seldom knows,
     are identified beside inertias that are free, so that a payload or a wrong link changes
     neither. Without recordings there is no friction in it, which a diagnosis takes for friction
-    that is unknown, and identifies beside everything else: it needs no recordings here.
+    that is unknown, and identifies beside everything else: it needs no recordings here. Armature,
+    springs and cogging are then those of the description, which a diagnosis may find wrong.
 
     Args:
         robot: A model, a built-in name, or the path of a URDF or MJCF.
@@ -120,7 +121,8 @@ def nominal(
     model = model_for(robot, measured)
     if not measured:
         known = Tolerances(inertia=inertia_tolerance, gain=gain_tolerance)
-        return Simulation(model.name, tolerances=known)
+        stated = tuple(effect for effect in described_effects(model) if not effect.rubs)
+        return Simulation(model.name, stated, tolerances=known)
     found = identify(model, measured).simulation
     known = replace(found.tolerances, inertia=inertia_tolerance, gain=gain_tolerance)
     return Simulation(model.name, found.effects, tolerances=known)

@@ -77,7 +77,8 @@ def test_an_ending_of_another_format_is_refused(run, tmp_path):
 def test_from_a_csv_and_an_mjcf_to_the_payload_in_the_mjcf(run, tmp_path):
     """An arm that carries 0.7 kg of which its model knows nothing; degrees and milliseconds."""
     model = tmp_path / "model.xml"
-    model.write_text(arm_of(3, dynamics=False), encoding="utf-8")
+    text = arm_of(3, dynamics=False).replace('range="-3 3"', 'range="-3 3" armature="0.08"')
+    model.write_text(text, encoding="utf-8")
     time = np.arange(0, 40, 0.005)
     rate = 2 * np.pi * np.array([0.11, 0.17, 0.23, 0.31])
     phase = np.outer(time, rate) + np.arange(4)
@@ -87,6 +88,7 @@ def test_from_a_csv_and_an_mjcf_to_the_payload_in_the_mjcf(run, tmp_path):
     true = replace(
         nominal,
         effects=(
+            *nominal.effects,  # the armatures of the file, which are right
             Payload(mass=0.7, com=(0.05, 0.02, 0.1), inertia=(0.002, 0, 0, 0.002, 0, 0.001)),
             *(CoulombFriction(joint=j, tau_c=0.8, v_eps=0.004) for j in joints),
             *(ViscousFriction(joint=j, f_v=0.6) for j in joints),
@@ -113,4 +115,6 @@ def test_from_a_csv_and_an_mjcf_to_the_payload_in_the_mjcf(run, tmp_path):
     assert added == pytest.approx(0.7, abs=0.25)
     np.testing.assert_allclose(improved.dof_frictionloss, 0.8, atol=0.2)
     np.testing.assert_allclose(improved.dof_damping, 0.6, atol=0.3)
-    assert model.read_text() == arm_of(3, dynamics=False)
+    np.testing.assert_allclose(improved.dof_armature, 0.08, atol=0.03)
+    assert "kept:" not in said  # beside what was found, the file has nothing of its own
+    assert model.read_text() == text

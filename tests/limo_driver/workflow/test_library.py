@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from mjcf_arms import arm_of
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError, JointLimitError, RecordingError
@@ -186,3 +187,28 @@ def test_a_diagnosis_of_nothing_and_a_filter_without_width_are_refused(recorded)
         limo.diagnose(TRUE, [])
     with pytest.raises(ConfigError, match="a bandwidth of 0 Hz, expected a positive number"):
         limo.train(TRUE, [recorded], bandwidth=0.0)
+
+
+def test_a_nominal_has_what_its_file_states_beside_friction(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(arm_of(3), encoding="utf-8")
+    stated = {(effect.name, effect.joint) for effect in limo.Simulation.load(path).effects}
+    kept = {(effect.name, effect.joint) for effect in limo.nominal(path).effects}
+    assert kept == {each for each in stated if each[0] in {"armature", "spring_load"}}
+    assert {name for name, _ in kept} == {"armature", "spring_load"}
+
+
+def test_what_was_not_found_is_said_to_be_0_where_the_file_states_another(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(arm_of(5, 2), encoding="utf-8")  # hinge0 states an armature
+    time = np.arange(0, 20, 0.01)
+    rate = 2 * np.pi * np.array([0.13, 0.21])
+    phase = np.outer(time, rate)
+    rigid = limo.Simulation(str(path))  # which has none
+    motion = limo.Motion(time, np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase))
+    noise = np.random.default_rng(0).normal(0, 0.02, phase.shape)
+    recording = limo.Recording.from_arrays(time, motion.position, rigid.predict(motion) + noise)
+    found = limo.identify(path, recording).simulation
+    assert {e.joint: e.inertia for e in found.effects if e.name == "armature"} == {1: 0.0}
+    exported = limo.export(found, "mjcf", tmp_path / "out")
+    assert limo.RobotModel.load(exported.file).description.dynamics["hinge0"].armature == 0.0

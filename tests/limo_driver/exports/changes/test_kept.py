@@ -31,7 +31,7 @@ def arm(tmp_path):
 
 
 def test_a_simulation_that_says_nothing_changes_nothing(arm, tmp_path):
-    written = limo.export(limo.nominal(arm), "mjcf", tmp_path / "out")
+    written = limo.export(Simulation(str(arm)), "mjcf", tmp_path / "out")
     assert written.file.read_bytes() == arm.read_bytes()
     assert written.kept == (
         "joint yaw: the file's own dry friction 0.5 N m, damping 0.3 N m s/rad and armature 0.02 "
@@ -91,14 +91,14 @@ def test_what_an_earlier_export_wrote_goes_with_its_effect(arm, tmp_path):
     assert second.share < 1e-3
     only_yaw = limo.export(rubbing(arm, YAW), "mjcf", tmp_path / "3").file
     assert second.file.read_text() == only_yaw.read_text()
-    third = limo.export(limo.nominal(arm), "mjcf", tmp_path / "4", into=second.file)
+    third = limo.export(Simulation(str(arm)), "mjcf", tmp_path / "4", into=second.file)
     assert third.file.read_text() == ARM  # byte for byte, as it was before the first
 
 
 def test_a_number_that_the_user_changed_since_stays(arm, tmp_path):
     first = limo.export(rubbing(arm, ELBOW), "mjcf", tmp_path / "1").file
     first.write_text(first.read_text().replace('frictionloss="0.9"', 'frictionloss="0.4"'))
-    second = limo.export(limo.nominal(arm), "mjcf", tmp_path / "2", into=first)
+    second = limo.export(Simulation(str(arm)), "mjcf", tmp_path / "2", into=first)
     stated = limo.RobotModel(second.file).description.dynamics
     assert (stated["elbow"].friction, stated["elbow"].armature) == (0.4, 0.02)
     assert any("joint elbow: the file's own dry friction 0.4" in line for line in second.kept)
@@ -111,7 +111,7 @@ def test_motors_that_an_earlier_export_wrote_go_too(arm, tmp_path):
     )
     first = limo.export(Simulation(str(arm), effects), "mjcf", tmp_path / "1").file
     assert first.read_text().count("<dcmotor") == 2
-    second = limo.export(limo.nominal(arm), "mjcf", tmp_path / "2", into=first)
+    second = limo.export(Simulation(str(arm)), "mjcf", tmp_path / "2", into=first)
     assert "<dcmotor" not in second.file.read_text()
     assert limo.RobotModel(second.file).description.dynamics == (
         limo.RobotModel(arm).description.dynamics
@@ -121,7 +121,7 @@ def test_motors_that_an_earlier_export_wrote_go_too(arm, tmp_path):
 
 def test_a_urdf_has_its_own_numbers_back(tmp_path, two_links_urdf):
     first = limo.export(rubbing(two_links_urdf, 1), "urdf", tmp_path / "1").file
-    second = limo.export(limo.nominal(two_links_urdf), "urdf", tmp_path / "2", into=first)
+    second = limo.export(Simulation(str(two_links_urdf)), "urdf", tmp_path / "2", into=first)
     before, after = (limo.RobotModel(x).description.dynamics for x in (two_links_urdf, second.file))
     assert after.get("a", JointDynamics()) == before.get("a", JointDynamics())
     assert "limo wrote" not in second.file.read_text()
@@ -130,6 +130,6 @@ def test_a_urdf_has_its_own_numbers_back(tmp_path, two_links_urdf):
 @pytest.mark.parametrize("said", ["{}", '{"yaw": 3}', '{"yaw": {"friction": ["a", 1]}}', "{]}"])
 def test_a_comment_that_makes_no_sense_says_nothing(arm, tmp_path, said):
     arm.write_text(ARM.replace("</worldbody>", f"</worldbody>\n<!-- limo wrote: {said} -->"))
-    written = limo.export(limo.nominal(arm), "mjcf", tmp_path / "out")
+    written = limo.export(Simulation(str(arm)), "mjcf", tmp_path / "out")
     assert len(written.kept) == 2
     assert written.dropped == ()
