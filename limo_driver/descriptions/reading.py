@@ -33,6 +33,7 @@ _NOT_FELT: Final = {
     "cogging": ("ripples",),
     "play": ("gap",),
 }
+_AXES: Final = 3
 _NUMBERS: Final = {
     "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
     "joint": ("origin", "axis", "limit"),
@@ -75,6 +76,7 @@ def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
             raise ConfigError(f"has more than one {kind} called {', '.join(repeated)}", path=path)
     _refuse_floating(root, path)
     _check_numbers(root, path)
+    _check_tree(root, path)
     dynamics: dict[str, JointDynamics] = {}
     for joint in root.findall("joint"):
         stated = joint.find("dynamics")
@@ -107,6 +109,42 @@ def _check_numbers(root: ET.Element, path: Path) -> None:
             for part in parts:
                 for element in owner.findall(part):
                     _check_element(f"{kind} {owner.get('name')!r}", element, path)
+
+
+def _check_tree(root: ET.Element, path: Path) -> None:
+    """Refuse links that carry one another in a circle, or that several joints move.
+
+    Raises:
+        ConfigError: There is one; or a joint turns about no axis.
+    """
+    above: dict[str, tuple[str, str]] = {}  # link → joint, link that carries it
+    for joint in root.findall("joint"):
+        name, child = str(joint.get("name")), _end(joint, "child")
+        if child in above:
+            raise ConfigError(
+                f"link {child} is moved by two joints, {above[child][0]} and {name}; expected a "
+                "tree",
+                path=path,
+            )
+        above[child] = (name, _end(joint, "parent"))
+        axis = joint.find("axis")
+        if axis is not None and joint.get("type") in _MOVABLE:
+            words = axis.get("xyz", "1 0 0").split()
+            if len(words) != _AXES or not any(map(float, words)):
+                raise ConfigError(
+                    f"joint {name!r}: its axis is {axis.get('xyz')}, expected a direction",
+                    path=path,
+                )
+    for start in above:
+        seen, link = {start}, above[start][1]
+        while link in above and link not in seen:
+            seen.add(link)
+            link = above[link][1]
+        if link in seen:
+            raise ConfigError(
+                f"links {shortened(sorted(seen))} carry one another in a circle; expected a tree",
+                path=path,
+            )
 
 
 def _check_element(owner: str, element: ET.Element, path: Path) -> None:

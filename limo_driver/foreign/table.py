@@ -66,6 +66,17 @@ class LogTable:
         own = {name: values[start:stop].copy() for name, values in self.columns.items()}
         return replace(self, columns=own, first_row=self.first_row + start)
 
+    def without_empty(self) -> LogTable:
+        """Return the table without columns that have no number in any row; they are unread."""
+        empty = [
+            name
+            for name, values in self.columns.items()
+            if values.dtype.kind == "f" and values.size and not np.isfinite(values).any()
+        ]
+        kept = {name: values for name, values in self.columns.items() if name not in empty}
+        unread = {**self.unread, **dict.fromkeys(empty, "no number")}
+        return replace(self, columns=kept, unread=unread) if empty else self
+
     def column(self, name: str) -> NDArray[Any]:
         """Return a column.
 

@@ -130,7 +130,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     """
     if not table.rows:
         raise RecordingError("holds no rows", path=table.source or None)
-    table = table.first(_LOOKED_AT)
+    table = table.without_empty().first(_LOOKED_AT)
     part = recorded_part(table, model)
     model = part.model
     draft = _Draft(table, model, families_of(table.columns, model.joint_names))

@@ -60,10 +60,16 @@ def time_columns(table: LogTable) -> TimeFound:
             return TimeFound(pair, "seconds, and the nanoseconds of each")
     running = [n.column for n in names if _runs(table.columns[n.column])]
     if not running:
+        lost = [
+            f"{name} holds {what}"
+            for name, what in table.unread.items()
+            if read_name(name).quantity == TIME
+        ]
+        found_none = f"none was found ({'; '.join(lost)})" if lost else "none was found"
         return TimeFound(
             TimeColumns(rate=1.0),
             "no column is named like a time",
-            ("time: none was found: state `columns:`, or the `rate:` of the rows in Hz",),
+            (f"time: {found_none}: state `columns:`, or the `rate:` of the rows in Hz",),
         )
     running.sort(key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
     read = {name: _unit(table.columns[name], read_name(name).unit) for name in running}
@@ -106,7 +112,7 @@ def _disagreeing(table: LogTable, first: str, read: dict[str, tuple[str, str, st
     if first in _FIRST[:1]:
         return []
     lengths = {
-        name: float(np.ptp(np.asarray(table.columns[name], dtype=np.float64))) * SECONDS[unit]
+        name: float(np.ptp(_known(table.columns[name]))) * SECONDS[unit]
         for name, (unit, _, _) in read.items()
         if table.columns[name].dtype.kind not in "mM"
     }
@@ -119,8 +125,15 @@ def _runs(values: NDArray[Any]) -> bool:
     """Say whether most of the steps go forward."""
     if values.dtype.kind in "mM":
         return True
-    steps = np.diff(values.astype(np.float64))
-    return bool(steps.size and np.mean(steps >= 0) > 0.5 and np.ptp(values) > 0)  # noqa: PLR2004
+    known = _known(values)
+    steps = np.diff(known)
+    return bool(steps.size and np.mean(steps >= 0) > 0.5 and np.ptp(known) > 0)  # noqa: PLR2004
+
+
+def _known(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the numbers of a column, without those that are none."""
+    numbers = values.astype(np.float64)
+    return numbers[np.isfinite(numbers)]
 
 
 def _unit(values: NDArray[Any], said: str) -> tuple[str, str, str]:
