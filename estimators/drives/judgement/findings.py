@@ -91,8 +91,9 @@ def findings_of(
                 share=lost,
                 heldout_rmse=BeforeAfter(tuple(rmse[0].tolist()), tuple(rmse[1].tolist())),
                 evidence=(
-                    f"without it, the held-out error of joint {j + 1} is "
-                    f"{np.sqrt(full + lost):.4f} rad, with it {np.sqrt(full):.4f} rad"
+                    f"{_as_stated(effect, nominal[j], units, extra=extra)}, the held-out error of "
+                    f"joint {j + 1} is {np.sqrt(full + lost):.4f} rad "
+                    f"({np.rad2deg(np.sqrt(full + lost)):.2f} deg), with it {np.sqrt(full):.4f} rad"
                 ),
             )
             found.append((lost, finding))
@@ -129,6 +130,15 @@ def _is_wrong(
             if apart > FOUND * float(np.hypot(deviation, tolerance)):
                 return True
     return False
+
+
+def _as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool) -> str:
+    """Say what a finding is compared with."""
+    name, unit = next(iter(units.items()))
+    value = value_in(_without(nominal, nominal, effect, units), name)
+    if extra or not np.isfinite(value):
+        return "without it"
+    return f"with {_NAMES.get(name, name)} of {value:.3g} {unit}, as stated"
 
 
 def is_known(fit: JointFit, units: dict[str, str]) -> bool:

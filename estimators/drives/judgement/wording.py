@@ -32,9 +32,9 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
         kp = value_in(geared(fit.row), "kp")
         if found.scaled[j - 1] and load / kp > _WORTH:
             said.append(
-                f"Joint {j} sags {load / kp:.3f} rad at full reach: its P gain of {kp:.1f} N m/rad "
-                f"is low for {load:.2f} N m; with twice the gain it would be {load / kp / 2:.3f} "
-                "rad."
+                f"Joint {j} sags {load / kp:.3f} rad ({np.rad2deg(load / kp):.1f} deg) at full "
+                f"reach: its P gain of {kp:.1f} N m/rad is low for {load:.2f} N m; with twice the "
+                f"gain it would be {load / kp / 2:.3f} rad."
             )
     return tuple(said)
 
