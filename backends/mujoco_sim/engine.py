@@ -37,7 +37,7 @@ from backends.mujoco_sim.linked import gather, gather_state, spread
 from backends.mujoco_sim.realisation import Plant
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
-from limo_driver.physics.friction_laws import PARAMETERS
+from limo_driver.physics.effects.friction_laws import PARAMETERS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from limo_driver.compiled import compiled
-from limo_driver.physics.friction_laws import friction_torque
+from limo_driver.physics.effects.friction_laws import friction_torque
 
 _SMALL_VELOCITY = 1e-9  # [rad/s]
 

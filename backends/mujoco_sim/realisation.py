@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from limo_driver.physics import JointCoupling
-from limo_driver.physics.friction_laws import PARAMETERS
+from limo_driver.physics.effects.friction_laws import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from backends.mujoco_sim import layout
 from limo_driver.physics import SensorEffect
 from limo_driver.physics.effect import JointMotion, SensedTorque
-from limo_driver.physics.sensing import quantise
+from limo_driver.physics.effects.sensing import quantise
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

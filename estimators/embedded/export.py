@@ -21,7 +21,7 @@ from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
 from limo_driver.outputs import require_folder, whole
 from limo_driver.physics import Simulation
-from limo_driver.physics.body import Payload
+from limo_driver.physics.effects.body import Payload
 from limo_driver.recordings.standstill import FAR, MEMORY, NOTHING, REACH, RestingDifferentiator
 
 if TYPE_CHECKING:

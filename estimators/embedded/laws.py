@@ -16,32 +16,37 @@ import numpy as np
 
 from estimators.embedded.tables import number, table
 from limo_driver.errors import ConfigError
-from limo_driver.physics.body import GravityDirection, Payload
-from limo_driver.physics.changing_friction import (
+from limo_driver.physics.effect import SensorEffect
+from limo_driver.physics.effects.body import GravityDirection, Payload
+from limo_driver.physics.effects.changing_friction import (
     LoadDependentFriction,
     PositionDependentFriction,
     TemperatureDependentFriction,
 )
-from limo_driver.physics.coupling import JointCoupling
-from limo_driver.physics.delay import TimeDelay
-from limo_driver.physics.effect import SensorEffect
-from limo_driver.physics.environment import SpringLoad
-from limo_driver.physics.friction import (
+from limo_driver.physics.effects.coupling import JointCoupling
+from limo_driver.physics.effects.delay import TimeDelay
+from limo_driver.physics.effects.environment import SpringLoad
+from limo_driver.physics.effects.friction import (
     AsymmetricFriction,
     CoulombFriction,
     QuadraticDrag,
     StribeckFriction,
     ViscousFriction,
 )
-from limo_driver.physics.hysteresis import LAWS, PreslidingHysteresis
-from limo_driver.physics.sensing import (
+from limo_driver.physics.effects.hysteresis import LAWS, PreslidingHysteresis
+from limo_driver.physics.effects.sensing import (
     EncoderOffset,
     TorqueCrosstalk,
     TorqueDrift,
     TorqueGain,
     TorqueOffset,
 )
-from limo_driver.physics.transmission import Armature, Backlash, JointElasticity, TorqueRipple
+from limo_driver.physics.effects.transmission import (
+    Armature,
+    Backlash,
+    JointElasticity,
+    TorqueRipple,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,15 +1,7 @@
 """The catalogue of joint physics, and simulations made of it."""
 
 from limo_driver.parameters import Parameter, parameter
-from limo_driver.physics.body import GravityDirection, Payload
 from limo_driver.physics.catalogue import CATALOGUE, spoken
-from limo_driver.physics.changing_friction import (
-    LoadDependentFriction,
-    PositionDependentFriction,
-    TemperatureDependentFriction,
-)
-from limo_driver.physics.coupling import JointCoupling
-from limo_driver.physics.delay import TimeDelay
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.drives import DcMotor, JointDrive, PositionServo
 from limo_driver.physics.effect import (
@@ -25,17 +17,24 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
-from limo_driver.physics.environment import ExternalContact, SpringLoad
-from limo_driver.physics.friction import (
+from limo_driver.physics.effects.body import GravityDirection, Payload
+from limo_driver.physics.effects.changing_friction import (
+    LoadDependentFriction,
+    PositionDependentFriction,
+    TemperatureDependentFriction,
+)
+from limo_driver.physics.effects.coupling import JointCoupling
+from limo_driver.physics.effects.delay import TimeDelay
+from limo_driver.physics.effects.environment import ExternalContact, SpringLoad
+from limo_driver.physics.effects.friction import (
     AsymmetricFriction,
     CoulombFriction,
     QuadraticDrag,
     StribeckFriction,
     ViscousFriction,
 )
-from limo_driver.physics.hysteresis import PreslidingHysteresis
-from limo_driver.physics.score import Score
-from limo_driver.physics.sensing import (
+from limo_driver.physics.effects.hysteresis import PreslidingHysteresis
+from limo_driver.physics.effects.sensing import (
     EncoderOffset,
     Sensors,
     TorqueCrosstalk,
@@ -43,9 +42,15 @@ from limo_driver.physics.sensing import (
     TorqueGain,
     TorqueOffset,
 )
+from limo_driver.physics.effects.transmission import (
+    Armature,
+    Backlash,
+    JointElasticity,
+    TorqueRipple,
+)
+from limo_driver.physics.score import Score
 from limo_driver.physics.simulation import Simulation
 from limo_driver.physics.simulation_file import Tolerances
-from limo_driver.physics.transmission import Armature, Backlash, JointElasticity, TorqueRipple
 
 __all__ = [
     "CATALOGUE",

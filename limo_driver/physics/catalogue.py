@@ -11,14 +11,6 @@ from inspect import isabstract
 from typing import TYPE_CHECKING, Any
 
 from limo_driver.errors import ConfigError, PlugInError
-from limo_driver.physics.body import GravityDirection, Payload
-from limo_driver.physics.changing_friction import (
-    LoadDependentFriction,
-    PositionDependentFriction,
-    TemperatureDependentFriction,
-)
-from limo_driver.physics.coupling import JointCoupling
-from limo_driver.physics.delay import TimeDelay
 from limo_driver.physics.description import Description
 from limo_driver.physics.effect import (
     ArmEffect,
@@ -27,23 +19,36 @@ from limo_driver.physics.effect import (
     SensorEffect,
     TorqueEffect,
 )
-from limo_driver.physics.environment import ExternalContact, SpringLoad
-from limo_driver.physics.friction import (
+from limo_driver.physics.effects.body import GravityDirection, Payload
+from limo_driver.physics.effects.changing_friction import (
+    LoadDependentFriction,
+    PositionDependentFriction,
+    TemperatureDependentFriction,
+)
+from limo_driver.physics.effects.coupling import JointCoupling
+from limo_driver.physics.effects.delay import TimeDelay
+from limo_driver.physics.effects.environment import ExternalContact, SpringLoad
+from limo_driver.physics.effects.friction import (
     AsymmetricFriction,
     CoulombFriction,
     QuadraticDrag,
     StribeckFriction,
     ViscousFriction,
 )
-from limo_driver.physics.hysteresis import PreslidingHysteresis
-from limo_driver.physics.sensing import (
+from limo_driver.physics.effects.hysteresis import PreslidingHysteresis
+from limo_driver.physics.effects.sensing import (
     EncoderOffset,
     TorqueCrosstalk,
     TorqueDrift,
     TorqueGain,
     TorqueOffset,
 )
-from limo_driver.physics.transmission import Armature, Backlash, JointElasticity, TorqueRipple
+from limo_driver.physics.effects.transmission import (
+    Armature,
+    Backlash,
+    JointElasticity,
+    TorqueRipple,
+)
 from limo_driver.plugins import EFFECTS, names, plug_in
 
 if TYPE_CHECKING:

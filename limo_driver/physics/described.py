@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.descriptions.description import JointDynamics
-from limo_driver.physics.environment import SpringLoad
-from limo_driver.physics.friction import CoulombFriction, QuadraticDrag, ViscousFriction
-from limo_driver.physics.hysteresis import PreslidingHysteresis
-from limo_driver.physics.transmission import Armature, Backlash, TorqueRipple
+from limo_driver.physics.effects.environment import SpringLoad
+from limo_driver.physics.effects.friction import CoulombFriction, QuadraticDrag, ViscousFriction
+from limo_driver.physics.effects.hysteresis import PreslidingHysteresis
+from limo_driver.physics.effects.transmission import Armature, Backlash, TorqueRipple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

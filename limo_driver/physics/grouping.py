@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.physics.effect import BodyEffect, SensorEffect
-from limo_driver.physics.friction import Frictions, VelocityFriction
-from limo_driver.physics.hysteresis import MAXWELL_SLIP, MaxwellSlips, PreslidingHysteresis
-from limo_driver.physics.sensing import TorqueOffset
-from limo_driver.physics.transmission import JointElasticity, wind_up
+from limo_driver.physics.effects.friction import Frictions, VelocityFriction
+from limo_driver.physics.effects.hysteresis import MAXWELL_SLIP, MaxwellSlips, PreslidingHysteresis
+from limo_driver.physics.effects.sensing import TorqueOffset
+from limo_driver.physics.effects.transmission import JointElasticity, wind_up
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

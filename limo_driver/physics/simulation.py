@@ -28,11 +28,11 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
+from limo_driver.physics.effects.sensing import Sensors
+from limo_driver.physics.effects.transmission import JointElasticity
 from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.score import Score
-from limo_driver.physics.sensing import Sensors
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save, sections_of
-from limo_driver.physics.transmission import JointElasticity
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
 from limo_driver.recordings.recording import Recording

@@ -15,7 +15,7 @@ from limo_driver.parameters import Declared, parameter
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.drives import DRIVES, described_drives
-from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.effects.sensing import Sensors
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -18,7 +18,7 @@ from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.settings.fitting import LATENESS
 from estimators.diagnosis.settings.selection import CANDIDATES
 from limo_driver.physics import TimeDelay
-from limo_driver.physics.delay import DELAYED, LAGGING
+from limo_driver.physics.effects.delay import DELAYED, LAGGING
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -27,7 +27,7 @@ from estimators.diagnosis.selection.base_friction import BASE, rubs, without_fri
 from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
 from limo_driver.physics import Armature, PreslidingHysteresis, ViscousFriction
-from limo_driver.physics.friction import SIGN_WIDTH
+from limo_driver.physics.effects.friction import SIGN_WIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

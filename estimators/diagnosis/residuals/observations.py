@@ -21,7 +21,7 @@ from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import ArmMotion, MotionEffect
-from limo_driver.physics.friction import SIGN_WIDTH
+from limo_driver.physics.effects.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.types import Motion
 

@@ -25,7 +25,7 @@ from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.regression.evidence import Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueGain, TorqueOffset, spoken
-from limo_driver.physics.delay import UNIT_DELAY
+from limo_driver.physics.effects.delay import UNIT_DELAY
 
 if TYPE_CHECKING:
     from collections.abc import Collection

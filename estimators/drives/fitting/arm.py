@@ -21,7 +21,7 @@ from estimators.drives.fitting.joint import (
     with_values,
 )
 from limo_driver.physics.drives import MOST_SAG
-from limo_driver.physics.sensing import FARTHEST_ZERO
+from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -26,7 +26,7 @@ from limo_driver.physics import (
     ViscousFriction,
 )
 from limo_driver.physics.described import SIGN_WIDTH
-from limo_driver.physics.hysteresis import LAWS, MAXWELL_SLIP
+from limo_driver.physics.effects.hysteresis import LAWS, MAXWELL_SLIP
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation

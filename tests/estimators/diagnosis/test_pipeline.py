@@ -25,7 +25,7 @@ from limo_driver.physics import (
     TorqueGain,
     ViscousFriction,
 )
-from limo_driver.physics.friction import SIGN_WIDTH
+from limo_driver.physics.effects.friction import SIGN_WIDTH
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 

@@ -24,7 +24,7 @@ from estimators.diagnosis.verdict import (
 from limo_driver.cli import main
 from limo_driver.errors import ConfigError
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
-from limo_driver.physics.friction import SIGN_WIDTH
+from limo_driver.physics.effects.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory

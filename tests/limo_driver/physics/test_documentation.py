@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from limo_driver.physics import CATALOGUE
-from limo_driver.physics.changing_friction import VARIANTS
-from limo_driver.physics.hysteresis import LAWS
+from limo_driver.physics.effects.changing_friction import VARIANTS
+from limo_driver.physics.effects.hysteresis import LAWS
 
 TEXT = (Path(__file__).parents[3] / "docs" / "physics.md").read_text()
 

@@ -10,7 +10,7 @@ import pytest
 
 from backends.mujoco_sim import MujocoRobot
 from limo_driver.physics import CoulombFriction, ExternalContact, PreslidingHysteresis, Simulation
-from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.recordings.recording import Recording
 from limo_driver.robot.playback import Playback
 from limo_driver.trajectory import Trajectory

@@ -11,7 +11,7 @@ from here import Here
 import limo_driver as limo
 from limo_driver.errors import ConfigError
 from limo_driver.physics import CoulombFriction
-from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.effects.sensing import Sensors
 
 DRIVER = """
 import os, signal, sys

@@ -10,7 +10,7 @@ import pytest
 import limo_driver as limo
 from limo_driver.errors import ConfigError
 from limo_driver.physics import CoulombFriction
-from limo_driver.physics.sensing import Sensors
+from limo_driver.physics.effects.sensing import Sensors
 
 ARM = limo.Simulation(
     "iiwa14", (CoulombFriction(joint=1, tau_c=1.0),), sensors=Sensors(torque_noise=(0.05,))

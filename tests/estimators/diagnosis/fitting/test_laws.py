@@ -20,7 +20,7 @@ from limo_driver.physics import (
     Tolerances,
     ViscousFriction,
 )
-from limo_driver.physics.hysteresis import STOP_WIDTHS
+from limo_driver.physics.effects.hysteresis import STOP_WIDTHS
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import AsymmetricFriction, CoulombFriction, Simulation
 from limo_driver.physics.catalogue import known_as
 from limo_driver.physics.effect import Friction
-from limo_driver.physics.friction import sign_width_at
+from limo_driver.physics.effects.friction import sign_width_at
 from limo_driver.recordings.recording import Recording
 
 DRY = (

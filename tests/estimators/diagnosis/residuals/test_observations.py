@@ -12,7 +12,7 @@ from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.settings.residuals import ROWS
 from limo_driver.errors import RecordingError
 from limo_driver.physics import CoulombFriction, TorqueOffset
-from limo_driver.physics.friction import SIGN_WIDTH
+from limo_driver.physics.effects.friction import SIGN_WIDTH
 from limo_driver.recordings.recording import Recording
 
 BANDWIDTH = 10.0  # [Hz]

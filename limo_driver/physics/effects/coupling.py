@@ -17,7 +17,7 @@ from limo_driver.physics.effect import (
     Hypothesis,
     State,
 )
-from limo_driver.physics.friction import sign_width
+from limo_driver.physics.effects.friction import sign_width
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

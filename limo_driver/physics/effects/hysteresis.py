@@ -11,7 +11,6 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.parameters import parameter
-from limo_driver.physics import hysteresis_laws
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     FARTHEST,
@@ -22,6 +21,7 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
+from limo_driver.physics.effects import hysteresis_laws
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -21,7 +21,12 @@ from limo_driver.physics.effect import (
     JointMotion,
     State,
 )
-from limo_driver.physics.friction import CREEP_SPEEDS, CoulombFriction, sign_width, sign_width_at
+from limo_driver.physics.effects.friction import (
+    CREEP_SPEEDS,
+    CoulombFriction,
+    sign_width,
+    sign_width_at,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
