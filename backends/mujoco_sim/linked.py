@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-class ArmState:
+class DriveSideState:
     """MuJoCo's state of an arm of n joints, as the drives see it.
 
     Where each joint moves a link of its own and MuJoCo has them in the robot's order, its arrays

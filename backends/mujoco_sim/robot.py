@@ -13,7 +13,7 @@ import numpy as np
 
 from backends.mujoco_sim import layout
 from backends.mujoco_sim.engine import Engine
-from backends.mujoco_sim.linked import ArmState
+from backends.mujoco_sim.linked import DriveSideState
 from backends.mujoco_sim.realisation import draft_of
 from backends.mujoco_sim.sampled import SampledEffects
 from backends.mujoco_sim.scene import compile_model
@@ -121,7 +121,7 @@ class MujocoRobot(SimulatedRobot):
         self._inertia = effective_inertia(arm, self._plant.armature)
         check_elements(self._plant, self._inertia, period)
         check_late(draft, self._inertia, period)
-        self._arm_state = ArmState(arm, self._model, self._data)
+        self._arm_state = DriveSideState(arm, self._model, self._data)
         self._arrays = self._arm_state.arrays
         sensors = self.simulation.sensors
         self._noise = SensorNoise(sensors.for_joints("torque_noise", n), seed_of(seed))

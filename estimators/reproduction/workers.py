@@ -26,7 +26,7 @@ _CPUS = Path("/sys/devices/system/cpu")
 
 
 @dataclass(frozen=True)
-class Job:
+class TrialPlace:
     """Arguments of a worker process; it reads everything else itself."""
 
     data: Path  # data folder
@@ -68,7 +68,7 @@ class Failed:
 
 
 def run_trials(
-    job: Job, trials: Iterable[Trial], processes: int
+    job: TrialPlace, trials: Iterable[Trial], processes: int
 ) -> Iterator[Advanced | Finished | Failed]:
     """Run trials in worker processes and tell how they get on, as it happens.
 
@@ -119,7 +119,7 @@ def physical_cores() -> int:
 class _Worker(WorkerProcess[Trial]):
     """One process and the trial that it runs, on one thread."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: TrialPlace) -> None:
         with _one_thread():
             super().__init__(_work, job)
 
@@ -150,7 +150,7 @@ def _one_thread() -> Generator[None]:
             os.environ["OMP_NUM_THREADS"] = before
 
 
-def _work(main: Connection[Any, Any], job: Job) -> None:
+def _work(main: Connection[Any, Any], job: TrialPlace) -> None:
     """Run the trials that come through the pipe until its other end is closed."""
     end_with_parent()
     from estimators.reproduction.data import TableData

@@ -26,7 +26,7 @@ _KEY: Final = "dataset"  # in the provenance of a recording: what it was made of
 
 
 @dataclass(frozen=True)
-class SimulatedRun:
+class DatasetRun:
     """One trajectory with one seed: a recording of a data set."""
 
     name: str  # of its file
@@ -42,7 +42,7 @@ class SimulatedDataset:
     """The recordings of a data set, in the order of trajectories and seeds."""
 
     folder: Path
-    runs: tuple[SimulatedRun, ...]
+    runs: tuple[DatasetRun, ...]
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -50,7 +50,7 @@ class SimulatedDataset:
         return tuple(self.folder / run.name for run in self.runs if not run.error)
 
     @property
-    def failed(self) -> tuple[SimulatedRun, ...]:
+    def failed(self) -> tuple[DatasetRun, ...]:
         """What could not be simulated, and why."""
         return tuple(run for run in self.runs if run.error)
 
@@ -70,7 +70,7 @@ class SimulationJob:
     simulation: Simulation
     rate: float | None  # [Hz]; every control cycle, if none
 
-    def do(self, run: SimulatedRun) -> bytes | ConfigError | str:
+    def do(self, run: DatasetRun) -> bytes | ConfigError | str:
         """Simulate one trajectory with one seed, on one thread.
 
         Args:
@@ -82,11 +82,11 @@ class SimulationJob:
         """
         return attempted(lambda: self._recorded(run), ConfigError)
 
-    def memory_of(self, run: SimulatedRun) -> float:
+    def memory_of(self, run: DatasetRun) -> float:
         """Return how much memory it takes at most [bytes], by the trajectory's size."""
         return _BASE + _BY_SIZE * run.bytes
 
-    def _recorded(self, run: SimulatedRun) -> bytes:
+    def _recorded(self, run: DatasetRun) -> bytes:
         from limo_driver.workflow.fleets.sources import at_hand
         from limo_driver.workflow.running import play
 
@@ -108,7 +108,7 @@ def simulate_dataset(
     rate: float | None = None,
     workers: int | None = None,
     on: Literal["processes", "ray"] = "processes",
-    progress: Callable[[SimulatedRun | None, int, int], None] | None = None,
+    progress: Callable[[DatasetRun | None, int, int], None] | None = None,
 ) -> SimulatedDataset:
     """Simulate every trajectory with every seed, side by side, into a folder of recordings.
 
@@ -176,7 +176,7 @@ def simulate_dataset(
 
 def _runs(
     trajectories: Sequence[Path | str], seeds: Sequence[int], simulation: Simulation, rate: object
-) -> list[SimulatedRun]:
+) -> list[DatasetRun]:
     """Return all runs; those of a trajectory that cannot be read have an error."""
     from estimators.fleet.store import digest_of
     from limo_driver.workflow.fleets.sources import key_and_size
@@ -188,7 +188,7 @@ def _runs(
         same = ", ".join(str(p) for p, s in zip(trajectories, stems, strict=True) if s == twice[0])
         raise ConfigError(f"trajectories of one name would be one recording: {same}")
     digest = digest_of(simulation, rate)
-    runs: list[SimulatedRun] = []
+    runs: list[DatasetRun] = []
     for place, stem in zip(trajectories, stems, strict=True):
         known, size, error = "", 0, ""
         try:
@@ -196,7 +196,7 @@ def _runs(
         except OSError as failure:
             error = f"cannot be read: {failure.strerror or failure}"
         runs += [
-            SimulatedRun(
+            DatasetRun(
                 f"{stem}_seed{seed}.parquet",
                 place,
                 seed,

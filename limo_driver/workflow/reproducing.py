@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from estimators.reproduction.data import TableData
     from estimators.reproduction.trial import Trial, TrialResult
     from estimators.reproduction.trial_runner import TrialRunner
-    from estimators.reproduction.workers import Failed, Finished
-    from estimators.reproduction.workers import Job as TrialPlace
+    from estimators.reproduction.workers import Failed, Finished, TrialPlace
 
 _BASE: Final = 0.7e9  # [bytes] of a process that trains
 _BY_SAMPLE: Final = 20e3  # [bytes] more for each sample that is trained on

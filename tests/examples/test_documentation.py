@@ -24,6 +24,7 @@ import limo_driver as limo
 from backends.can.config import ArmConfig
 from backends.can.simulator.scenario import BusScenario
 from backends.fri.simulator.scenario import ControllerScenario
+from estimators.sweep.space import SweepSpace
 from limo_driver.foreign import LogMapping
 from limo_driver.physics import CoulombFriction, Simulation
 
@@ -140,6 +141,8 @@ def test_yaml_is_what_its_reader_reads(block, tmp_path):
     elif block.document == "without_torque.md":
         (tmp_path / "arm.xml").write_text(SERVO_ARM, encoding="utf-8")
         assert Simulation.load(path).drives
+    elif block.document == "estimators.md":
+        assert len(SweepSpace.load(path).settings(10.0)) == 48  # 2 x 2 x 3 x 4 draws
     else:
         assert Simulation.load(path).effects
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from estimators.reproduction.data import TableData
     from estimators.reproduction.results import Table
     from estimators.reproduction.trial import Protocol, Trial
-    from estimators.reproduction.workers import Advanced, Failed, Finished, Job
+    from estimators.reproduction.workers import Advanced, Failed, Finished, TrialPlace
 
 OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
 DATA, QUICK_DATA = "data", "data_quick"  # simulated, in OUT; the quick one is far less motion
@@ -113,7 +113,7 @@ class Trials:
     on: Machines
 
     def run(
-        self, job: Job, data: TableData, trials: Sequence[Trial]
+        self, job: TrialPlace, data: TableData, trials: Sequence[Trial]
     ) -> Iterator[Advanced | Finished | Failed]:
         """Run trials, and tell how they get on; a cluster tells their ends alone."""
         from estimators.reproduction.workers import run_trials
@@ -131,7 +131,7 @@ def _compute(folder: Path, out: Path, protocol: Protocol, where: Trials, notes: 
     from estimators.reproduction.picture import PICTURE, draw
     from estimators.reproduction.results import Table
     from estimators.reproduction.rigid_body import rigid_body
-    from estimators.reproduction.workers import Job
+    from estimators.reproduction.workers import TrialPlace
     from estimators.reproduction.writing import write
     from limo_driver.outputs import require_folder
 
@@ -139,7 +139,7 @@ def _compute(folder: Path, out: Path, protocol: Protocol, where: Trials, notes: 
     for name in ("trials", "prepared"):
         require_folder(out / name, "the table")
     with notes.status("identifying the rigid body"):
-        job = Job(folder, rigid_body(read, out / "prepared"), out / "trials", where.device)
+        job = TrialPlace(folder, rigid_body(read, out / "prepared"), out / "trials", where.device)
     store = job.store()
 
     def update() -> Table:
@@ -195,7 +195,7 @@ def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
 
 
 def _run(
-    job: Job,
+    job: TrialPlace,
     data: TableData,
     trials: Sequence[Trial],
     where: Trials,

@@ -19,7 +19,7 @@ from estimators.reproduction.rigid_body import physics_digest, rigid_body
 from estimators.reproduction.rows import PARTS, ROWS, TOPOLOGIES, Row, paper_table
 from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES, Protocol, Trial, TrialStore
 from estimators.reproduction.trial_runner import ScoringMotion, TrialRunner
-from estimators.reproduction.workers import Advanced, Failed, Finished, Job, run_trials
+from estimators.reproduction.workers import Advanced, Failed, Finished, TrialPlace, run_trials
 from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, Simulation
@@ -353,15 +353,15 @@ def test_a_damaged_trial_is_refused_by_name(data: TableData, tmp_path: Path, tex
 
 
 @pytest.fixture
-def job(folder: Path, tmp_path: Path) -> Job:
+def job(folder: Path, tmp_path: Path) -> TrialPlace:
     sim = tmp_path / "sim.yaml"
     robot().save(sim)
-    return Job(folder, sim, tmp_path, "cpu")
+    return TrialPlace(folder, sim, tmp_path, "cpu")
 
 
 @pytest.mark.slow("trains in processes of their own")
 def test_worker_processes_finish_trials_and_say_why_one_cannot_be(
-    job: Job, data: TableData
+    job: TrialPlace, data: TableData
 ) -> None:
     trials = [trial_of(data, row) for row in (r.RBD, r.MLP_FULL, r.FCL100)]
     hopeless = trial_of(data, r.FCL500_FULL, SCAFFOLDS)
@@ -382,7 +382,7 @@ def test_worker_processes_finish_trials_and_say_why_one_cannot_be(
 
 
 @pytest.mark.slow("starts worker processes")
-def test_a_worker_that_dies_fails_its_trial_only(job: Job, data: TableData) -> None:
+def test_a_worker_that_dies_fails_its_trial_only(job: TrialPlace, data: TableData) -> None:
     trials = [trial_of(data, row) for row in (r.MLP_FULL, r.RBD)]
     trials[0] = replace(trials[0], settings=replace(trials[0].settings, epochs=10_000))
     failed: list[Failed] = []
@@ -404,7 +404,7 @@ def test_a_worker_that_dies_fails_its_trial_only(job: Job, data: TableData) -> N
 
 
 @pytest.mark.slow("starts worker processes")
-def test_workers_are_stopped_when_nobody_listens(job: Job, data: TableData) -> None:
+def test_workers_are_stopped_when_nobody_listens(job: TrialPlace, data: TableData) -> None:
     trial = trial_of(data, r.MLP_FULL)
     endless = replace(trial, settings=replace(trial.settings, epochs=10_000))
     events = run_trials(job, [endless], 1)

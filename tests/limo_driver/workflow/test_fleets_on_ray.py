@@ -162,7 +162,7 @@ import limo_driver as limo
 from estimators.reproduction.data import TableData
 from estimators.reproduction.rigid_body import rigid_body
 from estimators.reproduction.trial import Protocol
-from estimators.reproduction.workers import Job
+from estimators.reproduction.workers import TrialPlace
 from limo_driver.workflow.reproducing import run_trials_on_ray
 
 if __name__ == "__main__":
@@ -175,7 +175,7 @@ if __name__ == "__main__":
         data = TableData.load(table)
         (out / "prepared").mkdir()
         (out / "trials").mkdir()
-        place = Job(table, rigid_body(data, out / "prepared"), out / "trials", "cpu")
+        place = TrialPlace(table, rigid_body(data, out / "prepared"), out / "trials", "cpu")
         trials = Protocol(runs=1, epochs=1, batch=5).trials(data.digests)[:2]
         for event in run_trials_on_ray(place, data, trials, 1):
             print(type(event).__name__, place.store().load(event.trial).seconds > 0)
