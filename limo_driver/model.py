@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -15,23 +14,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from limo_driver.descriptions.chain import Chain, last_frame, link_of_joint, read_chain
+from limo_driver.descriptions.chain import last_frame, link_of_joint, read_chain
 from limo_driver.descriptions.description import joined_reference, split_reference
+from limo_driver.descriptions.inertial import Inertial
+from limo_driver.descriptions.limits import joint_limits, unstated_limits
 from limo_driver.descriptions.reading import read_description
 from limo_driver.descriptions.shapes import ArmShapes, Capsule, read_shapes
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
-from limo_driver.types import FloatArray, JointLimits, as_numbers
+from limo_driver.types import FloatArray, as_numbers
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 BUILT_IN = ("iiwa14",)
-ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
-SLOW, SLOW_SLIDE = 1.0, 0.25  # [rad/s], [m/s], in formats that have no limits of velocity
-JERK_PER_VELOCITY = 50.0  # [1/s^2]
-TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
-_ROUNDING = 1e-9  # of the largest second moment
 _MOTION = ("position", "velocity", "acceleration")
 _MANY = 1000  # samples, from which on another thread is worth waking
 
@@ -43,55 +39,6 @@ def beside(robot: str, folder: Path) -> str:
     if robot in BUILT_IN or not file.is_file():
         return robot
     return joined_reference(str(file.resolve()), joints)
-
-
-@dataclass(frozen=True)
-class Inertial:
-    """Inertia of all that moves rigidly with one joint, in the frame of its link."""
-
-    mass: float  # [kg]
-    com: tuple[float, float, float]  # [m]
-    inertia: tuple[float, float, float, float, float, float]  # at the com: xx xy xz yy yz zz
-
-    def tensor(self) -> FloatArray:
-        """Return the 3 × 3 inertia tensor at the centre of mass [kg m²]."""
-        xx, xy, xz, yy, yz, zz = self.inertia
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-    def is_consistent(self) -> bool:
-        """Say whether mass and inertia are physically consistent, as those of some rigid body.
-
-        True if the mass is positive and the density-weighted covariance is positive definite,
-        which for the tensor means positive principal moments that satisfy the triangle inequality.
-        """
-        return bool(self.mass > 0 and self._second_moments().min() > 0)
-
-    def is_possible(self) -> bool:
-        """Say whether it can be fixed to a link: a rigid body, a rod, a point mass or nothing."""
-        moments = self._second_moments()
-        largest = float(np.abs(moments).max())
-        massive = self.mass > 0 or (self.mass == 0 and largest == 0)
-        return bool(massive and moments.min() >= -_ROUNDING * largest)
-
-    def joined(self, other: Inertial) -> Inertial:
-        """Return both bodies as one; both in the frame of the same link."""
-        mass = self.mass + other.mass
-        com = (self.mass * np.array(self.com) + other.mass * np.array(other.com)) / mass
-        tensor = self._tensor_at(com) + other._tensor_at(com)
-        x, y, z = com.tolist()
-        xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
-        return Inertial(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
-
-    def _second_moments(self) -> FloatArray:
-        """Return the principal values of ∫ρ x xᵀ about the centre of mass, (3,) [kg m²]."""
-        tensor = self.tensor()
-        covariance = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-        return np.linalg.eigvalsh(covariance).astype(np.float64)
-
-    def _tensor_at(self, point: FloatArray) -> FloatArray:
-        """Return the inertia tensor about a point, by Steiner's theorem, (3, 3) [kg m²]."""
-        d = np.array(self.com) - point
-        return self.tensor() + self.mass * (d @ d * np.eye(3) - np.outer(d, d))
 
 
 class RobotModel(Displayed):
@@ -151,7 +98,7 @@ class RobotModel(Displayed):
             link_of_joint(self.pin_tree, link + 1) for link in range(self.linkage.links)
         )
         self.inertials: dict[str, Inertial] = {
-            link: _from_pin(self.pin_model.inertias[j + 1])
+            link: Inertial.of_pinocchio(self.pin_model.inertias[j + 1])
             for j, link in enumerate(self.link_names)
         }
         _check_masses(self.inertials, chain.link_joints, self.urdf)
@@ -162,13 +109,13 @@ class RobotModel(Displayed):
         # joints that slide along their axis, in m and N
         self.sliding: tuple[bool, ...] = chain.sliding
         self.jerk = self.description.jerk_of(self.joint_names)  # (n,) [rad/s^3], or None
-        self.limits = _limits(chain, self.jerk, self.urdf, assumed=assumed)
+        self.limits = joint_limits(chain, self.jerk, self.urdf, assumed=assumed)
         self._data = self.pin_model.createData()
         self._flange = last_frame(self.pin_tree, self.linkage.links)
         locked = (
             f"joint {x} neither turns nor slides, and is locked at 0" for x in self.locked_joints
         )
-        unstated = _unstated(self.pin_model, self.joint_names, self.sliding, assumed=assumed)
+        unstated = unstated_limits(self.pin_model, self.joint_names, self.sliding, assumed=assumed)
         slides = (
             f"joint {x} slides: its positions are in m, its torques are forces in N"
             for x, each in zip(self.joint_names, self.sliding, strict=True)
@@ -557,83 +504,3 @@ def _gravity(gravity: Sequence[float]) -> FloatArray:
     if not np.isfinite(array).all():
         raise ConfigError(f"gravity is {array.tolist()} m/s², expected finite numbers")
     return array
-
-
-def _unstated(
-    model: pin.Model, names: Sequence[str], sliding: Sequence[bool], *, assumed: bool
-) -> tuple[str, ...]:
-    """Say which limits the description leaves out, and what stands for them."""
-    told: list[str] = []
-    slow = f"{SLOW:g} rad/s is taken" + (f", {SLOW_SLIDE:g} m/s of slides" if any(sliding) else "")
-    for values, what, instead in (
-        (model.upperVelocityLimit, "velocity", slow),
-        (model.upperEffortLimit, "effort", "none is kept"),
-    ):
-        lacking = [name for name, value in zip(names, np.array(values), strict=True) if value <= 0]
-        if lacking:
-            stands = instead if assumed else "without one, the arm cannot be planned or run"
-            told.append(f"joints {', '.join(lacking)} state no {what} limit; {stands}")
-    return tuple(told)
-
-
-def _limits(chain: Chain, jerk: FloatArray | None, path: Path, *, assumed: bool) -> JointLimits:
-    """Return the limits of the joints, within which those that follow them are in theirs.
-
-    A 0 stays unless values are assumed for what is not stated. MJCF has no limits of velocity, so
-    that nothing would move. A URDF that states a 0 leaves out what it should state: no speed of a
-    real arm is made up for it.
-
-    Raises:
-        ConfigError: A joint cannot move without one that follows it leaving its range.
-    """
-    own = chain.linkage.own
-    velocity = np.array(chain.tree.upperVelocityLimit)[own]
-    torque = np.array(chain.tree.upperEffortLimit)[own]
-    lower = np.array(chain.tree.lowerPositionLimit)[own]
-    upper = np.array(chain.tree.upperPositionLimit)[own]
-    if assumed:
-        velocity = np.where(velocity > 0, velocity, np.where(chain.sliding, SLOW_SLIDE, SLOW))
-        torque = np.where(torque > 0, torque, np.inf)
-    _narrow(chain, lower, upper, velocity, path)
-    planned = JERK_PER_VELOCITY * velocity
-    if jerk is not None:
-        planned = np.where(np.isfinite(jerk), jerk, planned)
-    return JointLimits(
-        position_min=lower,
-        position_max=upper,
-        velocity=velocity,
-        acceleration=ACCELERATION_PER_VELOCITY * velocity,
-        jerk=planned,
-        torque=torque,
-        torque_rate=TORQUE_RATE_PER_TORQUE * torque,
-    )
-
-
-def _narrow(
-    chain: Chain, lower: FloatArray, upper: FloatArray, velocity: FloatArray, path: Path
-) -> None:
-    """Narrow limits (n,) to those at which followers reach theirs."""
-    tree, linkage = chain.tree, chain.linkage
-    for link in np.flatnonzero(linkage.own[linkage.driver] != np.arange(linkage.links)).tolist():
-        joint, ratio = int(linkage.driver[link]), float(linkage.ratio[link])
-        if chain.link_joints[link] not in chain.turning:
-            ends = np.array([tree.lowerPositionLimit[link], tree.upperPositionLimit[link]])
-            low, high = sorted(((ends - linkage.offset[link]) / ratio).tolist())
-            lower[joint], upper[joint] = max(lower[joint], low), min(upper[joint], high)
-        if (fastest := float(tree.upperVelocityLimit[link])) > 0:
-            velocity[joint] = min(velocity[joint], fastest / abs(ratio))
-        if lower[joint] > upper[joint]:
-            raise ConfigError(
-                f"joint {chain.link_joints[link]} follows {chain.names[joint]}, and there is no "
-                "position of that at which both are within their limits",
-                path=path,
-            )
-
-
-def _from_pin(inertia: pin.Inertia) -> Inertial:
-    tensor = np.array(inertia.inertia)
-    return Inertial(
-        mass=float(inertia.mass),
-        com=tuple(np.array(inertia.lever).tolist()),
-        inertia=tuple(tensor[np.triu_indices(3)].tolist()),
-    )

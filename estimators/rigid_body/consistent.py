@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import DivergedError
-from limo_driver.model import Inertial
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

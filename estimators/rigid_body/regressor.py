@@ -21,8 +21,9 @@ from limo_driver.compiled import compiled
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.linkage import JointLinkage
-    from limo_driver.model import Inertial, RobotModel
+    from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray, Motion
 
 PER_LINK = 10

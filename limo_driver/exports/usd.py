@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.descriptions.description import JointDynamics
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.descriptions.usd import axis_of, bodies_of, joints_of, open_stage, scale_of
 from limo_driver.exports.changes.parts import parts_of
-from limo_driver.model import Inertial
 from limo_driver.outputs import require_apart, whole
 
 if TYPE_CHECKING:

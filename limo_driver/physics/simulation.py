@@ -14,7 +14,7 @@ from limo_driver.descriptions.description import split_reference
 from limo_driver.descriptions.reading import USD_ENDINGS
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
-from limo_driver.model import Inertial, RobotModel
+from limo_driver.model import RobotModel
 from limo_driver.parameters import JOINT
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.drives import described_drives
@@ -40,6 +40,7 @@ from limo_driver.recordings.recording import Recording
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.physics.drives import JointDrive
     from limo_driver.recordings.differentiation import Derivatives
     from limo_driver.types import FloatArray, JointSample, Motion

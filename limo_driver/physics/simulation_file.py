@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import yaml
 
 from limo_driver.declarations import read_yaml
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError, PlugInError
-from limo_driver.model import Inertial, RobotModel, beside
+from limo_driver.model import RobotModel, beside
 from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
 from limo_driver.physics.catalogue import effect_called, known_names

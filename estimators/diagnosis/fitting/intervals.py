@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.residuals.observations import Observations
-    from limo_driver.model import Inertial
+    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError
-from limo_driver.model import Inertial
 from limo_driver.physics import Payload
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.residuals.observations import Observations
-    from limo_driver.model import Inertial
+    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.physics import Parameter
     from limo_driver.types import FloatArray
 

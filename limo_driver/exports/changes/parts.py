@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.descriptions.geometry import rotation_of
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.exports.changes.bodies import BodyPart
-from limo_driver.model import Inertial
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree as ET

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.descriptions.description import JointDynamics
-    from limo_driver.model import Inertial
+    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.physics import Simulation
 
 _POSES: Final = 5

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.exports.changes.target import Target
-    from limo_driver.model import Inertial
     from limo_driver.physics import Payload
 
 _SAME: Final = 1e-9  # relative

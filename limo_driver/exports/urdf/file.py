@@ -13,8 +13,8 @@ from limo_driver.exports.urdf.drake import write_rotors
 from limo_driver.exports.xml_edits import Element, XmlText, as_attribute, as_list, differ
 
 if TYPE_CHECKING:
+    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.exports.changes.target import Target
-    from limo_driver.model import Inertial
     from limo_driver.physics import Payload
 
 _KEYS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

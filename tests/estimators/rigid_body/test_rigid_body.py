@@ -12,8 +12,9 @@ from estimators.rigid_body.consistent import inertial_of, pseudo_inertia, thicke
 from estimators.rigid_body.newton_euler import inverse_dynamics, link_parameters
 from estimators.rigid_body.normal_equations import accumulate
 from estimators.rigid_body.regressor import RegressorChain, parameters_of
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError, NotFittedError, RecordingError, ShapeError
-from limo_driver.model import Inertial, RobotModel
+from limo_driver.model import RobotModel
 from limo_driver.physics import (
     Armature,
     CoulombFriction,

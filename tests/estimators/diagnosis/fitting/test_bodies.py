@@ -14,7 +14,7 @@ from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.stages import quiet
 from estimators.rigid_body.consistent import nearest_body, pseudo_inertia
 from estimators.rigid_body.regressor import parameters_of
-from limo_driver.model import Inertial
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.physics import Payload
 
 CRATE = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.06, 0.0, 0.0, 0.06, 0.0, 0.05))

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.exports.changes.bodies import BodyPart, inertial_of, pseudo_inertia, shared
-from limo_driver.model import Inertial
 
 HAND = Inertial(2.0, (0.1, 0.0, 0.05), (0.02, 0.001, 0.0, 0.03, 0.002, 0.025))
 TOOL = Inertial(0.5, (0.0, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.001))

@@ -1,0 +1,77 @@
+"""Inertial: mass, centre of mass and inertia tensor of a link."""
+
+# pinocchio has no stubs and is found through an import hook.
+# pyright: reportMissingImports=false, reportUnknownParameterType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+    from limo_driver.types import FloatArray
+
+_ROUNDING = 1e-9  # of the largest second moment
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Inertia of all that moves rigidly with one joint, in the frame of its link."""
+
+    mass: float  # [kg]
+    com: tuple[float, float, float]  # [m]
+    inertia: tuple[float, float, float, float, float, float]  # at the com: xx xy xz yy yz zz
+
+    @classmethod
+    def of_pinocchio(cls, inertia: pin.Inertia) -> Inertial:
+        """Return what pinocchio has for a link."""
+        tensor = np.array(inertia.inertia)
+        return cls(
+            mass=float(inertia.mass),
+            com=tuple(np.array(inertia.lever).tolist()),
+            inertia=tuple(tensor[np.triu_indices(3)].tolist()),
+        )
+
+    def tensor(self) -> FloatArray:
+        """Return the 3 × 3 inertia tensor at the centre of mass [kg m²]."""
+        xx, xy, xz, yy, yz, zz = self.inertia
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def is_consistent(self) -> bool:
+        """Say whether mass and inertia are physically consistent, as those of some rigid body.
+
+        True if the mass is positive and the density-weighted covariance is positive definite,
+        which for the tensor means positive principal moments that satisfy the triangle inequality.
+        """
+        return bool(self.mass > 0 and self._second_moments().min() > 0)
+
+    def is_possible(self) -> bool:
+        """Say whether it can be fixed to a link: a rigid body, a rod, a point mass or nothing."""
+        moments = self._second_moments()
+        largest = float(np.abs(moments).max())
+        massive = self.mass > 0 or (self.mass == 0 and largest == 0)
+        return bool(massive and moments.min() >= -_ROUNDING * largest)
+
+    def joined(self, other: Inertial) -> Inertial:
+        """Return both bodies as one; both in the frame of the same link."""
+        mass = self.mass + other.mass
+        com = (self.mass * np.array(self.com) + other.mass * np.array(other.com)) / mass
+        tensor = self._tensor_at(com) + other._tensor_at(com)
+        x, y, z = com.tolist()
+        xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
+        return Inertial(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
+    def _second_moments(self) -> FloatArray:
+        """Return the principal values of ∫ρ x xᵀ about the centre of mass, (3,) [kg m²]."""
+        tensor = self.tensor()
+        covariance = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+        return np.linalg.eigvalsh(covariance).astype(np.float64)
+
+    def _tensor_at(self, point: FloatArray) -> FloatArray:
+        """Return the inertia tensor about a point, by Steiner's theorem, (3, 3) [kg m²]."""
+        d = np.array(self.com) - point
+        return self.tensor() + self.mass * (d @ d * np.eye(3) - np.outer(d, d))
