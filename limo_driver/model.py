@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from limo_driver.descriptions.chain import last_frame, link_of_joint, read_chain
 from limo_driver.descriptions.description import joined_reference, split_reference
+from limo_driver.descriptions.doubts import doubts_about_description
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.descriptions.limits import joint_limits, unstated_limits
 from limo_driver.descriptions.reading import read_description
@@ -121,7 +122,15 @@ class RobotModel(Displayed):
             for x, each in zip(self.joint_names, self.sliding, strict=True)
             if each
         )
-        self.notes: tuple[str, ...] = (*self.description.notes, *locked, *slides, *unstated)
+        doubts = doubts_about_description(
+            self.description,
+            self.joint_names,
+            self.limits.position_min,
+            self.limits.position_max,
+            self.sliding,
+        )
+        told = (*self.description.notes, *locked, *slides, *unstated, *doubts)
+        self.notes: tuple[str, ...] = told
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
 
@@ -481,11 +490,23 @@ class RobotModel(Displayed):
 def _check_masses(
     inertials: Mapping[str, Inertial], joint_names: Sequence[str], path: Path
 ) -> None:
-    """Refuse links that move and have no mass, which neither torque nor simulator can make move."""
+    """Refuse links that move and have no mass or no inertia, or that of no rigid body.
+
+    Neither torque nor simulator can make such a one move.
+    """
     for (link, body), joint in zip(inertials.items(), joint_names, strict=True):
         if body.mass <= 0:
             raise ConfigError(
                 f"link {link}, which joint {joint} moves, has no mass; state its <inertial>",
+                path=path,
+            )
+        principal = np.linalg.eigvalsh(body.tensor())
+        if principal.min() <= 0.0 or not body.is_possible():
+            told = ", ".join(f"{moment:.4g}" for moment in principal.tolist())
+            raise ConfigError(
+                f"link {link}, which joint {joint} moves, has the principal moments of inertia "
+                f"{told} kg m²; expected those of a body: above 0, and none above the sum of the "
+                "others",
                 path=path,
             )
 

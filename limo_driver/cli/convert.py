@@ -138,11 +138,11 @@ def _to_recording_layout(files: list[Path], out: Path) -> None:
 
 def _is_bag(path: Path) -> bool:
     from limo_driver.foreign.formats.lerobot import is_dataset
-    from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS
+    from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS, ending_of
 
     if path.is_dir():
         return not is_dataset(path)
-    return path.suffix.lower() not in {*ARRAYS, *PARQUET, *TEXTS}
+    return ending_of(path) not in {*ARRAYS, *PARQUET, *TEXTS}
 
 
 def _mapped(

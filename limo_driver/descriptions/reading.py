@@ -11,6 +11,7 @@ import numpy as np
 
 from limo_driver.descriptions.description import Following, JointDynamics, RobotDescription
 from limo_driver.descriptions.geometry import numbers, rotation_of, rpy_of, turned
+from limo_driver.descriptions.urdf_checks import check_urdf, end_of
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.display import shortened
 from limo_driver.errors import ConfigError
@@ -32,11 +33,6 @@ _NOT_FELT: Final = {
     "friction with memory": ("bristles",),
     "cogging": ("ripples",),
     "play": ("gap",),
-}
-_AXES: Final = 3
-_NUMBERS: Final = {
-    "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
-    "joint": ("origin", "axis", "limit"),
 }
 
 
@@ -70,13 +66,7 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription
 
 
 def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
-    for kind in ("link", "joint"):
-        names = [str(item.get("name")) for item in root.findall(kind)]
-        if repeated := sorted({name for name in names if names.count(name) > 1}):
-            raise ConfigError(f"has more than one {kind} called {', '.join(repeated)}", path=path)
-    _refuse_floating(root, path)
-    _check_numbers(root, path)
-    _check_tree(root, path)
+    check_urdf(root, path)
     dynamics: dict[str, JointDynamics] = {}
     for joint in root.findall("joint"):
         stated = joint.find("dynamics")
@@ -86,80 +76,6 @@ def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
                 damping=_number(stated, "damping", path, least=0.0),
             )
     return RobotDescription(root, path, "URDF", dynamics)
-
-
-def _refuse_floating(root: ET.Element, path: Path) -> None:
-    for joint in root.findall("joint"):
-        if joint.get("type") in {"floating", "planar"}:
-            raise ConfigError(
-                f"joint {joint.get('name')} is {joint.get('type')}; limo's arms stand on a fixed "
-                "base",
-                path=path,
-            )
-
-
-def _check_numbers(root: ET.Element, path: Path) -> None:
-    """Refuse what the parser would leave out silently, all other masses with it.
-
-    Raises:
-        ConfigError: Names the link or joint, and what is no finite number.
-    """
-    for kind, parts in _NUMBERS.items():
-        for owner in root.findall(kind):
-            for part in parts:
-                for element in owner.findall(part):
-                    _check_element(f"{kind} {owner.get('name')!r}", element, path)
-
-
-def _check_tree(root: ET.Element, path: Path) -> None:
-    """Refuse links that carry one another in a circle, or that several joints move.
-
-    Raises:
-        ConfigError: There is one; or a joint turns about no axis.
-    """
-    above: dict[str, tuple[str, str]] = {}  # link → joint, link that carries it
-    for joint in root.findall("joint"):
-        name, child = str(joint.get("name")), _end(joint, "child")
-        if child in above:
-            raise ConfigError(
-                f"link {child} is moved by two joints, {above[child][0]} and {name}; expected a "
-                "tree",
-                path=path,
-            )
-        above[child] = (name, _end(joint, "parent"))
-        axis = joint.find("axis")
-        if axis is not None and joint.get("type") in _MOVABLE:
-            words = axis.get("xyz", "1 0 0").split()
-            if len(words) != _AXES or not any(map(float, words)):
-                raise ConfigError(
-                    f"joint {name!r}: its axis is {axis.get('xyz')}, expected a direction",
-                    path=path,
-                )
-    for start in above:
-        seen, link = {start}, above[start][1]
-        while link in above and link not in seen:
-            seen.add(link)
-            link = above[link][1]
-        if link in seen:
-            raise ConfigError(
-                f"links {shortened(sorted(seen))} carry one another in a circle; expected a tree",
-                path=path,
-            )
-
-
-def _check_element(owner: str, element: ET.Element, path: Path) -> None:
-    for name, text in element.attrib.items():
-        for word in text.split():
-            try:
-                value = float(word)
-            except ValueError:
-                value = np.nan
-            if not np.isfinite(value) or (element.tag == "mass" and value < 0.0):
-                expected = "0 or more" if element.tag == "mass" else "a finite number"
-                raise ConfigError(
-                    f"{owner}: {name} of its {element.tag} is {word}, expected {expected}",
-                    path=path,
-                )
 
 
 def _number(
@@ -207,7 +123,7 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
     for name, at in places.items():
         why = ""
         if name in following:
-            why = f", which follows {_leader(movable[name])},"
+            why = f", which follows {_leader(movable[name])}{_missing(name, movable, found.root)},"
         elif name in gripping:
             why = ", at the end of which none turns,"
         told.setdefault((at, why), []).append(name)
@@ -291,6 +207,12 @@ def _places(
     return places
 
 
+def _missing(name: str, movable: dict[str, ET.Element], root: ET.Element) -> str:
+    """Say that the joint which another one follows is not in the file, where it is not."""
+    joints = {joint.get("name") for joint in root.findall("joint")}
+    return "" if _leader(movable[name]) in joints else " (which is not there)"
+
+
 def _leader(joint: ET.Element) -> str:
     """Return the joint that this one follows; nothing if it follows none."""
     mimic = joint.find("mimic")
@@ -331,11 +253,11 @@ def _grippers(root: ET.Element, wanted: list[str]) -> frozenset[str]:
     children: dict[str, list[ET.Element]] = {}
     followers: dict[str, list[str]] = {}
     for joint in root.findall("joint"):
-        children.setdefault(_end(joint, "parent"), []).append(joint)
+        children.setdefault(end_of(joint, "parent"), []).append(joint)
         followers.setdefault(_leader(joint), []).append(str(joint.get("name")))
 
     def beyond(joint: ET.Element) -> Iterator[ET.Element]:
-        for each in children.get(_end(joint, "child"), []):
+        for each in children.get(end_of(joint, "child"), []):
             yield each
             yield from beyond(each)
 
@@ -357,11 +279,6 @@ def _grippers(root: ET.Element, wanted: list[str]) -> frozenset[str]:
         and not turns_beyond(joint)
     )
     return found if set(wanted) - found else frozenset()
-
-
-def _end(joint: ET.Element, which: str) -> str:
-    element = joint.find(which)
-    return "" if element is None else str(element.get("link"))
 
 
 def _unknown(name: str, known: list[str]) -> str:

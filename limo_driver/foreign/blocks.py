@@ -14,9 +14,9 @@ import pyarrow as pa
 from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.formats.arrow import numbers_of
-from limo_driver.foreign.formats.delimited import DelimitedText
+from limo_driver.foreign.formats.delimited import DelimitedText, is_packed
 from limo_driver.foreign.formats.npz import npz_blocks, rows_of_npz
-from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS
+from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS, ending_of
 from limo_driver.foreign.proposals.motion_units import other_unit_from
 from limo_driver.foreign.proposals.times import refuse_two_units
 from limo_driver.recordings.batches import LONG_TEXT, blocks_of, parquet_batches
@@ -39,14 +39,19 @@ def long_log(path: Path) -> Iterator[LogTable] | None:
     Raises:
         RecordingError: It cannot be read, at once or while the rows come.
     """
-    ending = path.suffix.lower()
-    if ending in TEXTS and path.is_file() and path.stat().st_size > LONG_TEXT:
+    ending = ending_of(path)
+    if ending in TEXTS and path.is_file() and _is_long(path):
         return _numbers(DelimitedText(path).blocks(), path, "delimited text")
     if ending in PARQUET and _rows_of_parquet(path) > MOST:
         return _numbers(_parquet_tables(path), path, "Parquet")
     if ending in ARRAYS and rows_of_npz(path) > MOST:
         return npz_blocks(path)
     return None
+
+
+def _is_long(path: Path) -> bool:
+    """Say whether a text may be long; what is packed may be whatever its size."""
+    return is_packed(path) or path.stat().st_size > LONG_TEXT
 
 
 def check_units(table: LogTable, before: LogTable | None, mapping: LogMapping) -> None:

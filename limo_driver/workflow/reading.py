@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from limo_driver.display import shortened
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.foreign.formats.reading import ARRAYS, BAGS, PARQUET, TEXTS, read_table
+from limo_driver.foreign.formats.reading import (
+    ARRAYS,
+    BAGS,
+    PARQUET,
+    TEXTS,
+    ending_of,
+    read_table,
+)
 from limo_driver.foreign.mapping import LogMapping
 from limo_driver.foreign.proposals.proposal import propose
 from limo_driver.foreign.proposals.recorded_joints import mapped_part
@@ -104,7 +111,7 @@ def model_is_enough(log: object) -> bool:
     if not isinstance(log, (str, Path)):
         return False
     path = Path(log)
-    if path.is_dir() or path.suffix.lower() in _FOREIGN:
+    if path.is_dir() or ending_of(path) in _FOREIGN:
         return False
     if not path.is_file() or path.suffix.lower() not in {*PARQUET, ".csv"}:
         return True  # as `Recording.load` knows it, or says what is wrong

@@ -5,7 +5,10 @@
 
 from __future__ import annotations
 
+import gzip
 import re
+import zlib
+from codecs import getincrementaldecoder
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pyarrow as pa
@@ -22,6 +25,11 @@ _HEAD = 65536  # bytes that are looked at
 _LINES = 20
 _SEPARATORS = (",", ";", "\t", "|", " ")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|inf|-inf", re.IGNORECASE)
+_USUAL, _WINDOWS = "utf-8-sig", "cp1252"
+_MARKED = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # by the first bytes
+_UNWRITTEN = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")  # what no text has
+_PACKED = ".gz"
+_DAMAGE = (OSError, EOFError, zlib.error, pa.ArrowException, UnicodeDecodeError)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 
 
@@ -33,6 +41,7 @@ class Dialect(NamedTuple):
     names: tuple[str, ...]  # of the columns; made up where the file has none
     named: bool  # whether the first line has the names
     decimal: str  # point or comma
+    encoding: str  # of the text, as Python names it
 
 
 def read_delimited(path: Path) -> tuple[Kept, tuple[str, ...]]:
@@ -69,11 +78,11 @@ class DelimitedText:
             RecordingError: They cannot be read, or many have another number of cells.
         """
         try:
-            if self._path.stat().st_size > LONG_TEXT:
+            if is_packed(self._path) or self._path.stat().st_size > LONG_TEXT:
                 kept = kept_of(*self._batches())
             else:
                 kept = Kept(csv.read_csv(self._path, *self._options()))
-        except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+        except _DAMAGE as error:
             raise self._unreadable(error) from None
         self._rows = kept.spread or kept.table.num_rows
         self._check_cut()
@@ -89,7 +98,7 @@ class DelimitedText:
             for table in blocks_of(*self._batches()):
                 self._rows += table.num_rows
                 yield table
-        except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+        except _DAMAGE as error:
             raise self._unreadable(error) from None
         self._check_cut()
 
@@ -98,6 +107,8 @@ class DelimitedText:
         notes = list[str]()
         if not self._dialect.named:
             notes.append("it has no line of names; columns are counted from 1")
+        if self._dialect.encoding == _WINDOWS:
+            notes.append("it is not UTF-8; its text is taken for that of Windows (cp1252)")
         if cut := self._cut:
             rows = "1 row" if len(cut) == 1 else f"{len(cut)} rows"
             notes.append(
@@ -115,7 +126,9 @@ class DelimitedText:
         dialect = self._dialect
         return (
             csv.ReadOptions(
-                column_names=list(dialect.names), skip_rows=dialect.skipped + dialect.named
+                column_names=list(dialect.names),
+                skip_rows=dialect.skipped + dialect.named,
+                encoding=dialect.encoding,
             ),
             csv.ParseOptions(
                 delimiter=dialect.separator,
@@ -150,20 +163,7 @@ def dialect_of(path: Path) -> Dialect:
     Raises:
         RecordingError: No file, no text, or nothing in it.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(_HEAD)
-            more = bool(file.read(1))
-    except OSError as error:
-        raise RecordingError(f"cannot be read: {error.strerror}", path=path) from None
-    if more and b"\n" not in head:
-        raise RecordingError(f"has a first line of more than {_HEAD} bytes", path=path)
-    try:
-        text = head[: head.rfind(b"\n") + 1 or None].decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise RecordingError("is no text", path=path) from None
-    if "\0" in text:
-        raise RecordingError("is no text", path=path)
+    text, encoding = _first_lines(path)
     lines = text.splitlines()[: _LINES + 5]
     skipped = 0
     while skipped < len(lines) and _is_comment(lines, skipped):
@@ -187,7 +187,38 @@ def dialect_of(path: Path) -> Dialect:
     names = [name or f"column_{k + 1}" for k, name in enumerate(names)]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise RecordingError(f"has more than one column {', '.join(repeated)}", path=path)
-    return Dialect(separator, skipped, tuple(names), named, decimal)
+    return Dialect(separator, skipped, tuple(names), named, decimal, encoding)
+
+
+def is_packed(path: Path) -> bool:
+    """Say whether a text is packed with gzip, by its ending."""
+    return path.suffix.lower() == _PACKED
+
+
+def _first_lines(path: Path) -> tuple[str, str]:
+    """Return the first lines of a text, and its encoding.
+
+    Raises:
+        RecordingError: It cannot be read, or is no text.
+    """
+    try:
+        with gzip.open(path) if is_packed(path) else path.open("rb") as file:
+            head = file.read(_HEAD)
+            more = bool(file.read(1))
+    except _DAMAGE as error:
+        reason = getattr(error, "strerror", None) or error
+        raise RecordingError(f"cannot be read: {reason}", path=path) from None
+    if more and b"\n" not in head:
+        raise RecordingError(f"has a first line of more than {_HEAD} bytes", path=path)
+    by_mark = next((name for mark, name in _MARKED.items() if head.startswith(mark)), None)
+    for encoding in (by_mark,) if by_mark else (_USUAL, _WINDOWS):
+        try:
+            text = getincrementaldecoder(encoding)().decode(head, final=not more)
+        except UnicodeDecodeError:
+            continue
+        if not _UNWRITTEN.search(text):
+            return (text[: text.rfind("\n") + 1] if more else text), encoding
+    raise RecordingError("is no text", path=path)
 
 
 def _is_comment(lines: list[str], k: int) -> bool:

@@ -15,13 +15,21 @@ if TYPE_CHECKING:
     from limo_driver.foreign.table import LogTable
 
 BAGS: Final = (".mcap", ".db3", ".zstd")
-TEXTS: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
+_PLAIN: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
+_PACKED: Final = ".gz"
+TEXTS: Final = (*_PLAIN, *(f"{ending}{_PACKED}" for ending in _PLAIN))
 PARQUET: Final = (".parquet", ".pq")
 ARRAYS: Final = (".npz",)
 _EXPECTED: Final = (
-    f"expected delimited text ({', '.join(TEXTS)}), Parquet, NumPy's .npz, a ROS 2 bag (.mcap, "
-    ".db3) or the folder of a bag or of a LeRobotDataset"
+    f"expected delimited text ({', '.join(_PLAIN)}, also as .gz), Parquet, NumPy's .npz, a ROS 2 "
+    "bag (.mcap, .db3) or the folder of a bag or of a LeRobotDataset"
 )
+
+
+def ending_of(path: Path) -> str:
+    """Return the ending of a file by which its format is known, `.csv.gz` for one."""
+    ending = path.suffix.lower()
+    return "".join(path.suffixes[-2:]).lower() if ending == _PACKED else ending
 
 
 def read_table(
@@ -46,7 +54,7 @@ def read_table(
     check_file(path, RecordingError)
     if path.is_dir():
         return _read_folder(path, topic, episode, joints)
-    ending = path.suffix.lower()
+    ending = ending_of(path)
     if ending in BAGS:
         from limo_driver.foreign.formats.bag import read_bags
 

@@ -379,6 +379,7 @@ def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:
 
 def _usual(values: FloatArray) -> np.ndarray:
     """Mark rows whose values are numbers, and none far beyond those of the others, (T,)."""
+    values = np.where(np.isfinite(values), values, np.nan)
     low, high = np.nanquantile(values, (0.01, 0.99), axis=0)
     reach = _FAR * (high - low) + 1e-9
     return ((values >= low - reach) & (values <= high + reach)).all(axis=1)
@@ -386,7 +387,7 @@ def _usual(values: FloatArray) -> np.ndarray:
 
 def _rows(position: FloatArray, torque: FloatArray | None) -> np.ndarray:
     known = _usual(position)
-    if torque is not None:
-        known &= _usual(torque)
+    if torque is not None and (known & (whole := _usual(torque))).any():
+        known &= whole
     rows = np.flatnonzero(known)
     return rows[:: max(1, rows.size // _ROWS)]

@@ -24,6 +24,7 @@ from limo_driver.foreign.columns.names import (
     TEMPERATURE,
     TORQUE,
     VELOCITY,
+    read_name,
     strange_words,
     words_of,
 )
@@ -220,6 +221,13 @@ def _position_family(draft: _Draft) -> ColumnFamily:
         if named
         else f"its columns are {shortened(list(draft.table.columns))}"
     )
+    unread = [
+        f"{name} holds {held}"
+        for name, held in draft.table.unread.items()
+        if read_name(name, draft.model.joint_names).quantity == POSITION
+    ]
+    if unread:
+        what += f", and {shortened(unread)}"
     raise RecordingError(
         f"has no positions of the {draft.model.n} joints of {draft.model.name}: {what}; "
         f"its joints are {shortened(draft.model.joint_names)}; those named after a # of it are "
@@ -248,6 +256,10 @@ def _beside(draft: _Draft, time: TimeFound, torques: ColumnFamily | None) -> Bes
 
 
 def _positions(draft: _Draft, family: ColumnFamily, beside: Beside) -> Channels:
+    if not np.isfinite(draft.values(family)).all(axis=1).any():
+        raise RecordingError(
+            f"has no row with a number in each of {family}", path=draft.table.source or None
+        )
     if (row := other_unit_from(draft.values(family))) is not None:
         raise RecordingError(
             f"the positions {family} jump by a factor of 57.3 at row {row}: degrees and radians in "

@@ -65,6 +65,7 @@ def time_columns(table: LogTable) -> TimeFound:
             for name, what in table.unread.items()
             if read_name(name).quantity == TIME
         ]
+        lost += [f"{n.column} does not go forward" for n in names]
         found_none = f"none was found ({'; '.join(lost)})" if lost else "none was found"
         return TimeFound(
             TimeColumns(rate=1.0),

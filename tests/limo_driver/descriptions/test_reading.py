@@ -1,5 +1,7 @@
 """Descriptions of robots: MJCF means what MuJoCo makes of it, and bad ones end in one line."""
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
@@ -227,6 +229,13 @@ REFUSED = [
         URDF.replace('<mass value="2"/>', '<mass value="0"/>'),
         "link upper, which joint shoulder moves, has no mass",
     ),
+    ("arm.urdf", URDF.replace("</robot>", '<link name="lost"/></robot>'), "has 2 links .* lost"),
+    ("arm.urdf", re.sub("<parent link=[^>]*>", '<parent link="no"/>', URDF), "parent is the link"),
+    ("arm.urdf", re.sub("<limit[^>]*>", "", URDF), "states no <limit>"),
+    ("arm.urdf", re.sub('lower="[^"]*"', 'lower="9"', URDF), "limits go from 9 to"),
+    ("arm.urdf", URDF.replace('"2"', '"${m}"'), r"has macros \(\${m}\): it is a xacro"),
+    ("arm.urdf", re.sub('ixx="[^"]*"', 'ixx="-1"', URDF), "principal moments of inertia -1, "),
+    ("arm.urdf", re.sub('ixx="[^"]*"', 'ixx="70"', URDF), "none above the sum of the others"),
 ]
 
 
@@ -237,6 +246,18 @@ def test_bad_descriptions_end_in_one_line(file, name, text, said):
         RobotModel.load(path)
     assert "\n" not in str(refused.value)
     assert str(path) in str(refused.value)
+
+
+def test_lost_meshes_and_ends_in_degrees_are_said_at_load(file):
+    mesh = '<collision><geometry><mesh filename="package://arm/{}.stl"/></geometry></collision>'
+    text = URDF.replace("</link>", f"{mesh.format('gone')}{mesh.format('here')}</link>", 1)
+    text = re.sub('upper="[^"]*"', 'upper="170"', text)
+    path = file(text, "arm.urdf")
+    (path.parent / "arm").mkdir()
+    (path.parent / "arm" / "here.stl").write_bytes(b"")
+    notes = " ".join(RobotModel.load(path).notes)
+    assert "reach 170 rad, 27 turns: are they in degrees?" in notes
+    assert "not there: collision mesh package://arm/gone.stl;" in notes
 
 
 @pytest.mark.parametrize("joints", ["elbow", "hand=x", "elbow=1"])

@@ -1,6 +1,8 @@
 """Tables of any format: what is in them, and what cannot be read."""
 
+import gzip
 import json
+import re
 import sqlite3
 from contextlib import suppress
 
@@ -40,6 +42,32 @@ def test_text_of_any_separator(tmp_path, separator):
     table = read_table(path)
     assert list(table.columns) == list(log())
     np.testing.assert_allclose(table.columns["q3"], POSITION[:, 3], rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "note"),
+    [("utf-8-sig", ""), ("utf-16", ""), ("utf-16-be", ""), ("cp1252", "taken for that of Windows")],
+)
+def test_text_of_any_encoding(tmp_path, encoding, note):
+    text = "Zeit [ms];Winkel 1 [°]\n" + "".join(f"{k};{k},5\n" for k in range(3))
+    path = tmp_path / "log.csv"
+    mark = b"\xfe\xff" if encoding == "utf-16-be" else b""
+    path.write_bytes(mark + text.encode(encoding))
+    table = read_table(path)
+    np.testing.assert_array_equal(table.columns["Winkel 1 [°]"], [0.5, 1.5, 2.5])
+    assert note in " ".join(table.notes)
+    assert bool(note) == bool(table.notes)
+
+
+def test_text_that_is_packed(tmp_path):
+    plain = written(log(), tmp_path / "log.csv")
+    path = tmp_path / "log.csv.gz"
+    path.write_bytes(gzip.compress(plain.read_bytes()))
+    np.testing.assert_array_equal(read_table(path).columns["q3"], read_table(plain).columns["q3"])
+    path.write_bytes(path.read_bytes()[:-4000])
+    with pytest.raises(RecordingError, match=re.escape(str(path))) as refused:
+        read_table(path)
+    assert "\n" not in str(refused.value)
 
 
 def test_text_with_decimal_commas(tmp_path):

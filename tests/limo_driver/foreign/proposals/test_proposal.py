@@ -308,6 +308,31 @@ def test_missing_joints_are_named():
         proposed(**log, tau=TORQUE)
 
 
+def test_a_column_that_cannot_be_read_is_named_among_the_missing():
+    log = numbered("q{}", POSITION) | {"q3": np.full(TIME.size, np.nan)}
+    with pytest.raises(RecordingError, match=r"lacks number 3, and q3 holds no number"):
+        proposed(**log, tau=TORQUE)
+    with pytest.raises(RecordingError, match=r"and q holds an array of shape \(7, 3000\)"):
+        proposed(q=POSITION.T, tau=TORQUE)
+
+
+def test_values_that_are_not_finite_cost_their_rows_only():
+    torque, position = TORQUE.copy(), POSITION.copy()
+    torque[::7, 1], position[3::50, 2] = np.inf, np.nan
+    found = proposed(q=np.rad2deg(position), tau=torque).mapping
+    assert found.position.unit == ("deg",)
+    assert found.torque.unit == ("N m",)
+    position[::2, 0] = position[1::2, 1] = np.nan
+    with pytest.raises(RecordingError, match="no row with a number in each of"):
+        proposed(q=position, tau=torque)
+
+
+def test_a_time_that_does_not_go_forward_is_named():
+    log = {"t_ms": -TIME, "q": POSITION, "tau": TORQUE}
+    (question,) = propose(table_of(log), arm()).mapping.undecided
+    assert "t_ms does not go forward" in question
+
+
 def test_more_joints_than_the_robot_has_are_a_question():
     wide = np.column_stack([POSITION, TIME])
     questions = proposed(q=wide, tau=TORQUE).mapping.undecided
