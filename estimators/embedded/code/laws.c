@@ -96,6 +96,9 @@ static double bouc_wen(double *memory, double q, double sigma_0, double tau_c, d
     for (double i = 0.0; i < parts; i += 1.0) {
         const double h = run / parts;
         const double k1 = bouc_wen_slope(zeta, beta_ratio, exponent);
+        if (fabs(k1) * run < 1e-12) { /* it slides */
+            break;
+        }
         const double k2 = bouc_wen_slope(zeta + 0.5 * h * k1, beta_ratio, exponent);
         const double k3 = bouc_wen_slope(zeta + 0.5 * h * k2, beta_ratio, exponent);
         const double k4 = bouc_wen_slope(zeta + h * k3, beta_ratio, exponent);

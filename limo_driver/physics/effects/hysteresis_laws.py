@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 POSITION, STEP, VELOCITY = 0, 1, 2  # rows of a path [rad, rad, rad/s]
 _SHORT_STEP = 0.05  # [presliding distances] of one Runge-Kutta step, for exponents up to 1
+_SLIDING = 1e-12  # of tau_c, at most, is yet to come where the joint slides
 _FAR = 25.0  # [presliding distances] after which any exponent slides, to 1e-10
 
 
@@ -159,10 +160,11 @@ def bouc_wen(
         run = min(sigma_0 * abs(step) / tau_c, _FAR)
         direction = 1.0 if step >= 0.0 else -1.0
         parts = math.ceil(run * max(exponent, 1.0) / _SHORT_STEP)
-        zeta = memory[0] * direction
+        zeta, h = memory[0] * direction, run / max(parts, 1)
         for _ in range(parts):
-            h = run / parts
             k1 = _bouc_wen_slope(zeta, beta_ratio, exponent)
+            if abs(k1) * run < _SLIDING:
+                break
             k2 = _bouc_wen_slope(zeta + 0.5 * h * k1, beta_ratio, exponent)
             k3 = _bouc_wen_slope(zeta + 0.5 * h * k2, beta_ratio, exponent)
             k4 = _bouc_wen_slope(zeta + h * k3, beta_ratio, exponent)
