@@ -90,6 +90,8 @@ class RobotDescription:
         followers: Joints that move as others do, by name; those others move on their own.
         hulls: Corners of each mesh that stands as a box in `root`, (K, 3) [m], in the frame of that
             box; by name of the link and number of the shape on it, `hand_0`.
+        places: Where MuJoCo's arrays of positions and of velocities have each joint, by name.
+        widths: Of those arrays of positions and velocities.
         notes: What was locked or left aside, and what the file cannot be taken at its word for.
     """
 
@@ -105,6 +107,8 @@ class RobotDescription:
     plays: dict[str, str] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)
     followers: dict[str, Following] = field(default_factory=dict)
+    places: dict[str, tuple[int, int]] = field(default_factory=dict)
+    widths: tuple[int, int] = (0, 0)
 
     @property
     def text(self) -> str:

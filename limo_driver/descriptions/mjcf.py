@@ -72,6 +72,11 @@ def read_mjcf(path: Path) -> RobotDescription:
         tuple(_left_aside(model, root, coupled) + writer.notes),
         _servos(model),
         writer.plays,
+        places={
+            _joint_name(model, j): (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j]))
+            for j in range(model.njnt)
+        },
+        widths=(int(model.nq), int(model.nv)),
     )
 
 

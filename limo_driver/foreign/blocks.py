@@ -17,7 +17,7 @@ from limo_driver.foreign.formats.arrow import numbers_of
 from limo_driver.foreign.formats.delimited import DelimitedText, is_packed
 from limo_driver.foreign.formats.npz import npz_blocks, rows_of_npz
 from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS, ending_of
-from limo_driver.foreign.proposals.motion_units import other_unit_from
+from limo_driver.foreign.proposals.odd_columns import other_unit_from
 from limo_driver.foreign.proposals.times import refuse_two_units
 from limo_driver.recordings.batches import LONG_TEXT, blocks_of, parquet_batches
 from limo_driver.recordings.stretches import MOST

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
+
+_MOST_LABELS: Final = 4096  # columns of one array
 
 
 @dataclass(frozen=True)
@@ -94,23 +96,48 @@ class LogTable:
 def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") -> LogTable:
     """Make a table of arrays: (T,) is a column, (T, k) columns `name[0]` to `name[k-1]`.
 
+    Where one array is of k texts, those name the k columns instead, as `name[elbow]`.
+
     Args:
         arrays: By name. What is no array of numbers, or has another number of rows than most, is
             named as unread.
         source: Where they are from, for messages.
         kind: What that is, in words.
     """
-    columns, unread = dict[str, "NDArray[Any]"](), dict[str, str]()
+    columns, unread, told = dict[str, "NDArray[Any]"](), dict[str, str](), dict[str, str]()
     given = {name: np.asarray(values) for name, values in arrays.items()}
-    lengths = [len(values) for values in given.values() if values.ndim in {1, 2}]
+    numbers = {name: values for name, values in given.items() if values.dtype.kind in "fiumM"}
+    lengths = [len(values) for values in numbers.values() if values.ndim in {1, 2}]
     usual = max(lengths, key=lengths.count, default=0)
+    labels = {name: found for name, x in given.items() if (found := _labels(x))}
     for name, values in given.items():
-        if values.dtype.kind not in "fiumM":
+        if name not in numbers:
             unread[name] = f"{values.dtype} values"
         elif values.ndim not in {1, 2} or len(values) != usual:
             unread[name] = f"an array of shape {values.shape}"
         elif values.ndim == 1:
             columns[name] = values
         else:
-            columns |= {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
-    return LogTable(columns, source, kind, unread)
+            by, named = _names_of(values.shape[1], labels)
+            told |= {by: name} if by else {}
+            columns |= {f"{name}[{label}]": values[:, k] for k, label in enumerate(named)}
+    unread = {name: held for name, held in unread.items() if name not in told}
+    notes = tuple(f"{name} names the columns of arrays as wide" for name in told)
+    return LogTable(columns, source, kind, unread, notes)
+
+
+def _labels(values: NDArray[Any]) -> tuple[str, ...]:
+    """Return the texts of an array that may name columns; none of any other."""
+    if values.ndim != 1 or values.dtype.kind not in "USO" or not 0 < values.size <= _MOST_LABELS:
+        return ()
+    texts = [x.decode(errors="replace") if isinstance(x, bytes) else x for x in values.tolist()]
+    named = all(isinstance(x, str) and x.strip() for x in texts)
+    return tuple(x.strip() for x in texts) if named and len(set(texts)) == len(texts) else ()
+
+
+def _names_of(
+    width: int, labels: Mapping[str, tuple[str, ...]]
+) -> tuple[str, tuple[str | int, ...]]:
+    """Return names of the columns of an array, and of the one array of texts that has them."""
+    alike = [(name, texts) for name, texts in labels.items() if len(texts) == width]
+    return alike[0] if len(alike) == 1 else ("", tuple(range(width)))

@@ -41,8 +41,13 @@ def read_npz(path: Path) -> LogTable:
         rows = _usual_rows(members)
         if rows <= MOST:
             arrays = {member.name: member.read(rows) for member in members if member.rows == rows}
-            aside = {member.name: member.said for member in members if member.rows != rows}
-            table = table_of(arrays if rows else {}, str(path), _KIND)
+            labels = {member.name: member.labels() for member in members if member.is_labels}
+            aside = {
+                member.name: member.said
+                for member in members
+                if member.rows != rows and not member.is_labels
+            }
+            table = table_of({**arrays, **labels} if rows else {}, str(path), _KIND)
             return replace(table, unread={**table.unread, **{k: v for k, v in aside.items() if v}})
     stretches = Stretches[LogTable](LogTable.cut)
     first: LogTable | None = None
@@ -76,10 +81,11 @@ def npz_blocks(path: Path) -> Iterator[LogTable]:
     with _opened(path) as members:
         rows = _usual_rows(members)
         alike = [member for member in members if member.rows == rows]
+        labels = {member.name: member.labels() for member in members if member.is_labels}
         for start in range(0, rows, BLOCK):
             many = min(BLOCK, rows - start)
             arrays = {member.name: member.read(many) for member in alike}
-            yield replace(table_of(arrays, str(path), _KIND), first_row=start)
+            yield replace(table_of({**arrays, **labels}, str(path), _KIND), first_row=start)
 
 
 @contextmanager
@@ -116,12 +122,18 @@ class _Member:
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         self._shape, by_columns, self._kind = read(self._file)
         usable = len(self._shape) in {1, _MATRIX} and not self._kind.hasobject
+        few = len(self._shape) == 1 and self._size(self._shape[0]) <= _WIDEST
+        self.is_labels = few and self._kind.kind in "US"  # which may name columns, and are none
+        usable = usable and self._kind.kind not in "US"
         self.rows = self._shape[0] if usable and self._size(1) <= _WIDEST else 0
         # what it is, where it is no column; nothing of a single number, which is none of a log's
         self.said = f"an array of shape {self._shape}" if self._shape else ""
         self._whole = None
         self._by_columns = by_columns and len(self._shape) == _MATRIX
         self._next = 0
+
+    def labels(self) -> NDArray[Any]:
+        return self._from_bytes(self._shape[0])
 
     def read(self, rows: int) -> NDArray[Any]:
         if self._by_columns:  # no row of it is there before all of it is
@@ -130,6 +142,9 @@ class _Member:
                 self._whole = np.frombuffer(data, self._kind).reshape(self._shape, order="F")
             self._next += rows
             return self._whole[self._next - rows : self._next]
+        return self._from_bytes(rows)
+
+    def _from_bytes(self, rows: int) -> NDArray[Any]:
         size = self._size(rows)
         data = self._file.read(size)
         if len(data) < size:

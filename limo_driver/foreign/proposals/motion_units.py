@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.foreign.columns.units import UNITS
+from limo_driver.foreign.proposals.odd_columns import maybe_in_radians
 from limo_driver.recordings.data_gate import velocity_factor
 
 if TYPE_CHECKING:
@@ -20,10 +21,8 @@ if TYPE_CHECKING:
 _ROWS: Final = 1500  # that are looked at
 _ROOM: Final = 0.1  # [m] beyond the limits, likewise of a joint that slides
 _MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
-_JUMP: Final = 0.05  # of the logarithm of 57.3, by which a joint may move within a row
 _REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
 _FEWEST_ROWS: Final = 10
-_LEAP: Final = 3.0  # times the longest of usual steps, that another unit makes
 _DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 _ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
 _SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
@@ -214,7 +213,7 @@ def _unless_mixed(
     if its < least + (_DECISIVE if mixed else -_DECISIVE):
         best = other
     if not _differ(best, cost.model):
-        return Reading(best, why)
+        return Reading(best, why, _about_narrow(position, best, possible["rad"], cost))
     slides = cost.model.sliding
     in_degrees = [j + 1 for j, unit in enumerate(best) if unit == "deg" and not slides[j]]
     listed = ", ".join(map(str, in_degrees))
@@ -222,6 +221,28 @@ def _unless_mixed(
         best,
         f"joints {listed} read as degrees, the others as radians",
         f"position: the columns of joints {listed} fit degrees only, others radians: is that so?",
+    )
+
+
+def _about_narrow(
+    position: FloatArray, units: tuple[str, ...], fits: np.ndarray, cost: _Gravity
+) -> str:
+    """Return a question about joints that may be in radians where all others are in degrees."""
+    if "deg" not in units:
+        return ""
+    narrow = maybe_in_radians(position, ~np.array(cost.model.sliding), fits)
+    least = cost.of(position, units)
+    open_still = [
+        j + 1
+        for j in narrow
+        if cost.of(position, (*units[:j], "rad", *units[j + 1 :])) < least + _DECISIVE
+    ]
+    if not open_still:
+        return ""
+    listed = ", ".join(map(str, open_still))
+    return (
+        f"position: the columns of joints {listed} hardly move in degrees, and move like the "
+        "others in radians: which is it (`unit:`, a list)?"
     )
 
 
@@ -243,23 +264,6 @@ def _flipped(
         if (left := cost.of(position, flipped)) < least - _DECISIVE:
             units, least = flipped, left
     return units, least
-
-
-def other_unit_from(position: FloatArray) -> int | None:
-    """Return the row from which positions (T, n) go on in degrees or in radians, if they do.
-
-    There, all joints that are away from zero are multiplied or divided by 57.3 at once. Of values
-    that jump no farther than they often do, as noise about zero, no ratio says anything.
-    """
-    steps = np.abs(np.diff(position, axis=0))
-    if not len(steps):
-        return None
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.abs(np.log(np.abs(position[1:] / position[:-1])))
-    jumps = np.abs(ratio - math.log(1 / UNITS["position"]["deg"])) < _JUMP
-    jumps &= steps > _LEAP * np.nanquantile(steps, 0.99, axis=0)
-    rows = np.flatnonzero(jumps.sum(axis=1) > position.shape[1] / 2)
-    return int(rows[0]) + 1 if rows.size else None
 
 
 def velocity_unit(time: FloatArray, position: FloatArray, velocity: FloatArray) -> Reading:

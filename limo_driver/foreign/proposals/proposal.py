@@ -33,11 +33,12 @@ from limo_driver.foreign.formats.lerobot import KIND as LEROBOT
 from limo_driver.foreign.mapping import Channels, LogMapping
 from limo_driver.foreign.proposals.motion_units import (
     Beside,
-    other_unit_from,
     position_reading,
     torque_reading,
     velocity_unit,
 )
+from limo_driver.foreign.proposals.mujoco_arrays import whole_of_mujoco
+from limo_driver.foreign.proposals.odd_columns import other_unit_from
 from limo_driver.foreign.proposals.recorded_joints import recorded_part
 from limo_driver.foreign.proposals.times import time_columns
 
@@ -198,6 +199,8 @@ def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | No
             f"{quantity}: only {said} values are named ({first}): are they to stand for measured "
             "ones?"
         )
+    if (whole := whole_of_mujoco(first, draft.model)) is not None:
+        return whole
     if first.beyond:
         draft.questions.append(
             f"{quantity}: {first} has columns for more than {draft.model.n} joints "

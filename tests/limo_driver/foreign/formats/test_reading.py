@@ -154,6 +154,23 @@ def test_arrays_of_numpy(tmp_path):
     assert read.unread["i"] == "an array of shape (500, 5000)"
 
 
+@pytest.mark.parametrize("kind", [np.str_, np.bytes_])
+def test_an_array_of_texts_names_the_columns_of_others(tmp_path, kind):
+    names = np.array([f"arm_{k}" for k in range(7)]).astype(kind)
+    path = tmp_path / "log.npz"
+    np.savez(path, t=TIME, q=POSITION, wide=np.c_[POSITION, TIME], joint_names=names)
+    table = read_table(path)
+    np.testing.assert_array_equal(table.columns["q[arm_3]"], POSITION[:, 3])
+    assert "wide[7]" in table.columns  # of which they are no names
+    assert table.notes == ("joint_names names the columns of arrays as wide",)
+    np.savez(path, t=TIME, q=POSITION, joint_names=names, units=np.full(7, "rad").astype(kind))
+    assert "q[arm_3]" in read_table(path).columns  # texts that repeat are none
+    np.savez(path, t=TIME, q=POSITION, joint_names=names, others=names[::-1])
+    found = read_table(path)
+    assert "q[3]" in found.columns  # two could be meant
+    assert set(found.unread) == {"joint_names", "others"}
+
+
 def test_arrays_that_are_packed_as_no_log_is_are_refused_unread(tmp_path, monkeypatch):
     monkeypatch.setattr(npz, "_LARGE", 1 << 20)
     np.savez_compressed(tmp_path / "log.npz", t=TIME, q=np.zeros((len(TIME), 4000)))

@@ -95,6 +95,15 @@ def test_degrees_and_radians_in_one_log_are_a_question_that_names_the_joints():
     assert found.mapping.position.unit == ("rad", "deg", "rad", "deg", "rad", "rad", "rad")
 
 
+@pytest.mark.parametrize(("scale", "asked"), [(1.0, True), (57.3, False), (0.02, False)])
+def test_a_column_in_radians_of_a_joint_that_gravity_does_not_tell_is_a_question(scale, asked):
+    q = np.rad2deg(POSITION)
+    q[:, 6] = scale * POSITION[:, 6]
+    found = proposed(q=q, tau=TORQUE)
+    assert found.mapping.position.unit == ("deg",)
+    assert any("joints 7 hardly move in degrees" in x for x in found.mapping.undecided) == asked
+
+
 @pytest.mark.parametrize("factor", [180 / np.pi, np.pi / 180], ids=["rad-deg", "deg-rad"])
 def test_positions_that_go_on_in_another_unit_are_refused(factor):
     mixed = np.array(POSITION) if factor > 1 else np.rad2deg(POSITION)
@@ -208,6 +217,32 @@ def test_arrays_of_mujoco_are_known_by_their_names():
     assert mapping.undecided == ()
     assert mapping.position.unit == ("rad",)
     assert mapping.torque.columns[0] == "qfrc_actuator[0]"
+
+
+def test_arrays_of_a_whole_mujoco_model_have_each_joint_where_the_model_has_it(tmp_path):
+    link = '<geom type="capsule" fromto="0 0 0 0 0 .3" size=".04" mass="2"/>'
+    path = tmp_path / "cell.xml"
+    path.write_text(
+        '<mujoco><compiler angle="radian"/><worldbody>'
+        f'<body name="crate" pos="2 0 0"><freejoint name="crate"/>{link}</body>'
+        f'<body name="upper"><joint name="a" axis="0 1 0"/>{link}'
+        f'<body name="lower" pos="0 0 .3"><joint name="b" axis="0 1 0"/>{link}'
+        f'<body name="tip" pos="0 0 .3"><joint name="f" type="slide" axis="0 1 0"/>{link}'
+        "</body></body></body></worldbody></mujoco>",
+        encoding="utf-8",
+    )
+    robot = RobotModel.load(path)
+    q, v = np.zeros((TIME.size, 10)), np.zeros((TIME.size, 9))
+    q[:, 7:9], v[:, 6:8] = POSITION[:, :2], VELOCITY[:, :2]
+    log = {"time": TIME, "qpos": q, "qvel": v, "qfrc_actuator": v}
+    found = propose(table_of(log), robot).mapping
+    assert found.position.columns == ("qpos[7]", "qpos[8]")
+    assert found.velocity is not None
+    assert found.velocity.columns == ("qvel[6]", "qvel[7]")
+    assert found.torque is not None
+    assert found.torque.columns == ("qfrc_actuator[6]", "qfrc_actuator[7]")
+    narrow = propose(table_of(log | {"qpos": q[:, :9]}), robot).mapping
+    assert any("are the first 2 meant?" in question for question in narrow.undecided)
 
 
 def test_commands_make_up_for_torques():

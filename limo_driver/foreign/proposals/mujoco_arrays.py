@@ -1,0 +1,36 @@
+"""MuJoCo's own arrays: of a whole model, whose joints stand where the model has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from limo_driver.foreign.columns.names import read_name, words_of
+
+if TYPE_CHECKING:
+    from limo_driver.foreign.columns.families import ColumnFamily
+    from limo_driver.model import RobotModel
+
+_OF_POSITIONS: Final = frozenset({"qpos"})
+_OF_VELOCITIES: Final = frozenset({"qvel", "qacc", "qfrc"})
+
+
+def whole_of_mujoco(family: ColumnFamily, model: RobotModel) -> ColumnFamily | None:
+    """Return the columns of a robot's joints among those of all joints of its MJCF file.
+
+    Args:
+        family: Numbered columns, `qpos[0]` to `qpos[5]` and more beyond them.
+        model: The robot.
+
+    Returns:
+        Its columns in the order of the joints; None if it is not named like an array of MuJoCo, or
+        not as wide as that of the file.
+    """
+    columns = (*family.columns, *family.beyond)
+    words = {word for column in columns for word in words_of(column)}
+    velocities = not words & _OF_POSITIONS
+    places, width = model.description.places, model.description.widths[velocities]
+    if not family.beyond or len(columns) != width or not words & (_OF_POSITIONS | _OF_VELOCITIES):
+        return None
+    chosen = [columns[places[name][velocities]] for name in model.joint_names]
+    return replace(family, names=tuple(map(read_name, chosen)), beyond=())
