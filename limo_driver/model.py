@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import os
+from copy import copy
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -173,7 +174,7 @@ class RobotModel(Displayed):
         Raises:
             ConfigError: There is no such moving link, or no such body.
         """
-        return self._changed({**self.inertials, **inertials}, self.gravity)
+        return self._changed(inertials, self.gravity)
 
     def with_gravity(self, gravity: Sequence[float]) -> RobotModel:
         """Return this robot under another gravity.
@@ -185,7 +186,7 @@ class RobotModel(Displayed):
             ConfigError: It is no array of finite numbers.
             ShapeError: It is not (3,).
         """
-        return self._changed(self.inertials, gravity)
+        return self._changed({}, gravity)
 
     def with_joints(self, joints: Sequence[str]) -> RobotModel:
         """Return the robot of this file with other joints chosen, and the inertias of the file.
@@ -200,7 +201,17 @@ class RobotModel(Displayed):
         return RobotModel(self.urdf, gravity=self.gravity, joints=joints)
 
     def _changed(self, inertials: Mapping[str, Inertial], gravity: Sequence[float]) -> RobotModel:
-        return RobotModel(self.urdf, self.name, inertials, gravity, self.chosen)
+        """Return a copy: reading the file again takes longer than what the copy is made for."""
+        other = copy(self)
+        vars(other).pop("_weightless", None)
+        other.pin_model = self.pin_model.copy()
+        is_plain = self.pin_tree is self.pin_model
+        other.pin_tree = other.pin_model if is_plain else self.pin_tree.copy()
+        other.inertials = dict(self.inertials)
+        other._override(inertials)
+        other.pin_model.gravity.linear = other.pin_tree.gravity.linear = _gravity(gravity)
+        other._data = other.pin_model.createData()
+        return other
 
     @property
     def gravity(self) -> tuple[float, ...]:
