@@ -318,12 +318,12 @@ def _in_time(judged: _Judged, progress: Progress) -> _Judged:
 
 
 def _beyond_tolerances(judged: _Judged, progress: Progress, budget: Budget) -> _Judged:
-    """Return the findings with suspicious values held as stated, where that explains the unknown.
+    """Return the findings with suspicious values held as stated, where that explains more.
 
     While sets compete, thousands of rows outvote tolerances, and the effect of a wrong value is
     ascribed to nuisance parameters. Fitted values stay within their limits, and their effect beyond
-    those is unknown. Held as it is stated, such a value has to be a finding, and may bring no other
-    name with it.
+    those is unknown, or too small to be seen. Held as it is stated, such a value has to be a
+    finding, and may bring no other name with it.
     """
     problem, solution = judged.problem, judged.solution
     held = suspects(problem, solution, judged.unknown)
@@ -332,9 +332,13 @@ def _beyond_tolerances(judged: _Judged, progress: Progress, budget: Budget) -> _
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
     found = _Judged.of(*settled(*solve(problem, progress), progress))
     again = _around(found, progress, budget)
-    known = judged.places(solution.members) | held
-    explained = set(again.unknown) < set(judged.unknown) and again.places(again.named) <= known
-    return again if explained else judged
+    if not again.places(again.named) <= judged.places(solution.members) | held:
+        return judged
+    fewer = set(again.unknown) < set(judged.unknown)
+    wrong = set(again.unknown) == set(judged.unknown) and again.places(again.named) & held
+    if fewer or (wrong and not worse(problem, again.proven, judged.proven, judged.remaining)):
+        return again
+    return judged
 
 
 @dataclass(frozen=True)

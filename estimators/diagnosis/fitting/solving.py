@@ -25,11 +25,13 @@ from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.base_friction import rubs
 from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
-from estimators.regression.evidence import Prior, joined
+from estimators.regression.evidence import REACH, Prior, joined, posterior
 from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
     from collections.abc import Collection
+
+    from numpy.typing import NDArray
 
     from estimators.diagnosis.stages import Progress
     from estimators.regression.evidence import Posterior
@@ -271,14 +273,35 @@ def settled_around(
 def suspects(
     problem: RegressionProblem, solution: Solution, joints: Collection[int]
 ) -> set[tuple[str, tuple[int, ...]]]:
-    """Return the effects at some joints (0-based) of which a fit has a value at its limit."""
-    limits = solution.search.evidence.at_limit(solution.fitted)
-    there = {
+    """Return the effects of which a fit has a value at its limit, and which may be wrong by it.
+
+    At some joints (0-based) any of them; anywhere those whose value surely lies beyond its limit.
+    """
+    limited = ~np.isnan(solution.search.evidence.at_limit(solution.fitted))
+    if not limited.any():
+        return set()
+    far = limited & _surely_beyond(problem, solution, limited)
+    return {
         item.place
-        for item, limit in zip(problem.nuisance.parameters, limits, strict=True)
-        if item.of_effect and not np.isnan(limit)
+        for item, limit, beyond in zip(problem.nuisance.parameters, limited, far, strict=True)
+        if item.of_effect
+        and limit
+        and (beyond or not item.place[1] or set(item.place[1]) & set(joints))
     }
-    return {place for place in there if not place[1] or set(place[1]) & set(joints)}
+
+
+def _surely_beyond(
+    problem: RegressionProblem, solution: Solution, some: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mark those of some nuisance coefficients (c,) that data put surely beyond their limits."""
+    nuisance, search = problem.nuisance.prior, solution.search
+    free = np.where(some, SOLVING.unbound * nuisance.deviation, nuisance.deviation)
+    fit = posterior(
+        search.evidence.products, replace(nuisance, deviation=free), search.prior(solution.members)
+    )
+    count = nuisance.index.size
+    off, sure = fit.mean[:count], np.sqrt(np.diag(fit.covariance)[:count])
+    return np.abs(off) - SOLVING.surely * sure > REACH * nuisance.deviation
 
 
 def curved(problem: RegressionProblem, solution: Solution) -> bool:

@@ -25,6 +25,11 @@ class SolvingSettings:
     blamed: float = setting(0.9, "of what a simulation errs too much",
         "that goes with the member to blame",
         "higher blames what feeds a runaway; lower what only adds to it")
+    unbound: float = setting(10.0, "times the tolerance",
+        "that a value at its limit is given, to see where data put it",
+        "higher lets what little the motion shows be anywhere; lower draws it back")
+    surely: float = setting(3.0, "standard errors", "by which data put a value beyond its limit",
+        "higher misses values just beyond; lower doubts what is badly known")
     curved: float = setting(0.4, "of the remaining residual",
         "by which a simulation may be off its linear fit",
         "higher keeps fits that are not what is simulated; lower searches again too often")

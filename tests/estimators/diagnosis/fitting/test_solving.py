@@ -11,12 +11,20 @@ from noisy_recordings import observed
 from estimators.diagnosis.fitting.contribution import material
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.fitting.simplicity import loaded, simplified
-from estimators.diagnosis.fitting.solving import pruned
+from estimators.diagnosis.fitting.solving import pruned, suspects
 from estimators.diagnosis.judgement.judgement import acts_most
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
-from limo_driver.physics import JointElasticity, Payload, Simulation, SpringLoad, TorqueOffset
+from limo_driver.physics import (
+    JointElasticity,
+    Payload,
+    Simulation,
+    SpringLoad,
+    Tolerances,
+    TorqueOffset,
+    ViscousFriction,
+)
 
 BODY = Payload(mass=1.5, com=(0.0, 0.0, 0.1), inertia=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
 
@@ -109,3 +117,14 @@ def test_a_last_link_that_lacks_mass_carries_no_load():
     problem, noise = laid_out(observed().beside(replace(given, inertials={"link7": body})))
     lighter = fitted(problem, (place_of(problem, "link_inertia", 7),), noise)
     assert loaded(problem, lighter) is lighter
+
+
+@pytest.mark.parametrize(("stated", "suspicious"), [(9.0, False), (12.7, False), (15.0, True)])
+def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(stated, suspicious):
+    """Three deviations of a tenth allow 10 N m s/rad to be stated as 14.3 at most."""
+    rubbing = ViscousFriction(joint=2, f_v=stated)
+    given = Simulation("iiwa14", (rubbing,), tolerances=Tolerances(friction=0.1))
+    recorded = observed(ViscousFriction(joint=2, f_v=10.0)).beside(given)
+    problem, noise = laid_out(recorded)
+    found = suspects(problem, fitted(problem, (), noise), joints=())
+    assert found == ({("viscous_friction", (1,))} if suspicious else set())
