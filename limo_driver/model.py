@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 
-from limo_driver.descriptions.chain import last_frame, link_of_joint, read_chain
+from limo_driver.descriptions.chain import (
+    frames_of_joint,
+    last_frame,
+    link_of_joint,
+    read_chain,
+)
 from limo_driver.descriptions.description import joined_reference, split_reference
 from limo_driver.descriptions.doubts import doubts_about_description
 from limo_driver.descriptions.inertial import Inertial
@@ -286,6 +291,14 @@ class RobotModel(Displayed):
         pin.forwardKinematics(self.pin_model, self._data, self._one(position))
         pin.updateFramePlacement(self.pin_model, self._data, self._flange)
         return np.array(self._data.oMf[self._flange].homogeneous)
+
+    @property
+    def last_frames(self) -> dict[str, FloatArray]:
+        """Frames fixed to the last link, poses (4, 4) in that of this link, by name.
+
+        The link itself, links that are fixed to it, and sites of an MJCF file.
+        """
+        return frames_of_joint(self.pin_tree, self.linkage.links)
 
     def joint_poses(self, position: FloatArray) -> FloatArray:
         """Return the pose of every joint frame in the base frame, of those that follow as well.

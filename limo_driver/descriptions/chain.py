@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pinocchio as pin
 
+from limo_driver.descriptions.description import SITE
 from limo_driver.errors import ConfigError
 from limo_driver.linkage import JointLinkage, linkage_of
 
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.descriptions.description import RobotDescription
+    from limo_driver.types import FloatArray
 
 JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
 _SLIDE = "JointModelP"  # begins the names of prismatic joints; planar ones are refused before
+_FLANGES = frozenset({"flange", "tool0", "attachment_site"})
 _KINDS = ("JointModelR", _SLIDE)
 TURN = np.pi  # [rad] to either side, within which motion of a joint without ends is planned
 
@@ -172,8 +175,20 @@ def last_frame(model: pin.Model, joint: int) -> int:
         for index, frame in enumerate(model.frames)
         if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
     ]
-    named = [index for index in frames if model.frames[index].name in {"flange", "tool0"}]
+    named = [i for i in frames if model.frames[i].name.removeprefix(SITE) in _FLANGES]
     return (named or frames)[0 if named else -1]
+
+
+def frames_of_joint(model: pin.Model, joint: int) -> dict[str, FloatArray]:
+    """Return the frames that move rigidly with a joint, (4, 4) each in that of its link, by name.
+
+    Of a site of an MJCF file, it is the name there.
+    """
+    return {
+        frame.name.removeprefix(SITE): np.array(frame.placement.homogeneous)
+        for frame in model.frames
+        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
+    }
 
 
 def _with_ends(description: RobotDescription) -> tuple[str, tuple[str, ...]]:

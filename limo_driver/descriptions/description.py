@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _MARK: Final = "#"  # between the path of a description and the joints that are chosen
+SITE: Final = "site_"  # begins the link that stands for a site of an MJCF file
 DOWN: Final = (0.0, 0.0, -9.81)  # [m/s²]
 
 

@@ -65,6 +65,18 @@ class Inertial:
         xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
         return Inertial(mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
 
+    def moved(self, pose: FloatArray) -> Inertial:
+        """Return this body, given in the frame at a pose, as another frame has it.
+
+        Args:
+            pose: Of its own frame in the other, homogeneous, (4, 4) [m].
+        """
+        R = pose[:3, :3]
+        x, y, z = (R @ np.array(self.com) + pose[:3, 3]).tolist()
+        turned = R @ self.tensor() @ R.T
+        xx, xy, xz, yy, yz, zz = turned[np.triu_indices(3)].tolist()
+        return Inertial(self.mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
+
     def _second_moments(self) -> FloatArray:
         """Return the principal values of ∫ρ x xᵀ about the centre of mass, (3,) [kg m²]."""
         tensor = self.tensor()

@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from limo_driver.descriptions.description import (
+    SITE,
     JointDynamics,
     RobotDescription,
     StatedBristles,
@@ -338,10 +339,10 @@ class _Writer:
         title = self.model.site(site).name
         if not title or title in self.shifts:
             return
-        ET.SubElement(self.robot, "link", name=f"site_{title}")
+        ET.SubElement(self.robot, "link", name=f"{SITE}{title}")
         place = np.array(self.model.site_pos[site]) - anchor
         R = _matrix(self.model.site_quat[site])
-        self._fixed(f"site_{title}_mount", body, f"site_{title}", place, R)
+        self._fixed(f"{SITE}{title}_mount", body, f"{SITE}{title}", place, R)
 
     def _inertial(self, link: ET.Element, body: int, anchor: FloatArray) -> None:
         model = self.model

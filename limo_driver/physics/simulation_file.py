@@ -16,6 +16,7 @@ from limo_driver.parameters import Declared, parameter
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.drives import DRIVES, described_drives
+from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from limo_driver.physics.effect import Effect
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
+_FRAME = "frame"  # of a payload, in which it is stated: a link or site that the last link carries
 _SECTIONS = ("robot", "inertials", "tolerances", "sensors", "drives", "effects")
 _INERTIAL = ("mass", "com", "inertia")
 
@@ -80,7 +82,7 @@ def load(path: Path) -> SimulationFile:
         tolerances=given.optional("tolerances").make(Tolerances),
         sensors=_sensors(given.optional("sensors"), model.n),
         drives=_drives(given, model),
-        effects=stated or tuple(_effect(entry, model.n) for entry in effects),
+        effects=stated or tuple(_effect(entry, model) for entry in effects),
     )
 
 
@@ -200,14 +202,20 @@ def _vector(given: Given, name: str, nominal: _Vector) -> _Vector:
     return cast("_Vector", given.numbers(name, len(nominal)))
 
 
-def _effect(given: Given, joints: int) -> Effect:
+def _effect(given: Given, model: RobotModel) -> Effect:
     """Read an effect; one of another distribution is imported when its name is read."""
     name = given.named("effect", known_names())
     try:
         effect = effect_called(name)
     except PlugInError as error:
         given.fail(str(error), given["effect"].line)
-    return given.make(effect, joints=joints, beside=("effect",))
+    if effect is not Payload or _FRAME not in given:
+        return given.make(effect, joints=model.n, beside=("effect",))
+    frames = model.last_frames
+    pose = frames[given.text(_FRAME, tuple(frames))]
+    stated = given.make(effect, joints=model.n, beside=("effect", _FRAME))
+    body = stated.load.moved(pose)
+    return Payload(mass=body.mass, com=body.com, inertia=body.inertia)
 
 
 def _sensors(given: Given, n: int) -> Sensors:

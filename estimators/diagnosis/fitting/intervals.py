@@ -9,9 +9,11 @@ import numpy as np
 
 from estimators.diagnosis.fitting.entries import entries_of, found_in, numbers_of
 from estimators.diagnosis.fitting.linearised import Linearised
+from estimators.diagnosis.fitting.sites import seen_by_sites
 from estimators.diagnosis.hypotheses.revision import relative_inertia
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,9 +54,20 @@ def with_parameters(findings: Sequence[_Found], observed: Observations) -> tuple
         body = simulation.model.inertials[simulation.model.link_names[link]]
         relative = of_nuisance[PER_LINK * link : PER_LINK * (link + 1)]
         parameters[k] = _of_body(body, _in_units(body, relative))
-    return tuple(
+    told = tuple(
         replace(item, parameters=parameters.get(k, item.parameters))
         for k, item in enumerate(findings)
+    )
+    seen = {
+        k: seen_by_sites(effect.load, simulation.model)
+        for k, effect in effects.items()
+        if isinstance(effect, Payload)
+    }
+    return tuple(
+        replace(item, evidence=item.evidence + seen[k])
+        if seen.get(k) and isinstance(item, Finding)
+        else item
+        for k, item in enumerate(told)
     )
 
 

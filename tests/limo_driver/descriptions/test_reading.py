@@ -9,6 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mjcf_arms import GRAVITY, arm_of, plain, torques
 
+from estimators.diagnosis.fitting.sites import seen_by_sites
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Simulation, ViscousFriction
@@ -86,6 +88,47 @@ def test_a_sim_yaml_has_the_effects_of_its_robot_unless_it_states_some(file, tmp
     none.write_text("robot: arm.xml\neffects: []\n")
     assert Simulation.load(bare).effects == Simulation.load(tmp_path / "arm.xml").effects != ()
     assert Simulation.load(none).effects == ()
+
+
+TIPPED = """<mujoco><worldbody><body name="upper"><joint name="a" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 0 0 .3" size=".04" mass="2"/>
+  <site name="camera" pos="0 .1 .1"/><site name="tcp" pos=".1 0 .3" euler="90 0 0"/>
+</body></worldbody></mujoco>"""
+
+
+def test_a_payload_may_be_stated_in_a_site_of_the_file(file, tmp_path):
+    file(TIPPED, "arm.xml")
+    path = tmp_path / "sim.yaml"
+    load = "mass: 1.5, com: [0.01, 0.02, 0.03], inertia: [2.5e-3, 1e-4, 0, 2e-3, 0, 1e-3]"
+    path.write_text(f"robot: arm.xml\neffects:\n- {{effect: payload, frame: tcp, {load}}}\n")
+    (payload,) = Simulation.load(path).effects
+    spec = mujoco.MjSpec.from_string(TIPPED)
+    tool = spec.body("upper").add_body(name="tool", pos=[0.1, 0, 0.3], euler=[90, 0, 0])
+    tool.explicitinertial, tool.mass, tool.ipos = True, 1.5, [0.01, 0.02, 0.03]
+    tool.fullinertia = [2.5e-3, 2e-3, 1e-3, 1e-4, 0, 0]
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    at = data.xipos[model.body("tool").id]
+    np.testing.assert_allclose(payload.com, at, atol=1e-12)
+    R = data.ximat[model.body("tool").id].reshape(3, 3)
+    tensor = R @ np.diag(model.body_inertia[model.body("tool").id]) @ R.T
+    np.testing.assert_allclose(payload.load.tensor(), tensor, atol=1e-12)
+    path.write_text(
+        "robot: arm.xml\neffects:\n- {effect: payload, frame: tip, mass: 1, com: [0, 0, 0]}\n"
+    )
+    with pytest.raises(ConfigError, match=r"frame is 'tip', expected .*camera.*tcp"):
+        Simulation.load(path)
+
+
+def test_a_payload_is_seen_from_the_sites_of_the_file(file):
+    model = RobotModel.load(file(TIPPED, "arm.xml"))
+    load = Inertial(1.0, (0.15, -0.02, 0.33), (0.0,) * 6)
+    assert seen_by_sites(load, model) == (
+        " Its centre is given in the frame of upper; it is at (0.150, -0.120, 0.230) m from the "
+        "site camera and (0.050, 0.030, 0.020) m from the site tcp."
+    )
+    assert not seen_by_sites(load, RobotModel.load("iiwa14"))  # which has frames, and no sites
 
 
 def test_dynamics_of_a_urdf_are_effects(file):
