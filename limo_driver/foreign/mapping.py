@@ -26,7 +26,7 @@ from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.foreign.columns.units import CURRENTS, SECONDS, UNITS
 from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
-from limo_driver.recordings.data_gate import Columns
+from limo_driver.recordings.columns import Columns
 from limo_driver.recordings.recorded_time import seconds
 
 if TYPE_CHECKING:

@@ -15,7 +15,8 @@ from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.outputs import whole
 from limo_driver.recordings.batches import BLOCK
-from limo_driver.recordings.data_gate import SYSTEMATIC, Columns
+from limo_driver.recordings.columns import Columns
+from limo_driver.recordings.data_gate import SYSTEMATIC
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""Checks of arrays that are to be a recording: numbers, shapes, finite values, order of time."""
+"""Checks of what is to be a recording, and of one that is to be of a certain robot."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.types import same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import ArrayLike
 
+    from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
+
+_BEYOND_EFFORT = 10.0  # times the limit; limits of a URDF are often some factor from the drive's
+_BEYOND_LIMIT = 0.5  # [rad]; limits in a URDF are often a little narrower than the arm's
 
 
 def numbers(name: str, values: ArrayLike) -> FloatArray:
@@ -91,4 +96,63 @@ def check_values(time: FloatArray, position: FloatArray, torque: FloatArray, sou
             " expected samples in order of time",
             path=source or None,
             rows=[row],
+        )
+
+
+def check_arm(
+    model: RobotModel, position: FloatArray, torque: FloatArray, robot: str, source: str
+) -> None:
+    """Check that a recording can be of a robot.
+
+    Args:
+        model: The robot.
+        position: (T, n) [rad].
+        torque: (T, n) [N m].
+        robot: As the recording names it, or "".
+        source: Where the recording is from, for messages.
+
+    Raises:
+        RecordingError: Other name, joint count, or positions that the joints cannot reach; or
+            there is no sample.
+    """
+    if not len(position):
+        raise RecordingError("holds no sample", path=source or None)
+    n = position.shape[1]
+    if robot and not same_robot(robot, model.name):
+        raise RecordingError(f"is of robot {robot}, expected {model.name}", path=source or None)
+    if n != model.n:
+        raise RecordingError(
+            f"has {n} joints{f' of {robot}' if robot else ''}, but {model.name} has {model.n}",
+            path=source or None,
+        )
+    beyond = np.maximum(
+        model.limits.position_min - position.min(axis=0),
+        position.max(axis=0) - model.limits.position_max,
+    )
+    beyond[np.array(model.turning)] = 0.0  # turns are counted on
+    j = int(beyond.argmax())
+    if beyond[j] > _BEYOND_LIMIT:
+        low, high = float(position[:, j].min()), float(position[:, j].max())
+        unit, other = ("m", "mm") if model.sliding[j] else ("rad", "degrees")
+        raise RecordingError(
+            f"position_{j + 1} spans {low:.3g} to {high:.3g} {unit}, but joint {j + 1} of "
+            f"{model.name} only {model.limits.position_min[j]:.3g} to "
+            f"{model.limits.position_max[j]:.3g} {unit}; is it in {other}, or another robot?",
+            path=source or None,
+        )
+    _check_torque_scale(model, torque, source)
+
+
+def _check_torque_scale(model: RobotModel, torque: FloatArray, source: str) -> None:
+    """Refuse torques that the drives cannot make, and not by a little: another unit."""
+    usual, most = np.median(np.abs(torque), axis=0), model.limits.torque
+    stated = np.isfinite(most) & (most > 0)  # a description may leave them out
+    factor = np.where(stated, usual / np.where(stated, most, 1.0), 0.0)
+    j = int(factor.argmax())
+    if factor[j] > _BEYOND_EFFORT:
+        raise RecordingError(
+            f"torque_{j + 1} is {usual[j]:.3g} N m in the median, {factor[j]:.3g} times what "
+            f"joint {j + 1} of {model.name} can do ({most[j]:.3g} N m); expected N m; is it in "
+            "N mm or mA?",
+            path=source or None,
         )

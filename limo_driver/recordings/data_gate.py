@@ -6,7 +6,7 @@ starts again) is refused, since leaving rows out would hide it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from limo_driver.recordings.held_values import held_position, held_torque
 from limo_driver.recordings.recorded_time import RATES, unit_of
 
 if TYPE_CHECKING:
+    from limo_driver.recordings.columns import Columns
     from limo_driver.types import FloatArray
 
 Mask = NDArray[np.bool_]
@@ -74,22 +75,6 @@ class LeftOut:
             f"{rows.size} row{many} left out: {self.reason} "
             f"(row{many} {', '.join(listed[:_LISTED])}{more})"
         )
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Content of a file, before its rows are checked."""
-
-    time: FloatArray  # (T,) [s]
-    position: FloatArray  # (T, n) [rad]
-    torque: FloatArray  # (T, n) [N m]
-    velocity: FloatArray | None = None  # (T, n) [rad/s]
-    extras: dict[str, FloatArray] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    robot: str = ""  # as the file names it, if it does
-    torque_resolution: FloatArray | None = None  # (n,) [N m], where the file tells it
-    command: FloatArray | None = None  # (T, n) [rad], set-point in force at each row
-    spread: int = 0  # rows of the log of which these are evenly spread stretches; 0 if they are all
 
 
 @dataclass(frozen=True)

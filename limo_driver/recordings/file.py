@@ -17,7 +17,7 @@ import pyarrow as pa
 from limo_driver.errors import RecordingError
 from limo_driver.outputs import require_parquet, whole
 from limo_driver.recordings.batches import LONG_TEXT, Kept, kept_of, parquet_batches, text_batches
-from limo_driver.recordings.data_gate import Columns
+from limo_driver.recordings.columns import Columns
 from limo_driver.recordings.recorded_time import seconds
 
 if TYPE_CHECKING:

@@ -13,9 +13,15 @@ from numpy.typing import NDArray
 from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.recordings.adaptive_smoothing import differentiate_adaptively
-from limo_driver.recordings.checks import check_seconds, check_shapes, check_values, numbers
+from limo_driver.recordings.checks import (
+    check_arm,
+    check_seconds,
+    check_shapes,
+    check_values,
+    numbers,
+)
+from limo_driver.recordings.columns import Columns, without_empty_torques, without_wraps
 from limo_driver.recordings.data_gate import (
-    Columns,
     LeftOut,
     UsableRows,
     contiguous,
@@ -25,8 +31,7 @@ from limo_driver.recordings.data_gate import (
 from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
 from limo_driver.recordings.recorded_time import seconds
 from limo_driver.recordings.stretches import Stretches
-from limo_driver.recordings.unwrapping import unwrapped
-from limo_driver.types import FloatArray, Motion, readonly, same_robot
+from limo_driver.types import FloatArray, Motion, readonly
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -199,10 +204,10 @@ class Recording(Displayed):
 
     @classmethod
     def _checked(cls, columns: Columns, source: str) -> Recording:
-        columns = _without_wraps(columns)
+        columns = without_wraps(columns)
         if columns.command is not None and np.isnan(columns.torque).all():
             return cls._without_torque(columns, source)
-        columns = _without_empty_torques(columns)
+        columns = without_empty_torques(columns)
         recording = cls._of(columns, inspect(columns), source)
         if not np.isfinite(columns.torque).all() or any(
             item.reason.startswith("torque_") for item in recording.left_out
@@ -552,82 +557,9 @@ class Recording(Displayed):
             RecordingError: Other name, joint count, or positions that the joints cannot reach; or
                 there is no sample.
         """
-        if not len(self):
-            raise RecordingError("holds no sample", path=self.source or None)
-        if self.robot and not same_robot(self.robot, model.name):
-            raise RecordingError(
-                f"is of robot {self.robot}, expected {model.name}", path=self.source or None
-            )
-        if self.n != model.n:
-            raise RecordingError(
-                f"has {self.n} joints{f' of {self.robot}' if self.robot else ''}, but {model.name} "
-                f"has {model.n}",
-                path=self.source or None,
-            )
-        beyond = np.maximum(
-            model.limits.position_min - self.position.min(axis=0),
-            self.position.max(axis=0) - model.limits.position_max,
-        )
-        beyond[np.array(model.turning)] = 0.0  # turns are counted on
-        j = int(beyond.argmax())
-        if beyond[j] > BEYOND_LIMIT:
-            low, high = float(self.position[:, j].min()), float(self.position[:, j].max())
-            unit, other = ("m", "mm") if model.sliding[j] else ("rad", "degrees")
-            raise RecordingError(
-                f"position_{j + 1} spans {low:.3g} to {high:.3g} {unit}, but joint {j + 1} of "
-                f"{model.name} only {model.limits.position_min[j]:.3g} to "
-                f"{model.limits.position_max[j]:.3g} {unit}; is it in {other}, or another robot?",
-                path=self.source or None,
-            )
-        self._check_torque_scale(model)
-
-    def _check_torque_scale(self, model: RobotModel) -> None:
-        """Refuse torques that the drives cannot make, and not by a little: another unit."""
-        usual, most = np.median(np.abs(self.torque), axis=0), model.limits.torque
-        stated = np.isfinite(most) & (most > 0)  # a description may leave them out
-        factor = np.where(stated, usual / np.where(stated, most, 1.0), 0.0)
-        j = int(factor.argmax())
-        if factor[j] > BEYOND_EFFORT:
-            raise RecordingError(
-                f"torque_{j + 1} is {usual[j]:.3g} N m in the median, {factor[j]:.3g} times what "
-                f"joint {j + 1} of {model.name} can do ({most[j]:.3g} N m); expected N m; is it in "
-                "N mm or mA?",
-                path=self.source or None,
-            )
+        check_arm(model, self.position, self.torque, self.robot, self.source)
 
 
 def _seconds(time: ArrayLike) -> tuple[FloatArray, str]:
     values = np.asarray(time)
     return seconds(values) if values.dtype.kind in "iumM" else (numbers("time", time), "")
-
-
-def _without_empty_torques(columns: Columns) -> Columns:
-    """Return the same with 0 for the torque of joints that have none in any row, and say so."""
-    empty = ~np.isfinite(columns.torque).any(axis=0)
-    if empty.all() or not empty.any():
-        return columns
-    told = [f"torque_{j + 1} is never measured; it is kept as 0" for j in np.flatnonzero(empty)]
-    return replace(
-        columns,
-        torque=np.where(empty, 0.0, columns.torque),
-        warnings=(*columns.warnings, *told),
-    )
-
-
-def _without_wraps(columns: Columns) -> Columns:
-    """Return the same with positions that count on, and say so."""
-    position, told = np.array(columns.position), list(columns.warnings)
-    for j, own in enumerate(columns.position.T):
-        if (found := unwrapped(own)) is not None:
-            position[:, j] = found.position
-            told.append(
-                f"position_{j + 1} wraps {found.wraps} time{'s' * (found.wraps > 1)} by "
-                f"{found.period:.4g} rad; it is counted on"
-            )
-    if len(told) == len(columns.warnings):
-        return columns
-    return replace(columns, position=position, warnings=tuple(told))
-
-
-BEYOND_EFFORT = 10.0  # times the limit; limits of a URDF are often some factor from the drive's
-BEYOND_LIMIT = 0.5  # [rad]; limits in a URDF are often a little narrower than the arm's

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from limo_driver.foreign.mapping import LogMapping
     from limo_driver.foreign.table import LogTable
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.data_gate import Columns
+    from limo_driver.recordings.columns import Columns
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from limo_driver.foreign.proposals.proposal import Proposal
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.data_gate import Columns
+    from limo_driver.recordings.columns import Columns
 
 _FOREIGN = (*BAGS, *ARRAYS, *TEXTS[1:])  # endings that limo's own recordings never have
 

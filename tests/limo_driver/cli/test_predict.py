@@ -15,7 +15,7 @@ from estimators.hybrid.training.settings import TrainingSettings
 from estimators.stream import Stream
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, PositionServo, PreslidingHysteresis, Simulation
-from limo_driver.recordings.data_gate import Columns
+from limo_driver.recordings.columns import Columns
 from limo_driver.recordings.file import write_columns
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.learning import predict_forward

@@ -1,0 +1,57 @@
+"""Columns of a log before its rows are judged; wraps of positions, joints without any torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.recordings.unwrapping import unwrapped
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Content of a file, before its rows are checked."""
+
+    time: FloatArray  # (T,) [s]
+    position: FloatArray  # (T, n) [rad]
+    torque: FloatArray  # (T, n) [N m]
+    velocity: FloatArray | None = None  # (T, n) [rad/s]
+    extras: dict[str, FloatArray] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    robot: str = ""  # as the file names it, if it does
+    torque_resolution: FloatArray | None = None  # (n,) [N m], where the file tells it
+    command: FloatArray | None = None  # (T, n) [rad], set-point in force at each row
+    spread: int = 0  # rows of the log of which these are evenly spread stretches; 0 if they are all
+
+
+def without_empty_torques(columns: Columns) -> Columns:
+    """Return the same with 0 for the torque of joints that have none in any row, and say so."""
+    empty = ~np.isfinite(columns.torque).any(axis=0)
+    if empty.all() or not empty.any():
+        return columns
+    told = [f"torque_{j + 1} is never measured; it is kept as 0" for j in np.flatnonzero(empty)]
+    return replace(
+        columns,
+        torque=np.where(empty, 0.0, columns.torque),
+        warnings=(*columns.warnings, *told),
+    )
+
+
+def without_wraps(columns: Columns) -> Columns:
+    """Return the same with positions that count on, and say so."""
+    position, told = np.array(columns.position), list(columns.warnings)
+    for j, own in enumerate(columns.position.T):
+        if (found := unwrapped(own)) is not None:
+            position[:, j] = found.position
+            told.append(
+                f"position_{j + 1} wraps {found.wraps} time{'s' * (found.wraps > 1)} by "
+                f"{found.period:.4g} rad; it is counted on"
+            )
+    if len(told) == len(columns.warnings):
+        return columns
+    return replace(columns, position=position, warnings=tuple(told))
