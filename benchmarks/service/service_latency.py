@@ -1,15 +1,20 @@
 """Joint state in, estimate out, over Zenoh between processes, beside a bare echo in the same run.
 
     python benchmarks/service/service_latency.py --model model/ --minutes 10
+    python benchmarks/service/service_latency.py --model model/ --rates 1000,100,25 --minutes 1
+    nice -n -1 python benchmarks/service/service_latency.py --model model/ --busy 1 --minutes 2
 
-One process publishes joint states at 1 kHz and takes the time until their estimates come back from
-`limo serve`, in another process. Half a cycle later it sends as many bytes to a third process,
-which does nothing but send them back: the bar is a ratio to that. All share this machine's cores.
+One process publishes joint states and takes the time until their estimates come back from `limo
+serve`, in another process. Half a cycle later it sends as many bytes to a third process, which does
+nothing but send them back: the bar is a ratio to that. All share this machine's cores. With
+`--busy`, so do processes that compute without end at the least priority. Each rate has a service
+of its own, since one serves the rate with which it began.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 import time
@@ -34,37 +39,56 @@ from zenoh.handlers import Callback
 from limo_driver.network.messages import Attachment
 from limo_driver.network.readiness import wait_until_serving
 from limo_driver.network.streaming import declare_stream, open_session
+from limo_driver.robot.realtime import PRIORITY
 
 if TYPE_CHECKING:
     import zenoh
 
-BARS = (0.6, 1.5, 2.0)  # p50 [ms], p99 [ms], ratio to the echo
+BARS = (1.3, 2.0)  # ratios to the echo: of p50, of p99
+BUSY = "import os; os.nice(19)\nwhile True: sum(i * i for i in range(100_000))"
 ECHO_IN, ECHO_OUT = "limo/bench/echo/in", "limo/bench/echo/out"
 START = 180.0  # [s] for service and echo to be there, at most
-LEAD = 20.0  # [s] that do not count: until the stream has settled
+LEAD = 5.0  # [s] of the served stream that do not count
 
 
 def main() -> None:
     """Measure, and print beside the bars."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", type=Path, required=True, help="model folder of limo train")
-    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--minutes", type=float, default=10.0, help="at each rate")
+    parser.add_argument("--rates", default=f"{RATE:g}", help="of the states [Hz], in turn")
+    parser.add_argument("--busy", type=int, default=0, help="processes that compute, at nice 19")
+    parser.add_argument("--fifo", action="store_true", help="service and echo under SCHED_FIFO")
     parser.add_argument("--echo", metavar="CONFIG", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.echo:
+        if arguments.fifo:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         echo(Path(arguments.echo))
         return
+    print(describe_machine())
+    print(f"{'round trip [ms]':22}{'p50':>9}{'p99':>9}{'max':>9}")
+    for rate in map(float, arguments.rates.split(",")):
+        at_rate(arguments, rate)
+    print(describe_machine())
+
+
+def at_rate(given: argparse.Namespace, rate: float) -> None:
+    """Start a service and an echo, and measure both at one rate [Hz]."""
     with tempfile.TemporaryDirectory() as folder:
         here, there = configurations(Path(folder))
-        commands = (
-            serve(there, "--model", str(arguments.model)),
-            [sys.executable, __file__, "--model", str(arguments.model), "--echo", str(there)],
-        )
+        model = ("--model", str(given.model))
+        fifo = ("--fifo",) if given.fifo else ()
+        commands = [
+            serve(there, *model, *fifo),
+            [sys.executable, __file__, *model, *fifo, "--echo", str(there)],
+            *[[sys.executable, "-c", BUSY]] * given.busy,
+        ]
         with open_session(config=here) as session, running(*commands):
-            measure(session, Motion(arguments.model), arguments.minutes)
+            measure(session, Motion(given.model), given.minutes, rate)
 
 
-def measure(session: zenoh.Session, motion: Motion, minutes: float) -> None:
+def measure(session: zenoh.Session, motion: Motion, minutes: float, rate: float) -> None:
     """Drive for some minutes, and print how long estimates and echoes took."""
     estimates, echoes = Answers(session), Answers(session, ECHO_OUT)
     publisher, sent = declare_stream(session, ECHO_IN), []
@@ -76,27 +100,25 @@ def measure(session: zenoh.Session, motion: Motion, minutes: float) -> None:
 
     wait_until_serving(session, ARM, until="waiting", timeout=START)
     wait_for(lambda: bool(publisher.matching_status.matching), START, "echo")
-    with Driver(session, motion, between=send) as driver:
+    with Driver(session, motion, between=send, rate=rate) as driver:
+        wait_until_serving(session, ARM, timeout=START)
+        first = len(driver.sent) + round(LEAD * rate)
         time.sleep(LEAD + 60.0 * minutes)
     time.sleep(1.0)
-    print(f"round trip [ms]             p50      p99      max   ({minutes:g} min)")
-    ours, bare = show("estimate", estimates, driver.sent), show("bare echo", echoes, sent)
-    print(f"  bar                      {BARS[0]:8.3f} {BARS[1]:8.3f}")
-    print(
-        f"  ratio to the echo        {ours[0] / bare[0]:8.2f} {ours[1] / bare[1]:8.2f}   bar "
-        f"{BARS[2]:g}"
-    )
-    print(describe_machine())
+    ours = show(f"estimate at {rate:g} Hz", estimates, driver.sent, first)
+    bare = show(f"echo at {rate:g} Hz", echoes, sent, first)
+    ratios = [own / its for own, its in zip(ours, bare, strict=True)]
+    print(f"{'ratio':22}{ratios[0]:9.2f}{ratios[1]:9.2f}            bars {BARS[0]:g}, {BARS[1]:g}")
 
 
-def show(name: str, answers: Answers, sent: list[float]) -> tuple[float, float]:
-    """Print percentiles and what went missing; return p50 and p99 [ms]."""
+def show(name: str, answers: Answers, sent: list[float], first: int) -> tuple[float, float]:
+    """Print percentiles and what went missing from a number on; return p50 and p99 [ms]."""
     answers.close()
-    took = answers.round_trips(sent, int(LEAD * RATE))
+    took = answers.round_trips(sent, first)
     p50, p99, most = np.nanpercentile(took, (50, 99, 100))
     twice, disordered = answers.order()
     print(
-        f"  {name:24}{p50:9.3f}{p99:9.3f}{most:9.1f}   {took.size} sent, "
+        f"{name:22}{p50:9.3f}{p99:9.3f}{most:9.1f}   {took.size} sent, "
         f"{np.isnan(took).sum()} lost, {twice} twice, {disordered} out of order"
     )
     return p50, p99

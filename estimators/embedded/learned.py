@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.embedded.tables import table
-from estimators.embedded.variance import LANES, terms_of
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.column_scan import (
@@ -22,6 +21,7 @@ from estimators.joint_physics.column_scan import (
     WIDTHS,
 )
 from estimators.joint_physics.columns import SETTLED
+from estimators.joint_physics.variance_terms import LANES
 from estimators.neural.lstm import Lstm, LstmFcl
 from estimators.neural.mlp import Mlp
 from estimators.simulation_only import SimulationOnly
@@ -65,19 +65,18 @@ def _(model: SimulationOnly, rate: float) -> LearnedCode:  # noqa: ARG001
 def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it has no clock
     fitted, columns = model.fitted, model.columns
     calibration, base = fitted.calibration, columns.base
-    terms = [terms_of(columns, root) for root in fitted.root]
-    kept = [own.kept for own in terms]
+    packed = fitted.prediction
     tables = {
         "base": base,
         "width": WIDTHS,
         "speed": SPEEDS,
         "sharp": SHARP,
-        "size": np.array([own.kept.size for own in terms]),
-        "kept": np.concatenate(kept),
-        "less": np.concatenate([own.less for own in terms]),
-        "weight": np.concatenate([w[k] for w, k in zip(fitted.weights, kept, strict=True)]),
-        "root_size": np.array([own.root.size for own in terms]),
-        "root": np.concatenate([own.root for own in terms]),
+        "size": packed.sizes,
+        "kept": packed.kept,
+        "less": packed.less,
+        "weight": packed.weights,
+        "root_size": packed.root_sizes,
+        "root": packed.roots,
         "certain": calibration.certain,
         "unsure": calibration.unsure,
         "fading": calibration.fading,
@@ -97,7 +96,7 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
             "PLACE": fitted.unknown.place,
             "COLUMNS": columns.count,
             "LANES": LANES,
-            "WIDEST": max(k.size for k in kept) + 2 * LANES,
+            "WIDEST": int(packed.sizes.max()) + 2 * LANES,
             "SETTLED": SETTLED,
             "STEP_TIME": columns.step_time,
             "DIFFERENCE": DIFFERENCE,

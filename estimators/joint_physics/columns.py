@@ -146,6 +146,14 @@ class JointColumns:
         return slice(int(rows[0]), int(rows[-1]) + 1)
 
     @cached_property
+    def stops(self) -> NDArray[np.int64]:
+        """Columns of the stops: constant, with load, with each wave; (families, widths)."""
+        waves = self.of_family("place_friction").start
+        starts = [self.of_family(name).start for name in ("friction", "load")]
+        starts += [waves + k * (STATES + 1) for k in range(2 * FRICTION_HARMONICS)]
+        return np.array(starts)[:, None] + np.arange(WIDTHS.size)
+
+    @cached_property
     def _arm(self) -> Arm:
         """Constants of the rigid body for the compiled scan."""
         chain = RegressorChain.of(self.body)

@@ -25,7 +25,6 @@ import numpy as np
 
 from estimators.joint_physics.column_scan import (
     FRICTION_HARMONICS,
-    STATES,
     WIDTHS,
 )
 from limo_driver.compiled import compiled
@@ -53,14 +52,14 @@ class UnknownMemory:
         cls, columns: JointColumns, weights: FloatArray, moments: FloatArray, simulation: Simulation
     ) -> UnknownMemory:
         """Gather heights from weights (n, K) and the hysteresis of a simulation."""
-        start = {name: columns.of_family(name).start for name in ("friction", "load", "place")}
-        waves = columns.of_family("place_friction").start
-        starts = [start["friction"], start["load"]]
-        starts += [waves + k * (STATES + 1) for k in range(_WAVES)]
-        heights = np.stack([weights[:, at : at + _STOPS] for at in starts], axis=1)
+        heights = weights[:, columns.stops]
         gains = np.diagonal(weights[:, columns.of_family("gain")])
         heights[:, 0] += (1.0 + gains[:, None]) * _simulated(simulation, columns.n)
-        return cls(np.ascontiguousarray(heights), np.ascontiguousarray(moments), start["place"])
+        return cls(
+            np.ascontiguousarray(heights),
+            np.ascontiguousarray(moments),
+            columns.of_family("place").start,
+        )
 
     def variance(self, columns: FloatArray, about: FloatArray) -> FloatArray:
         """Return the variance that unknown memory adds to the torque, (T, n) [N² m²].

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Self
 
+    from numpy.typing import NDArray
+
     from estimators.regression.empirical_bayes import RegionalFit
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
@@ -36,6 +38,7 @@ class FittedPhysics:
 
     weights: FloatArray  # (n, K)
     root: FloatArray  # (n, K, K), R with covariance Rᵀ R of the weights
+    stops: NDArray[np.int64]  # columns of the stops, (families, widths)
     calibration: Calibration
     unknown: UnknownMemory  # what nobody knows of the torque before the joints turned
     record: Mapping[str, Any] = field(default_factory=dict)  # data and errors, as JSON
@@ -59,6 +62,7 @@ class FittedPhysics:
         return cls(
             weights,
             np.stack([found.posterior.root for found in fits]),
+            columns.stops,
             calibrate(sums, fits),
             UnknownMemory.of(columns, weights, moments, simulation),
             {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse},
@@ -67,7 +71,7 @@ class FittedPhysics:
     @cached_property
     def prediction(self) -> Prediction:
         """The same for compiled code."""
-        return Prediction.of(self.weights, self.root)
+        return Prediction.of(self.weights, self.root, self.stops)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.joint_physics.variance_terms import GROUP, LANES, terms_of
 from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
@@ -17,71 +18,112 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Weights w of n joints and roots R of their covariances Rᵀ R, packed to be read in order.
+    """Weights of n joints and roots of their covariances, packed to be read in order.
 
-    R is lower triangular. A column that was zero in all data has neither weight nor root, and is
-    left out. Roots are of single precision: half a megabyte less goes through the cache for each
-    state, and of standard deviations nobody reads the seventh digit.
+    A column that was zero in all data has neither weight nor root, and is left out. Roots are of
+    single precision: half as much goes through the cache for each state, and of standard deviations
+    nobody reads the seventh digit. See `variance_terms` for what they are roots of.
     """
 
     kept: NDArray[np.int64]  # columns that count, of one joint after the other
-    sizes: NDArray[np.int64]  # (n,), how many those are
+    less: NDArray[np.int64]  # the column taken off each in its term; K, where none is
+    sizes: NDArray[np.int64]  # (n,), how many columns count
     weights: FloatArray  # of the columns that count
-    roots: NDArray[np.float32]  # rows of each R up to the diagonal
+    roots: NDArray[np.float32]  # groups of four columns
+    root_sizes: NDArray[np.int64]  # (n,), how many numbers of `roots` are of a joint
 
     @classmethod
-    def of(cls, weights: FloatArray, root: FloatArray) -> Prediction:
-        """Pack weights (n, K) and roots (n, K, K)."""
-        kept = [np.flatnonzero(R.any(axis=0)) for R in root]
-        packed = [R[np.ix_(k, k)][np.tril_indices(k.size)] for R, k in zip(root, kept, strict=True)]
+    def of(cls, weights: FloatArray, root: FloatArray, stops: NDArray[np.int64]) -> Prediction:
+        """Pack them.
+
+        Args:
+            weights: (n, K).
+            root: R with covariance Rᵀ R of the weights, (n, K, K).
+            stops: Columns of the stops, (families, widths), the narrowest first.
+        """
+        terms = [terms_of(R, stops) for R in root]
         return cls(
-            np.concatenate(kept),
-            np.array([k.size for k in kept]),
-            np.concatenate([w[k] for w, k in zip(weights, kept, strict=True)]),
-            np.concatenate(packed).astype(np.float32),
+            np.concatenate([own.kept for own in terms]),
+            np.concatenate([own.less for own in terms]),
+            np.array([own.kept.size for own in terms]),
+            np.concatenate([w[own.kept] for w, own in zip(weights, terms, strict=True)]),
+            np.concatenate([own.root for own in terms]),
+            np.array([own.root.size for own in terms]),
         )
 
     def of_columns(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return x · w [N m] and the leverage x Rᵀ R xᵀ [N² m²] of columns (n, T, K), (T, n)."""
         n, T, _ = columns.shape
         torque, leverage = np.empty((T, n)), np.empty((T, n))
-        _predict(columns, self.kept, self.sizes, self.weights, self.roots, torque, leverage)
+        _predict(
+            columns,
+            self.kept,
+            self.less,
+            self.sizes,
+            self.weights,
+            self.roots,
+            self.root_sizes,
+            torque,
+            leverage,
+        )
         return torque, leverage
 
 
 @compiled(
-    reads=("columns", "kept", "sizes", "weights", "roots"),
+    reads=("columns", "kept", "less", "sizes", "weights", "roots", "root_sizes"),
     nogil=True,
     fastmath={"reassoc", "contract"},
 )  # sums in several lanes
 def _predict(
     columns: FloatArray,
     kept: NDArray[np.int64],
+    less: NDArray[np.int64],
     sizes: NDArray[np.int64],
     weights: FloatArray,
     roots: NDArray[np.float32],
+    root_sizes: NDArray[np.int64],
     torque: FloatArray,
     leverage: FloatArray,
 ) -> None:
     """Write torque and leverage (T, n); the fields of a `Prediction` are the other arguments."""
     first, below = 0, 0
+    x = np.empty(columns.shape[2] + GROUP, np.float32)
+    y = np.empty(columns.shape[2] + LANES, np.float32)
     for j in range(sizes.size):
         size = sizes[j]
-        x, w = np.empty(size, np.float32), weights[first : first + size]
+        columns_of, off = kept[first : first + size], less[first : first + size]
+        w, root = weights[first : first + size], roots[below : below + root_sizes[j]]
         for t in range(columns.shape[1]):
-            total = 0.0
+            row, total = columns[j, t], 0.0
             for k in range(size):
-                value = columns[j, t, kept[first + k]]
-                x[k] = value
+                value = row[columns_of[k]]
                 total += value * w[k]
+                x[k] = value - (row[off[k]] if off[k] < row.size else 0.0)
             torque[t, j] = total
-            total, start = 0.0, below
-            for i in range(size):
-                y = np.float32(0.0)
-                for k in range(i + 1):
-                    y += roots[start + k] * x[k]
-                total += y * y
-                start += i + 1
-            leverage[t, j] = total
+            x[size : size + GROUP] = 0.0
+            _multiply(root, x, size, y)
+            square = 0.0
+            for k in range(size):
+                square += np.float64(y[k]) * np.float64(y[k])
+            leverage[t, j] = square
         first += size
-        below += size * (size + 1) // 2
+        below += root_sizes[j]
+
+
+@compiled(reads=("root",), nogil=True)  # no sum of it may change, so that C gives the same bits
+def _multiply(
+    root: NDArray[np.float32], x: NDArray[np.float32], size: int, y: NDArray[np.float32]
+) -> None:
+    """Write y = L x of a lower triangular L of this size, which stands in groups of columns."""
+    y[:] = 0.0
+    for k in range(0, size, GROUP):
+        height = (size - k + LANES - 1) // LANES * LANES
+        group, root = root[: GROUP * height], root[GROUP * height :]
+        x0, x1, x2, x3 = x[k], x[k + 1], x[k + 2], x[k + 3]
+        if x0 == 0.0 and x1 == 0.0 and x2 == 0.0 and x3 == 0.0:
+            continue
+        L0, L1 = group[:height], group[height : 2 * height]
+        L2, L3 = group[2 * height : 3 * height], group[3 * height :]
+        part = y[k : k + height]
+        for i in range(height):
+            part[i] += (L0[i] * x0 + L1[i] * x1) + (L2[i] * x2 + L3[i] * x3)

@@ -70,7 +70,10 @@ def load(folder: Path | str) -> JointPhysics:
     record = opened.record("held_out")
     moments = _moments(tensors, place, n)
     unknown = UnknownMemory.of(model.columns, found["weights"], moments, opened.simulation)
-    model.fitted_ = FittedPhysics(found["weights"], found["root"], calibration, unknown, record)
+    stops = model.columns.stops
+    model.fitted_ = FittedPhysics(
+        found["weights"], found["root"], stops, calibration, unknown, record
+    )
     return model
 
 

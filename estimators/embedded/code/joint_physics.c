@@ -114,11 +114,15 @@ static void fill_columns(int j, const double rigid[BASE][N], double q, double v,
 }
 
 /* Return |R x|^2. R is lower triangular and stands in groups of four columns, each from the group's
- * first row down; rows and columns are filled up with zeros. Most often, half of x is zero. */
+ * first row down; rows and columns are filled up with zeros. Most often, half of x is zero. The
+ * sums nearly cancel, so that a product that is fused with its sum would show in the fifth digit. */
 static double leverage_of(const float *restrict x, const float *restrict R, int rows)
 {
-    float y[WIDEST] = {0.0F}, sum[LANES] = {0.0F};
-    double total = 0.0;
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF
+#endif
+    float y[WIDEST] = {0.0F};
+    double sum[LANES] = {0.0}, total = 0.0;
     for (int k = 0; k < rows; k += 4) {
         const int below = (rows - k + LANES - 1) / LANES * LANES;
         const float x0 = x[k], x1 = x[k + 1], x2 = x[k + 2], x3 = x[k + 3];
@@ -134,11 +138,11 @@ static double leverage_of(const float *restrict x, const float *restrict R, int 
     }
     for (int i = 0; i < rows; i += LANES) {
         for (int l = 0; l < LANES; ++l) {
-            sum[l] += y[i + l] * y[i + l];
+            sum[l] += (double)y[i + l] * (double)y[i + l];
         }
     }
     for (int l = 0; l < LANES; ++l) {
-        total += (double)sum[l];
+        total += sum[l];
     }
     return total;
 }

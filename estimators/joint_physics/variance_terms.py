@@ -1,4 +1,4 @@
-"""The variance of joint physics in terms that are zero most of the time, for C.
+"""The variance of joint physics in terms that are zero most of the time.
 
 The leverage x Rᵀ R xᵀ costs one product for each entry of R. Stops that are narrower than the way
 since the joint turned have all come to the same end, ±1, so that of two of them the difference is
@@ -15,16 +15,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.joint_physics.column_scan import FRICTION_HARMONICS, STATES, WIDTHS
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.joint_physics.columns import JointColumns
     from limo_driver.types import FloatArray
 
 LANES: Final = 16  # floats that fill the widest vectors
-_GROUP: Final = 4  # columns of L, taken at a time
+GROUP: Final = 4  # columns of L, taken at a time
 
 
 @dataclass(frozen=True)
@@ -36,32 +33,28 @@ class VarianceTerms:
     root: NDArray[np.float32]  # L by groups of four columns, each from the group's first row on
 
 
-def terms_of(columns: JointColumns, root: FloatArray) -> VarianceTerms:
-    """Return the terms of a joint with the root R of its weights' covariance, (K, K)."""
-    counts = np.asarray(root.any(axis=0))
-    stops = _stops(columns).T.ravel()  # the narrowest of every family first
-    rest = np.setdiff1d(np.arange(columns.count), stops)
-    kept = np.concatenate([stops, rest])
+def terms_of(root: FloatArray, stops: NDArray[np.int64]) -> VarianceTerms:
+    """Return the terms of a joint.
+
+    Args:
+        root: R, the root of its weights' covariance, (K, K).
+        stops: Columns of the stops, (families, widths), the narrowest first.
+    """
+    count, counts = root.shape[1], np.asarray(root.any(axis=0))
+    narrowest = stops.T.ravel()  # of every family first
+    kept = np.concatenate([narrowest, np.setdiff1d(np.arange(count), narrowest)])
     kept = kept[counts[kept]]
-    less = np.full(columns.count, columns.count)
-    for family in _stops(columns):
+    less = np.full(count, count)
+    for family in stops:
         own = family[counts[family]]
         less[own[:-1]] = own[1:]
     change = np.eye(kept.size)  # z of x
-    place = np.full(columns.count + 1, -1)
+    place = np.full(count + 1, -1)
     place[kept] = np.arange(kept.size)
     taken = place[less[kept]]
     change[taken >= 0, taken[taken >= 0]] = -1.0
     of_terms = root[:, kept] @ np.linalg.inv(change)
     return VarianceTerms(kept, less[kept], _by_columns(_lower(of_terms)))
-
-
-def _stops(columns: JointColumns) -> NDArray[np.int64]:
-    """Return the columns of the stops, (families, stops), the narrowest first."""
-    waves = columns.of_family("place_friction").start
-    starts = [columns.of_family(name).start for name in ("friction", "load")]
-    starts += [waves + k * (STATES + 1) for k in range(2 * FRICTION_HARMONICS)]
-    return np.array(starts)[:, None] + np.arange(WIDTHS.size)
 
 
 def _lower(root: FloatArray) -> FloatArray:
@@ -73,11 +66,11 @@ def _lower(root: FloatArray) -> FloatArray:
 def _by_columns(lower: FloatArray) -> NDArray[np.float32]:
     """Return L in the order in which the code reads it, with zeros up to whole vectors."""
     size = len(lower)
-    padded = np.zeros((size + LANES, _padded(size, _GROUP)), np.float32)
+    padded = np.zeros((size + LANES, _padded(size, GROUP)), np.float32)
     padded[:size, :size] = lower
     groups = [
-        padded[k : k + _padded(size - k, LANES), k : k + _GROUP].T.ravel()
-        for k in range(0, size, _GROUP)
+        padded[k : k + _padded(size - k, LANES), k : k + GROUP].T.ravel()
+        for k in range(0, size, GROUP)
     ]
     return np.concatenate(groups)
 
