@@ -36,6 +36,7 @@ FILES: Final = (
 _NOISE_FROM: Final = 0.6  # of the Nyquist frequency; above, a torque is taken to be noise
 _FLAT: Final = 3.0  # white noise is as dense in the lower half of that band as in the upper
 _STOP_BAND: Final = 1.5  # [bandwidth], where the filter passes less than 4 % of the amplitude
+_BEST_SENSOR: Final = 1e-5  # noise of the best sensor, as a part of what the torque varies by
 _SEGMENT: Final = 32  # samples of a spectrum, so short that few hold a step of dry friction
 _FREQUENCIES: Final = 2000  # of the filter's response
 
@@ -234,7 +235,8 @@ def noise_floor(
     up there as well; so the spectrum is the median of many short ones, most of which hold no step,
     and that of what a prediction leaves counts where it is lower. It is a floor: noise that grows
     towards low frequencies is not seen. NaN where that says nothing: the filter reaches up there,
-    or the spectrum still falls there, since the torque was filtered before it was recorded.
+    the spectrum still falls there, or hardly anything is left of it there, since the torque was
+    filtered before it was recorded.
 
     Args:
         recording: The measured torque.
@@ -254,7 +256,9 @@ def noise_floor(
         level = np.fmin(level, _white_level(left, recording.rate))
     frequency = np.linspace(0.0, nyquist, _FREQUENCIES)
     amplitude = 1.0 / (1.0 + (frequency / bandwidth) ** (2 * ORDER))  # run forward and backward
-    return np.sqrt(level * np.trapezoid(amplitude**2, frequency))
+    floor = np.sqrt(level * np.trapezoid(amplitude**2, frequency))
+    swing = recording.torque[longest].std(axis=0)
+    return np.where(floor > _BEST_SENSOR * swing, floor, np.nan)
 
 
 def _white_level(torque: FloatArray, rate: float) -> FloatArray:

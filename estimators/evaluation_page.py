@@ -29,16 +29,18 @@ if TYPE_CHECKING:
 
 _STYLES: Final = ((MEASURED, 4.0), (BEFORE, 1.4), (AFTER, 1.4))  # of the torques in their order
 _RIGID: Final = "rigid body"
+_LEAST: Final = 1e-12  # [N m] of an error that others are compared with
 _OPEN: Final = 3  # joints whose curves are seen at once
 _ERRORS: Final = (
-    "RMSE: root mean square of measured less predicted torque. Noise floor: what the torque "
-    "sensor's noise leaves behind the filter, as far as its spectrum tells. Of the intervals of a "
-    "model that knows how sure it is, 95 % hold the measured torque. Where motion is "
-    "unlike what was learned, the interval is a guess."
+    "RMSE: root mean square of measured minus predicted torque. Noise floor: what the torque "
+    "sensor's noise leaves behind the filter, from the torque's spectrum; unknown where the torque "
+    "was filtered before it was recorded. The intervals are right where they hold about 95 % of "
+    "the measured torques; on motion unlike what was learned, they are a guess."
 )
 _CURVES: Final = (
-    "The 6 s in which the joints reverse most often. Grey: measured. Orange: rigid body. Blue: the "
-    "model. Over position, the torque of the rigid body without friction is taken from all three."
+    "The 6 s in which the joints reverse most often. Grey: measured. Orange: rigid body with "
+    "friction. Blue: the model. The torque of the rigid body without friction is taken off all "
+    "three, so that what is left is friction and error."
 )
 
 
@@ -59,15 +61,13 @@ def evaluation_page(found: Evaluation) -> Page:
     )
     lead = (
         "Drag to turn. The ring around each joint is coloured by the error of the predicted torque "
-        "there, in multiples of its noise floor: over all samples, or at the moment of the slider."
-        if view.errors
-        else "Drag to turn. The noise floor is unknown here, so that errors have no colour."
+        f"there, {_measure(found)}: over all samples, or at the moment of the slider."
     )
     body = (
         header(f"Evaluation of {found.model}", title, source)
         + section("Errors", _errors(found, charts), "errors", _ERRORS)
         + arm_section(view, "Where on the arm", lead)
-        + section("Torque over time and over position", _curves(found, charts), "curves", _CURVES)
+        + section("Friction over time and over position", _curves(found, charts), "curves", _CURVES)
         + _next(found)
     )
     return Page(title, body, charts, view)
@@ -129,13 +129,31 @@ def _arm(found: Evaluation) -> ArmView:
         (found.model, tuple(found.hybrid.rmse.tolist())),
         (_RIGID, tuple(found.rigid_body.rmse.tolist())),
     )
-    known = bool(np.isfinite(found.noise_floor).all())
+    known = _is_known(found)
+    largest = max(float(found.hybrid.rmse.max()), float(found.rigid_body.rmse.max()), _LEAST)
+    floor = found.noise_floor if known else np.full(len(found.joint_names), largest / 100)
+    beside = {} if known else {"scale": "1 to 100 % of the largest error"}
     return arm_view(
         found.robot,
         position[0],
-        errors=errors if known else (),
-        floor=tuple(found.noise_floor.tolist()) if known else (),
-        motion=PlayedMotion(time, position, ghosts if known else (), caption=said),
+        errors=errors,
+        floor=tuple(floor.tolist()),
+        motion=PlayedMotion(time, position, ghosts, caption=said),
+        **beside,
+    )
+
+
+def _is_known(found: Evaluation) -> bool:
+    """Say whether the noise floor of every joint is known."""
+    return bool(np.isfinite(found.noise_floor).all())
+
+
+def _measure(found: Evaluation) -> str:
+    """Say what an error is compared with."""
+    return (
+        "in multiples of its noise floor"
+        if _is_known(found)
+        else "as a part of the largest one, since the noise floor is unknown"
     )
 
 
@@ -154,10 +172,10 @@ def _joint(found: Evaluation, charts: Charts, j: int) -> str:
     loops: list[Figure] = []
     for (name, torque), style in zip(torques_of(found), _STYLES, strict=True):
         own = torque[rows, j] - found.frictionless[rows, j]
-        over_time.append(curve(time, torque[rows, j], name, *style))
+        over_time.append(curve(time, own, name, *style))
         loops.append(curve(position, own, name, *style))
     drawn = (
-        (over_time, layout("time [s]", "torque [N m]"), "Torque over time", True),
+        (over_time, layout("time [s]", "friction [N m]"), "Friction over time", True),
         (loops, layout("position [rad]", "friction [N m]"), "Friction over position", False),
     )
     return grid(

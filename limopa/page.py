@@ -84,7 +84,10 @@ def not_checked(pairs: Iterable[tuple[str, str]]) -> str:
 
 def span(seconds: float) -> str:
     """Say a duration."""
-    return f"{seconds:.0f} s" if seconds < _LONG else f"{seconds / 60:.0f} min"
+    if seconds < _LONG:
+        return f"{seconds:.0f} s"
+    minutes = seconds / 60
+    return f"{minutes:.0f} min" if minutes >= 10 else f"{minutes:.2g} min"  # noqa: PLR2004
 
 
 def _joints(said: Statistics) -> dict[str, list[object]]:

@@ -130,7 +130,8 @@ def path_deviation(plan: Plan, phase: PlanPhase, rows: slice, rate: float = 1000
     motion = plan.trajectory
     first = rows.start if rows.start == 0 else rows.start - 1  # starts where the last one ends
     begin, end = float(motion.time[first]), float(motion.time[rows.stop - 1])
-    time = np.append(np.arange(begin, end, 1.0 / rate), end)
+    steps = np.arange(int((end - begin) * rate) + 1)  # whose sum would round beyond the end
+    time = np.append(np.minimum(begin + steps / rate, end), end)
     position = motion.evaluate(time).position
     s = np.interp(time, motion.time[first : rows.stop], phase.parameter)
     for _ in range(NEWTON_STEPS):

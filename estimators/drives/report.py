@@ -10,7 +10,9 @@ import numpy as np
 from estimators.diagnosis.headline import headline
 from estimators.diagnosis.report import findings as told
 from estimators.diagnosis.report.arm import pins
-from estimators.diagnosis.report.sections import identified, unobservable
+from estimators.diagnosis.report.cards import cards
+from estimators.diagnosis.report.doubts import unobservable
+from estimators.diagnosis.report.sections import identified
 from estimators.diagnosis.wording import names_of, of_several, rounded
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
@@ -65,7 +67,7 @@ def drive_report(found: DriveDiagnosis) -> Page:
         + told.put(found.before, found.after, verdict)
         + drawn
         + told.errors(verdict, charts)
-        + told.cards(verdict, names)
+        + cards(verdict, names)
         + _left(verdict)
         + told.notes(verdict.notes)
         + identified(verdict, _IDENTIFIED)

@@ -43,7 +43,7 @@ def table_page(found: Table) -> Page:
     drawn = grid(charts.place(_errors(found, part), part.capitalize()) for part in PARTS)
     body = (
         header("Table I of Çallar and Böttger 2022", title, found.headline())
-        + section("To be known", listed(_known(found)), "notes")
+        + section("Notes", listed(_known(found)), "notes")
         + section("Errors", drawn, "errors", _SPLITS)
         + section("The paper's claims", _claims(found), "claims", _JUDGED)
         + section("All figures", _tables(found), "table", found.scored)

@@ -19,20 +19,25 @@ if TYPE_CHECKING:
     from limo_driver.pages.markup import Figure
 
 _Z95: Final = 1.96  # standard deviations of a 95 % interval
-_MOVED: Final = 0.02  # of its mass, from which on a link is pointed at
+_MOVED: Final = 0.1  # of its mass, from which on a link is pointed at
+_POINTED: Final = 4  # links at most
 _ERRORS: Final = (
-    "RMSE of the torque on the recordings that were fitted to; what other motion shows, "
-    "limo diagnose or limo evaluate says. Base parameters: whatever explains the torque best. "
-    "Consistent: with bodies that have a positive mass and inertia, as sim.yaml has them."
+    "RMSE of the torque on the recordings that were fitted; `limo diagnose` says what it is on "
+    "others. Base parameters: the least-squares fit, whose links may have impossible inertias. "
+    "Consistent: the fit in which every link has a positive mass and a possible inertia; that is "
+    "what sim.yaml has."
 )
-_TERMS: Final = "Bars: 95 % intervals. Physics that is not modelled can pull all of them alike."
+_TERMS: Final = (
+    "Bars: 95 % intervals of the fit; a point without a bar is at its bound. Physics that the "
+    "model lacks can shift all values, and the intervals do not show that."
+)
 _LINKS: Final = (
-    "What the motion does not reveal stays as the robot description has it. One link alone is "
-    "hardly ever identifiable: mass moves between neighbours without any change of torque."
+    "What the motion does not show stays as the robot description has it. A single link can "
+    "hardly be identified: mass can move between neighbouring links without any change of torque."
 )
 _BASE: Final = (
-    "What torque can reveal of inertias. ± is one standard deviation; it counts errors that last "
-    "and other motion of the kind recorded."
+    "The combinations of inertial parameters that torque depends on. ± is one standard deviation; "
+    "it allows for errors that are correlated in time, and is for motion like that recorded."
 )
 
 
@@ -56,10 +61,10 @@ def identification_page(found: Identification, file: str) -> Page:
         f"condition number {found.fit.condition:.3g}, columns scaled. For such motion, torque of "
         f"inertias is known to {known.inertia:.1%}, friction to {known.friction:.0%} (1 sigma)."
     )
-    pointed = "Texts: links whose mass moved most from the robot description. Drag to turn."
+    pointed = "Drag to turn. Labels: the links whose mass moved most from the robot description."
     body = (
         header(f"Identification of {found.model.name}", title, source)
-        + section("To be known", listed(found.warnings), "notes")
+        + section("Notes", listed(found.warnings), "notes")
         + section("Errors", charts.place(_errors(found), "Error of each joint"), "errors", _ERRORS)
         + section("Friction, offset, drive", _terms(found, charts), "terms", _TERMS)
         + (arm_section(view, "Where inertias moved", pointed) if view else "")
@@ -114,7 +119,7 @@ def _terms(found: Identification, charts: Charts) -> str:
         "±": [f"{item.deviation:.1g}" if item.deviation else "bound" for item in found.estimates],
         "unit": [item.unit for item in found.estimates],
     }
-    return grid(drawn) + folded("All values", columns(rows))
+    return grid(drawn, "three") + folded("All values", columns(rows))
 
 
 def _term(items: list[TermEstimate], unit: str) -> Figure:
@@ -158,9 +163,15 @@ def _arm(found: Identification) -> ArmView | None:
     """Return the arm with the links whose inertias moved; nothing where all stayed."""
     limits = found.model.limits
     pose = np.clip(0.5 * np.ones(found.model.n), limits.position_min, limits.position_max)
-    pins = tuple(
-        Pin(f"{link.link}: {link.mass:.2f} kg, was {link.mass_nominal:.2f}", joint, "#links")
+    moved = {
+        joint: abs(link.mass - link.mass_nominal) / link.mass_nominal
         for joint, link in enumerate(found.links)
         if abs(link.mass - link.mass_nominal) > _MOVED * link.mass_nominal
+    }
+    most = sorted(sorted(moved, key=lambda joint: -moved[joint])[:_POINTED])
+    pins = tuple(
+        Pin(f"{link.link}: {link.mass:.2f} kg, was {link.mass_nominal:.2f}", joint, "#links")
+        for joint in most
+        for link in [found.links[joint]]
     )
     return arm_view(found.model, pose, pins=pins) if pins else None

@@ -80,6 +80,7 @@ class ArmView:
     pose: FloatArray  # (n,) [rad], shown at first and on paper
     errors: tuple[tuple[str, tuple[float, ...]], ...] = ()  # by name, (n,) [N m] each
     floor: tuple[float, ...] = ()  # (n,) [N m], what an error is compared with
+    scale: str = "1 to 100 times the noise floor"  # what the colours of rings stand for
     pins: tuple[Pin, ...] = ()
     motion: PlayedMotion | None = None
 

@@ -52,7 +52,7 @@ def _colours(view: ArmView, first: str) -> str:
         return ""
     shown = {name: name for name, _ in view.errors}
     if view.motion:
-        shown |= {f"now {one.name}": f"{one.name}, at this moment" for one in view.motion.ghosts}
+        shown |= {f"now {one.name}": f"{one.name}, now" for one in view.motion.ghosts}
     buttons = "".join(
         f'<label><input type="radio" name="colour" value="{escape(value)}"'
         f"{' checked' if value == first else ''}> {escape(name)}</label>"
@@ -61,7 +61,7 @@ def _colours(view: ArmView, first: str) -> str:
     return (
         f'<fieldset class="controls"><legend>Rings show the error of</legend>{buttons}'
         f'<span class="scale"><i></i>'
-        "1 to 100 times the noise floor</span></fieldset>"
+        f"{escape(view.scale)}</span></fieldset>"
     )
 
 
@@ -76,12 +76,13 @@ def _player(motion: PlayedMotion) -> str:
         )
         times = _magnified(motion)
         options = "".join(
-            f'<option value="{k}"{" selected" if k == times else ""}>{k} times</option>'
+            f'<option value="{k}"{" selected" if k == times else ""}>{_times(k)}</option>'
             for k in _MAGNIFIED
         )
         ghosts = (
             f'<fieldset class="controls"><legend>Simulated arms, translucent</legend>{boxes}'
-            f'<label>distance drawn <select name="magnify">{options}</select></label></fieldset>'
+            f'<label>distance to the recorded arm <select name="magnify">{options}</select></label>'
+            "</fieldset>"
         )
     return (
         f'{ghosts}<div class="controls player"><button type="button" class="play">Play</button>'
@@ -89,6 +90,10 @@ def _player(motion: PlayedMotion) -> str:
         'aria-label="Time"><output aria-live="off"></output></div>'
         f"{paragraph(motion.caption, 'small')}"
     )
+
+
+def _times(k: int) -> str:
+    return "to scale" if k == 1 else f"{k} times enlarged"
 
 
 def _magnified(motion: PlayedMotion) -> int:

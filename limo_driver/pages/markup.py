@@ -20,6 +20,9 @@ _NBSP = "\N{NO-BREAK SPACE}"
 _WHOLE = re.compile(
     r"(?<=\d) (?:N m|N|kg|g|rad|mm|m|s|min|Hz|%)(?!\w)|\bN m\b(?: s)?|\[[^\]\s]+, [^\]\s]+\]"
 )
+_PERCENT = re.compile(r"(?<=\d)%")  # no space before it, which SI wants
+# People after whom laws are named; identifiers write them small.
+_PEOPLE = re.compile(r"\b(?:coulomb|stribeck|dahl|maxwell|preisach)\b(?!-)")
 _CODE = re.compile(r"`([^`]+)`")
 _NEARLY_ALL, _HARDLY_ANY = 0.985, 0.005
 
@@ -90,7 +93,8 @@ def header(crumb: str, title: str, *sources: str, badge: tuple[str, str] | None 
 
 def typeset(text: str) -> str:
     """Return a text whose numbers stay beside their units, and intervals and units whole."""
-    kept = _WHOLE.sub(lambda whole: whole[0].replace(" ", _NBSP), text)
+    named = _PEOPLE.sub(lambda name: name[0].capitalize(), _PERCENT.sub(" %", text))
+    kept = _WHOLE.sub(lambda whole: whole[0].replace(" ", _NBSP), named)
     return kept.replace("^2", "\N{SUPERSCRIPT TWO}")
 
 
@@ -113,8 +117,20 @@ def columns(values: Mapping[str, Sequence[object]], numeric: int = 1) -> str:
 
 def next_steps(steps: Iterable[tuple[str, str]]) -> str:
     """Return the section of what to do next: a reason and a command of the shell each."""
-    said = "".join(f"{paragraph(why)}<pre>{escape(how)}</pre>" for why, how in steps)
+    said = "".join(f"{paragraph(why)}<pre>{command(how)}</pre>" for why, how in steps)
     return section("What to do next", said, "next")
+
+
+def key(meanings: Mapping[str, str]) -> str:
+    """Return what words or colours mean, in small letters."""
+    said = "".join(f"<dt>{name}</dt><dd>{prose(text)}</dd>" for name, text in meanings.items())
+    return f'<dl class="small">{said}</dl>'
+
+
+def command(line: str) -> str:
+    """Return a command of the shell as HTML; where it is long, it breaks between words only."""
+    words = (escape(word) for word in line.split(" "))
+    return " ".join(f'<span class="whole">{w}</span>' if "-" in w else w for w in words)
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], numeric: int = 0) -> str:
@@ -160,6 +176,11 @@ def number(value: float, digits: int = 3) -> str:
     return f"{value:.{digits}g}" if isfinite(value) else UNSAID
 
 
+def significant(value: float, digits: int = 3) -> str:
+    """Return a number of so many digits, zeros at its end among them; a dash if it is not known."""
+    return f"{value:#.{digits}g}".rstrip(".") if isfinite(value) else UNSAID
+
+
 def percent(share: float) -> str:
     """Return a share as a percentage; nearly all is not called all, nor hardly any none."""
     if not isfinite(share):
@@ -173,7 +194,7 @@ def percent(share: float) -> str:
 def _cell(value: object) -> str:
     if value is None:
         return UNSAID
-    return number(value) if isinstance(value, float) else escape(typeset(str(value)))
+    return significant(value) if isinstance(value, float) else escape(typeset(str(value)))
 
 
 def _heading(text: str) -> str:

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from limopa.excitation.servo import ServoExcitation
 
 _SHOWN = {
-    "ramp": "slow ramps: gain by sag, dry friction",
+    "ramp": "slow ramps: gain (from sag under gravity), dry friction",
     "steps": "steps: delay, damping, inertia, torque limit",
-    "quick": "quick ramps: limits of speed",
-    "creep": "creeping reversals: play, dead band, stiction",
-    "hold": "holds: sag of all joints",
-    "together": "all joints together: loads of each other",
-    "way": "on the way",
+    "quick": "quick ramps: speed limit",
+    "creep": "creeping reversals: backlash, dead band, stiction",
+    "hold": "holds: sag under gravity, all joints",
+    "together": "all joints together: coupling between joints",
+    "way": "between poses",
 }
 
 
@@ -38,18 +38,18 @@ def servo_page(found: ServoExcitation, model: RobotModel, file: str, robot: str)
     charts = Charts()
     view, motion = planned_motion(model, found.trajectory, charts)
     title = (
-        f"{span(found.duration)} of commands at {found.request.rate:g} Hz, from which positions "
-        "alone identify position servos."
+        f"{span(found.duration)} of commands at {found.request.rate:g} Hz that identify position "
+        "servos without torque."
     )
     source = (
-        f"Seed {found.seed}; {len(found.repetitions)} repetitions in other poses, each of which "
-        "can be predicted from the others. Lead the arm slowly to the first pose before the first "
-        "command is sent."
+        f"Seed {found.seed}; {len(found.repetitions)} repetitions in different poses, so that what "
+        "one identifies can be checked on another. Move the arm slowly to the first pose before "
+        "sending the first command."
     )
     body = (
         header(f"Commands for the servos of {model.name}", title, source)
         + motion
-        + section("What shows what", columns(_spent(found)), "parts")
+        + section("What each part of the motion shows", columns(_spent(found)), "parts")
         + section("What each joint does", columns(_joints(found)), "joints")
         + not_checked(found.unchecked_pairs)
         + _next(file, robot)
@@ -69,7 +69,7 @@ def _spent(found: ServoExcitation) -> dict[str, list[object]]:
 
 def _joints(found: ServoExcitation) -> dict[str, list[object]]:
     degrees = np.degrees([found.command[0], found.command.min(axis=0), found.command.max(axis=0)])
-    names = ("first [°]", "from [°]", "to [°]")
+    names = ("first pose [°]", "lowest [°]", "highest [°]")
     said: dict[str, list[object]] = {"joint": list(found.joint_names)}
     for name, own in zip(names, degrees, strict=True):
         said[name] = [f"{x:.0f}" for x in own]
@@ -80,12 +80,12 @@ def _next(file: str, robot: str) -> str:
     return next_steps(
         [
             (
-                f"Send the rows of {file} at their times, and write beside each what the encoders "
-                "read: time, command_1, ..., position_1, ... [s, rad].",
+                f"Send each row of {file} at its time, and record what the encoders read: columns "
+                "time [s], command_1, ..., position_1, ... [rad].",
                 f"python examples/play_servos.py {file} --out run.csv",
             ),
             (
-                "Find drives, friction, play and payload from that recording.",
+                "Find servo gains, friction, backlash and payload from that recording.",
                 f"limo diagnose run.csv --robot {robot} --out diagnosis",
             ),
         ]

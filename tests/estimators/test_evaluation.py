@@ -130,11 +130,16 @@ def test_the_page_shows_each_joint_and_the_errors_at_the_slider(
     assert [ghost["name"] for ghost in ghosts] == ["rigid body", model.name]
 
 
-def test_without_a_noise_floor_the_page_colours_nothing(evaluation: Evaluation) -> None:
+def test_without_a_noise_floor_errors_are_compared_with_the_largest(
+    evaluation: Evaluation,
+) -> None:
     unknown = replace(evaluation, noise_floor=np.full(2, np.nan), trained_on=True)
     text = evaluation_page(unknown).html()
     check_page(text)
-    assert arm_of(text)["errors"] == []
+    worst = max(evaluation.hybrid.rmse.max(), evaluation.rigid_body.rmse.max())
+    assert arm_of(text)["floor"] == pytest.approx([worst / 100] * 2, abs=1e-6)
+    assert "of the largest error" in text
+    assert "multiples of its noise floor" not in text
     assert "trained on" in title_of(text)
 
 

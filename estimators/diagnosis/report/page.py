@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from estimators.diagnosis.headline import headline
-from estimators.diagnosis.report import sections
+from estimators.diagnosis.report import doubts, sections
 from estimators.diagnosis.report.arm import arm
 from estimators.diagnosis.report.contact import pushed
 from estimators.diagnosis.report.findings import overview
@@ -63,8 +63,8 @@ def report(diagnosis: Diagnosis, concealed: Sequence[Effect] | None = None) -> P
         + sections.competing(diagnosis, charts)
         + sections.tests(diagnosis)
         + sections.replay(diagnosis, charts)
-        + sections.next_motion(diagnosis, charts)
-        + sections.doubts(diagnosis, charts)
-        + sections.data(diagnosis)
+        + doubts.next_motion(diagnosis, charts)
+        + doubts.doubts(diagnosis, charts)
+        + doubts.data(diagnosis)
     )
     return Page(headline(diagnosis.verdict), body, charts, view, _FOOTER)

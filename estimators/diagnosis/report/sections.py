@@ -13,8 +13,8 @@ from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.summary import coverage, identified_columns
-from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
+from estimators.diagnosis.summary import identified_columns
+from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import (
     COUNTED,
     is_of_bodies,
@@ -23,16 +23,16 @@ from estimators.diagnosis.wording import (
     of_joints,
     rounded,
 )
-from limo_driver.pages.figures import joint_motion
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
     folded,
     grid,
+    key,
     meter,
-    number,
     paragraph,
     percent,
+    prose,
     section,
     table,
     typeset,
@@ -42,7 +42,7 @@ from limo_driver.physics import spoken
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.result import Diagnosis, Explanation, Replay, Shift
+    from estimators.diagnosis.result import Diagnosis, Explanation, Replay
     from estimators.diagnosis.verdict import Finding, Verdict
 
 OPEN = 3  # joints whose maps are open from the start
@@ -63,7 +63,19 @@ _ASKED = {
     "Does it change with the position of the joint?": "position of the joint",
     "Does it change with time, at the same position and speed?": "time, at the same motion",
 }
-_SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
+_LEAD = (
+    "The residual is recorded minus simulated torque. Near rest friction can take any value, so "
+    "nothing is fitted or scored there: such rows are pale in the curves, and the bins leave them "
+    "out."
+)
+_KEY = {
+    "Orange": "the given simulation.",
+    "Blue": "the improved simulation.",
+    "Green": "the given simulation, with its values moved within their tolerances.",
+    "Line, band, dots": "mean of a bin, one standard deviation to either side, noise floor.",
+    "Torque curves": "8 s in which the error is large and the joint moves little; the torque of "
+    "the rigid body is taken off.",
+}
 _CANDIDATES = 12  # explanations drawn
 _LABEL = 44  # characters of an explanation beside its bar
 
@@ -84,15 +96,7 @@ def where(diagnosis: Diagnosis, charts: Charts) -> str:
         for j, body in drawn.items()
         if j not in shown
     )
-    lead = (
-        "Residual: recorded minus simulated torque; line: mean of a bin, band: one standard "
-        "deviation, dotted: noise floor. Orange: the given simulation. Blue: the improved one. "
-        "Green: the given one with its values moved within their tolerances. The curves are 8 s in "
-        "which the error is large and the joint moves little, without the torque of the rigid "
-        "body. Near rest, where friction takes any value, nothing is fitted or scored: those rows "
-        "are pale in the curves and not in the bins."
-    )
-    return section("Where the difference is", opened + rest, "where", lead)
+    return section("Where the difference is", key(_KEY) + opened + rest, "where", _LEAD)
 
 
 def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
@@ -156,8 +160,9 @@ def _anchored(j: int, body: str) -> str:
 def _title(diagnosis: Diagnosis, j: int) -> str:
     fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
     return (
-        f"Joint {j + 1}: held-out RMSE {rounded(fit.heldout_rmse_before[j])} → "
-        f"{rounded(fit.heldout_rmse_after[j])} N m, noise floor {rounded(fit.noise_floor[j])} N m"
+        f"Joint {j + 1}: held-out RMSE {rounded(fit.heldout_rmse_before[j], 3)} → "
+        f"{rounded(fit.heldout_rmse_after[j], 3)} N m, noise floor "
+        f"{rounded(fit.noise_floor[j], 3)} N m"
         + (f", on {percent(judged[j])} of the rows held out" if judged else "")
     )
 
@@ -200,7 +205,7 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
         drawn = figures.explanations(best, names, chosen, np.log10(COUNTED))
         body = charts.place(drawn, "How much less likely the others are", _BEYOND)
     rows = [
-        [escape(_name(item)), _compared_to(item.log_evidence - top), _removes(item.share),
+        [escape(typeset(_name(item))), _compared_to(item.log_evidence - top), _removes(item.share),
          escape(_note(item, top) or (_TWIN if item in twins else ""))]
         for item in diagnosis.explanations
     ]  # fmt: skip
@@ -300,67 +305,6 @@ def tests(diagnosis: Diagnosis) -> str:
     )
 
 
-def doubts(diagnosis: Diagnosis, charts: Charts) -> str:
-    """Return what could not be observed and how far nuisance parameters moved."""
-    body = unobservable(diagnosis.verdict)
-    if diagnosis.shifts:
-        body += _moved(diagnosis.shifts, charts)
-    return section("What is unsure", body, "unsure")
-
-
-def unobservable(verdict: Verdict) -> str:
-    """Return the table of effects that these recordings cannot show; empty if there are none."""
-    unseen = [[escape(spoken(item.effect)), escape(item.reason)] for item in verdict.not_observable]
-    title = "<h3>What these recordings cannot show</h3>"
-    return title + table(("effect", "why"), unseen) if unseen else ""
-
-
-def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
-    ranked = sorted(shifts, key=lambda item: -abs(item.sigmas))
-    chart = charts.place(
-        figures.shifts(ranked[:_SHIFTS]),
-        "Values that moved most",
-        "shaded: one standard deviation of the tolerance",
-    )
-    rows = [
-        [escape(item.name), number(item.nominal, 4), number(item.fitted, 4), escape(item.unit),
-         f"{item.sigmas:+.1f}"]
-        for item in ranked
-    ]  # fmt: skip
-    listed = table(("parameter", "nominal", "fitted", "unit", "sigmas"), rows)
-    said = (
-        "Inertias, friction and sensor errors (nuisance parameters) are fitted beside every "
-        "effect, within their stated tolerances, so that a slightly wrong value is not taken for "
-        "missing physics."
-    )
-    return (
-        "<h3>How far nominal values moved</h3>"
-        + paragraph(said, "small")
-        + chart
-        + folded(f"All {len(rows)} values", listed)
-    )
-
-
-def next_motion(diagnosis: Diagnosis, charts: Charts) -> str:
-    """Return the motion to record next, and what it would decide."""
-    wanted = diagnosis.verdict.next_motion
-    body = ""
-    if said := diagnosis.next_motion_purpose or diagnosis.next_motion_note:
-        body = paragraph(said)
-    if diagnosis.next_motion is not None:
-        file = wanted.file if wanted else NEXT_MOTION
-        minutes = diagnosis.next_motion.duration / 60
-        body += charts.place(
-            joint_motion(diagnosis.next_motion), "Joint motion", f"{minutes:.1f} min"
-        )
-        body += (
-            f"<p>Move the recorded arm along it and diagnose again with that recording added. On a "
-            f"simulated arm, in the folder of this report:</p><pre>limo run --backend mujoco "
-            f"--trajectory {escape(file)} --sim {IMPROVED} --record next.parquet</pre>"
-        )
-    return section("The motion to record next", body, "next")
-
-
 def replay(diagnosis: Diagnosis, charts: Charts) -> str:
     """Return the free runs of the simulated robot beside the recording."""
     body = "".join(_replayed(diagnosis, item, charts) for item in diagnosis.replay)
@@ -396,7 +340,7 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
     )
     floor = diagnosis.verdict.fit.noise_floor
     rows = [
-        [str(j + 1), *(rounded(error[j]) if moves else UNSAID for error in (before, after, floor)),
+        [str(j + 1), *(_error(error[j]) if moves else UNSAID for error in (before, after, floor)),
          rounded(1e3 * float(item.tracking[j]), 2), percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip
@@ -411,6 +355,10 @@ def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
     return grid(drawn) + table(headings, rows, numeric=1)
 
 
+def _error(value: float) -> str:
+    return rounded(float(value), 3)
+
+
 def _span(diagnosis: Diagnosis, start: float, stop: float, recording: int) -> str:
     names = names_of(diagnosis.recordings)
     return f"{start:.1f} to {stop:.1f} s" + f" of {names[recording]}" * (len(names) > 1)
@@ -421,7 +369,7 @@ def identified(verdict: Verdict, lead: str = "") -> str:
     columns = identified_columns(verdict)
     if not verdict.identified:
         return ""
-    rows = [[escape(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
+    rows = [[prose(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
     lead = lead or (
         "The given simulation states no friction of these joints, so it is unknown, and estimated "
         "together with everything else; with 95\N{NO-BREAK SPACE}% intervals. What most of them "
@@ -429,35 +377,3 @@ def identified(verdict: Verdict, lead: str = "") -> str:
     )
     body = table([typeset(" ".join(heading).strip()) for heading in columns], rows, numeric=1)
     return section("Identified friction", body, "identified", lead)
-
-
-def data(diagnosis: Diagnosis) -> str:
-    """Return what was used of the recordings, and what was left out."""
-    verdict = diagnosis.verdict
-    rows = [["used", _count(verdict.rows.used)]]
-    rows += [[escape(reason), _count(count)] for reason, count in verdict.rows.left_out.items()]
-    samples = table(("samples recorded", "number"), rows, numeric=1)
-    return section("Data", grid([samples, _compared(verdict)]), "data")
-
-
-def _compared(verdict: Verdict) -> str:
-    """Return how many rows were compared, fitted, held out and judged, joint by joint."""
-    count = verdict.rows
-    columns = (count.usable, count.fitted, count.judged, count.part_judged())
-    rows = [
-        [str(j), _count(usable), _count(fitted), _count(judged), percent(part)]
-        for j, (usable, fitted, judged, part) in enumerate(zip(*columns, strict=True), start=1)
-    ]
-    if not rows:
-        return ""
-    said = (
-        f"All is compared on {_count(count.total)} rows, thinned behind the filter, of which "
-        f"{_count(count.held_out)} lie in blocks of time that nothing was fitted to. "
-        f"{coverage(verdict)}"
-    )
-    headings = ("joint", "usable rows", "fitted", "judged", "judged, of those held out")
-    return f"<div>{table(headings, rows, numeric=1)}{paragraph(said, 'small')}</div>"
-
-
-def _count(number: int) -> str:
-    return f"{number:,}".replace(",", "\N{NO-BREAK SPACE}")

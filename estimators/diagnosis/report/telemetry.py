@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING
 
 from estimators.telemetry import telemetry_in
-from limo_driver.pages.markup import section
+from limo_driver.pages.markup import prose, section
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,7 +30,7 @@ def telemetry(diagnosis: Diagnosis) -> tuple[str, str]:
         for number, recording in enumerate(diagnosis.recordings, start=1)
     }
     items = "".join(
-        f"<li>{escape(name)}: {escape('; '.join(lines))}.</li>" for name, lines in said.items()
+        f"<li>{prose(f'{name}: ' + '; '.join(lines))}.</li>" for name, lines in said.items()
     )
     return _line(said), section("What the recordings are worth", f"<ul>{items}</ul>", _ANCHOR)
 
@@ -41,6 +40,6 @@ def _line(said: Mapping[str, Sequence[str]]) -> str:
     first = "; ".join(dict.fromkeys(lines[0] for lines in list(said.values())[:_SHOWN]))
     many = "Recordings" if len(said) > 1 else "Recording"
     return (
-        f'<p class="lead">{many}: {escape(first)}. '
+        f'<p class="lead">{many}: {prose(first)}. '
         f'<a href="#{_ANCHOR}">What the data are worth</a></p>'
     )

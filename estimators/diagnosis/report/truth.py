@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from estimators.diagnosis.headline import quantity_of, values_of
 from estimators.diagnosis.wording import of_several
-from limo_driver.pages.markup import UNSAID, columns, section
+from limo_driver.pages.markup import UNSAID, columns, percent, section
 from limo_driver.physics import Payload, spoken
 
 if TYPE_CHECKING:
@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Finding
     from limo_driver.physics import Effect
 
-_LEAD = "The arm had this in it, and the diagnosis was told of none of it. In brackets: 95 %."
+_LEAD = (
+    "The arm had this in it, and the diagnosis was told of none of it. In brackets: the 95 % "
+    "interval."
+)
 
 
 def recovered(concealed: Sequence[Effect], findings: Sequence[Finding], n: int) -> str:
@@ -41,7 +44,7 @@ def beside_the_truth(concealed: Sequence[Effect], findings: Sequence[Finding], n
             _values(item) if item else "not found" for item in (*found, *others)
         ],
         "confidence": [
-            f"{item.confidence:.0%}" if item else UNSAID for item in (*found, *others)
+            percent(item.confidence) if item else UNSAID for item in (*found, *others)
         ],
     }  # fmt: skip
     return section(

@@ -36,7 +36,7 @@ def test_a_payload_is_the_same_whichever_joint_feels_it():
         "Payload of 0.8 kg at the flange was concealed, 0.78 kg [0.68, 0.88] was found."
     )
     assert cells(beside_the_truth([PAYLOAD], [MASS], N)) == [
-        ["payload of 0.8 kg at the flange", "payload: 0.78 kg [0.68, 0.88]", "90%"]
+        ["payload of 0.8 kg at the flange", "payload: 0.78 kg [0.68, 0.88]", "90 %"]
     ]
 
 

@@ -1,0 +1,242 @@
+"""The findings of a report: a table of many, and a card of each."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.diagnosis.headline import place_of, quantity_of, to_interval
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
+from estimators.diagnosis.wording import is_of_bodies, rounded
+from limo_driver.pages.markup import (
+    UNSAID,
+    folded,
+    meter,
+    number,
+    paragraph,
+    table,
+    typeset,
+)
+from limo_driver.physics import spoken
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from estimators.diagnosis.verdict import Finding, Fit, Value, Verdict
+
+_KINDS = {
+    "missing": "missing from the simulation",
+    "wrong_parameter": "in the simulation with a wrong value",
+}
+_NO_EFFECT_OF_THE_ARM = {
+    UNKNOWN: "nothing in the catalogue explains it",
+    CONTACT: "an event, not a property of the arm; the improved simulation leaves it out",
+}
+_MOST = 3  # joints of a finding whose errors are shown; the table above has all
+_AT_ONCE = 4  # findings that are open; more begin with a table, and open one by one
+_LISTED = 6  # values of a parameter that are shown before they are folded
+_AXES = {"com": ("x", "y", "z"), "inertia": ("xx", "xy", "xz", "yy", "yz", "zz")}  # of bodies
+_DIGITS = 3  # of an error
+
+
+def cards(verdict: Verdict, names: Sequence[str]) -> str:
+    """Return the section of the findings; empty if there are none.
+
+    Args:
+        verdict: What was found.
+        names: Of the recordings.
+    """
+    many = len(verdict.findings) > _AT_ONCE
+    items = "".join(
+        _card(number, item, verdict.fit, names, closed=many)
+        for number, item in enumerate(verdict.findings, start=1)
+    )
+    title = "Findings" if len(verdict.findings) > 1 else "Finding"
+    first = _at_a_glance(verdict) if many else ""
+    return f'<section id="findings"><h2>{title}</h2>{first}{items}</section>' if items else ""
+
+
+def _at_a_glance(verdict: Verdict) -> str:
+    """Return the findings as a table, a line each, that leads to what is said of them."""
+    fit = verdict.fit
+    rows = [
+        [
+            f'<a href="#finding-{number}">{escape(typeset(_named(item)))}</a>',
+            escape(_title_place(item, fit)),
+            escape(typeset(quantity_of(item))) or UNSAID,
+            meter(item.confidence),
+            meter(item.share) if item.share > 0 else UNSAID,
+        ]
+        for number, item in enumerate(verdict.findings, start=1)
+    ]
+    beside = "part of the error that it explains"
+    return table(("finding", "where", "value, with 95 % interval", "confidence", beside), rows)
+
+
+def _named(item: Finding) -> str:
+    return "Something unknown" if item.effect == UNKNOWN else spoken(item.effect).capitalize()
+
+
+def _card(
+    order: int, item: Finding, fit: Fit, recordings: Sequence[str], *, closed: bool = False
+) -> str:
+    unknown = item.effect == UNKNOWN
+    means = _NO_EFFECT_OF_THE_ARM.get(item.effect) or _KINDS[item.kind]
+    title = f"{escape(typeset(_named(item)))} <span>{escape(_title_place(item, fit))}</span>"
+    head = f'<p class="kind">{escape(means)}</p>{paragraph(_sentence(item.evidence), "evidence")}'
+    facts = [
+        ("confidence", meter(item.confidence)),
+    ]
+    if drop := _drop(item, fit.unit):
+        facts.append(("held-out RMSE, fitted without → with it", drop))
+    beside = " that tolerances leave" if fit.heldout_rmse_tolerances else ""
+    if item.share > 0:  # of a push nothing is: its rows are not scored
+        does = "leaves" if unknown else "removes"
+        facts.insert(1, (does, f"{meter(item.share)} of the error{beside}"))
+    if item.equivalent:
+        names = ", ".join(spoken(e) for e in item.equivalent)
+        facts.append(("cannot be told from", escape(typeset(names))))
+    if where := _where(item, fit, recordings):
+        facts.append(("where", where))
+    listed = "".join(f"<dt>{k}</dt><dd>{v}</dd>" for k, v in facts)
+    kind = "card unknown" if unknown else "card"
+    values = _parameters(item) if item.effect != CONTACT else ""
+    body = f"{head}<dl>{listed}</dl>{values}"
+    if closed:
+        body = f"<details><summary><h3>{title}</h3></summary>{body}</details>"
+    else:
+        body = f"<h3>{title}</h3>{body}"
+    return f'<article id="finding-{order}" class="{kind}">{body}</article>'
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
+
+
+def _title_place(item: Finding, fit: Fit) -> str:
+    """Say where an effect is, and at which joint it shows where that is another one."""
+    place = place_of(item, len(fit.noise_floor))
+    shows = item.where.figure.removeprefix("joint-")
+    if not shows.isdigit() or (int(shows),) == item.joints:
+        return place
+    return f"{place}, most of all at joint {shows}" if item.effect != CONTACT else place
+
+
+def _drop(item: Finding, unit: str) -> str:
+    pairs = item.heldout_rmse
+    if pairs.before == pairs.after:  # nothing is taken off
+        return ""
+    everywhere = range(1, len(pairs.before) + 1)
+    own = () if is_of_bodies(item.effect) else item.joints
+    joints = [j for j in own if j in everywhere] or everywhere
+    shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
+    return "; ".join(
+        f"joint {j}: {error_of(pairs.before[j - 1])} → {error_of(pairs.after[j - 1])} {unit}"
+        for j in shown
+    )
+
+
+def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
+    said = [item.where.region] if item.where.region else []
+    of = [f" of {recordings[k - 1]}" for k in item.where.recording if len(recordings) > 1]
+    stretches = [f"{a:.1f} to {b:.1f} s" for a, b in item.where.time[:_LISTED]]
+    said += [text + (of[k] if of else "") for k, text in enumerate(stretches)]
+    if item.effect == CONTACT:
+        return escape("; ".join(said)) + ' (<a href="#pushes">courses</a>)'
+    shows = item.where.figure.removeprefix("joint-")
+    joints = (int(shows),) if is_of_bodies(item.effect) and shows.isdigit() else item.joints
+    joints = [j for j in joints if j <= len(fit.noise_floor)]
+    links = ", ".join(f'<a href="#joint-{j}">joint {j}</a>' for j in joints)
+    if not said:
+        return links
+    return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
+
+
+def _parameters(item: Finding) -> str:
+    rows = [
+        [escape(part), *_value_and_interval(one, _unit(one.unit))]
+        for name, known in item.parameters.items()
+        if known.value != () and not _is_left_out(known)
+        for part, one in _components(name, known)
+    ]
+    return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
+
+
+def _is_left_out(known: Interval) -> bool:
+    """Say whether a parameter is a part of the law that the data did not ask for."""
+    return known.value == 0 and not known.ci95
+
+
+def _components(name: str, known: Interval) -> list[tuple[str, Interval]]:
+    """Return a vector as its components; anything else as it is."""
+    axes, values, ends = _AXES.get(name), known.value, known.ci95 or ()
+    if axes is None or not isinstance(values, tuple) or not len(axes) == len(values) == len(ends):
+        return [(name, known)]
+    parts = zip(axes, values, ends, strict=True)
+    return [(f"{name} {axis}", Interval(one, known.unit, pair)) for axis, one, pair in parts]
+
+
+def _value_and_interval(known: Interval, unit: str) -> tuple[str, str, str]:
+    """Return value, unit and interval, to the digits that the interval leaves."""
+    values = list(_numbers(known.value))
+    pairs = list(_pairs(known.ci95)) if known.ci95 else []
+    ends = [(low, high) for low, high in pairs if low is not None and high is not None]
+    if not values or len(values) != len(ends):
+        return _value(known.value), unit, _interval(known)
+    said = [to_interval(value, *pair) for value, pair in zip(values, ends, strict=True)]
+    ranges = [f"{low} to {high}" for _, low, high in said]
+    return _listed([value for value, _, _ in said]), unit, _listed(ranges)
+
+
+def _numbers(value: Value) -> Iterator[float]:
+    """Yield the numbers of a value, of a list, or of a list of rows; none of a text."""
+    if isinstance(value, (int, float)):
+        yield float(value)
+    elif not isinstance(value, str):
+        for inner in value:
+            yield from _numbers(inner)
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "text" else escape(unit.replace("^2", "\N{SUPERSCRIPT TWO}"))
+
+
+def _value(value: Value) -> str:
+    if isinstance(value, str):
+        return escape(typeset(spoken(value)))
+    if isinstance(value, (int, float)):
+        return number(float(value), 4)
+    return _listed([_value(item) for item in value])
+
+
+def _interval(known: Interval) -> str:
+    if not known.ci95:
+        return UNSAID
+    return _listed([_range(pair) for pair in _pairs(known.ci95)])
+
+
+def _pairs(nested: tuple[Any, ...]) -> Iterator[tuple[float | None, float | None]]:
+    """Yield the intervals of a number, of a list, or of a list of rows."""
+    if isinstance(nested[0], (tuple, list)):
+        for inner in nested:
+            yield from _pairs(inner)
+    else:
+        yield nested[0], nested[1]
+
+
+def _range(pair: tuple[float | None, ...]) -> str:
+    low, high = (number(np.nan if v is None else float(v)) for v in pair)
+    return f"{low} to {high}"
+
+
+def _listed(texts: list[str]) -> str:
+    if len(texts) <= _LISTED:
+        return ", ".join(texts)
+    return folded(f"{len(texts)} values", ", ".join(texts))
+
+
+def error_of(value: float) -> str:
+    """Return an error to the digits of a report; a dash if it is not known."""
+    return rounded(value, _DIGITS) if np.isfinite(value) else UNSAID
