@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 RAN = ROOT / "out" / "gallery"
+FIGURES = ROOT / "benchmarks" / "results"  # what benchmarks printed
 NOTEBOOKS = ROOT / "out" / "notebooks"
 PACKAGES = {  # whose exported names the reference has
     "limo_driver": "The library: `import limo_driver as limo`",
@@ -62,6 +63,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for path in sorted(RAN.glob("*/*")):
         if path.suffix in {".png", ".html"}:
             made[f"gallery/{path.parent.name}/{path.name}"] = path.read_bytes()
+    for path in sorted(FIGURES.glob("*.txt")):
+        made[f"figures/{path.name}"] = path.read_bytes()
     made[_WORKER] = (HERE / "iframe_worker.js").read_bytes()
     for name, content in made.items():
         files.append(File.generated(config, name, content=content))
@@ -95,6 +98,8 @@ def _here(link: str, page: str, files: Files) -> str:
     path = _AT_HOME.get(path, path)
     if path.startswith("notebooks/"):
         return path.replace(".py", ".md") + mark + anchor
+    if path.startswith("benchmarks/results/"):
+        return f"figures/{Path(path).name}"
     if path.startswith("examples/"):
         return f"gallery.md#{Path(path).name.replace('.', '')}"
     if not files.get_file_from_path(path) and (ROOT / path).exists():

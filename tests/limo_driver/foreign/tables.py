@@ -1,8 +1,8 @@
-"""The tables of docs/your_data.md, each cell of which is a test."""
+"""The tables of docs/formats.md, each cell of which is a test."""
 
 from pathlib import Path
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "your_data.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "formats.md"
 
 
 def rows_of(heading):

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from audit import reached_by_tab, violations
 from browser import browser, program
+from firefox import firefox
+from firefox import program as firefox_program
 
 from limo_driver.model import RobotModel
 from limo_driver.pages import Charts, Ghost, Page, Pin, PlayedMotion, PushArrow, arm_view
@@ -145,3 +147,17 @@ def test_paper_shows_the_picture_and_the_chart(tab, address, tmp_path):
     assert tab.value("getComputedStyle(document.querySelector('#arm canvas')).display") == "none"
     assert tab.value("document.querySelector('.still').getBoundingClientRect().height") > 100
     tab.ask("Emulation.setEmulatedMedia", media="")
+
+
+@pytest.mark.skipif(firefox_program() is None, reason="no Firefox is installed on this machine")
+@pytest.mark.parametrize("width", [1400, 390])
+def test_it_draws_in_firefox_too(address, width):
+    with firefox() as fox:
+        fox.look(address, width)
+        fox.wait("document.body.dataset.charts === 'drawn' && document.body.dataset.arm")
+        assert fox.value("document.documentElement.scrollWidth") <= width
+        assert fox.value("document.querySelectorAll('.chart svg.main-svg').length") > 0
+        # a machine without a screen may have no WebGL: then the picture for paper is shown
+        shown = ".stage canvas" if fox.value("document.body.dataset.arm") == "drawn" else ".still"
+        assert fox.value(f"document.querySelector('{shown}').getBoundingClientRect().height") > 100
+        assert [said for said in fox.errors if "WebGL" not in said] == []

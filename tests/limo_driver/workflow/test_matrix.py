@@ -1,4 +1,4 @@
-"""Every kind of log with every kind of robot, as the table of docs/your_data.md says."""
+"""Every kind of log with every kind of robot, as the table of docs/formats.md says."""
 
 from __future__ import annotations
 
