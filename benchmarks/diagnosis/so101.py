@@ -36,8 +36,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 from estimators.drives import diagnose_drives, free_run, identify_drives
+from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
 from estimators.drives.fitting.identification import with_rows
-from estimators.drives.fitting.joint import COULOMB, DAMPING, errors, value_in, with_values
+from estimators.drives.fitting.joint import errors
 from estimators.drives.simulation.one_joint import LoadedJoint, loaded_joints
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import Simulation

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimators.diagnosis.stages import quiet
 from estimators.drives.checks.commands import check_commands
-from estimators.drives.checks.conventions import conventions_of
+from estimators.drives.checks.conventions import confirmed, conventions_of
 from estimators.drives.checks.timing import check_timing
 from estimators.drives.fitting.identification import identify_drives, with_servos
 from estimators.drives.hypotheses.search import leaving_out, search
@@ -79,7 +79,8 @@ def diagnose_drives(
     after = position_errors(proof.simulation, evidence.unseen)
     progress("comparing", 0.9)
     delay = float(np.median([fit.value("delay") for fit in final.fits]))
-    conventions = conventions_of(given.body, evidence.recordings, delay)
+    likeliest = conventions_of(given.body, evidence.recordings, delay)
+    conventions = confirmed(given, evidence.recordings, likeliest)
     notes = (
         *odd,
         conventions.sentence(),
@@ -87,7 +88,7 @@ def diagnose_drives(
         *about_scale(final),
         *sags(final),
     )
-    hidden = not_shown(given, conventions.joints, stated=stated)
+    hidden = not_shown(given, conventions.told, stated=stated)
     verdict = verdict_of(simulation, given, evidence, before, after, notes, hidden)
     progress("done", 1.0)
     return DriveDiagnosis(

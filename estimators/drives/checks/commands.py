@@ -23,7 +23,6 @@ _NORMALISED: Final = 8.0  # times the positions' range, from which on commands a
 _FURTHER: Final = 1.3  # times as far as its command, that no servo moves where both are alike
 _STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
 _ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
-_LATEST: Final = 0.5  # [s], by which command and position may be shifted
 _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
 _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
@@ -59,6 +58,12 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
         )
         if mistake:
             raise RecordingError(mistake, path=recording.source or None)
+    if not any((np.ptp(commands_of(each), axis=0) > _MOVES).any() for each in recordings):
+        raise RecordingError(
+            f"no command changes by more than {_MOVES:g} rad; expected set-points that move the "
+            "joints: nothing of a drive shows while it rests",
+            path=recordings[0].source or None,
+        )
     return tuple(
         text
         for number, recording in enumerate(recordings, start=1)
@@ -165,29 +170,7 @@ def _mistake(recording: Recording) -> str:
             return (
                 f"position_{j + 1} moves against command_{j + 1}; has one of them the other sign?"
             )
-    shifts = [_shift(recording, j) for j in judged.tolist()]
-    if shifts and np.median(shifts) < -1.0 / recording.rate:
-        return (
-            f"commands come {-float(np.median(shifts)):.3g} s later than the positions that "
-            "follow them; expected the set-point in force at each row"
-        )
     return ""
-
-
-def _shift(recording: Recording, j: int) -> float:
-    """Return by how much the position is later than the command [s]."""
-    reach = max(1, round(_LATEST * recording.rate))
-    pace = np.diff(commands_of(recording)[:, j]), np.diff(recording.position[:, j])
-    smooth = [np.convolve(x, np.ones(5) / 5, "same") for x in pace]
-    if smooth[0].size < 4 * reach:
-        return 0.0
-    ahead = smooth[0][reach:-reach]
-    scores = [
-        _correlation(ahead, smooth[1][reach + k : smooth[1].size - reach + k])
-        for k in range(-reach, reach + 1)
-    ]
-    best = int(np.argmax(scores))
-    return (best - reach) / recording.rate if scores[best] > _UNLIKE else 0.0  # else none shows
 
 
 def _odd(recording: Recording, name: str) -> Iterator[str]:

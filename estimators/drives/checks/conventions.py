@@ -6,7 +6,7 @@ the description does the gravity of its masses explain that lag with a gain abov
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Final
 
@@ -14,13 +14,19 @@ import numpy as np
 from scipy.optimize import nnls
 
 from estimators.diagnosis.wording import likelier
+from estimators.drives.fitting.constants import LEAST
+from estimators.drives.fitting.joint import fit_joint
+from estimators.drives.fitting.starts import nearer_start, typical_start
 from estimators.drives.simulation.free_run import commands_of
+from estimators.drives.simulation.loads import ArmChange, ArmLoads
+from estimators.drives.simulation.plant import rows_of
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from limo_driver.model import RobotModel
+    from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -28,8 +34,12 @@ _ROWS: Final = 6000  # that are compared, at most
 _MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the motion
 _INDEPENDENT: Final = 2.0  # errors in a second
 _MOST_SIGNS: Final = 5  # joints that gravity loads, of which all signs are tried
-_DESCRIBED: Final = np.log(100.0)  # prior odds of the description against each other convention
+_DESCRIBED: Final = np.log(100.0)  # prior odds of a sign or zero as described against another
 _SURELY: Final = 10.0  # natural logarithm of odds; friction that holds a joint mimics some gravity
+_TOLD: Final = np.log(20.0)  # from which on a joint is said to count as described
+_SIMULATED: Final = 3  # recordings
+_GLANCE: Final = 8  # evaluations
+_BETTER: Final = 0.1  # of the logarithm of a joint's error, that another convention has to gain
 _TURNS: Final = (np.pi / 2, -np.pi / 2, np.pi)  # [rad], zeros of other conventions
 
 
@@ -39,6 +49,11 @@ class Convention:
 
     sign: tuple[int, ...]  # of each joint
     zero: tuple[float, ...]  # of each joint [rad]
+
+    @property
+    def changes(self) -> int:
+        """How many signs and zeros are not those of the description."""
+        return sum(s < 0 for s in self.sign) + sum(z != 0.0 for z in self.zero)
 
     def linked(self, position: FloatArray) -> FloatArray:
         """Return positions as the description counts them, (T, n) [rad]."""
@@ -50,31 +65,53 @@ class Conventions:
     """The convention that gravity speaks for, and how surely."""
 
     best: Convention
-    joints: tuple[int, ...]  # 1-based, those that gravity can tell
-    log_odds: float  # of the best against the next one, natural logarithm
+    joints: tuple[int, ...]  # 1-based, those that gravity loads
+    odds: tuple[float, ...]  # natural logarithms, of each as described against all else
+    log_odds: float  # of the best against the description, or of that against the next one
     as_described: bool  # whether the best counts as the description does
+    confirmed: bool = False  # whether joints simulated forward speak for another one, too
 
     def sentence(self) -> str:
-        """Say it in one sentence."""
+        """Say it in one sentence or two."""
         if not self.joints:
             return "Gravity loads no joint enough to tell signs and zeros of the joints."
-        named = ", ".join(map(str, self.joints))
-        sure = f"{likelier(max(self.log_odds, 0.0))} than the next ones tried"
-        if self.as_described:
-            return f"Signs and zeros of joints {named} are those of the description ({sure})."
-        changes = [
+        if self.confirmed:
+            sure = f"{likelier(max(self.log_odds, 0.0))} than as described"
+            return f"By gravity, positions are counted otherwise: {self._changes()} ({sure})."
+        told, open_ = self.told, [j for j in self.joints if j not in self.told]
+        said = list[str]()
+        if told:
+            least = min(self.odds[self.joints.index(j)] for j in told)
+            said.append(
+                f"Signs and zeros of {_named(told)} are those of the description "
+                f"({likelier(least)} than others)."
+            )
+        if open_:
+            said.append(f"Gravity does not decide how {_named(open_)} {_counts(open_)} counted.")
+        return " ".join(said)
+
+    @property
+    def told(self) -> tuple[int, ...]:
+        """Joints that surely count as the description does, 1-based."""
+        pairs = zip(self.joints, self.odds, strict=True)
+        return tuple(j for j, odds in pairs if odds > _TOLD)
+
+    def _changes(self) -> str:
+        return "; ".join(
             f"joint {j}"
             + (" with the other sign" if s < 0 else "")
             + (f" with its zero {z:+.2f} rad elsewhere" if z else "")
             for j, s, z in zip(range(1, 99), self.best.sign, self.best.zero, strict=False)
             if s < 0 or z
-        ]
-        if self.log_odds > _SURELY:
-            return f"By gravity, positions are counted otherwise: {'; '.join(changes)} ({sure})."
-        return (
-            "Gravity does not decide how positions are counted; as well as the description fits "
-            f"{'; '.join(changes)} ({sure})."
         )
+
+
+def _named(joints: Sequence[int]) -> str:
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
+
+
+def _counts(joints: Sequence[int]) -> str:
+    return "are" if len(joints) > 1 else "is"
 
 
 @dataclass(frozen=True)
@@ -106,17 +143,56 @@ def conventions_of(
     joints = [int(j) for j in loaded if np.any(np.abs(rows.velocity[:, j]) > _MOVING)]
     described = Convention((1,) * body.n, (0.0,) * body.n)
     if not joints:
-        return Conventions(described, (), 0.0, as_described=True)
+        return Conventions(described, (), (), 0.0, as_described=True)
     independent = _INDEPENDENT * sum(recording.duration for recording in recordings)
     scores = {
         convention: _score(body, rows, convention, joints, independent)
         for convention in _conventions(body.n, joints)
     }
-    scores[described] += float(_DESCRIBED)
+    scores = {one: score - float(_DESCRIBED) * one.changes for one, score in scores.items()}
     ranked = sorted(scores, key=lambda item: -scores[item])
-    odds = scores[ranked[0]] - scores[ranked[1]]
+    odds = scores[ranked[0]] - scores[ranked[1] if ranked[0] == described else described]
+    own = tuple(_odds_of(scores, j) for j in joints)
     told = tuple(j + 1 for j in joints)
-    return Conventions(ranked[0], told, odds, as_described=ranked[0] == described)
+    return Conventions(ranked[0], told, own, odds, as_described=ranked[0] == described)
+
+
+def confirmed(
+    simulation: Simulation, recordings: Sequence[Recording], found: Conventions
+) -> Conventions:
+    """Return conventions, and whether the likeliest, if another, also predicts motion better.
+
+    What explains the lag of a servo, row by row, may be friction that mimics gravity. So joints are
+    fitted and simulated forward both ways.
+
+    Args:
+        simulation: With a position servo for each joint.
+        recordings: With commands; the first few are simulated.
+        found: By the lag alone.
+    """
+    if found.as_described or found.log_odds < _SURELY:
+        return found
+    chosen, stated = list(recordings[:_SIMULATED]), rows_of(simulation)
+    other = ArmChange(
+        tuple(-s * z for s, z in zip(found.best.sign, found.best.zero, strict=True)),
+        found.best.sign,
+    )
+    loads, away = ArmLoads(simulation.body, chosen), np.zeros(2)
+    for k, change in enumerate((ArmChange.none(simulation.model.n), other)):
+        parts = loads.parts(change)
+        for j in (joint - 1 for joint in found.joints):
+            begun = nearer_start(parts[j], typical_start(stated[j]))
+            fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
+            away[k] += np.log(max(fit.mean_error, LEAST))
+    gain = float(away[0] - away[1]) / len(found.joints)
+    return replace(found, confirmed=gain > _BETTER)
+
+
+def _odds_of(scores: Mapping[Convention, float], j: int) -> float:
+    """Return how much likelier a joint counts as described than otherwise, all else free."""
+    as_told = [score for one, score in scores.items() if one.sign[j] > 0 and not one.zero[j]]
+    other = [score for one, score in scores.items() if one.sign[j] < 0 or one.zero[j]]
+    return max(as_told) - max(other)
 
 
 def likeliest_order(

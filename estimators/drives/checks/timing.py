@@ -6,8 +6,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.identification import typical_start
-from estimators.drives.fitting.joint import errors, fit_joint, value_in, with_values
+from estimators.drives.fitting.constants import value_in, with_values
+from estimators.drives.fitting.extras import most_of
+from estimators.drives.fitting.joint import errors, fit_joint
+from estimators.drives.fitting.starts import nearer_start, typical_start
+from estimators.drives.simulation.commanded import busiest
+from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.loads import ArmChange, ArmLoads
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.errors import RecordingError
@@ -15,13 +19,21 @@ from limo_driver.errors import RecordingError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from estimators.drives.fitting.joint import JointFit
+    from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
 
 _MOVES: Final = 0.05  # [rad], range of a joint that can be judged
 _GLANCE: Final = 8  # evaluations
 _FARTHEST: Final = 0.5  # [s] of looking ahead
-_BETTER: Final = 0.9  # of the error, which looking ahead has to get below
+_BETTER: Final = 0.7  # of the error, which looking ahead has to get below
+_ALIKE: Final = 0.4  # correlation of the paces of command and position, below which none shows
+_SMOOTHED: Final = 5  # rows
+_JUDGED: Final = 3  # recordings at most
+_REACHED: Final = 0.7  # of the torque that a servo without limit would have, tried as its limit
+_HELD: Final = 0.1  # dry friction by load, tried with it
 _NONE: Final = 1e-3  # [s], a delay that is none
 
 
@@ -29,26 +41,43 @@ def check_timing(simulation: Simulation, recordings: Sequence[Recording]) -> tup
     """Refuse commands that come later than what they cause; tell where all delay is missing.
 
     A servo lags by its delay and by damping over gain. Where a fit takes no delay, and gets better
-    as it looks ahead, no servo has made the motion from these rows.
+    as it looks ahead, no servo has made the motion from these rows. The recording
+    of most motion is judged, and others in which positions seem to come before commands: a soft
+    servo under a weight swings ahead of its commands at times, so that this alone proves nothing.
 
     Args:
         simulation: With a position servo for each joint.
         recordings: With commands.
 
     Returns:
-        A sentence, if no joint has a delay although one is stated.
+        A sentence, if no joint of that recording has a delay although one is stated.
 
     Raises:
         RecordingError: Joints follow commands of later rows.
     """
-    stated, first = rows_of(simulation), recordings[0]
-    loads = ArmLoads(simulation.body, [first])
-    parts = loads.parts(ArmChange.none(loads.n))
-    period = 1.0 / first.rate
+    first = busiest(recordings)
+    others = (each for each in recordings if each is not first and _seems_early(each))
+    judged = [first, *others][:_JUDGED]
+    delays, *_ = [_judge(simulation, each) for each in judged]
+    believed = float(np.median([value_in(row, "delay") for row in rows_of(simulation)]))
+    if delays and max(delays) <= _NONE < believed:
+        return (
+            f"No joint has a delay, although {believed:.3g} s are stated: commands may be recorded "
+            "later than they came into force, and damping found here is then too small.",
+        )
+    return ()
+
+
+def _judge(simulation: Simulation, recording: Recording) -> list[float]:
+    """Return the delay of each joint that moves [s], or refuse the recording."""
+    stated, load = rows_of(simulation), ArmLoads(simulation.body, [recording])
+    parts = load.parts(ArmChange.none(load.n))
+    period = 1.0 / recording.rate
     ahead = -period * np.arange(round(_FARTHEST / period) + 1)
     leads, gains, delays = list[float](), list[float](), list[float]()
-    for j in np.flatnonzero(np.ptp(first.position, axis=0) > _MOVES).tolist():
-        fit = fit_joint(parts[j], typical_start(stated[j]), evaluations=_GLANCE)
+    for j in np.flatnonzero(np.ptp(recording.position, axis=0) > _MOVES).tolist():
+        begun = nearer_start(parts[j], typical_start(stated[j]))
+        fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
         delays.append(fit.value("delay"))
         if delays[-1] > _NONE:
             leads.append(0.0)
@@ -59,18 +88,51 @@ def check_timing(simulation: Simulation, recordings: Sequence[Recording]) -> tup
             for delay in ahead.tolist()
         ]
         best = int(np.argmin(scores))
+        if scores[best] < _BETTER * fit.mean_error:
+            fit = min(fit, _limited(parts[j], fit), key=lambda own: own.mean_error)
         leads.append(-float(ahead[best]))
         gains.append(scores[best] / max(fit.mean_error, 1e-9))
     if leads and np.median(leads) > 0.0 and np.median(gains) < _BETTER:
         raise RecordingError(
             f"commands come {float(np.median(leads)):.3g} s or more later than the positions that "
             "follow them; expected the set-point in force at each row",
-            path=first.source or None,
+            path=recording.source or None,
         )
-    believed = float(np.median([value_in(row, "delay") for row in stated]))
-    if delays and max(delays) <= _NONE < believed:
-        return (
-            f"No joint has a delay, although {believed:.3g} s are stated: commands may be recorded "
-            "later than they came into force, and damping found here is then too small.",
-        )
-    return ()
+    return delays
+
+
+def _limited(parts: Sequence[LoadedJoint], fit: JointFit) -> JointFit:
+    """Return the fit of a servo that is driven beyond its torque, behind a gear that load holds.
+
+    What these do is no look ahead, and is explained by one in part.
+    """
+    limit = _REACHED * most_of("torque_limit", parts, fit.row)
+    begun = with_values(fit.row, {"torque_limit": limit, "by_load": _HELD})
+    names = (*fit.names, "torque_limit", "by_load")
+    return fit_joint(parts, begun, names)
+
+
+def _seems_early(recording: Recording) -> bool:
+    """Say whether most joints that move seem to do so before their commands."""
+    command, position = commands_of(recording), recording.position
+    moving = np.flatnonzero(np.minimum(np.ptp(position, axis=0), np.ptp(command, axis=0)) > _MOVES)
+    shifts = [_shift(command[:, j], position[:, j], recording.rate) for j in moving.tolist()]
+    return bool(shifts) and float(np.median(shifts)) < -1.0 / recording.rate
+
+
+def _shift(command: FloatArray, position: FloatArray, rate: float) -> float:
+    """Return by how much a position seems later than its command [s]."""
+    reach = max(1, round(_FARTHEST * rate))
+    mean = np.ones(_SMOOTHED) / _SMOOTHED
+    told, did = (np.convolve(np.diff(x), mean, "same") for x in (command, position))
+    if told.size < 4 * reach:
+        return 0.0
+    ahead = told[reach:-reach]
+    scores = [
+        float(np.corrcoef(ahead, did[reach + k : did.size - reach + k])[0, 1])
+        if np.ptp(ahead) and np.ptp(did[reach + k : did.size - reach + k])
+        else 0.0
+        for k in range(-reach, reach + 1)
+    ]
+    best = int(np.argmax(scores))
+    return (best - reach) / rate if scores[best] > _ALIKE else 0.0

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.joint import (
-    SIGNED,
+from estimators.drives.fitting.constants import (
+    STEP,
     BelievedValue,
-    independent,
+    inner,
+    stepped,
     value_in,
-    with_values,
 )
+from estimators.drives.fitting.joint import independent
 from limo_driver.physics.drives import MOST_SAG
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 
@@ -32,11 +33,8 @@ if TYPE_CHECKING:
     from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
-_STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
 _FAR: Final = 3.0  # deviations from a belief, from which on it counts in proportion to distance
 _LARGE: Final = 3.0  # typical errors, from which on an error does
-_LEAST, _MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
-_BOUNDS: Final = {"v_s": (1e-3, 0.3)}  # [rad/s]; friction that fades later is dry friction
 _SHARED_BOUNDS: Final = {"zero": (-FARTHEST_ZERO, FARTHEST_ZERO), "sag": (0.0, MOST_SAG)}
 _RUN_AWAY: Final = 100.0  # [rad], of a joint that constants tried make unstable
 _ENOUGH: Final = 1e-3  # of a nat, gained by a step
@@ -66,7 +64,9 @@ class ArmGuess:
         rows, at = self.rows.copy(), 0
         for j in own:
             many = len(self.names[j])
-            rows[j] = stepped(rows[j], self.names[j], step[at : at + many])
+            rows[j] = stepped(
+                rows[j], dict(zip(self.names[j], step[at : at + many].tolist(), strict=True))
+            )
             at += many
         change = self.change
         for name, size in zip(self.shared, step[at:].tolist(), strict=True):
@@ -230,16 +230,16 @@ def _normal(
     """Return curvature and slope of the cost."""
     parts = problem.loads.parts(guess.change)
     moved = [
-        problem.loads.parts(guess.change.with_value(name, guess.change.value(name) + _STEP))
+        problem.loads.parts(guess.change.with_value(name, guess.change.value(name) + STEP))
         for name in guess.shared
     ]
 
     def slopes(j: int) -> FloatArray:
         sides = [
-            problem.errors_of(parts[j], stepped(guess.rows[j], guess.names[j], step))
-            for step in _STEP * np.eye(len(guess.names[j]))
+            problem.errors_of(parts[j], stepped(guess.rows[j], {name: STEP}))
+            for name in guess.names[j]
         ] + [problem.errors_of(other[j], guess.rows[j]) for other in moved]
-        return np.stack([side - errors[j] for side in sides], axis=1) / _STEP
+        return np.stack([side - errors[j] for side in sides], axis=1) / STEP
 
     with ThreadPoolExecutor() as pool:
         every = list(pool.map(slopes, own))
@@ -271,22 +271,6 @@ def _normal(
     return hessian, gradient
 
 
-def stepped(row: FloatArray, names: Sequence[str], step: FloatArray) -> FloatArray:
-    """Return constants a step away, of logarithms but for signed values."""
-    values: dict[str, float] = {}
-    for name, size in zip(names, step.tolist(), strict=True):
-        old = value_in(row, name)
-        new = old + size if name in SIGNED else max(old, _LEAST) * float(np.exp(size))
-        least, most = _BOUNDS.get(name, (_LEAST, _MOST))
-        values[name] = new if name in SIGNED else min(max(new, least), most)
-    return with_values(row, values)
-
-
 def at_bound(name: str, value: float) -> bool:
     """Say whether a value that all joints share is at the end of what is possible."""
     return value in _SHARED_BOUNDS.get(name.partition("_")[0], ())
-
-
-def inner(name: str, value: float) -> float:
-    """Return a value as it is fitted: its logarithm, but for signed ones."""
-    return value if name in SIGNED else float(np.log(max(value, _LEAST)))

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.joint import DAMPING, errors, fit_joint, left_out, with_values
+from estimators.drives.fitting.constants import BASE, value_in, with_values
+from estimators.drives.fitting.joint import JointFit, errors, fit_joint, left_out
+from estimators.drives.fitting.starts import LAGS, away, lagging
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from estimators.drives.fitting.joint import BelievedValue, JointFit
+    from estimators.drives.fitting.constants import BelievedValue
     from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
@@ -28,18 +30,38 @@ class Extra:
     """An effect that may be there: what it adds to the constants that are fitted."""
 
     effect: str
-    start: Mapping[str, float]  # constants to be fitted, and where from
+    start: Mapping[str, float]  # constants to be fitted, and where from; of a limit, nothing yet
+    limit: str = ""  # a constant that is felt where it is reached, and nowhere else
+
+    def begun(self, parts: Sequence[LoadedJoint], row: FloatArray) -> Mapping[str, float]:
+        """Return constants and where their fit begins; none where nothing speaks for a limit.
+
+        Args:
+            parts: Recorded stretches.
+            row: The constants without it.
+        """
+        if not self.limit:
+            return self.start
+        limits = [share * most_of(self.limit, parts, row) for share in _SHARES]
+        if self.limit == "torque_limit":
+            limits += [times * _most_load(parts) for times in _LIFTED]
+        reached = {limit: away(parts, with_values(row, {self.limit: limit})) for limit in limits}
+        best = min(reached, key=lambda value: reached[value])
+        return {self.limit: best} if reached[best] < away(parts, row) else {}
 
 
 EXTRAS: Final = (
     Extra("stribeck_friction", {"stribeck": 0.05, "v_s": 0.05}),
     Extra("load_dependent_friction", {"by_load": 0.1}),
     Extra("dead_band", {"dead_band": 0.005}),
-    Extra("profile_speed", {"speed": 1.0}),
+    Extra("profile_speed", {}, "speed"),
+    Extra("profile_acceleration", {}, "acceleration"),
+    Extra("torque_limit", {}, "torque_limit"),
 )
-# A lag is a delay or damping: what a fit finds depends on which of them it begins with.
-_STARTS: Final = ({"delay": 0.004, DAMPING: 1.0}, {"delay": 0.04, DAMPING: 0.4})
-MOST: Final = 2  # of one joint
+MOST: Final = 3  # of one joint
+_SHARES: Final = (0.3, 0.5, 0.7, 0.9)  # of what a joint or its servo did at most, tried as a limit
+_LIFTED: Final = (1.0, 1.3, 1.7)  # times the most load that was moved, tried as a torque limit
+_RARE: Final = 0.995  # quantile of what it did, taken for the most
 _GAIN: Final = 0.97  # of the error on motion not seen, which an effect has to get below
 _SURE: Final = 0.4  # of the logarithm of a constant; a deviation beyond says that it is not seen
 _SCREENING: Final = 8  # evaluations
@@ -71,28 +93,23 @@ def grown(
     best = _best(seen, row, names, priors)
     score = _score(unseen, best.row)
     while len(found) < MOST:
-        tried = [
-            (
-                extra,
-                fit_joint(
-                    seen,
-                    with_values(best.row, extra.start),
-                    (*names, *extra.start),
-                    priors,
-                    _SCREENING,
-                ),
-            )
-            for extra in EXTRAS
-            if extra.effect not in found
-        ]
-        scores = [
-            _score(unseen, fit.row)
-            if max(fit.deviation[name] for name in extra.start) < _SURE
-            else np.inf
-            for extra, fit in tried
-        ]
-        at = int(np.argmin(scores))
-        if scores[at] > _GAIN * score:
+        tried = list[tuple[Extra, JointFit]]()
+        scores = list[float]()
+        for extra in EXTRAS:
+            if extra.effect in found:
+                continue
+            # a servo that is mostly at a limit looks like another, of less gain
+            begun_with = {name: best.value(name) for name in names if name not in BASE}
+            others = (with_values(row, begun_with),) if extra.limit else ()
+            for base in (best.row, *others):
+                if not (start := extra.begun(seen, base)):
+                    continue
+                begun = with_values(base, start)
+                fit = fit_joint(seen, begun, (*names, *start), priors, _SCREENING)
+                tried.append((extra, fit))
+                scores.append(_proven(unseen, fit, best.row, list(start), score))
+        at = int(np.argmin(scores)) if scores else 0
+        if not scores or scores[at] == np.inf:
             break
         extra, best = tried[at]
         score, names = scores[at], best.names
@@ -142,11 +159,59 @@ def _best(
     priors: Mapping[str, BelievedValue],
 ) -> JointFit:
     """Return the best fit of those that begin with each of the lags."""
-    begun = [
-        fit_joint(parts, with_values(row, start), names, priors, _SCREENING) for start in _STARTS
-    ]
+    begun = [fit_joint(parts, lagging(row, lag), names, priors, _SCREENING) for lag in LAGS]
     best = min(begun, key=lambda fit: fit.mean_error)
     return fit_joint(parts, best.row, names, priors)
+
+
+def _proven(
+    parts: Sequence[LoadedJoint],
+    fit: JointFit,
+    before: FloatArray,
+    names: Sequence[str],
+    score: float,
+) -> float:
+    """Return the error of a fit on motion that it has not seen; infinite if it proves nothing.
+
+    Its gain has to be that of the new constants: without them, all others as fitted, it is lost.
+
+    Args:
+        parts: That motion.
+        fit: With the effect.
+        before: Constants of the fit without it.
+        names: What the effect adds.
+        score: Error without it.
+    """
+    if max(fit.deviation[name] for name in names) > _SURE:
+        return np.inf
+    own = _score(parts, fit.row)
+    without = with_values(fit.row, {name: value_in(before, name) for name in names})
+    return own if own < _GAIN * min(score, _score(parts, without)) else np.inf
+
+
+def most_of(name: str, parts: Sequence[LoadedJoint], row: FloatArray) -> float:
+    """Return the most of what a limit limits, along recorded motion.
+
+    Args:
+        name: The limit: of torque [N m], speed [rad/s] or acceleration [rad/s²].
+        parts: Recorded stretches.
+        row: The constants without it.
+    """
+    if name == "torque_limit":
+        error = [np.abs(part.command - part.position) for part in parts]
+        return value_in(row, "kp") * float(np.quantile(np.concatenate(error), _RARE))
+    pace = [part.velocity for part in parts]
+    if name == "acceleration":
+        pace = [np.gradient(part.velocity, part.time) for part in parts]
+    return float(np.quantile(np.abs(np.concatenate(pace)), _RARE))
+
+
+def _most_load(parts: Sequence[LoadedJoint]) -> float:
+    """Return the most torque of the rigid body along recorded motion [N m]."""
+    load = [
+        np.abs(part.load + part.inertia * np.gradient(part.velocity, part.time)) for part in parts
+    ]
+    return float(np.quantile(np.concatenate(load), _RARE))
 
 
 def _score(parts: Sequence[LoadedJoint], row: FloatArray) -> float:

@@ -12,16 +12,20 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.drives.fitting.extras import every_joint
-from estimators.drives.fitting.joint import (
+from estimators.drives.fitting.constants import (
     BASE,
     COULOMB,
     DAMPING,
+    LEAST,
     BelievedValue,
     value_in,
     with_values,
 )
+from estimators.drives.fitting.extras import every_joint
+from estimators.drives.fitting.joint import JointFit, errors
+from estimators.drives.fitting.starts import TYPICAL, nearer_start, typical_start, with_gain
 from estimators.drives.simulation.columns import geared
+from estimators.drives.simulation.commanded import MOVED, commanded_range
 from estimators.drives.simulation.one_joint import loaded_joints
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.display import Displayed
@@ -41,7 +45,7 @@ from limo_driver.physics import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from estimators.drives.fitting.joint import JointFit
+    from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, JointDrive, Simulation
     from limo_driver.recordings.recording import Recording
@@ -50,10 +54,9 @@ if TYPE_CHECKING:
 _LOADED: Final = 0.05  # of the largest load of the arm, from which on gravity gives a scale
 _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
-_TYPICAL: Final = {"kp": 15.0, DAMPING: 1.0, COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
 _USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0}  # deviations of their logarithms
-_NONE_AT_FIRST: Final = ("kd", "stribeck", "by_load", "offset", "dead_band", "play")
 _QUICK: Final = ("delay", "inertia")  # what acts within a sample of slow recordings
+_OF_A_KIND: Final = 0.7  # deviation of the logarithm of the gains of an arm's servos
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
 _FITTED: Final = (
     Armature,
@@ -75,6 +78,7 @@ class DriveIdentification(Displayed):
     fits: tuple[JointFit, ...]
     extras: tuple[tuple[str, ...], ...]  # of each joint, effects beyond the usual ones
     scaled: tuple[bool, ...]  # whether gravity gives the scale of a joint
+    moved: tuple[bool, ...]  # whether a joint is told to move; else its constants are of others
 
     def headline(self) -> str:
         """Say of what it is, and how far the simulated joints stay from the recorded ones."""
@@ -91,8 +95,12 @@ class DriveIdentification(Displayed):
             "joint": self.simulation.model.joint_names,
             "kp [N m/rad]": [fit.value("kp") for fit in fits],
             "95 %": [
-                "{:.3g} to {:.3g}".format(*fit.interval("kp")) if "kp" in fit.names else "ratios"
-                for fit in fits
+                "{:.3g} to {:.3g}".format(*fit.interval("kp"))
+                if "kp" in fit.names
+                else "ratios"
+                if moved
+                else "of others"
+                for fit, moved in zip(fits, self.moved, strict=True)
             ],
             "damping [N m s/rad]": [fit.value(DAMPING) for fit in fits],
             "dry friction [N m]": [fit.value(COULOMB) for fit in fits],
@@ -123,7 +131,7 @@ class DriveIdentification(Displayed):
             (joint, name)
             for joint, fit in enumerate(self.fits, start=1)
             for name in _QUICK
-            if not 0.0 < fit.deviation.get(name, 0.0) <= SURE
+            if self.moved[joint - 1] and not 0.0 < fit.deviation.get(name, 0.0) <= SURE
         )
 
 
@@ -151,26 +159,64 @@ def identify_drives(
     stated = rows_of(given)
     load = _weight(given.body, recordings)
     scaled = load >= max(_LOADED * float(load.max()), _WEIGHTLESS)
+    moved = commanded_range(recordings) > MOVED
     rows = np.stack([typical_start(row) for row in stated])
-    n = len(rows)
-    found: dict[int, tuple[JointFit, tuple[str, ...]]] = {}
-    first = np.flatnonzero(scaled).tolist()
-    for joints in (first, [j for j in range(n) if j not in first]):
-        if joints != first:  # servos are of one kind more often than not
-            kp = [found[j][0].value("kp") for j in first] or [_TYPICAL["kp"]]
-            typical = float(np.exp(np.mean(np.log(kp))))
-            for j in joints:
-                rows[j] = _with_gain(rows[j], typical)
-        priors = [_believed(rows[j], float(load[j]) if scaled[j] else None) for j in joints]
-        names = BASE if joints == first else BASE[1:]  # all but the gain
-        own = [parts[j] for j in joints]
-        done = every_joint(own, rows[joints], names, priors, intervals=intervals)
-        found |= dict(zip(joints, done, strict=True))
-    fits = tuple(found[j][0] for j in range(n))
-    extras = tuple(found[j][1] for j in range(n))
+    first = np.flatnonzero(scaled & moved).tolist()
+    for j in first:
+        rows[j] = nearer_start(parts[j], rows[j])
+    believed = [_believed(rows[j], float(load[j])) for j in first]
+    found = _fitted(parts, rows, first, BASE, believed, intervals=intervals)
+    sure = [j for j in first if found[j][0].deviation["kp"] < SURE]
+    kp = [found[j][0].value("kp") for j in sure or first] or [TYPICAL["kp"]]
+    kind = float(np.exp(np.mean(np.log(kp))))  # servos are of one kind more often than not
+    if sure and (unsure := [j for j in first if j not in sure]):
+        for j in unsure:
+            rows[j] = with_gain(rows[j], kind)
+        believed = [
+            {**_believed(rows[j], float(load[j])), "kp": BelievedValue(kind, _OF_A_KIND)}
+            for j in unsure
+        ]
+        found |= _fitted(parts, rows, unsure, BASE, believed, intervals=intervals)
+    weightless = np.flatnonzero(~scaled & moved).tolist()
+    for j in weightless:
+        rows[j] = with_gain(rows[j], kind)
+    believed = [_believed(rows[j], None) for j in weightless]
+    found |= _fitted(parts, rows, weightless, BASE[1:], believed, intervals=intervals)
+    shown = [fit for fit, _ in found.values()]
+    for j in np.flatnonzero(~moved).tolist():
+        row = _of_others(rows[j], shown)
+        found[j] = (JointFit(row, (), {}, errors(parts[j], row)), ())
+    fits, extras = zip(*(found[j] for j in range(len(rows))), strict=True)
+    improved = with_rows(given, [fit.row for fit in fits])
     return DriveIdentification(
-        with_rows(given, [fit.row for fit in fits]), fits, extras, tuple(scaled.tolist())
+        improved, fits, extras, tuple(scaled.tolist()), tuple(moved.tolist())
     )
+
+
+def _fitted(
+    parts: Sequence[Sequence[LoadedJoint]],
+    rows: FloatArray,
+    joints: Sequence[int],
+    names: tuple[str, ...],
+    believed: Sequence[Mapping[str, BelievedValue]],
+    *,
+    intervals: bool,
+) -> dict[int, tuple[JointFit, tuple[str, ...]]]:
+    """Return the fit of some joints, by joint, with the effects beyond the usual ones."""
+    own = [parts[j] for j in joints]
+    done = every_joint(own, rows[list(joints)], names, believed, intervals=intervals)
+    return dict(zip(joints, done, strict=True))
+
+
+def _of_others(row: FloatArray, fits: Sequence[JointFit]) -> FloatArray:
+    """Return the constants of a joint that is not told to move: the mean of those that are."""
+    if not fits:
+        return row
+    usual = {
+        name: float(np.exp(np.mean([np.log(max(fit.value(name), LEAST)) for fit in fits])))
+        for name in TYPICAL
+    }
+    return with_values(row, usual)
 
 
 def _believed(row: FloatArray, load: float | None) -> dict[str, BelievedValue]:
@@ -202,7 +248,7 @@ def with_servos(simulation: Simulation) -> Simulation:
     """Return the same with a typical position servo at each joint that has none."""
     served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
     more = tuple(
-        PositionServo(joint=j, kp=_TYPICAL["kp"])
+        PositionServo(joint=j, kp=TYPICAL["kp"])
         for j in range(1, simulation.model.n + 1)
         if j not in served
     )
@@ -230,8 +276,6 @@ def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
         return replace(drive, gear=ratio * drive.gear)
     if not isinstance(drive, PositionServo):
         return drive
-    limit = drive.torque_limit
-    speed = value_in(row, "speed")
     return replace(
         drive,
         kp=value_in(row, "kp"),
@@ -241,9 +285,15 @@ def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
         play=value_in(row, "play"),
         ki=value_in(row, "ki"),
         sag=value_in(row, "sag"),
-        torque_limit=None if limit is None else ratio * limit,
-        speed=speed if np.isfinite(speed) else None,
+        torque_limit=_finite(value_in(row, "torque_limit")),
+        speed=_finite(value_in(row, "speed")),
+        acceleration=_finite(value_in(row, "acceleration")),
     )
+
+
+def _finite(value: float) -> float | None:
+    """Return a limit as it is declared."""
+    return value if np.isfinite(value) else None
 
 
 def _effects(joint: int, row: FloatArray) -> list[Effect]:
@@ -268,28 +318,3 @@ def _effects(joint: int, row: FloatArray) -> list[Effect]:
         stiffness, rest, cubic = value("spring"), value("rest"), value("cubic")
         found.append(SpringLoad(joint=joint, stiffness=stiffness, rest=rest, cubic=cubic))
     return found
-
-
-def typical_start(row: FloatArray) -> FloatArray:
-    """Return constants to start from: a hobby servo's, with the limits that were stated."""
-    start = {
-        "kd": 0.0,
-        "stribeck": 0.0,
-        "by_load": 0.0,
-        "offset": 0.0,
-        "dead_band": 0.0,
-        "play": 0.0,
-    }
-    return with_values(row, {**start, **_TYPICAL, "speed": np.inf})
-
-
-def _with_gain(row: FloatArray, kp: float) -> FloatArray:
-    """Return constants to start from with another gain, of a joint whose scale gravity hides.
-
-    Gain, damping, dry friction and inertia times one factor move a joint alike where nothing but
-    the drive acts on it: so all of them are scaled, and what is fitted beside the gain, which is
-    held, begins as near as before.
-    """
-    factor = kp / value_in(row, "kp")
-    scaled = {name: factor * value_in(row, name) for name in ("kp", DAMPING, COULOMB, "inertia")}
-    return with_values(row, scaled)

@@ -10,27 +10,32 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
-from estimators.drives.simulation.columns import NAMES
+from estimators.drives.fitting.constants import (
+    BASE,
+    LEAST,
+    SIGNED,
+    STEP,
+    inner,
+    outer,
+    stepped,
+    value_in,
+    with_values,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from estimators.drives.fitting.constants import BelievedValue
     from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
-DAMPING, COULOMB = "damping", "coulomb"  # columns that recordings cannot tell apart, as one
-_TIED: Final = {COULOMB: ("plus", "minus"), DAMPING: ("viscous_plus", "viscous_minus")}
-BASE: Final = ("kp", DAMPING, COULOMB, "delay", "inertia", "offset")
-SIGNED: Final = ("offset", "zero")  # what may be below zero
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
 _COARSE: Final = 3.0  # typical errors, from which on they do at first
 _FINER: Final = 7.0  # times smaller in the next fit
-_STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
 _EVALUATIONS: Final = 25
 _ENOUGH, _NEAR = 1e-5, 1e-4  # of the cost, and of the constants: steps that gain less are the last
-_LEAST, _MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
 _CORRELATED: Final = 0.05  # below this, errors are taken for uncorrelated
 _BLOCKS: Final = 8  # of motion at most, each left out once
 _FEW: Final = 3  # stretches, below which blocks are of time
@@ -39,14 +44,7 @@ _FARTHEST: Final = 1.0  # of a logarithm or in the unit, that a block left out m
 
 
 NORMAL: Final = 1.96  # deviations that hold 95 %
-
-
-@dataclass(frozen=True)
-class BelievedValue:
-    """What is believed of one parameter before any data."""
-
-    value: float
-    deviation: float  # in the unit of the value, or of its logarithm where it cannot be negative
+_NOWHERE: Final = 50.0  # of a logarithm, beyond which an interval says nothing
 
 
 @dataclass(frozen=True)
@@ -67,26 +65,13 @@ class JointFit:
         value, reach = self.value(name), NORMAL * self.deviation[name]
         if name in SIGNED:
             return value - reach, value + reach
-        return value * float(np.exp(-reach)), value * float(np.exp(reach))
+        far = float(np.exp(min(reach, _NOWHERE)))
+        return value / far, value * far
 
     @property
     def mean_error(self) -> float:
         """Mean absolute error [rad]."""
         return float(np.abs(self.error).mean())
-
-
-def value_in(row: FloatArray, name: str) -> float:
-    """Return one of the constants, by name."""
-    return float(row[NAMES.index(_TIED.get(name, (name,))[0])])
-
-
-def with_values(row: FloatArray, values: Mapping[str, float]) -> FloatArray:
-    """Return constants with some replaced, by name."""
-    new = row.copy()
-    for name, value in values.items():
-        for column in _TIED.get(name, (name,)):
-            new[NAMES.index(column)] = value
-    return new
 
 
 def errors(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
@@ -121,17 +106,12 @@ def fit_joint(
     held = sum(part.time.size for part in parts)
 
     def of(x: FloatArray) -> FloatArray:
-        return with_values(
-            row,
-            {
-                name: float(value if name in SIGNED else np.clip(np.exp(value), _LEAST, _MOST))
-                for name, value in zip(names, x, strict=True)
-            },
-        )
+        values = {name: outer(name, float(value)) for name, value in zip(names, x, strict=True)}
+        return with_values(row, values)
 
     def objective(x: FloatArray, weight: float) -> FloatArray:
         believed = [
-            weight * (x[names.index(name)] - _inner(name, prior.value)) / prior.deviation
+            weight * (x[names.index(name)] - inner(name, prior.value)) / prior.deviation
             for name, prior in known.items()
         ]
         return np.append(errors(parts, of(x)), believed)
@@ -145,10 +125,10 @@ def fit_joint(
 
     def slopes(x: FloatArray, weight: float) -> FloatArray:
         here = told[x.tobytes()] if x.tobytes() in told else objective(x, weight)
-        moved = [objective(x + step, weight) - here for step in _STEP * np.eye(x.size)]
-        return np.stack(moved, axis=1) / _STEP
+        moved = [objective(x + step, weight) - here for step in STEP * np.eye(x.size)]
+        return np.stack(moved, axis=1) / STEP
 
-    start = np.array([_inner(name, value_in(row, name)) for name in names])
+    start = np.array([inner(name, value_in(row, name)) for name in names])
     weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
     names = tuple(names)
     # Far from the best nearly all errors are large, and counted in proportion they lead astray.
@@ -202,10 +182,10 @@ def left_out(
     pull = _ROBUST**2 * fit.error.size / max(_independent_of(parts), 1.0)
     here, stiff, away = (np.zeros(len(names)) for _ in range(3))
     for k, name in enumerate(names):
-        here[k] = _inner(name, fit.value(name))
+        here[k] = inner(name, fit.value(name))
         if name in known:
             stiff[k] = pull / known[name].deviation ** 2
-            away[k] = here[k] - _inner(name, known[name].value)
+            away[k] = here[k] - inner(name, known[name].value)
     slope = slopes_at(parts, fit)
     block = blocks([part.time.size for part in parts])
     many = int(block.max()) + 1
@@ -235,7 +215,7 @@ def _linear_step(
     step = np.zeros(stiff.size)
     for _ in range(_LEFT_OUT):
         heavy = slope.T / np.hypot(1.0, (error + slope @ step) / _ROBUST)
-        normal = heavy @ slope + np.diag(stiff + _LEAST)
+        normal = heavy @ slope + np.diag(stiff + LEAST)
         step = np.linalg.solve(normal, -(heavy @ error + stiff * away))
         step = step.clip(-_FARTHEST, _FARTHEST)
     return step
@@ -250,15 +230,8 @@ def slopes_at(parts: Sequence[LoadedJoint], fit: JointFit) -> FloatArray:
         parts: The stretches that it was fitted to.
         fit: Whose errors are those of `parts`.
     """
-    sides = [errors(parts, _stepped(fit.row, name)) - fit.error for name in fit.names]
-    return np.stack(sides, axis=1) / _STEP
-
-
-def _stepped(row: FloatArray, name: str) -> FloatArray:
-    """Return constants with one a step away."""
-    value = value_in(row, name)
-    new = value + _STEP if name in SIGNED else max(value, _LEAST) * float(np.exp(_STEP))
-    return with_values(row, {name: new})
+    sides = [errors(parts, stepped(fit.row, {name: STEP})) - fit.error for name in fit.names]
+    return np.stack(sides, axis=1) / STEP
 
 
 def blocks(sizes: Sequence[int]) -> NDArray[np.int64]:
@@ -306,7 +279,3 @@ def independent(error: FloatArray) -> float:
 def _independent_of(parts: Sequence[LoadedJoint]) -> float:
     """Return the same before any fit: one in half a second."""
     return sum(2.0 * float(part.time[-1] - part.time[0]) for part in parts)
-
-
-def _inner(name: str, value: float) -> float:
-    return value if name in SIGNED else float(np.log(max(value, _LEAST)))

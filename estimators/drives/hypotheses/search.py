@@ -11,15 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.arm import (
-    ArmFit,
-    ArmGuess,
-    ArmProblem,
-    Weights,
-    at_bound,
-    fit_arm,
-)
-from estimators.drives.fitting.joint import (
+from estimators.drives.fitting.arm import ArmFit, ArmGuess, ArmProblem, Weights, at_bound, fit_arm
+from estimators.drives.fitting.constants import (
     BASE,
     COULOMB,
     DAMPING,

@@ -9,19 +9,14 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from estimators.drives.checks.conventions import conventions_of, likeliest_order
-from estimators.drives.fitting.arm import ArmFit, fit_arm, inner
+from estimators.drives.fitting.arm import ArmFit, fit_arm
+from estimators.drives.fitting.constants import inner, value_in, with_values
 from estimators.drives.fitting.identification import DriveIdentification, typical_start, with_rows
-from estimators.drives.fitting.joint import (
-    NORMAL,
-    JointFit,
-    blocks,
-    fit_joint,
-    value_in,
-    with_values,
-)
+from estimators.drives.fitting.joint import NORMAL, JointFit, blocks, fit_joint
 from estimators.drives.hypotheses.search import Searched, reweighted
 from estimators.drives.hypotheses.suspects import COUNTED, Suspect
 from estimators.drives.simulation.columns import SAG
+from estimators.drives.simulation.commanded import MOVED, busiest, commanded_range
 from estimators.drives.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import EncoderOffset, Payload, PositionServo
@@ -29,6 +24,7 @@ from limo_driver.physics import EncoderOffset, Payload, PositionServo
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -104,21 +100,29 @@ def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[
     """Say whether most gains are near the stated ones, of joints told in another order."""
     body, stated = simulation.body, rows_of(simulation)
     change = ArmChange((0.0,) * len(order), (1,) * len(order), order=order)
-    told = [as_described(r, change) for r in recordings]
-    sign = conventions_of(body, told[:1]).best.sign
-    weight = np.max([np.abs(body.gravity_torque(r.position)).max(axis=0) for r in told], axis=0)
+    told = as_described(busiest(recordings), change)
+    signs = dict.fromkeys((change.sign, conventions_of(body, [told]).best.sign))
+    weight = np.abs(body.gravity_torque(told.position)).max(axis=0)
+    weight[commanded_range([told]) < MOVED] = 0.0
     loaded = np.flatnonzero(weight > _LOADED * weight.max()) if weight.max() > 0 else np.array([])
-    parts = ArmLoads(body, told[:1]).parts(replace(change, sign=sign, order=()))
-    apart = [
-        abs(
-            np.log(
-                fit_joint(parts[j], typical_start(stated[j]), evaluations=_GLANCE).value("kp")
-                / max(value_in(stated[j], "kp"), _LEAST)
-            )
-        )
-        for j in loaded.tolist()
-    ]
-    return bool(apart) and float(np.median(apart)) < _AFAR
+    if not loaded.size:
+        return False
+    loads = ArmLoads(body, [told])
+    return any(
+        _apart(loads.parts(replace(change, sign=sign, order=())), stated, loaded.tolist()) < _AFAR
+        for sign in signs
+    )
+
+
+def _apart(
+    parts: Sequence[Sequence[LoadedJoint]], stated: FloatArray, joints: Sequence[int]
+) -> float:
+    """Return how far the gains of most joints are from those stated, as a logarithm."""
+    found = list[float]()
+    for j in joints:
+        fit = fit_joint(parts[j], typical_start(stated[j]), evaluations=_GLANCE)
+        found.append(abs(np.log(fit.value("kp") / max(value_in(stated[j], "kp"), _LEAST))))
+    return float(np.median(found))
 
 
 def proven(
@@ -213,5 +217,5 @@ def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedAr
     if change.mass > 0.0:
         more = (*more, Payload(mass=change.mass, com=change.com))
     improved = replace(improved, effects=(*improved.effects, *more))
-    identified = DriveIdentification(improved, fits, own, (True,) * len(rows))
+    identified = DriveIdentification(improved, fits, own, *[(True,) * len(rows)] * 2)
     return StatedArm(identified, change, fit.shared, found.suspects)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.checks.conventions import likeliest_order
-from estimators.drives.fitting.joint import COULOMB, DAMPING, with_values
+from estimators.drives.fitting.constants import COULOMB, DAMPING, with_values
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

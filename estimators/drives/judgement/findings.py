@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
+from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
 from estimators.drives.fitting.identification import SURE
-from estimators.drives.fitting.joint import COULOMB, DAMPING, errors, value_in, with_values
+from estimators.drives.fitting.joint import errors
 from estimators.drives.hypotheses.search import OFFSET
 from estimators.drives.hypotheses.stated import FOUND
 from estimators.drives.judgement.held_out import CONFIDENT, LEAST, removes
@@ -33,6 +34,8 @@ KINDS: Final[dict[str, dict[str, str]]] = {
     "load_dependent_friction": {"by_load": "1"},
     "dead_band": {"dead_band": "rad"},
     "profile_speed": {"speed": "rad/s"},
+    "profile_acceleration": {"acceleration": "rad/s^2"},
+    "torque_limit": {"torque_limit": "N m"},
     "spring_load": {"spring": "N m/rad"},
     "backlash": {"play": "rad"},
     "gear_ratio": {"gear": "1"},

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.joint import value_in
+from estimators.drives.fitting.constants import value_in
 from estimators.drives.simulation.columns import geared
 from estimators.drives.simulation.plant import most_torque, rows_of
 
@@ -30,7 +30,7 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
     said: list[str] = []
     for j, (fit, load) in enumerate(zip(found.fits, full.tolist(), strict=True), start=1):
         kp = value_in(geared(fit.row), "kp")
-        if found.scaled[j - 1] and load / kp > _WORTH:
+        if found.scaled[j - 1] and found.moved[j - 1] and load / kp > _WORTH:
             said.append(
                 f"Joint {j} sags {load / kp:.3f} rad ({np.rad2deg(load / kp):.1f} deg) at full "
                 f"reach: its P gain of {kp:.1f} N m/rad is low for {load:.2f} N m; with twice the "
@@ -96,12 +96,22 @@ def about_counting(one: Suspect) -> str:
 
 
 def about_scale(final: DriveIdentification) -> tuple[str, ...]:
-    """Say at which joints only ratios are known."""
-    joints = [j for j, scaled in enumerate(final.scaled, start=1) if not scaled]
-    if not joints:
-        return ()
-    named = ", ".join(map(str, joints))
-    return (
-        f"Gravity never loads joint{'s' * (len(joints) > 1)} {named}: of kp, friction, damping and "
-        "inertia only the ratios are known there; kp is taken from the other joints.",
-    )
+    """Say at which joints only ratios are known, and of which nothing is."""
+    told = list[str]()
+    shown = enumerate(zip(final.scaled, final.moved, strict=True), start=1)
+    light = [j for j, (scaled, moved) in shown if moved and not scaled]
+    if light:
+        told.append(
+            f"Gravity never loads {_joints(light)}: of kp, friction, damping and "
+            "inertia only the ratios are known there; kp is taken from the other joints."
+        )
+    if still := [j for j, moved in enumerate(final.moved, start=1) if not moved]:
+        told.append(
+            f"No command moves {_joints(still)}: nothing is known of the drives there, and the "
+            "mean of the other joints is taken."
+        )
+    return tuple(told)
+
+
+def _joints(numbers: Sequence[int]) -> str:
+    return f"joint{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"

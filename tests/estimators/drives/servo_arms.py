@@ -27,9 +27,9 @@ ARM = """<mujoco>
 </mujoco>"""
 
 
-def write_arm(path, *, friction=0.0, limit=50.0):
+def write_arm(path, *, friction=0.0, limit=50.0, kd=KD, damping=DAMPING):
     """Write the arm as MJCF and return the path."""
-    values = {"kp": KP, "kd": KD, "damping": DAMPING, "armature": ARMATURE}
+    values = {"kp": KP, "kd": kd, "damping": damping, "armature": ARMATURE}
     path.write_text(ARM.format(friction=friction, limit=limit, **values))
     return path
 

@@ -28,10 +28,6 @@ def deltas(command):
     return np.gradient(followed(command), axis=0)
 
 
-def early(command):
-    return np.concatenate([command[:1].repeat(3 * LATE, axis=0), command[: -3 * LATE]])
-
-
 @pytest.mark.parametrize(
     ("mistake", "message"),
     [
@@ -41,7 +37,6 @@ def early(command):
         (deltas, "are the commands deltas?"),
         (exchanged, "are joints exchanged?"),
         (np.negative, "has one of them the other sign?"),
-        (early, "later than the positions"),
         (np.zeros_like, "no command changes while the joints move"),
         (followed, "command_1 is position_1 itself"),
     ],

@@ -48,3 +48,23 @@ def test_a_delay_that_is_missing_is_told(stated, recording):
 def test_commands_later_than_what_they_cause_are_refused(stated, recording):
     with pytest.raises(RecordingError, match="or more later than the positions that follow them"):
         check_timing(stated, [later(recording, 10)])
+
+
+def test_another_recording_whose_commands_come_later_is_refused(stated, recording):
+    with pytest.raises(RecordingError, match="or more later than the positions that follow them"):
+        check_timing(stated, [recording, later(recording, 10)])
+
+
+def test_weak_servos_that_are_driven_beyond_their_torque_are_taken(stated):
+    weak = replace(
+        stated,
+        drives=tuple(
+            replace(drive, kp=0.02 * drive.kp, kd=0.005 * drive.kd, torque_limit=0.15)
+            for drive in stated.drives
+        ),
+    )
+    time, command = commands(10.0, RATE, 2.0)
+    swung = recorded(time, command, free_run(weak, recorded(time, command, command)))
+
+    assert np.abs(swung.command - swung.position).mean() > 0.2  # they do not follow
+    assert check_timing(stated, [swung]) == ()

@@ -10,9 +10,15 @@ from one_file import check_page, drawn
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import diagnose_drives, free_run, identify_drives
-from estimators.drives.checks.conventions import conventions_of, likeliest_order
+from estimators.drives.checks.conventions import (
+    Convention,
+    confirmed,
+    conventions_of,
+    likeliest_order,
+)
+from estimators.drives.fitting.constants import with_values
 from estimators.drives.fitting.identification import with_servos
-from estimators.drives.fitting.joint import errors, fit_joint, independent, left_out, with_values
+from estimators.drives.fitting.joint import errors, fit_joint, independent, left_out
 from estimators.drives.page import drives_page
 from estimators.drives.simulation.one_joint import loaded_joints
 from estimators.drives.simulation.plant import rows_of
@@ -107,9 +113,54 @@ def test_gravity_tells_a_joint_that_counts_the_other_way(bare, recordings):
     turned = [recorded(r.time, r.command * [1, -1], r.position * [1, -1]) for r in recordings]
 
     assert conventions_of(bare.body, recordings).as_described
-    told = conventions_of(bare.body, turned)
+    told = confirmed(with_servos(bare), turned, conventions_of(bare.body, turned))
     assert told.best.sign == (1, -1)
-    assert "joint 2 with the other sign" in told.sentence()
+    assert told.sentence().startswith("By gravity, positions are counted otherwise: joint 2 with")
+
+
+def test_another_convention_that_predicts_no_better_is_not_told(bare, recordings):
+    found = conventions_of(bare.body, recordings)
+    misled = replace(
+        found,
+        best=Convention((1, -1), (0.0, 0.0)),
+        odds=(50.0, -50.0),
+        log_odds=50.0,
+        as_described=False,
+    )
+
+    told = confirmed(with_servos(bare), recordings, misled)
+    assert not told.confirmed
+    assert told.sentence() == (
+        "Signs and zeros of joint 1 are those of the description (beyond doubt likelier than "
+        "others). Gravity does not decide how joint 2 is counted."
+    )
+
+
+def test_a_joint_that_no_command_moves_is_like_the_others(bare, recordings):
+    one = recordings[0]
+    still = np.tile(one.command[:1, 1:], (len(one), 1))
+    told, did = (np.hstack([x[:, :1], still]) for x in (one.command, one.position))
+    found = identify_drives(bare, [recorded(one.time, told, did)])
+
+    assert found.moved == (True, False)
+    assert found.fits[1].names == ()
+    assert found.fits[1].value("kp") == pytest.approx(found.fits[0].value("kp"))
+
+
+def test_the_torque_at_which_a_servo_saturates_is_found(bare, tmp_path):
+    """Of MuJoCo's own servos without damping: the voltage limits them, and their motors brake."""
+    limit = 1.9  # [N m]; gravity takes 2.1 at full reach
+    path = write_arm(tmp_path / "weak.xml", friction=0.05, limit=limit, kd=(0.0, 0.0), damping=1.5)
+    time, command = commands(40.0, RATE, 0.6)
+    weak = recorded(time, command, simulated(path, time, command))
+
+    found = identify_drives(bare, [weak], intervals=False)
+    assert found.extras == (("torque_limit",), ())
+    # always reached upwards: an offset that helps is a higher limit
+    reached = found.fits[0].value("torque_limit") + found.fits[0].value("offset")
+    assert reached == pytest.approx(limit, rel=0.05)
+    assert found.fits[0].mean_error < 0.002
+    assert found.simulation.drives[0].torque_limit == found.fits[0].value("torque_limit")
 
 
 def test_gravity_tells_columns_that_are_exchanged(bare, recordings):

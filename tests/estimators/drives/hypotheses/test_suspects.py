@@ -116,7 +116,7 @@ def test_a_gear_that_may_be_the_stated_one_is_doubtful(stated):
     for ratio, deviation, doubtful in ((0.6, 0.02, False), (0.6, 0.2, True), (0.8, 0.02, True)):
         row = with_values(rows_of(stated)[1], {"gear": ratio})
         fit = JointFit(row, ("gear",), {"gear": deviation}, np.zeros(1))
-        found = DriveIdentification(stated, (fit, fit), ((), ("gear_ratio",)), (True, True))
+        found = DriveIdentification(stated, (fit, fit), ((), ("gear_ratio",)), *[(True, True)] * 2)
         arm = StatedArm(found, ArmChange.none(2), {}, (other,))
 
         assert (arm.doubtful is other) == doubtful
@@ -130,7 +130,7 @@ def test_a_gear_that_may_be_the_stated_one_is_doubtful(stated):
 def test_a_body_is_doubtful(stated, mass, deviation, doubtful):
     payload = Suspect("payload", None, (("mass", 0.1),), shared=True)
     change = replace(ArmChange.none(2), mass=mass)
-    none = DriveIdentification(stated, (), (), ())
+    none = DriveIdentification(stated, (), (), (), ())
 
     arm = StatedArm(none, change, {"mass": deviation}, (payload,))
 

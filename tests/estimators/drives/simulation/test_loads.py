@@ -9,8 +9,8 @@ import pytest
 from servo_arms import commands, recorded, write_arm
 
 from estimators.drives import free_run
+from estimators.drives.fitting.constants import with_values
 from estimators.drives.fitting.identification import with_rows
-from estimators.drives.fitting.joint import with_values
 from estimators.drives.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.drives.simulation.one_joint import loaded_joints
 from estimators.drives.simulation.plant import rows_of

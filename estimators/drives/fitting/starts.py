@@ -1,0 +1,118 @@
+"""Where fits of a joint begin: a hobby servo's constants, or what its own motion says at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.optimize import nnls
+
+from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
+from estimators.drives.fitting.joint import errors
+from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.drives.simulation.one_joint import LoadedJoint
+
+TYPICAL: Final = {"kp": 15.0, DAMPING: 1.0, COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
+# A lag is a delay or damping over gain: what a fit finds depends on which of them it begins with.
+LAGS: Final = ({"delay": 0.004, DAMPING: 1.0 / 15.0}, {"delay": 0.04, DAMPING: 0.4 / 15.0})
+_DELAYS: Final = (0.0, 0.02, 0.06)  # [s], tried
+_MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the motion
+_ENOUGH: Final = 50  # moving rows
+_LEAST_GAIN: Final = 1e-3  # [N m/rad]
+_NONE_AT_FIRST: Final = ("kd", "stribeck", "by_load", "offset", "dead_band", "play")
+_LOST: Final = 10.0  # [rad], of a joint that constants tried make unstable
+
+
+def typical_start(row: FloatArray) -> FloatArray:
+    """Return constants to start from: a hobby servo's, with the limits that were stated.
+
+    Args:
+        row: The stated constants of a joint.
+    """
+    none = dict.fromkeys(_NONE_AT_FIRST, 0.0)
+    return with_values(row, {**none, **TYPICAL, "speed": np.inf})
+
+
+def with_gain(row: FloatArray, kp: float) -> FloatArray:
+    """Return constants to start from with another gain.
+
+    Gain, damping, dry friction and inertia times one factor move a joint alike where nothing but
+    the drive acts on it: so all of them are scaled.
+
+    Args:
+        row: The constants of a joint.
+        kp: Another gain [N m/rad].
+    """
+    factor = kp / value_in(row, "kp")
+    scaled = {name: factor * value_in(row, name) for name in ("kp", DAMPING, COULOMB, "inertia")}
+    return with_values(row, scaled)
+
+
+def lagging(row: FloatArray, lag: dict[str, float]) -> FloatArray:
+    """Return constants to start from with one of `LAGS`.
+
+    Args:
+        row: The constants of a joint.
+        lag: Delay [s], and damping over gain [s].
+    """
+    return with_values(row, {"delay": lag["delay"], DAMPING: lag[DAMPING] * value_in(row, "kp")})
+
+
+def nearer_start(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
+    """Return constants to start from: typical ones, or those of the joint's own motion.
+
+    A servo far from typical, of a tenth of the torque or of ten times as much, is lost from a
+    typical start: the joint does not move there, or follows at once, and slopes say nothing.
+
+    Args:
+        parts: Recorded stretches of a joint that gravity loads.
+        row: Typical constants.
+
+    Returns:
+        Those that, simulated forward, stay nearer to the recorded joint.
+    """
+    kp = _gain(parts)
+    if kp is None:
+        return row
+    other = with_gain(row, kp)
+    return other if away(parts, other) < away(parts, row) else row
+
+
+def away(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
+    """Return how far a simulated joint is from the recorded one in the mean [rad].
+
+    Args:
+        parts: Recorded stretches.
+        row: The constants of the joint.
+    """
+    error = np.nan_to_num(errors(parts, row), nan=_LOST).clip(-_LOST, _LOST)
+    return float(np.abs(error).mean())
+
+
+def _gain(parts: Sequence[LoadedJoint]) -> float | None:
+    """Return the gain by which the lag of moving rows explains their load best [N m/rad]."""
+    found = [_regressed(parts, delay) for delay in _DELAYS]
+    left, kp = min(found)
+    return kp if np.isfinite(left) and kp > _LEAST_GAIN else None
+
+
+def _regressed(parts: Sequence[LoadedJoint], delay: float) -> tuple[float, float]:
+    """Return what is left of the load, and the gain, of a servo of some delay."""
+    columns, loads = list[FloatArray](), list[FloatArray]()
+    for part in parts:
+        at = np.maximum(np.searchsorted(part.time, part.time - delay, side="right") - 1, 0)
+        moving = np.abs(part.velocity) > _MOVING
+        pace = part.velocity[moving]
+        change = np.gradient(part.velocity, part.time)[moving]
+        error, one = (part.command[at] - part.position)[moving], np.ones_like(pace)
+        columns.append(np.stack([error, -pace, -np.sign(pace), -change, one, -one], axis=1))
+        loads.append((part.load + part.inertia * np.gradient(part.velocity, part.time))[moving])
+    load = np.concatenate(loads)
+    if load.size < _ENOUGH:
+        return np.inf, 0.0
+    gains, left = nnls(np.concatenate(columns), load)
+    return float(left), float(gains[0])

@@ -1,0 +1,36 @@
+"""How far joints are told to move: where they are not, nothing of their drives shows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.drives.simulation.free_run import commands_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+MOVED: Final = 0.05  # [rad], range of its commands from which on a joint is identified
+_ENOUGH: Final = 0.5  # [rad], beyond which more range says little more
+
+
+def commanded_range(recordings: Sequence[Recording]) -> FloatArray:
+    """Return the largest range of each joint's commands within a recording, (n,) [rad].
+
+    Args:
+        recordings: With commands.
+    """
+    return np.max([np.ptp(commands_of(each), axis=0) for each in recordings], axis=0)
+
+
+def busiest(recordings: Sequence[Recording]) -> Recording:
+    """Return the recording in which most joints are told to move.
+
+    Args:
+        recordings: With commands.
+    """
+    return max(recordings, key=lambda r: float(commanded_range([r]).clip(max=_ENOUGH).sum()))
