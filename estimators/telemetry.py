@@ -125,7 +125,7 @@ def sampling_of(recording: Recording) -> list[str]:
             "them are not seen"
         )
     elif gaps or lost > _LOST * len(recording):
-        many = f"{gaps} gap{'s' * (gaps != 1)}"
+        many = f"{gaps} gap{'s' * (gaps != 1)}" if gaps else "no long gap"
         told.append(f"{many}; about {max(lost, 0):.0f} samples lack ({lost / len(recording):.1%})")
     out = recording.rows_total - len(recording)
     if out:
@@ -248,7 +248,11 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
     """Say what the motion reveals, and what it does not."""
     from estimators.rigid_body.base_estimates import base_estimates, known_of, sizes_of
 
-    told = [f"{known_of(found)}; condition number {found.fit.condition:.3g}"]
+    if np.isfinite(found.fit.condition):
+        condition = f"condition number {found.fit.condition:.3g}"
+    else:
+        condition = "at least one is not in this motion at all (condition number infinite)"
+    told = [f"{known_of(found)}; {condition}"]
     still = np.flatnonzero(np.ptp(recording.position, axis=0) < _STILL)
     if still.size:
         one = still.size == 1

@@ -41,6 +41,7 @@ from limo_driver.foreign.proposals.mujoco_arrays import whole_of_mujoco
 from limo_driver.foreign.proposals.odd_columns import other_unit_from
 from limo_driver.foreign.proposals.recorded_joints import recorded_part
 from limo_driver.foreign.proposals.times import time_columns
+from limo_driver.foreign.proposals.unnamed import unnamed_columns
 
 if TYPE_CHECKING:
     from limo_driver.foreign.mapping import TimeColumns
@@ -135,9 +136,11 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     table = table.without_empty().first(_LOOKED_AT)
     part = recorded_part(table, model)
     model = part.model
-    draft = _Draft(table, model, families_of(table.columns, model.joint_names))
-    draft.questions += part.questions
-    time = time_columns(table)
+    unnamed = unnamed_columns(table, model.n)
+    named = unnamed.families if unnamed else families_of(table.columns, model.joint_names)
+    draft = _Draft(table, model, named)
+    draft.questions += (*part.questions, *((unnamed.question,) if unnamed else ()))
+    time = unnamed.time if unnamed else time_columns(table)
     draft.questions += time.questions
     draft.taken.append(Taken("time", ", ".join(time.columns.columns), time.unit, time.why))
     positions = _position_family(draft)

@@ -82,6 +82,22 @@ def time_columns(table: LogTable) -> TimeFound:
     return TimeFound(TimeColumns(columns=(first,), unit=(unit,)), why, tuple(questions))
 
 
+def time_in(table: LogTable, name: str) -> TimeFound:
+    """Return the time in a column that is known to be it.
+
+    Args:
+        table: What the log holds.
+        name: Of the column.
+
+    Raises:
+        RecordingError: It goes on in another unit.
+    """
+    refuse_two_units(table, name)
+    unit, why, question = _unit(table.columns[name], read_name(name).unit)
+    questions = (question,) if question else ()
+    return TimeFound(TimeColumns(columns=(name,), unit=(unit,)), why, questions)
+
+
 def refuse_two_units(table: LogTable, name: str) -> None:
     """Refuse a column whose steps become a hundred times another: no unit makes a time of it.
 

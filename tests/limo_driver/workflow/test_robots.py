@@ -30,6 +30,7 @@ ROBOTS = (
     "so101.urdf",
     "z1.urdf",
     "kinova.urdf",
+    "xarm7.urdf",
     "panda.urdf#panda_joint*,panda_finger_joint1,panda_finger_joint2=0.02",
     "tiago.urdf#arm_*",
     "tiago.urdf#torso_lift_joint,arm_*",

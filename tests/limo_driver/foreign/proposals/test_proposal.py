@@ -362,6 +362,28 @@ def test_values_that_are_not_finite_cost_their_rows_only():
         proposed(q=position, tau=torque)
 
 
+@pytest.mark.parametrize("between", [False, True])
+def test_columns_without_names_are_asked_as_time_positions_and_torques(between):
+    parts = [1e3 * TIME, np.rad2deg(POSITION), np.rad2deg(VELOCITY), TORQUE]
+    table = np.column_stack(parts if between else [*parts[:2], parts[3]])
+    log = {f"column_{k + 1}": values for k, values in enumerate(table.T)}
+    found = propose(table_of(log), arm()).mapping
+    (question,) = found.undecided
+    assert "time: column_1; position: column_2 … column_8; " in question
+    answered = replace(found, undecided=()).columns(table_of(log), arm())
+    np.testing.assert_allclose(answered.time, TIME, atol=1e-9)
+    np.testing.assert_allclose(answered.position, POSITION, atol=1e-9)
+    np.testing.assert_allclose(answered.torque, TORQUE)
+    if between:
+        np.testing.assert_allclose(answered.velocity, VELOCITY, atol=1e-9)
+
+
+def test_columns_without_names_of_another_number_are_asked_for_as_before():
+    table = np.column_stack([TIME, POSITION])
+    log = {f"column_{k + 1}": values for k, values in enumerate(table.T)}
+    assert any("no name says so" in x for x in propose(table_of(log), arm()).mapping.undecided)
+
+
 def test_a_time_that_does_not_go_forward_is_named():
     log = {"t_ms": -TIME, "q": POSITION, "tau": TORQUE}
     (question,) = propose(table_of(log), arm()).mapping.undecided
