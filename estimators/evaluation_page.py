@@ -51,8 +51,8 @@ def evaluation_page(found: Evaluation) -> Page:
     rigid, model = (float(np.sqrt(side.mse.mean())) for side in (found.rigid_body, found.hybrid))
     seen = ", on motion that it was trained on" if found.trained_on else ""
     title = (
-        f"{found.model} is {model:.3g} N m off the measured torque, the rigid body alone "
-        f"{rigid:.3g} N m (RMS over joints){seen}{_harmed(found)}."
+        f"{found.model[:1].upper()}{found.model[1:]} is {model:.3g} N m off the measured torque, "
+        f"the rigid body alone {rigid:.3g} N m (RMS over joints){seen}{_harmed(found)}."
     )
     of = f" of {found.recording.source}" if found.recording.source else ""
     source = (
@@ -107,7 +107,11 @@ def _errors(found: Evaluation, charts: Charts) -> str:
     axes = layout("RMSE [N m], logarithmic", "")
     axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate([e for e, _, _ in errors]))
     axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
-    marks = [dots(values.tolist(), names, name, mark) for values, name, mark in errors]
+    marks = [
+        dots(values.tolist(), names, name, mark)
+        for values, name, mark in errors
+        if np.isfinite(values).any()
+    ]
     chart: Figure = {"data": marks, "layout": axes, "height": 90 + 34 * len(names)}
     values = dict(found.figures()) | {
         "unlike what was learned": [f"{part:.0%}" for part in found.outside]

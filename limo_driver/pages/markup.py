@@ -24,6 +24,7 @@ _PERCENT = re.compile(r"(?<=\d)%")  # no space before it, which SI wants
 # People after whom laws are named; identifiers write them small.
 _PEOPLE = re.compile(r"\b(?:coulomb|stribeck|dahl|maxwell|preisach)\b(?!-)")
 _CODE = re.compile(r"`([^`]+)`")
+_LONG = 110  # characters of a title that is set smaller, so that it keeps to two lines
 _NEARLY_ALL, _HARDLY_ANY = 0.985, 0.005
 
 
@@ -84,9 +85,10 @@ def header(crumb: str, title: str, *sources: str, badge: tuple[str, str] | None 
         badge: The result in a word or two, and its class in style.css.
     """
     said = "".join(paragraph(text, "sources") for text in sources if text)
+    size = ' class="long"' if len(title) > _LONG else ""
     mark = f'<p><span class="badge {badge[1]}">{escape(badge[0])}</span></p>' if badge else ""
     return (
-        f'<header><p class="crumb">{escape(crumb)}</p>{mark}'
+        f'<header{size}><p class="crumb">{escape(crumb)}</p>{mark}'
         f"<h1>{escape(typeset(title))}</h1>{said}</header>"
     )
 

@@ -186,7 +186,7 @@ def _errors(names: Sequence[str], verdicts: Sequence[Verdict]) -> str:
         columns += [fit.heldout_rmse_before, fit.heldout_rmse_after, fit.noise_floor]
         headings += [f"{name}: given", "improved", "noise floor"]
     rows = [
-        [str(j), *(rounded(value) for value in row)]
+        [str(j), *(rounded(value, 3) for value in row)]
         for j, row in enumerate(zip(*columns, strict=True), start=1)
     ]
     return table(headings, rows, numeric=1)
