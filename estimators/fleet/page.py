@@ -13,7 +13,7 @@ from estimators.diagnosis.verdict import REPORT
 from estimators.diagnosis.wording import of_joints
 from estimators.fleet.result import changed
 from estimators.fleet.settings import FLEET
-from estimators.fleet.standing import dates_needed, dates_of
+from estimators.fleet.standing import dates_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, layout, numbers
 from limo_driver.pages.markup import (
@@ -106,9 +106,10 @@ def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
     if not any(np.isfinite(item.days).any() for item in fleet.series):
         return paragraph("No recording has a date in its path, such as 2026-03-01.")
     dates = max(dates_of(item.of(arm)) for item in fleet.series for arm in item.names())
-    if not fleet.drifts and (needed := dates_needed(fleet.series)) > dates:
+    if not fleet.drifts and dates < FLEET.dates:
         return paragraph(
-            f"No drift can show in this fleet before an arm has {needed} dates; one has {dates}."
+            f"No drift can show in this fleet before an arm has {FLEET.dates} dates; "
+            f"one has {dates}."
         )
     if not fleet.drifts:
         return paragraph("Nothing changes over dates beyond chance.")

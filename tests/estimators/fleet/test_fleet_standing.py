@@ -61,12 +61,31 @@ def test_few_arms_or_dates_say_nothing():
 
 
 def test_the_page_says_how_many_dates_it_takes(tmp_path):
-    rows = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(7)]
+    rows = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(5)]
     found = FleetDiagnosis("seven", tuple(rows))
     assert found.drifts == ()
-    assert "before an arm has 8 dates; one has 7" in fleet_page(found, tmp_path).html()
-    more = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(8)]
+    assert "before an arm has 6 dates; one has 5" in fleet_page(found, tmp_path).html()
+    more = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(6)]
     assert FleetDiagnosis("seven", tuple(more)).drifting
+
+
+def test_few_dates_show_a_drift_that_is_a_line():
+    """By their order alone, no seven values of one arm of twenty are surely a trend."""
+    random = np.random.default_rng(0)
+    scatter = np.exp(0.02 * random.standard_normal((20, 7, 7)))
+    scatter[3, :, 4] *= 1 + np.arange(7) / 6
+    rows = [row(f"arm{k}", d, tuple(0.1 * scatter[k, d])) for k in range(20) for d in range(7)]
+    found = FleetDiagnosis("seven", tuple(rows))
+    assert [(item.arm, item.series.name) for item in found.drifts] == [("arm3", "error of joint 5")]
+
+
+def test_one_value_far_from_the_rest_is_no_drift_and_hides_none():
+    far = [0.1, 0.1, 0.11, 0.1, 0.09, 0.1, 0.1, 0.1, 0.11, 5.0]
+    rising = [0.1 * 1.1**d if d != 5 else 5.0 for d in range(10)]
+    rows = [row("steady", d, (value,)) for d, value in enumerate(far)]
+    rows += [row("rising", d, (value,)) for d, value in enumerate(rising)]
+    found = FleetDiagnosis("one", tuple(rows))
+    assert found.drifting == ("rising",)
 
 
 @pytest.mark.slow("starts a browser")
