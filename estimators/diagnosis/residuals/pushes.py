@@ -295,10 +295,15 @@ def _moving(observed: Observations) -> NDArray[np.bool_]:
 def _resting(observed: Observations) -> NDArray[np.bool_]:
     """Mark the rows (K,) on which the whole arm has been at rest for a while, and stays.
 
-    While others move, a joint that rests holds any torque within its friction.
+    While others move, a joint that rests holds any torque within its friction. So does an arm that
+    is about to move, and nobody knows what came before a recording, or after it.
     """
-    still = ~observed.moving.any(axis=1)
-    return np.asarray(minimum_filter1d(still, 2 * _rows(observed, PUSHES.ends) + 1), dtype=bool)
+    still, rows = ~observed.moving.any(axis=1), 2 * _rows(observed, PUSHES.ends) + 1
+    result = np.zeros_like(still)
+    for recording in range(len(observed.recordings)):
+        own = observed.recording == recording
+        result[own] = minimum_filter1d(still[own], rows, mode="constant", cval=False)
+    return result
 
 
 def _without_offsets(residual: FloatArray, resting: NDArray[np.bool_]) -> FloatArray:

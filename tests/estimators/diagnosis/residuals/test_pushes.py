@@ -16,10 +16,10 @@ from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 
-def paused() -> Observations:
-    """Record the same motion, with the whole arm at rest from 15 to 30 s."""
+def paused(start: float = 15.0) -> Observations:
+    """Record the same motion, with the whole arm at rest for 15 s; by default from 15 to 30 s."""
     time = np.arange(0.0, DURATION, 1.0 / RATE)
-    pace = np.clip(np.abs(time - 22.5) - 7.5, 0.0, 1.0)
+    pace = np.clip(np.abs(time - start - 7.5) - 7.5, 0.0, 1.0)
     pace = pace**2 * (3 - 2 * pace)
     path = CubicSpline(time, motion(1).position)
     position = path(np.cumsum(pace) / RATE)
@@ -78,6 +78,17 @@ def test_a_push_at_rest_is_found() -> None:
 
     assert found.joints == (0, 1, 2)
     assert (found.start, found.end) == pytest.approx((22.0, 22.5), abs=0.1)
+
+
+def test_what_an_arm_at_rest_does_as_the_recording_ends_is_no_push() -> None:
+    """It may be about to move: the torque that friction holds then changes at all joints."""
+    o = paused(DURATION - 15.0)
+    residual = o.residual.copy()
+    residual[o.slow.time > DURATION - 0.5, :3] += 0.4
+
+    assert pushes(o, residual) == ()
+    residual[o.slow.time > DURATION - 0.9, :3] += 0.4
+    assert pushes(o, residual) != ()
 
 
 def test_the_column_of_a_push_is_what_the_contact_adds_there_and_nothing_elsewhere() -> None:
