@@ -126,6 +126,7 @@ def _print_json(found: Export) -> None:
         "not_expressed": {item.place: list(item.rms) for item in found.remainder},
         "kept": list(found.kept),
         "dropped": list(found.dropped),
+        "unwritten": list(found.unwritten),
         "difference": list(found.error),
         "torque": list(found.torque),
         "share": found.share,
@@ -144,6 +145,8 @@ def show(found: Export) -> None:
         console.print(f"kept: {line}")
     for line in found.dropped:
         console.print(f"dropped: {line}")
+    for line in found.unwritten:
+        console.print(f"not written: {line}")
     for item in found.remainder:
         console.print(f"left: {item}")
     for line in str(found).splitlines():

@@ -19,6 +19,7 @@ from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_forma
 from limo_driver.exports.mjcf.file import FIRMNESS, assets_of, edited_mjcf, rubs_anew
 from limo_driver.exports.proof import errors
 from limo_driver.exports.remainder import Remainder, proof_motion, remainders
+from limo_driver.exports.unwritten import unwritten
 from limo_driver.exports.urdf.file import edited_urdf
 from limo_driver.exports.urdf.isaac_lab import actuators
 from limo_driver.exports.usd import files_of, write_layer
@@ -49,6 +50,7 @@ class Export(Displayed):
     torque: tuple[float, ...]  # RMS of the prediction, (n,) [N m]
     kept: tuple[str, ...] = ()  # lines: what the file states of joints and nothing was said of
     dropped: tuple[str, ...] = ()  # lines: what an earlier export wrote and is not found any more
+    unwritten: tuple[str, ...] = ()  # lines: numbers of drives that the format does not have
 
     @property
     def share(self) -> float:
@@ -117,7 +119,10 @@ def write(
         error, torque = errors(place, kind, expressed, on)
         names = simulation.model.joint_names
         files = (place, *copied)
-        return Export(place, files, kind, _added(text), left, names, error, torque, target.kept)
+        return Export(
+            place, files, kind, _added(text), left, names, error, torque, target.kept,
+            unwritten=unwritten(simulation, kind),
+        )  # fmt: skip
     texts = edited_mjcf(target) if kind == MJCF else edited_urdf(target, kind)
     places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
     _write_texts(texts, places)
@@ -143,7 +148,8 @@ def write(
     files = (*places, *copied)
     names = simulation.model.joint_names
     kept, gone = target.kept, target.dropped
-    return Export(places[0], files, kind, diff, left, names, error, torque, kept, gone)
+    missing = unwritten(simulation, kind)
+    return Export(places[0], files, kind, diff, left, names, error, torque, kept, gone, missing)
 
 
 def _places(texts: Sequence[XmlText], into: Path, out: Path, name: str) -> tuple[Path, ...]:

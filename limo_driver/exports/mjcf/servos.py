@@ -22,7 +22,7 @@ def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into
     """Write gains, limits and delays of position servos.
 
     What a position actuator has no attribute for (dead band, play, profile, integrator, motor,
-    supply) is not written.
+    supply) is not written, and told by `unwritten`.
 
     Args:
         texts: Of the file and its includes.

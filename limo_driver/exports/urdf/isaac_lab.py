@@ -11,6 +11,7 @@ import ast
 import json
 from typing import TYPE_CHECKING, Final
 
+from limo_driver.exports.unwritten import BEYOND_ACTUATORS
 from limo_driver.physics import PositionServo
 
 if TYPE_CHECKING:
@@ -33,14 +34,7 @@ _SERVO: Final = {
 }
 _BEYOND: Final = {  # what no `ImplicitActuatorCfg` says, and why
     "delay": "s; `DelayedPDActuatorCfg` has delays in steps of its simulation",
-    "dead_band": "rad",
-    "punch": "N m",
-    "play": "rad",
-    "ki": "N m/(rad s)",
-    "sag": "of the supply",
-    "speed": "rad/s",
-    "acceleration": "rad/s^2",
-    "resolution": "rad",
+    **BEYOND_ACTUATORS,
 }
 
 

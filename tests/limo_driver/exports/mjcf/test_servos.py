@@ -64,3 +64,18 @@ def test_drives_that_are_there_already_change_nothing(tmp_path):
 def test_another_kind_of_actuator_is_told(tmp_path):
     with pytest.raises(ConfigError, match=r"joint elbow is moved by <motor>; expected <position>"):
         exported(tmp_path, '<actuator><motor joint="elbow"/></actuator>')
+
+
+def test_what_an_actuator_has_no_attribute_for_is_told(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=""))
+    loose = replace(FOUND[0], play=0.02, acceleration=12.0)
+    simulation = replace(Simulation.load(path), drives=(loose, FOUND[1]))
+
+    written = limo.export(simulation, "mjcf", tmp_path / "out")
+    assert written.unwritten == (
+        "play 0.02 rad of the servo of shoulder: no position actuator has it",
+        "acceleration 12 rad/s^2 of the servo of shoulder: no position actuator has it",
+    )
+    simulation = replace(simulation, drives=FOUND)
+    assert limo.export(simulation, "mjcf", tmp_path / "plain").unwritten == ()
