@@ -298,7 +298,8 @@ def _resting(observed: Observations) -> NDArray[np.bool_]:
     While others move, a joint that rests holds any torque within its friction. So does an arm that
     is about to move, and nobody knows what came before a recording, or after it.
     """
-    still, rows = ~observed.moving.any(axis=1), 2 * _rows(observed, PUSHES.ends) + 1
+    still = np.asarray(~observed.moving.any(axis=1))
+    rows = 2 * _rows(observed, PUSHES.ends) + 1
     result = np.zeros_like(still)
     for recording in range(len(observed.recordings)):
         own = observed.recording == recording
