@@ -29,8 +29,14 @@ def command(
 
     verdicts = [verdict_in(folder) for folder in (first, second)]
     model = Simulation.load(first / IMPROVED).model
-    page = comparison(model, [str(first), str(second)], verdicts)
+    page = comparison(model, _names(first, second), verdicts)
     page.save(out)
     console = terminal()
     console.print(page.title)
     console.print(f"wrote {out}")
+
+
+def _names(first: Path, second: Path) -> list[str]:
+    """Return names of two folders, as short as tells them apart."""
+    short = [first.resolve().name, second.resolve().name]
+    return short if short[0] != short[1] else [str(first), str(second)]

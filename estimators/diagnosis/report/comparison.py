@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.headline import headline, place_of, quantity
+from estimators.diagnosis.headline import MOST, headline, place_of, quantity
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.diagnosis.wording import rounded
 from limo_driver.errors import ConfigError
@@ -55,9 +56,9 @@ def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdi
         floor=tuple(max(pair) for pair in zip(*(v.fit.noise_floor for v in verdicts), strict=True)),
         pins=tuple(_pin(key, pairs[key], model.n) for key in changed),
     )
-    lead = "Rings: error of the given simulation in each diagnosis. Texts: what differs."
+    lead = "Rings: error of the given simulation in each diagnosis. Labels: what differs."
     body = (
-        header(f"Two diagnoses of {model.name}", title)
+        header(f"Two diagnoses of {PurePath(model.name).stem}", title)
         + f'<div class="grid two">{heads}</div>'
         + arm_section(view, "Where on the arm", lead)
         + section("Findings", _findings(pairs, names, model.n), "findings", _FINDINGS)
@@ -111,6 +112,7 @@ def _title(
     if not changed:
         return f"{names[0]} and {names[1]} agree: the same findings, with intervals that overlap."
     parts: list[str] = []
+    counted: list[str] = []
     for where, of in zip(
         (f"only in {names[0]}", f"only in {names[1]}", "changed"),
         ("gone", "new", "changed"),
@@ -121,7 +123,10 @@ def _title(
         more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
         if own:
             parts.append(f"{', '.join(said)}{more} {where}")
+            counted.append(f"{len(own)} finding{'s' * (len(own) > 1)} {where}")
     text = "; ".join(parts)
+    if len(text) >= MOST:
+        text = "; ".join(counted)
     return f"{text[:1].upper()}{text[1:]}."
 
 

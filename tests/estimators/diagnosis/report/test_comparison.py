@@ -106,6 +106,14 @@ def test_what_changed_what_is_new_and_what_is_gone_is_said(model):
     assert "a<b" not in text
 
 
+def test_many_differences_are_counted_in_two_lines(model):
+    names = ("backlash", "torque_offset", "presliding_hysteresis", "joint_elasticity")
+    first = verdict(*(found(name, (j,)) for j, name in enumerate(names, 1)))
+    second = verdict(*(found(name, (j + 3,)) for j, name in enumerate(names, 1)))
+    page = comparison(model, ("a long name of a day", "tuesday"), [first, second])
+    assert page.title == "4 findings only in a long name of a day; 4 findings only in tuesday."
+
+
 def test_arms_of_other_joints_are_refused(model):
     other = replace(verdict(), fit=Fit((1.0,), (1.0,), (1.0,), 0.0, (0.0, 0.0)))
     with pytest.raises(ConfigError, match="7 and 1 joints"):
