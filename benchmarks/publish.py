@@ -65,7 +65,7 @@ def page(text: str) -> str:
 
 def _tables() -> str:
     wanted = yaml.safe_load((HERE / "published.yaml").read_text(encoding="utf-8"))
-    parts = [f"### {group['title']}\n\n{_table(group['rows'])}" for group in wanted]
+    parts = [f"## {group['title']}\n\n{_table(group['rows'])}" for group in wanted]
     return "\n\n".join(parts)
 
 
