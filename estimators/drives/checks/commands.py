@@ -244,11 +244,17 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
 def _left(command: FloatArray, position: FloatArray) -> bool:
     """Say whether an error began as the joint moved from its command, and not the command from it.
 
+    A soft servo was never near its command: there, the error has grown while that rested.
+
     Args:
         command: (T,) [rad], until the joint rests away from it.
         position: Likewise.
     """
     error = position - command
+    changed = np.flatnonzero(np.diff(command))
+    resting = np.abs(error[changed[-1] + 1 if changed.size else 0 :])
+    if float(resting[-1] - resting.min()) > _STALLED[0]:
+        return True
     near = np.flatnonzero(np.abs(error) < _FOLLOWED)
     if not near.size:
         return False

@@ -72,6 +72,20 @@ def test_a_servo_without_torque_is_told():
     assert "joint 1 moves away from a command that rests; was its torque disabled?" in said
 
 
+@pytest.mark.parametrize(("rests", "said"), [(0.0, "moved away from its"), (0.6, "is stalled")])
+def test_a_soft_servo_that_falls_is_told_from_one_that_is_held(rests, said):
+    """It sags by half of its command, so that it was never near it."""
+    command = COMMAND.copy()
+    command[500:, 1] = 1.2
+    position = np.stack([followed(COMMAND)[:, 0], 0.5 * followed(command)[:, 1]], axis=1)
+    position[500:, 1] = 0.6
+    position[520:, 1] = rests
+
+    (told,) = check_commands([recorded(TIME, command, position)])
+
+    assert told.startswith(f"joint 2 {said}")
+
+
 def test_a_servo_that_falls_while_its_command_moves_is_told():
     position = followed(COMMAND)
     fallen = position[400, 1] + 2.0 * (1.0 - np.exp(-np.arange(200) / 5.0))
