@@ -31,6 +31,8 @@ from limo_driver.recordings.bandwidth import lowered
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from numpy.typing import NDArray
+
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -167,6 +169,10 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
             f"are far from those of {observed.simulation.model.name}, payload or not. Is it "
             "another arm? Then no finding holds, and limo identify makes a simulation of its own."
         )
+    doubtful, _ = _without_load(RowSample.of(observed))
+    if doubtful.size > 1:  # fewer than would be beyond doubt another robot
+        told = _not_the_load(observed, doubtful)
+        warnings.append(f"{told[0].upper()}{told[1:]}, or are their sensors off?")
     if silent := without_torque(observed):
         warnings += [
             f"Joint {j + 1} is left out: its torque is {observed.measured[0, j]:.4g} N m in all "
@@ -294,16 +300,26 @@ def _explains(before: RowSample, after: RowSample) -> bool:
 
 
 def _strange_load(observed: Observations, sample: RowSample) -> str:
-    """Say which torques are not the load of this arm, with or without a payload, if several are."""
-    expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
-    foreign = np.flatnonzero((_usual_misfit(_BodyFit.of(sample)) > PLAUSIBILITY.foreign) & expected)
-    if foreign.size < 2:  # noqa: PLR2004  # one link may well be wrong
+    """Say that most torques are not the load of this arm, with or without a payload."""
+    foreign, expected = _without_load(sample)
+    few = foreign.size < 2  # noqa: PLR2004  # one link may well be wrong
+    if few or 2 * foreign.size <= expected:  # and so may some sensors
         return ""
-    joints = ", ".join(str(j + 1) for j in foreign)
+    return f"{_not_the_load(observed, foreign)}, or torque of another motion?"
+
+
+def _without_load(sample: RowSample) -> tuple[NDArray[np.int64], int]:
+    """Return joints (0-based) whose torque does not follow their load, and how many should."""
+    expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
+    foreign = (_usual_misfit(_BodyFit.of(sample)) > PLAUSIBILITY.foreign) & expected
+    return np.flatnonzero(foreign), int(expected.sum())
+
+
+def _not_the_load(observed: Observations, joints: NDArray[np.int64]) -> str:
+    named = ", ".join(str(j + 1) for j in joints.tolist())
     return (
-        f"the torques of joints {joints} are not the load of {observed.simulation.model.name} "
-        "on this motion, with friction or a payload; is it another robot, or torque of "
-        "another motion?"
+        f"the torques of joints {named} are not the load of {observed.simulation.model.name} on "
+        "this motion, with friction or a payload; is it another robot"
     )
 
 

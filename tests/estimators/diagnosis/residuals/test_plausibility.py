@@ -134,6 +134,19 @@ def test_torque_of_another_motion_is_refused(recording):
     refused(replace(recording, torque=torque), "are not the load of iiwa14 on this motion")
 
 
+def test_two_torque_sensors_that_are_off_are_doubted_not_refused(recording):
+    """Most of the arm carries its load, and what is wrong with the others can be found."""
+    torque = recording.torque.copy()
+    torque[:, 3] += 0.6 * np.ptp(torque[:, 3]) * np.sin(40 * recording.position[:, 3])
+    torque[:, 5] += 0.6 * np.ptp(torque[:, 5]) * np.sin(40 * recording.position[:, 5])
+    notes = notes_on(observe(GIVEN, [replace(recording, torque=torque)], BANDWIDTH))
+    (doubt,) = [note for note in notes if "the load of" in note]
+    assert doubt.startswith("The torques of joints 4, 6 are not the load of iiwa14 on this motion")
+    assert not any(
+        "the load of" in note for note in notes_on(observe(GIVEN, [recording], BANDWIDTH))
+    )
+
+
 def test_noise_instead_of_torque_is_no_torque_without_gravity(recording):
     """Gravity that is put back would fit by itself, being far larger than the noise."""
     noise = np.random.default_rng(0).standard_normal(recording.torque.shape)
