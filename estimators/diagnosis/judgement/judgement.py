@@ -13,7 +13,9 @@ from estimators.diagnosis.fitting.contribution import (
     contribution_of_all,
     convincing,
     left_by_tolerances,
+    material,
     own_joints,
+    sure,
     without,
 )
 from estimators.diagnosis.judgement.ordinary import to_identify
@@ -30,7 +32,7 @@ from estimators.regression.evidence import REACH
 from limo_driver.physics.catalogue import identical_to
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -162,11 +164,31 @@ def abstained(
         for member in solution.members
         if member in plain
         or (
-            acts_most(problem, solution, member, remaining.floor) not in doubtful
+            _is_beyond(doubtful, problem, solution, member, remaining)
             and convincing(problem, solution, member)
         )
     )
     return stay, tuple(int(j) for j in unknown)
+
+
+def _is_beyond(
+    doubtful: Collection[int],
+    problem: RegressionProblem,
+    solution: Solution,
+    member: int,
+    remaining: RemainingResidual,
+) -> bool:
+    """Say whether a member is no stand-in for what is unknown at doubtful joints (0-based).
+
+    It acts most elsewhere, or enough and surely: what acts on the whole arm shows at other joints,
+    too, and something else may be unknown at the one where it is largest.
+    """
+    if acts_most(problem, solution, member, remaining.floor) not in doubtful:
+        return True
+    rest = [joint for joint in own_joints(problem, member) if joint not in doubtful]
+    if not rest or material(problem, solution, member, rest) < CONTRIBUTION.material:
+        return False
+    return sure(problem, solution, member, rest)
 
 
 def acts_most(

@@ -6,18 +6,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from noisy_recordings import NOISE, observed
 
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.judgement.judgement import (
     RemainingResidual,
     abstained,
+    acts_most,
     harms,
     identical,
     remaining_residual,
     remarks,
 )
+from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.result import Shift
 from estimators.diagnosis.settings.selection import SEARCH
+from estimators.diagnosis.stages import quiet
+from limo_driver.physics import GravityDirection, SpringLoad
 
 FLOOR = np.full(2, 0.1)
 
@@ -62,6 +68,26 @@ def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_be
     assert abstained(problem, solution, remaining) == ((), (1,))
     quiet = RemainingResidual(FLOOR, np.full(2, 0.04), fitted)
     assert abstained(problem, solution, quiet) == ((), ())
+
+
+@pytest.mark.parametrize(
+    ("effect", "named"),
+    [
+        (GravityDirection(gravity=(0.1, -0.08, -9.809)), True),
+        (SpringLoad(joint=2, stiffness=2.0, rest=0.3), False),
+    ],
+)
+def test_what_acts_on_the_whole_arm_is_named_beside_something_unknown_at_one_joint(effect, named):
+    """A torque of one joint alone only stands in for it there."""
+    problem = RegressionProblem.of(observed(effect), quiet)
+    noise = Noise.independent(np.full(7, NOISE), problem.split.fitted)
+    there = (i for i, item in enumerate(problem.candidates) if item.effect == effect.name)
+    member = max(there, key=lambda i: fitted(problem, (i,), noise).gain)
+    solution, floor = fitted(problem, (member,), noise), np.full(7, NOISE)
+    most = acts_most(problem, solution, member, floor)
+    predictable = np.where(np.arange(7) == most, 10.0, 0.0)  # [N m], of much more than is explained
+    remaining = RemainingResidual(floor, predictable, 0.0 * problem.target)
+    assert abstained(problem, solution, remaining) == ((member,) if named else (), (most,))
 
 
 def test_the_predictable_part_is_kept_as_a_series(rigid, training_recording):
