@@ -215,16 +215,17 @@ def tables(out: Path) -> str:
         for variant in VARIANTS
         if _file(out, variant).exists()
     }
-    lines = [
-        "| left out | real: named | false | closed | refused | concealed: right | false |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    heads = ["left out", "real: named", "false", "closed", "refused"]
+    if any("source" not in row for rows in found.values() for row in rows):
+        heads += ["concealed: right", "false"]
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for variant in PARTS:
         if variant in found:
             real = [row for row in found[variant] if "source" in row]
             hidden = [row for row in found[variant] if "source" not in row]
-            cells = (*_counts(real), _sum(real, "refused"), _of(hidden, "right"))
-            lines.append(f"| {variant} | {' | '.join((*cells, _sum(hidden, 'false')))} |")
+            cells = (variant, *_counts(real), _sum(real, "refused"), _of(hidden, "right"))
+            cells = (*cells, _sum(hidden, "false"))[: len(heads)]
+            lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, "", *_without_a_source(found)])
 
 
