@@ -42,7 +42,8 @@ def contact_of(
         remaining: Residual that remains, with its noise floor of each joint.
     """
     found = sorted(found, key=lambda push: (push.recording, push.start))
-    wrenches = [_Wrench.of(push, observed, proven, remaining.floor) for push in found]
+    floor = np.maximum(remaining.floor, _at_rest(observed, proven))
+    wrenches = [_Wrench.of(push, observed, proven, floor) for push in found]
     windows = tuple((push.start, push.end) for push in found)
     felt = sorted({joint for push in found for joint in push.joints})
     joints = f"joint{'s' * (len(felt) > 1)} {listed([str(joint + 1) for joint in felt])}"
@@ -71,6 +72,15 @@ def contact_of(
             ),
         ),
     )
+
+
+def _at_rest(observed: Observations, proven: FloatArray) -> FloatArray:
+    """Return what errors (K, n) of joints that never move usually are, zero of others; (n,) [N m].
+
+    No noise floor is known of them: friction holds any torque at rest.
+    """
+    apart = np.abs(proven - np.median(proven, axis=0))
+    return np.where(observed.undisturbed(None).moving.any(axis=0), 0.0, np.median(apart, axis=0))
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,8 @@ def headline(verdict: Verdict) -> str:
     """
     n = len(verdict.fit.noise_floor)
     if verdict.verdict == "consistent":
+        if verdict.rows.usable and not any(verdict.rows.usable):
+            return "The arm holds still, and nothing pushes it; nothing else can be said."
         joints = sorted({item.joint for item in verdict.identified})
         beside = f", beside the friction identified at {of_several(joints, n)}" if joints else ""
         return f"Recording and simulation agree within tolerances and noise{beside}."

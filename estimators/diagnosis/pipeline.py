@@ -37,6 +37,7 @@ from estimators.diagnosis.judgement.judgement import (
 from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.judgement.questions import tests_of
 from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.residuals.pushes import covered, overlap, pushes
@@ -130,7 +131,8 @@ def diagnose(
     budget = budget or Budget()
     progress = budget.watched(forward(progress))
     progress("reading motion", 0.0)
-    problem = RegressionProblem.of(observe(simulation, recordings, bandwidth), progress)
+    given = observe(simulation, recordings, bandwidth)
+    problem = RegressionProblem.of(as_mounted(given), progress)
     judged, pushed = _without_pushes(problem, progress, budget)
     judged = budget.within(
         "values beyond their tolerances",
@@ -139,13 +141,13 @@ def diagnose(
     )
     judged, harmful = judged.harmless()
     progress("fitting to all rows", 0.95)
-    found = _told(simulation, judged, pushed, budget, harmful=harmful)
+    found = _told(given, judged, pushed, budget, harmful=harmful)
     progress("done", 1.0)
     return found
 
 
 def _told(
-    simulation: Simulation,
+    given: Observations,
     judged: _Judged,
     pushed: tuple[Push, ...],
     budget: Budget,
@@ -155,7 +157,7 @@ def _told(
     """Fit a judged set to all rows, and return what is to be said of it.
 
     Args:
-        simulation: The given one.
+        given: The recordings beside the given simulation.
         judged: The set, its proof, and what it leaves.
         pushed: Stretches in which something pushed.
         budget: Time for it.
@@ -163,7 +165,9 @@ def _told(
     """
     problem, solution, remaining = judged.problem, judged.solution, judged.remaining
     observed, attempts = problem.observed, Attempts(list(remaining.failures))
-    improved = observed.beside(simulation)
+    mounted = (problem.first or problem).observed.simulation
+    simulation, turned = given.simulation, given.simulation.body.gravity != mounted.body.gravity
+    improved = observed.beside(mounted)
     if not harmful:
         improved = attempts.at(
             "fit to all rows, so the written simulation is the given one",
@@ -181,6 +185,8 @@ def _told(
     verdict = conclude(
         problem, solution, remaining, named, judged.unknown, judged.proven, tolerances, contact
     )
+    if turned:
+        verdict = with_mounting(verdict, given, given.beside(mounted))
     shifts = shifts_of(problem, solution)
     said = remarks(
         shifts,
@@ -203,7 +209,7 @@ def _told(
         before=simulation,
         after=_lasting(improved.simulation, simulation),
         recordings=observed.recordings,
-        traces=_traces(problem, tolerances, improved.simulated),
+        traces=replace(_traces(problem, tolerances, improved.simulated), before=given.simulated),
         explanations=attempts.at(
             "what competed", lambda: explanations_of(problem, solution, remaining.floor), ()
         ),

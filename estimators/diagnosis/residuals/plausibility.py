@@ -42,10 +42,13 @@ def check_plausible(observed: Observations) -> None:
     """Refuse recordings of which a diagnosis would only name physics that is not there.
 
     Raises:
-        RecordingError: Nothing moves, a torque was not measured or has other units, columns are
-            exchanged or have the other sign, or the arm is another one.
+        RecordingError: Too little moves of an arm that does not hold still, a torque was not
+            measured or has other units, columns are exchanged or have the other sign, or the arm
+            is another one.
     """
     _check_measured(observed)
+    if holds_still(observed):
+        return  # friction holds any torque: pushes alone are looked for
     _check_motion(observed)
     _, strange = _check_log(observed)  # how an arm is mounted is physics, and found
     if strange:
@@ -124,6 +127,13 @@ def still(observed: Observations) -> tuple[int, ...]:
     return tuple(np.flatnonzero(observed.moving.sum(axis=0) < MISTAKES.least_moving).tolist())
 
 
+def holds_still(observed: Observations) -> bool:
+    """Say whether the arm stays where it is in all recordings, while its encoders tell of it."""
+    farthest = max(float(np.ptp(item.position, axis=0).max()) for item in observed.recordings)
+    alive = len(constant_joints(observed)) < observed.n
+    return alive and farthest < PLAUSIBILITY.holding and len(still(observed)) == observed.n
+
+
 def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
     """Return joints (0-based) that may move although their encoder gives one value.
 
@@ -162,6 +172,12 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
     warnings += [
         f"{doubt} Then nothing said of other joints holds, either." for doubt in _stuck_in(observed)
     ]
+    if holds_still(observed):
+        warnings.append(
+            "The arm holds still in all rows, where friction holds any torque: pushes alone are "
+            "looked for, and nothing else is said of it."
+        )
+        return tuple(warnings)
     if foreign := foreign_bodies(observed):
         joints = ", ".join(str(j + 1) for j in foreign)
         warnings.append(

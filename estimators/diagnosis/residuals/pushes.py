@@ -142,7 +142,8 @@ class _Scan:
 
         What one joint alone felt is physics of that joint where the joint has just turned or
         stopped, and where it leaves weaker ones of the kind at other times. And what reaches over
-        the start or the end of a motion is what friction does there.
+        the start or the end of a motion is what friction does there. While the whole arm rests,
+        its physics does nothing that recurs.
         """
         joint, *more = push.joints
         within = (self.observed.recording == push.recording) & (
@@ -159,7 +160,10 @@ class _Scan:
         time = self.observed.slow.time
         before = (self.observed.recording == push.recording) & (time < push.end)
         before &= time > push.start - PUSHES.steady
-        steady = self.observed.moving[before, joint].all() or self.resting[before].all()
+        rests = bool(self.resting[before].all())
+        if rests and self.resting[within].all():
+            return True
+        steady = rests or self.observed.moving[before, joint].all()
         others = (
             trial.evidence
             for trial in trials
@@ -236,6 +240,7 @@ def _fitted(
 ) -> tuple[float, float, float]:
     """Return what a course leaves of errors (R, j), and the start and end at which it is least."""
     others = np.stack([np.ones_like(time), time - time[0]], axis=1)
+    start, end = max(start, float(time[0])), min(end, float(time[-1]))
 
     def left(start: float, end: float) -> float:
         return _left(np.column_stack([course(time, start, end), others]), errors)

@@ -135,6 +135,9 @@ class PlausibilitySettings:
         "lower tries to undo what is physics; higher lets mistakes pass")
     fits: float = setting(0.4, "misfit", "below which a torque belongs to its motion",
         "higher takes poor mending for a mistake; lower lets mistakes pass")
+    holding: float = setting(0.02, "rad", "within which an arm that is pushed holds still",
+        "higher takes creep for rest; lower refuses soft arms at rest",
+        chosen="a stiff arm gives way by 0.002 to 0.006 rad under hands that push with 50 to 160 N")
     scale: float = setting(12.0, "times", "a sensor may be off",
         "higher lets wrong units of one joint pass; lower refuses wrong gains")
     scale_of_all: float = setting(4.0, "times", "all sensors together may be off",
@@ -192,3 +195,30 @@ class MistakeSettings:
 
 
 MISTAKES = MistakeSettings()
+
+
+@dataclass(frozen=True)
+class MountingSettings:
+    """An arm whose base is turned far (residuals.mounting)."""
+
+    least: float = setting(15.0, "degrees", "that its base is turned by",
+        "higher leaves large tilts to effects that are linear in them; lower takes a wrong body "
+        "for a tilt")
+    better: float = setting(0.5, "of the misfit", "that may be left once it is turned",
+        "higher turns arms whose bodies or springs are others; lower overlooks turned ones that "
+        "bear something besides")
+    size: float = setting(1.4, "times", "the gravity that fits best may be off in size",
+        "higher takes wrong masses for a turned base; lower overlooks turned arms with a payload")
+    square: float = setting(4.0, "degrees", "from an axis of the base that are none",
+        "higher takes tilts for walls; lower takes what a fit is off by for a tilt")
+    fewest: int = setting(20, "rows", "on which a joint has to move to say how it hangs",
+        "more judge seldom; fewer judge by little")
+    alike: float = setting(30.0, "rows", "whose errors are one independent error",
+        "more judge fewer arms; fewer are surer than they may be")
+    sure: float = setting(0.1, "of gravity", "that its worst known direction may be off by",
+        "higher turns arms by noise; lower judges no arm whose motion is narrow")
+    confidence: float = setting(0.99, "", "of a base that is turned",
+        "what is turned so far, and explains so much, is beyond doubt")
+
+
+MOUNTING = MountingSettings()

@@ -153,3 +153,34 @@ def test_what_one_joint_does_as_it_vibrates_is_no_push() -> None:
     residual[shaking, 3] += 0.12 * np.sin(2 * np.pi * 2.5 * (time[shaking] - 30.0))
 
     assert pushes(o, residual) == ()
+
+
+def held(pushed: tuple[tuple[float, float], ...]) -> Observations:
+    """Record an arm that holds still for 30 s, while one joint feels pushes of 0.5 N m."""
+    random, time = np.random.default_rng(11), np.arange(0.0, 30.0, 1.0 / RATE)
+    position = motion(1).position[0] + 1e-5 * random.standard_normal((time.size, 7))
+    torque = Simulation("iiwa14").predict(
+        Motion(time, position, 0 * position, 0 * position)
+    ) + NOISE * random.standard_normal(position.shape)
+    for start, end in pushed:
+        torque[(time > start) & (time < end), 0] += 0.5
+    return Observations.of(
+        Simulation("iiwa14"), [Recording.from_arrays(time, position, torque)], 10.0
+    )
+
+
+def test_several_pushes_that_one_joint_alone_feels_are_found_at_rest() -> None:
+    times = ((5.0, 5.6), (11.0, 12.0), (20.0, 20.8))
+    o = held(times)
+
+    found = sorted(pushes(o, o.residual), key=lambda push: push.start)
+
+    assert [push.joints for push in found] == [(0,)] * 3
+    for push, (start, end) in zip(found, times, strict=True):
+        assert (push.start, push.end) == pytest.approx((start, end), abs=0.1)
+
+
+def test_nothing_is_found_where_nothing_pushes_an_arm_at_rest() -> None:
+    o = held(())
+
+    assert pushes(o, o.residual) == ()
