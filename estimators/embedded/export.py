@@ -22,6 +22,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.outputs import require_folder, whole
 from limo_driver.physics import Simulation
 from limo_driver.physics.effects.body import Payload
+from limo_driver.recordings.causal_differentiation import LARGEST
 from limo_driver.recordings.standstill import FAR, MEMORY, NOTHING, REACH, RestingDifferentiator
 
 if TYPE_CHECKING:
@@ -197,6 +198,7 @@ class _Code:
             "FILTERS": filtering.taps.shape[0],
             "POSES": 2 + 2 * n if joint_physics else 2,
             "LONGEST_STEP": float(filtering.longest_step),
+            "LARGEST": LARGEST,
             "LEARNS_JOINT_PHYSICS": int(joint_physics),
             "LEARNS_BY_NETWORK": int("network.c" in self.learned.sources),
             "HAS_PAYLOAD": int(bool(payloads)),

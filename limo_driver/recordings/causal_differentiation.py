@@ -39,6 +39,7 @@ FEWEST_SAMPLES: Final = 3  # of delay; fewer cannot be exact to degree 5
 LONGEST_DELAY: Final = 5.0  # [s]; far beyond what the filter remembers at any usual bandwidth
 MOST_SAMPLES: Final = 25_000  # of delay, as many as that is at 5 kHz
 RATE_TOLERANCE: Final = 0.01  # of the stated rate, by which velocities would be wrong
+LARGEST: Final = 1e9  # of a value; squares of derivatives of much larger ones overflow
 _LONG: Final = 0.75  # [1/bandwidth] of delay, from which degree 7 costs less noise than it gains
 _TAPER: Final = 0.5  # of each half that falls to zero; more would soften the filter itself
 
@@ -123,7 +124,7 @@ class CausalFilter:
         if bad >= 0:
             raise RecordingError(
                 f"the sample at {time[bad]:.6g} s cannot follow the one before: its time has to "
-                "increase, and time and values have to be finite",
+                f"increase, and time and values have to be finite, no value beyond {LARGEST:g}",
                 rows=[bad],
             )
         return values, line
@@ -272,7 +273,7 @@ def _scan(
             return t
         for j in range(n):
             own, q = line[j], position[t, j]
-            if not np.isfinite(q):
+            if not abs(q) <= LARGEST:
                 return t
             shift = min(lost + 1, L)
             rise = (q - own[L - 1]) / (lost + 1)

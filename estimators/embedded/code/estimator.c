@@ -86,10 +86,11 @@ static void evaluate(limo_memory *memory, double time, const double q[N], const 
     }
 }
 
+/* Not so large either that squares of derivatives overflow, and stay in the memory of effects. */
 static bool all_finite(const double x[N])
 {
     for (int j = 0; j < N; ++j) {
-        if (!isfinite(x[j])) {
+        if (!(fabs(x[j]) <= LARGEST)) {
             return false;
         }
     }

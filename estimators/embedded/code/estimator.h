@@ -49,7 +49,7 @@ typedef struct {
 
 typedef enum {
     LIMO_OK = 0,
-    LIMO_NOT_FINITE = 1,    /* a time or value is not finite */
+    LIMO_NOT_FINITE = 1,    /* a time or value is not finite, or a value beyond 1e9 */
     LIMO_TIME_STOOD = 2,    /* the time does not increase; set back by a gap, all begins anew */
     LIMO_TORQUE_CHANGED = 3 /* torque came or went; it comes with each position or with none */
 } limo_status;

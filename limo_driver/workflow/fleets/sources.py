@@ -103,8 +103,8 @@ def _files(item: Path | str) -> list[Path]:
     if Path(item).is_file():  # also a name with brackets in it
         return [Path(item)]
     places = map(Path, sorted(glob(str(item), recursive=True)))
-    # `glob` gives the folder of `none/**` also where there is none
-    return [path for path in places if path.exists() and not path.is_dir()]
+    # `glob` gives the folder of `none/**` also where there is none; a link to nothing becomes a row
+    return [p for p in places if (p.exists() or p.is_symlink()) and not p.is_dir()]
 
 
 def _objects(pattern: str) -> list[str]:

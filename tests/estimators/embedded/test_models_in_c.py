@@ -141,12 +141,13 @@ def test_bad_input_is_refused_and_changes_nothing(
     built = CModel.of(rigid, tmp_path, RATE)
     time, position, torque = moved.time[:300], moved.position[:300], moved.torque[:300]
     undisturbed = built.stream(time, position, torque)
-    bad = {100: NOT_FINITE, 150: TIME_STOOD, 200: NOT_FINITE}
+    bad = {100: NOT_FINITE, 150: TIME_STOOD, 200: NOT_FINITE, 250: NOT_FINITE}
     rows = np.sort(np.concatenate([np.arange(300), list(bad)]))
     at = {int(np.flatnonzero(rows == row)[1]): status for row, status in bad.items()}
     time, position, torque = time[rows], position[rows].copy(), torque[rows].copy()
-    first, _, third = at
+    first, _, third, fourth = at
     position[first, 1], torque[third, 0] = np.inf, np.nan
+    position[fourth, 1] = 1e200  # squares of its derivatives overflow
     found = built.stream(time, position, torque)
     assert {int(t): int(found.status[t]) for t in np.flatnonzero(found.status)} == at
     good = found.status == OK

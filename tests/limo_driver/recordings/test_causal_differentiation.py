@@ -152,5 +152,7 @@ def test_bad_samples_are_refused():
     for memory_before in (memory, late.init(2)):
         with pytest.raises(RecordingError, match="time and values have to be finite"):
             late.step(memory_before, 1.01, np.array([0.0, np.nan]))
+        with pytest.raises(RecordingError, match=r"no value beyond 1e\+09"):
+            late.step(memory_before, 1.01, np.array([0.0, 1e200]))
     with pytest.raises(ShapeError, match=r"position has shape \(1, 3\), expected \(1, 2\)"):
         late.step(memory, 1.01, np.zeros(3))

@@ -250,6 +250,12 @@ def test_patterns_that_match_nothing_are_said(fleet, tmp_path):
         limo.diagnose_fleet("none/**", fleet / "sim.yaml", tmp_path, workers=0)
 
 
+def test_a_link_to_nothing_is_a_row_that_says_so(tmp_path):
+    (tmp_path / "gone.parquet").symlink_to(tmp_path / "nowhere")
+    (row,) = rows_of(matched(f"{tmp_path}/*.parquet"), "")
+    assert row.error == "cannot be read: No such file or directory"
+
+
 @pytest.mark.slow("starts processes that import: ten seconds")
 def test_a_simulation_that_fits_no_recording_is_named(fleet, tmp_path):
     limo.Simulation("iiwa14").save(tmp_path / "iiwa.yaml")
