@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.console.options import ROBOTS, MappingOption
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -34,7 +34,7 @@ def command(
     ],
     robot: Annotated[
         str | None,
-        typer.Option(help="Built-in name or URDF, whose joints are meant, in their order."),
+        typer.Option(help=f"Whose joints are meant, in their order: {ROBOTS}."),
     ] = None,
     topic: Annotated[
         str | None, typer.Option(help="Topic of the joint states, if there are several.")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.console.options import ROBOTS, MappingOption
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +30,7 @@ def command(
     ] = None,
     robot: Annotated[
         str | None,
-        typer.Option(help="Or its URDF or MJCF: inertias trusted, friction unknown."),
+        typer.Option(help=f"Or the arm alone, inertias trusted, friction unknown: {ROBOTS}."),
     ] = None,
     inertia_tolerance: Annotated[
         float, typer.Option(help="With --robot: how far its inertias may be off, relative.")

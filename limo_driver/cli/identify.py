@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.console.options import ROBOTS, MappingOption
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def command(  # one argument for each option
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
-    robot: Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")],
+    robot: Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")],
     out: Annotated[
         Path,
         typer.Option(

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.options import ROBOTS
+
 if TYPE_CHECKING:
     from limo_driver.workflow.inspecting import Inspection
 
@@ -15,7 +17,7 @@ _MAPPING = Path("mapping.yaml")
 
 def command(
     log: Annotated[Path, typer.Argument(help="The log: a file, or the folder of a bag.")],
-    robot: Annotated[str, typer.Option(help="Built-in robot, or its description.")],
+    robot: Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")],
     out: Annotated[Path, typer.Option(help="Where to write the mapping.")] = _MAPPING,
     topic: Annotated[
         str | None, typer.Option(help="Topic of the joint states of a bag, if there are several.")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.options import ROBOTS
+
 if TYPE_CHECKING:
     from rich.table import Table
 
@@ -20,7 +22,7 @@ PICTURES = (".png", ".pdf", ".svg")
 Out = Annotated[
     Path, typer.Option(help="Where to write the trajectory (Parquet), and beside it its page.")
 ]
-Robot = Annotated[str, typer.Option(help="Built-in robot, or a URDF file.")]
+Robot = Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")]
 Rate = Annotated[
     float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")

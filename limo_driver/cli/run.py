@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limo_driver.cli import INTERRUPTED
+from limo_driver.console.options import ROBOTS
 from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ def command(
         Path | None, typer.Option(help="A sim.yaml for simulated arms; else the rigid body alone.")
     ] = None,
     robot: Annotated[
-        str | None, typer.Option(help="Built-in name or URDF; else the trajectory's robot.")
+        str | None,
+        typer.Option(help=f"Else the trajectory's: {ROBOTS}."),
     ] = None,
     host: Annotated[
         str | None, typer.Option(help="Address of a real arm's controller; else whoever speaks.")

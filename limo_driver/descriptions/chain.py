@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from limo_driver.descriptions.description import SITE
+from limo_driver.display import shortened
 from limo_driver.errors import ConfigError
 from limo_driver.linkage import JointLinkage, linkage_of
 
@@ -82,7 +83,9 @@ def read_chain(description: RobotDescription) -> Chain:
     ]
     names = tuple(full.names[index].removesuffix(JOINT) for index in locked)
     if len(locked) == full.njoints - 1:
-        raise ConfigError("has no joint that turns or slides", path=path)
+        held = shortened(list(description.locked))
+        why = f"; {held} are locked, and none is left to move" if description.locked else ""
+        raise ConfigError(f"has no joint that turns or slides{why}", path=path)
     tree = pin.buildReducedModel(full, locked, pin.neutral(full))
     followers = dict(description.followers)
     tree = _with_leaders_first(tree, {name: item.leader for name, item in followers.items()}, path)

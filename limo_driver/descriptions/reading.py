@@ -126,6 +126,8 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
             why = f", which follows {_leader(movable[name])}{_missing(name, movable, found.root)},"
         elif name in gripping:
             why = ", at the end of which none turns,"
+        if name in held:
+            why += _out_of_range(movable[name], at, found.path)
         told.setdefault((at, why), []).append(name)
         _fix(movable[name], at)
     notes = [_locked(names, at, why) for (at, why), names in told.items()]
@@ -220,11 +222,26 @@ def _leader(joint: ET.Element) -> str:
 
 
 def _nearest_to_zero(joint: ET.Element, path: Path) -> float:
+    stated = _range_of(joint, path)
+    return 0.0 if stated is None else min(max(0.0, stated[0]), stated[1])
+
+
+def _range_of(joint: ET.Element, path: Path) -> tuple[float, float] | None:
+    """Return the least and the greatest position of a joint [rad, m]; None if it states none."""
     limit = joint.find("limit")
     if limit is None or joint.get("type") == "continuous":
-        return 0.0
+        return None
     lower, upper = (_number(limit, name, path) for name in ("lower", "upper"))
-    return min(max(0.0, lower), upper) if lower < upper else 0.0
+    return (lower, upper) if lower < upper else None
+
+
+def _out_of_range(joint: ET.Element, at: float, path: Path) -> str:
+    """Say how far a joint goes that is to be locked where it cannot be; nothing where it can."""
+    stated = _range_of(joint, path)
+    if stated is None or stated[0] <= at <= stated[1]:
+        return ""
+    unit = "m" if joint.get("type") == _SLIDING else "rad"
+    return f", whose range is {stated[0]:g} to {stated[1]:g} {unit},"
 
 
 def _locked(names: Sequence[str], at: float, why: str) -> str:
@@ -287,11 +304,14 @@ def _unknown(name: str, known: list[str]) -> str:
 
 def _position(text: str, name: str, path: Path) -> float:
     try:
-        return float(text)
+        at = float(text)
     except ValueError:
+        at = np.nan
+    if not np.isfinite(at):
         raise ConfigError(
-            f"joint {name} is to be locked at {text!r}, expected a number", path=path
-        ) from None
+            f"joint {name} is to be locked at {text!r}, expected a finite number", path=path
+        )
+    return at
 
 
 def _fix(joint: ET.Element, at: float) -> None:

@@ -29,6 +29,7 @@ _USUAL, _WINDOWS = "utf-8-sig", "cp1252"
 _MARKED = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # by the first bytes
 _UNWRITTEN = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")  # what no text has
 _PACKED = ".gz"
+_EMPTY = (*csv.ConvertOptions().null_values, "None")  # cells without a value; Python writes None
 _DAMAGE = (OSError, EOFError, zlib.error, pa.ArrowException, UnicodeDecodeError)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 
@@ -135,7 +136,9 @@ class DelimitedText:
                 ignore_empty_lines=True,
                 invalid_row_handler=self._leave_out,
             ),
-            csv.ConvertOptions(decimal_point=dialect.decimal, strings_can_be_null=True),
+            csv.ConvertOptions(
+                decimal_point=dialect.decimal, strings_can_be_null=True, null_values=_EMPTY
+            ),
         )
 
     def _leave_out(self, row: Any) -> str:  # noqa: ANN401  # pyarrow has no types

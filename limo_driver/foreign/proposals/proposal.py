@@ -207,7 +207,7 @@ def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | No
     if first.beyond:
         draft.questions.append(
             f"{quantity}: {first} has columns for more than {draft.model.n} joints "
-            f"({', '.join(first.beyond)} beyond): are the first {draft.model.n} meant?"
+            f"({shortened(first.beyond)} beyond): are the first {draft.model.n} meant?"
         )
     return first
 

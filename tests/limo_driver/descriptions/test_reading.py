@@ -201,6 +201,26 @@ def test_chosen_joints_move_and_all_others_are_locked_where_stated(file):
     assert one.inertials["upper"].mass == pytest.approx(3.1)
 
 
+def test_a_joint_locked_beyond_its_range_is_said_with_that_range(file):
+    path = file(URDF, "arm.urdf")
+    (said, *_) = RobotModel.load(f"{path}#shoulder,hand=45").notes
+    assert said.startswith("joint hand, whose range is ")
+    assert said.endswith(" rad, is locked at 45; what it carries is lumped")
+
+
+def test_an_arm_of_which_every_joint_is_locked_is_refused_with_their_names(file):
+    path = file(URDF, "arm.urdf")
+    with pytest.raises(ConfigError, match="shoulder, hand, finger_slide are locked, and none is"):
+        RobotModel.load(f"{path}#shoulder,shoulder=0")
+
+
+@pytest.mark.parametrize("place", ["nan", "-inf", "half", ""])
+def test_a_joint_is_locked_at_a_finite_number_alone(file, place):
+    path = file(URDF, "arm.urdf")
+    with pytest.raises(ConfigError, match=f"hand is to be locked at '{place}', expected a finite"):
+        RobotModel.load(f"{path}#shoulder,hand={place}")
+
+
 def test_the_choice_of_joints_survives_a_sim_yaml(file, tmp_path):
     file(URDF, "arm.urdf")
     Simulation(f"{tmp_path}/arm.urdf#shoulder").save(tmp_path / "sim.yaml")

@@ -76,6 +76,13 @@ def test_text_with_decimal_commas(tmp_path):
     np.testing.assert_array_equal(read_table(path).columns["q0"], [1.5, -0.25])
 
 
+@pytest.mark.parametrize("cell", ["", "None", "NaN", "null", "#N/A"])
+def test_cells_without_a_value_are_no_text(tmp_path, cell):
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,q0\n0.0,1.5\n0.1,{cell}\n0.2,2.5\n", encoding="utf-8")
+    np.testing.assert_array_equal(read_table(path).columns["q0"], [1.5, np.nan, 2.5])
+
+
 def test_text_whose_names_stand_in_a_comment(tmp_path):
     path = tmp_path / "log.dat"
     path.write_text("# t q0\n0 1\n1 2\n", encoding="utf-8")

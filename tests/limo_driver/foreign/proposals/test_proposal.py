@@ -399,6 +399,14 @@ def test_more_joints_than_the_robot_has_are_a_question():
     )
 
 
+def test_an_array_with_rows_and_columns_exchanged_makes_short_questions():
+    rows = 2000
+    on_its_side = np.random.default_rng(0).normal(size=(7, rows))
+    questions = proposed(q=on_its_side, tau=on_its_side).mapping.undecided
+    assert any(f"and {rows - 7 - 8} more beyond" in question for question in questions)
+    assert max(map(len, questions)) < 400
+
+
 @pytest.mark.parametrize(("scale", "unit"), [(1e3, "mN m"), (1e2, "N cm"), (1.0, "N m")])
 def test_torque_has_its_unit_from_gravity(scale, unit):
     assert proposed(q=POSITION, tau=scale * TORQUE).mapping.torque.unit == (unit,)
