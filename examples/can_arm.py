@@ -1,13 +1,13 @@
 """An arm of seven CiA 402 drives on a bus: drives in one process, their master in another.
 
-    python examples/can_arm.py             # half a minute, in real time
-    python examples/can_arm.py --config examples/can_damiao.yaml      # Damiao motors
+    python examples/can_arm.py  # half a minute, in real time
+    python examples/can_arm.py --config examples/can_damiao.yaml  # Damiao motors
 
 `SimulatedDrives`, or `limo drives`, is seven drives on `udp_multicast` in a process of their own,
 with an iiwa 14 that has hysteresis behind them; the backend `can` finds, configures and moves them
-as it would real ones. The
-same motion of the same arm without a bus shows what the bus costs: torque comes in steps of a
-thousandth of each drive's rating, and set-points take effect a cycle later.
+as it would real ones. The same motion of the same arm without a bus shows what the bus costs:
+torque comes in steps of a thousandth of each drive's rating, and set-points take effect a cycle
+later.
 """
 
 from __future__ import annotations

@@ -6,8 +6,7 @@
 Half a minute, two processes: this one drives a simulated iiwa 14 in real time, which is pushed at
 its flange for a while; another one serves, as `limo serve` does: it estimates the torque that the
 motion needs, and logs. The arm stands until the first estimates come, however long the service
-takes to load and compile.
-OUT/live.png shows both.
+takes to load and compile. OUT/live.png shows both.
 """
 
 from __future__ import annotations

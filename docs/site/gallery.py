@@ -17,7 +17,14 @@ from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "out" / "gallery"
-QUICK = ("predict_torque", "creep_and_reverse", "diagnose_simulated")
+QUICK = (
+    "predict_torque",
+    "creep_and_reverse",
+    "diagnose_simulated",
+    "your_csv",
+    "your_mjcf",
+    "your_bag",
+)
 SLOW = ("fri_controller", "can_arm", "live_service")  # in real time, or long
 
 

@@ -12,6 +12,7 @@ import ast
 import re
 from importlib import import_module
 from pathlib import Path
+from textwrap import dedent, indent
 from typing import TYPE_CHECKING, Any
 
 from mkdocs.structure.files import File
@@ -138,33 +139,52 @@ def notebook(source: Path) -> str:
 
 
 def gallery() -> str:
-    """Return each example with what it printed, what it drew, and its text."""
+    """Return each example: what it is for, what it drew and printed, and its text, folded."""
     parts = [
         "# Gallery",
         "Each example runs as it stands: `python examples/NAME.py`. What it printed and drew is "
-        "from the run that made this site.",
+        "from the run that made this site; examples that were not run for it come last.",
     ]
-    for path in sorted((ROOT / "examples").glob("*.py")):
+    programs = [path for path in sorted((ROOT / "examples").glob("*.py")) if _runs(path)]
+    for path in sorted(programs, key=lambda path: not (RAN / path.stem).exists()):
         text = path.read_text(encoding="utf-8")
-        said = ast.get_docstring(ast.parse(text)) or ""
-        first, _, rest = said.partition("\n\n")
+        first, *rest = told(ast.get_docstring(ast.parse(text)) or "")
         out = RAN / path.stem
-        parts.append(f"## {path.name} {{ #{path.name.replace('.', '')} }}\n\n{first}")
-        if rest:
-            parts.append(f"```text\n{rest}\n```" if "    " in rest else rest)
+        parts += [f"## {path.name} {{ #{path.name.replace('.', '')} }}", first, *rest]
         parts += [f"![{first}](gallery/{path.stem}/{p.name})" for p in sorted(out.glob("*.png"))]
         printed = out / "printed.txt"
         ran = printed.read_text(encoding="utf-8").rstrip() if printed.exists() else ""
-        parts.append(
-            f"```text\n{ran}\n```" if ran else "*Not run for this site: it takes minutes.*"
-        )
+        parts.append(f"```text\n{ran}\n```" if ran else "*Not run for this site.*")
         if (out / "report.html").exists():
             parts.append(f"[Its report](gallery/{path.stem}/report.html)")
-        parts.append(f"```python\n{text}```")
+        parts.append(_folded(path, "python"))
     for path in sorted((ROOT / "examples").glob("*.yaml")):
-        text = path.read_text(encoding="utf-8")
-        parts.append(f"## {path.name} {{ #{path.name.replace('.', '')} }}\n\n```yaml\n{text}```")
+        parts += [f"## {path.name} {{ #{path.name.replace('.', '')} }}", _folded(path, "yaml")]
     return "\n\n".join(parts)
+
+
+def told(said: str) -> list[str]:
+    """Return the paragraphs of a docstring, with those that are indented as commands."""
+    return [
+        f"```sh\n{dedent(part)}\n```" if part.startswith("    ") else part
+        for part in re.split(r"\n\n+", said)
+    ]
+
+
+def _runs(path: Path) -> bool:
+    """Say whether a file of the examples does something, not only defines what others use."""
+    defines = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
+    body = ast.parse(path.read_text(encoding="utf-8")).body[1:]
+    return any(
+        not isinstance(part, defines) and not ast.unparse(part).startswith("if TYPE_CHECKING")
+        for part in body
+    )
+
+
+def _folded(path: Path, language: str) -> str:
+    """Return a file, to be opened by a click."""
+    fence = f"```{language}\n{path.read_text(encoding='utf-8').rstrip()}\n```"
+    return f'??? example "{path.name}"\n\n{indent(fence, "    ")}'
 
 
 def sample() -> str:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
@@ -107,3 +108,33 @@ def test_a_dead_link_fails_the_build(spoilt, tmp_path):
     done = build(tmp_path / "site", tmp_path)
     assert done.returncode != 0
     assert "there" in done.stderr or "nowhere" in done.stderr or "nothing" in done.stderr
+
+
+def test_what_an_example_says_keeps_its_commands_apart_from_its_text():
+    hooks = _hooks()
+    said = "What it does.\n\n    python it.py  # now\n\nWhy, in two\nlines."
+    assert hooks.told(said) == [
+        "What it does.", "```sh\npython it.py  # now\n```", "Why, in two\nlines.",
+    ]  # fmt: skip
+
+
+def test_the_gallery_begins_with_what_ran_and_has_programs_alone(tmp_path, monkeypatch):
+    hooks = _hooks()
+    (tmp_path / "predict_torque").mkdir()
+    (tmp_path / "predict_torque" / "printed.txt").write_text("largest torque\n")
+    monkeypatch.setattr(hooks, "RAN", tmp_path)
+    names = re.findall(r"^## (\S+)", hooks.gallery(), re.MULTILINE)
+    assert names[0] == "predict_torque.py"
+    assert {"can_arm.py", "creep_and_reverse.py", "your_csv.py"} <= set(names)
+    assert "demo_page.py" not in names  # which only defines what the demo uses
+
+
+def _hooks():
+    pytest.importorskip("mkdocs", reason="the extra `docs` is not installed")
+    place = ROOT / "docs" / "site" / "hooks.py"
+    spec = spec_from_file_location("site_hooks", place)
+    assert spec
+    assert spec.loader
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
