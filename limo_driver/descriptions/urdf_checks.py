@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _MOVABLE: Final = ("revolute", "continuous", "prismatic")
 _ENDING: Final = ("revolute", "prismatic")  # which have to state where their range ends
+_ON_A_FIXED_BASE: Final = (*_MOVABLE, "fixed")
+_FREE: Final = ("floating", "planar")
 _AXES: Final = 3
 _NUMBERS: Final = {
     "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
@@ -39,7 +41,7 @@ def check_urdf(root: ET.Element, path: Path) -> None:
     """
     _refuse_macros(root, path)
     _check_names(root, path)
-    _refuse_floating(root, path)
+    _check_types(root, path)
     _check_numbers(root, path)
     _check_ends(root, path)
     _check_tree(root, path)
@@ -117,9 +119,15 @@ def _check_limits(root: ET.Element, path: Path) -> None:
             )
 
 
-def _refuse_floating(root: ET.Element, path: Path) -> None:
+def _check_types(root: ET.Element, path: Path) -> None:
     for joint in root.findall("joint"):
-        if joint.get("type") in {"floating", "planar"}:
+        if joint.get("type") not in {*_ON_A_FIXED_BASE, *_FREE}:
+            raise ConfigError(
+                f"joint {joint.get('name')} is of type {joint.get('type')!r}, expected one of "
+                f"{', '.join(_ON_A_FIXED_BASE)}",
+                path=path,
+            )
+        if joint.get("type") in _FREE:
             raise ConfigError(
                 f"joint {joint.get('name')} is {joint.get('type')}; limo's arms stand on a fixed "
                 "base",

@@ -18,6 +18,8 @@ from limo_driver.foreign.table import LogTable
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
 KIND = "LeRobotDataset"
 _INFO = "meta/info.json"
 _BETWEEN = 1.0  # [s] from the end of one episode to the start of the next: a gap, as it was
@@ -55,6 +57,7 @@ def read_dataset(folder: Path, episode: int | None = None) -> LogTable:
         raise RecordingError(f"its files lack {', '.join(sorted(missing))}", path=folder)
     read = numbers_of(table, str(folder), _kind(info), _names(info))
     columns, notes = _in_order(dict(read.columns), episode, folder)
+    notes = (*notes, *_lacking(read.columns["episode_index"], info))
     robot = info.get("robot_type")
     return LogTable(columns, read.source, read.kind, read.unread, notes, str(robot or ""))
 
@@ -82,6 +85,14 @@ def _in_order(
     columns["timestamp"] = time + since
     told = f"{starts.size} episodes, one after the other with a gap of {_BETWEEN:g} s between"
     return columns, (told,) if starts.size > 1 else ()
+
+
+def _lacking(episodes: NDArray[Any], info: dict[str, Any]) -> tuple[str, ...]:
+    """Say that files of episodes are missing, as after an unfinished download."""
+    there, stated = np.unique(episodes).size, info.get("total_episodes")
+    if not isinstance(stated, int) or there >= stated:
+        return ()
+    return (f"{_INFO} says that there are {stated} episodes; the files here hold {there}",)
 
 
 def _read_info(folder: Path) -> dict[str, Any]:

@@ -286,6 +286,11 @@ REFUSED = [
     ),
     ("arm.urdf", URDF.replace('link name="hand"', 'link name="upper"'), "more than one link"),
     ("arm.urdf", URDF.replace("prismatic", "floating"), "finger_slide is floating"),
+    (
+        "arm.urdf",
+        URDF.replace("prismatic", "Prismatic"),
+        "of type 'Prismatic', expected one of rev",
+    ),
     ("arm.urdf", URDF.replace('damping="0.7"', 'damping="much"'), "damping='much', expected"),
     (
         "arm.urdf",

@@ -676,6 +676,17 @@ def test_episodes_of_a_dataset(tmp_path, version):
     )
 
 
+def test_episodes_whose_files_are_missing_are_counted(tmp_path):
+    folder = dataset(tmp_path / "set", "v2.1")
+    info = json.loads((folder / "meta" / "info.json").read_text()) | {"total_episodes": 2}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    assert not any("says that there are" in note for note in read_table(folder).notes)
+    (folder / "data" / "chunk-000" / "episode_000001.parquet").unlink()
+    assert read_table(folder).notes == (
+        "meta/info.json says that there are 2 episodes; the files here hold 1",
+    )
+
+
 def test_an_episode_that_is_not_there(tmp_path):
     with pytest.raises(RecordingError, match="no episode 7; it has 2, from 0 to 1"):
         read_table(dataset(tmp_path / "set", "v3.0"), episode=7)
