@@ -49,15 +49,16 @@ def fleet_page(fleet: FleetDiagnosis, folder: Path) -> Page:
         folder: The page will lie in; links to reports are relative to it.
     """
     charts = Charts()
-    title = str(fleet).splitlines()[0]
+    title = fleet.headline
     lead = (
         "An arm is odd where its median is more than "
         f"{FLEET.odd:g} robust standard deviations from that of the arms, in which a difference of "
-        f"{FLEET.least:.0%} counts as one at least. Arms are the folders that recordings lie in."
+        f"{FLEET.least:.0%} counts as one at least; z is how many. "
+        "Arms are the folders that recordings lie in."
     )
     body = (
         header(f"Fleet of {fleet.robot}", title)
-        + "".join(map(paragraph, str(fleet).splitlines()[1:]))
+        + "".join(map(paragraph, str(fleet).splitlines()))
         + section("Which arm is the odd one out", _odd(fleet.standings, charts), "odd", lead)
         + section("What drifts over dates", _drifts(fleet, charts), "drift")
         + section("Unit against unit", _spreads(fleet.spreads, charts), "spread")
@@ -118,9 +119,17 @@ def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
         [escape(d.arm), escape(d.series.name), escape(changed(d)), number(d.p, 2)]
         for d in fleet.drifts
     ]
-    return table(heads, rows, 3) + "".join(
-        charts.place(_over_days(item), f"{item.arm}: {item.series.name}")
-        for item in fleet.drifts[:_DRAWN]
+    told = paragraph(
+        "p is the probability that chance alone makes as much of a trend. Over all quantities, "
+        f"about one in {1 / FLEET.false_alarms:.0f} fleets without drift gets one named."
+    )
+    return (
+        told
+        + table(heads, rows, 3)
+        + "".join(
+            charts.place(_over_days(item), f"{item.arm}: {item.series.name}")
+            for item in fleet.drifts[:_DRAWN]
+        )
     )
 
 

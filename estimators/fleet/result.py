@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from estimators.fleet.series import series_of
 from estimators.fleet.settings import FLEET
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow
     from estimators.fleet.series import Series
     from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
+
+_NAMED: Final = 4  # arms in a headline
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,22 @@ class FleetDiagnosis:
     def failed(self) -> tuple[FleetRow, ...]:
         """Rows without a verdict."""
         return tuple(row for row in self.rows if not row.diagnosed)
+
+    @property
+    def headline(self) -> str:
+        """Say in one sentence which arms are odd, and which drift."""
+        told = [
+            f"{what}: {', '.join(arms[:_NAMED])}"
+            + (f" and {len(arms) - _NAMED} more" if len(arms) > _NAMED else "")
+            for what, arms in (("odd", self.odd), ("drifting", self.drifting))
+            if arms
+        ]
+        if told:
+            sentence = "; ".join(told)
+            return f"{sentence[0].upper()}{sentence[1:]}"
+        if not self.standings:
+            return f"Fewer than {FLEET.arms} arms: none can be told from the others"
+        return "No arm is odd, and no drift shows"
 
     def __str__(self) -> str:
         arms = len({row.arm for row in self.rows if row.diagnosed})

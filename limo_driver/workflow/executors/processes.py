@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _MEMINFO: Final = Path("/proc/meminfo")
 _LIMIT: Final = Path("/sys/fs/cgroup/memory.max")  # of a container
+_TAKEN: Final = Path("/sys/fs/cgroup/memory.current")
 
 
 class ProcessPool(Generic[TaskT, OutcomeT]):
@@ -80,5 +81,5 @@ def _available() -> float:
         lines = dict(line.split(":") for line in _MEMINFO.read_text().splitlines())
         found = 1024.0 * int(lines["MemAvailable"].split()[0])
     with suppress(OSError, ValueError):  # "max", where there is no limit
-        found = min(found, float(_LIMIT.read_text()))
+        found = min(found, float(_LIMIT.read_text()) - float(_TAKEN.read_text()))
     return found

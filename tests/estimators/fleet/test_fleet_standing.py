@@ -111,6 +111,9 @@ def test_the_page_names_them_and_escapes_paths(tmp_path):
     found = fleet(0, odd=5.0, growth=1.0)
     bad = FleetRow(Path("<b>.parquet"), "", "arm0", None, error="cannot be read: no such file")
     html = fleet_page(FleetDiagnosis("two", (*found.rows, bad)), tmp_path).html()
+    assert found.headline == "Odd: arm2; drifting: arm4"
+    assert "<h1" in html
+    assert found.headline in html
     assert "odd: arm2, error of joint 2" in html
     assert "drifting: arm4, error of joint 2" in html
     assert "&lt;b&gt;.parquet" in html
