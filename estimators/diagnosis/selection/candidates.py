@@ -206,11 +206,15 @@ def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]
 
 
 def _payload_prior(model: RobotModel) -> FloatArray:
-    """Return 1 sigma of (m, m c, I) of a payload in the frame of the last link, (10,)."""
+    """Return 1 sigma of (m, m c, I) of a payload in the frame of the last link, (10,).
+
+    A load is at the end of that link, which is about twice as far from the joint as its centre is.
+    """
     bodies = [model.inertials[name] for name in model.link_names]
     farthest = float(np.linalg.norm(bodies[-1].com))  # all that a single joint has of length
     mass = CANDIDATES.payload * sum(body.mass for body in bodies)
-    lever = max(CANDIDATES.payload_lever * (model.length + farthest), REVISION.least_lever)
+    around = CANDIDATES.payload_lever * (model.length + farthest)
+    lever = max(around, 2.0 * farthest, REVISION.least_lever)
     return np.repeat([mass, mass * lever, mass * lever**2], (1, 3, 6))
 
 
