@@ -17,7 +17,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ("your_csv", "questions: none"),
         (
             "your_mjcf",
-            "Payload of 0.5|better/model.xml: changed; MuJoCo alone needs what limo predicts, to 0.0",
+            "Payload of 0.5|model.xml: changed; MuJoCo alone needs what limo predicts, to 0.0",
         ),  # of 0.6 kg
         ("your_bag", "left aside: 2000 messages of finger_left, finger_right on /joint_states"),
         pytest.param(
