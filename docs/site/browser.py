@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.request import urlopen
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Generator, Sequence
     from pathlib import Path
 
     from websockets.sync.client import ClientConnection
@@ -33,7 +33,12 @@ _FLAGS = (
 
 def program() -> str | None:
     """Return the browser of this machine, if it has one."""
-    return next((found for name in PROGRAMS if (found := shutil.which(name))), None)
+    return installed(PROGRAMS)
+
+
+def installed(names: Sequence[str]) -> str | None:
+    """Return the first of some programs that this machine has."""
+    return next((found for name in names if (found := shutil.which(name))), None)
 
 
 @dataclass
@@ -88,11 +93,7 @@ class Tab:
 
     def wait(self, condition: str) -> None:
         """Wait until a condition of the page holds, looked at before each frame that it draws."""
-        self.value(
-            "new Promise((done) => { const look = () => { let holds = false; "
-            f"try {{ holds = Boolean({condition}); }} catch {{ }} "
-            "holds ? done(true) : setTimeout(look, 20); }; look(); })"
-        )
+        self.value(until(condition))
 
     def picture(self, path: Path, *, whole: bool = False) -> None:
         """Write what is seen, or the whole page, as PNG."""
@@ -118,18 +119,36 @@ def browser() -> Generator[Tab]:
     if found is None:
         raise RuntimeError(f"no browser is installed, expected one of {', '.join(PROGRAMS)}")
     with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        process = subprocess.Popen(  # noqa: S603  # a browser, with a page of ours
-            [found, *_FLAGS, f"--user-data-dir={folder}", "about:blank"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        try:
-            with connect(_page_of(process), max_size=None, open_timeout=LONGEST) as socket:
-                yield Tab(socket)
-        finally:
-            process.terminate()
-            process.wait()
-            if process.stderr:
-                process.stderr.close()
+        command = [found, *_FLAGS, f"--user-data-dir={folder}", "about:blank"]
+        with (
+            running(command) as process,
+            connect(_page_of(process), max_size=None, open_timeout=LONGEST) as socket,
+        ):
+            yield Tab(socket)
+
+
+@contextmanager
+def running(command: Sequence[str]) -> Generator[subprocess.Popen[str]]:
+    """Start a browser whose standard error says where it listens, and end it."""
+    process = subprocess.Popen(  # noqa: S603  # a browser, with a page of ours
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+        if process.stderr:
+            process.stderr.close()
+
+
+def until(condition: str) -> str:
+    """Return the script of a promise that a condition of the page holds."""
+    return (
+        "new Promise((done) => { const look = () => { let holds = false; "
+        f"try {{ holds = Boolean({condition}); }} catch {{ }} "
+        "holds ? done(true) : setTimeout(look, 20); }; look(); })"
+    )
 
 
 def _page_of(process: subprocess.Popen[str]) -> str:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import base64
 import json
 import re
-import shutil
-import subprocess
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from browser import installed, running, until
+
 if TYPE_CHECKING:
+    import subprocess
     from collections.abc import Generator
 
     from websockets.sync.client import ClientConnection
@@ -26,7 +27,7 @@ _PREFERENCES = {"webgl.force-enabled": True, "datareporting.policy.dataSubmissio
 
 def program() -> str | None:
     """Return the Firefox of this machine, if it has one."""
-    return next((found for name in PROGRAMS if (found := shutil.which(name))), None)
+    return installed(PROGRAMS)
 
 
 @dataclass
@@ -84,11 +85,7 @@ class FirefoxTab:
 
     def wait(self, condition: str) -> None:
         """Wait until a condition of the page holds."""
-        self.value(
-            "new Promise((done) => { const look = () => { let holds = false; "
-            f"try {{ holds = Boolean({condition}); }} catch {{ }} "
-            "holds ? done(true) : setTimeout(look, 20); }; look(); })"
-        )
+        self.value(until(condition))
 
     def picture(self, path: Path) -> None:
         """Write the whole page as PNG."""
@@ -113,20 +110,12 @@ def firefox() -> Generator[FirefoxTab]:
     with TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         lines = (f"user_pref({json.dumps(k)}, {json.dumps(v)});" for k, v in _PREFERENCES.items())
         (Path(folder) / "user.js").write_text("\n".join(lines), encoding="utf-8")
-        process = subprocess.Popen(  # noqa: S603  # a browser, with a page of ours
-            [found, "--headless", "--no-remote", "--profile", folder,
-             "--remote-debugging-port", "0"],
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        try:
-            address = f"{_address(process)}/session"
-            with connect(address, max_size=None, open_timeout=LONGEST) as socket:
-                yield FirefoxTab(socket)
-        finally:
-            process.terminate()
-            process.wait()
-            if process.stderr:
-                process.stderr.close()
+        command = [found, "--headless", "--no-remote", "--profile", folder]
+        with (
+            running([*command, "--remote-debugging-port", "0"]) as process,
+            connect(f"{_address(process)}/session", max_size=None, open_timeout=LONGEST) as socket,
+        ):
+            yield FirefoxTab(socket)
 
 
 def _address(process: subprocess.Popen[str]) -> str:
