@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
-from html import escape
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -17,6 +16,7 @@ from estimators.sweep import SweepSpace, SweepTrial
 from estimators.sweep.result import Sweep
 from estimators.sweep.space import SweptRange
 from limo_driver.errors import ConfigError
+from limo_driver.pages.markup import prose
 from limo_driver.physics import CoulombFriction
 
 DRIVER = """
@@ -132,7 +132,7 @@ def test_each_setting_is_trained_once_and_the_best_is_a_model(data, here, tmp_pa
     judged = limo.evaluate(best, test)
     ratio = judged.hybrid.rmse / judged.rigid_body.rmse
     assert found.best.test == pytest.approx(float(np.sqrt(np.mean(ratio**2))))
-    assert escape(found.headline()) in (tmp_path / "sweep.html").read_text()
+    assert prose(found.headline()) in (tmp_path / "sweep.html").read_text()
 
     larger = read(tmp_path, SHORT.replace("[2, 3]", "[2, 3, 4]"))
     assert len(limo.sweep(sim, run, larger, tmp_path, tests=test).trials) == 6
