@@ -60,10 +60,10 @@ if TYPE_CHECKING:
         predict_forward,
         train,
     )
+    from limo_driver.workflow.live.running import Streaming, run
+    from limo_driver.workflow.live.serving import serve
     from limo_driver.workflow.planning import excite, excite_servos, plan
     from limo_driver.workflow.reading import read
-    from limo_driver.workflow.running import Streaming, run
-    from limo_driver.workflow.serving import serve
     from limo_driver.workflow.simulating import simulate
     from limo_driver.workflow.sweeping import sweep
     from limopa import (
@@ -100,7 +100,7 @@ _HOME = {
     "ServiceSettings": "estimators.service.settings",
     "ServoRequest": "limopa",
     "Simulation": "limo_driver.physics",
-    "Streaming": "limo_driver.workflow.running",
+    "Streaming": "limo_driver.workflow.live.running",
     "Surroundings": "limopa",
     "TorqueCommand": "limo_driver.types",
     "TrainingSettings": "estimators.hybrid.training.settings",
@@ -124,8 +124,8 @@ _HOME = {
     "predict": "limo_driver.workflow.learning",
     "predict_forward": "limo_driver.workflow.learning",
     "read": "limo_driver.workflow.reading",
-    "run": "limo_driver.workflow.running",
-    "serve": "limo_driver.workflow.serving",
+    "run": "limo_driver.workflow.live.running",
+    "serve": "limo_driver.workflow.live.serving",
     "simulate": "limo_driver.workflow.simulating",
     "simulate_dataset": "limo_driver.workflow.datasets",
     "sweep": "limo_driver.workflow.sweeping",

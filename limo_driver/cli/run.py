@@ -103,7 +103,7 @@ def command(
     from limo_driver.physics import Simulation
     from limo_driver.robot.playback import NotBegunError
     from limo_driver.trajectory import Trajectory
-    from limo_driver.workflow.running import Streaming, play
+    from limo_driver.workflow.live.running import Streaming, play
 
     if wait is not None and not stream:
         raise ConfigError("--wait-for-estimates waits for what answers --stream; give both")

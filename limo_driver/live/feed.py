@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.closing import Closing
 from limo_driver.errors import WireFormatError
 from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.closing import Closing
 from limo_driver.errors import BackendUnavailableError, ConfigError, WireFormatError
 from limo_driver.network.messages import decode_event
 from limo_driver.pages import arm_view
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

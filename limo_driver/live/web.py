@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError
 from limo_driver.pages import Page, arm_view
 from limo_driver.pages.markup import paragraph
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

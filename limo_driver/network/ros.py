@@ -17,7 +17,6 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages import (
     Attachment,
@@ -27,6 +26,7 @@ from limo_driver.network.messages import (
 )
 from limo_driver.network.messages.attachment import GID_SIZE
 from limo_driver.network.streaming import declare_stream
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

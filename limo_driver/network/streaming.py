@@ -28,12 +28,12 @@ from typing import TYPE_CHECKING, Any, Final
 import zenoh
 import zenoh.ext
 
-from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError, ConnectionLostError
 from limo_driver.network.claims import Witness, claim
 from limo_driver.network.config import explained, read_config
 from limo_driver.network.keys import Keys
 from limo_driver.network.messages import Attachment, JointStateCodec
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -22,9 +22,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from limo_driver.closing import Closing
 from limo_driver.errors import RecordingError
 from limo_driver.outputs import reason, replacing, require_parquet
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

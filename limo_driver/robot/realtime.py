@@ -23,9 +23,9 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.closing import Closing
 from limo_driver.errors import ConfigError
 from limo_driver.latency import LatencyHistogram
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -88,7 +88,7 @@ class SimulationJob:
 
     def _recorded(self, run: DatasetRun) -> bytes:
         from limo_driver.workflow.fleets.sources import at_hand
-        from limo_driver.workflow.running import play
+        from limo_driver.workflow.live.running import play
 
         with at_hand(run.trajectory) as trajectory, TemporaryDirectory() as folder:
             file = Path(folder) / run.name

@@ -93,8 +93,8 @@ def demonstrate(progress: Callable[[str, float], None] | None = None) -> Demonst
     """
     from estimators.diagnosis.stages import quiet
     from limo_driver.workflow.diagnosing import diagnose
+    from limo_driver.workflow.live.running import run
     from limo_driver.workflow.planning import plan
-    from limo_driver.workflow.running import run
     from limopa import PlanRequest
 
     tell = progress or quiet

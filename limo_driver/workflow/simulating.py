@@ -78,7 +78,7 @@ def simulate(
 def _run(
     simulation: Simulation, motion: Trajectory, seed: int, *, ended: threading.Event | None = None
 ) -> Recording:
-    from limo_driver.workflow.running import run
+    from limo_driver.workflow.live.running import run
 
     def go_on(_done: int, _all: int) -> None:
         if ended is not None and ended.is_set():

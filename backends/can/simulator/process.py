@@ -7,8 +7,8 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.closing import Closing
 from limo_driver.errors import BackendError
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,7 +15,7 @@ from backends.fri.simulator.motion import CommandedArm
 from backends.fri.simulator.report import ClientObservations, ControllerReport
 from backends.fri.simulator.scenario import ControllerScenario, Now, ScenarioClock
 from backends.fri.simulator.session import Circumstances, ControllerSession
-from limo_driver.closing import Closing
+from limo_driver.processes.closing import Closing
 from limo_driver.robot.realtime import Pace, Realtime, sleeper
 
 if TYPE_CHECKING:

@@ -151,8 +151,8 @@ def command(
         limo serve --arm left=models/left --arm right=models/right
     """
     from limo_driver.network.ros import RosTopic
-    from limo_driver.workflow.serving import serve
-    from limo_driver.workflow.supervising import listens, serve_apart
+    from limo_driver.workflow.live.serving import serve
+    from limo_driver.workflow.live.supervising import listens, serve_apart
 
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))

@@ -7,7 +7,7 @@ from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic
 
-from limo_driver.worker_process import WorkerProcess, end_with_parent
+from limo_driver.processes.worker_process import WorkerProcess, end_with_parent
 from limo_driver.workflow.executors.job import OutcomeT, TaskT
 
 if TYPE_CHECKING:

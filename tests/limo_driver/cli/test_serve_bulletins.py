@@ -6,7 +6,7 @@ from limo_driver.cli.serve.showing import teller
 from limo_driver.machine_code import compilation
 from limo_driver.machine_code.compilation import Compilation
 from limo_driver.network.readiness import ServicePhase
-from limo_driver.workflow.serving import COMPILING, Bulletins
+from limo_driver.workflow.live.serving import COMPILING, Bulletins
 
 
 def test_a_service_that_compiles_while_it_loads_is_compiling_from_then_on(capsys, monkeypatch):

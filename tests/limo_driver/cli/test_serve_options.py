@@ -10,7 +10,7 @@ import pytest
 from limo_driver.cli import main
 from limo_driver.cli.serve.options import log_limits, per_joint
 from limo_driver.errors import ConfigError
-from limo_driver.workflow import serving
+from limo_driver.workflow.live import serving
 
 
 class TestLogLimits:

@@ -10,7 +10,8 @@ import zenoh
 from rich.console import Console
 from sessions import wait_until
 
-from limo_driver.cli import watch
+from limo_driver.cli.watch.screen import page
+from limo_driver.cli.watch.watched import Watched
 from limo_driver.network.messages import Event, Level
 from limo_driver.network.streaming import Keys, to_json
 
@@ -43,7 +44,7 @@ class Sample:
 
 
 def watched(*, as_json=False):
-    return watch.Watched(as_json=as_json)
+    return Watched(as_json=as_json)
 
 
 def take_status(what, status, arm="arm"):
@@ -53,7 +54,7 @@ def take_status(what, status, arm="arm"):
 
 def shown(what):
     console = Console(file=io.StringIO(), width=100)
-    console.print(watch._page(what))
+    console.print(page(what))
     return console.file.getvalue()
 
 
@@ -134,7 +135,7 @@ class TestStatus:
                 data[random.randrange(len(data))] = random.randrange(256)
             take_status(what, bytes(data))
             if what.statuses:
-                watch._page(what)
+                page(what)
         assert what.malformed > 300
         take_status(what, STATUS)
         assert "2 lost" in shown(what)

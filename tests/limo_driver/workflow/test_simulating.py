@@ -51,7 +51,7 @@ def test_what_goes_wrong_in_one_ends_the_others(monkeypatch):
             ended.set()
             raise
 
-    monkeypatch.setattr("limo_driver.workflow.running.run", one_run)
+    monkeypatch.setattr("limo_driver.workflow.live.running.run", one_run)
     with pytest.raises(ConfigError, match="the first"):
         limo.simulate(ARM, [motion(0.02)], range(1, 9), workers=2)
     assert ended.is_set()

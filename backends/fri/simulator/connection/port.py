@@ -9,8 +9,8 @@ import time
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from backends.fri.codec.messages import MAX_DATAGRAM
-from limo_driver.closing import Closing
 from limo_driver.errors import BackendError, ConfigError
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

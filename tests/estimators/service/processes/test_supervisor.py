@@ -12,7 +12,7 @@ import pytest
 from processes import PATIENCE, Answers, Network, driven, served, told, wait_for
 
 from limo_driver.network.streaming import open_session
-from limo_driver.workflow.supervising import listens
+from limo_driver.workflow.live.supervising import listens
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,7 +10,7 @@ import time
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.closing import Closing
+from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Generator

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from limo_driver.closing import uninterrupted
+from limo_driver.processes.closing import uninterrupted
 
 
 @pytest.fixture(autouse=True)

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from multiprocessing import connection, get_context
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.closing import Closing, uninterrupted
-from limo_driver.ending import Ending, signals_given_back
 from limo_driver.errors import ConfigError, LimoError
 from limo_driver.network.messages import Event, Level
 from limo_driver.network.readiness import ServicePhase
-from limo_driver.workflow.serving import checked_stores, serve
+from limo_driver.processes.closing import Closing, uninterrupted
+from limo_driver.processes.ending import Ending, signals_given_back
+from limo_driver.workflow.live.serving import checked_stores, serve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Mapping, Sequence
@@ -34,7 +34,7 @@ _LOADED: Final = [  # once, by the process that all workers are forked from
     "estimators.service.opening",
     "limo_driver.logs.mcap_log",
     "limo_driver.workflow.inputs",
-    "limo_driver.workflow.serving",
+    "limo_driver.workflow.live.serving",
 ]
 _ENDS: Final = 15.0  # [s] in which a worker has to end by itself
 _PAUSES: Final = (0.0, 0.5, 1.0, 2.0)  # [s] before a worker is begun anew, by how often it died

@@ -7,8 +7,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.closing import uninterrupted
 from limo_driver.errors import ConfigError
+from limo_driver.processes.closing import uninterrupted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Mapping, Sequence

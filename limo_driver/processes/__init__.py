@@ -1,0 +1,1 @@
+"""Processes: how they are started, closed and told to end."""
