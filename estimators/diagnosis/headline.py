@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.diagnosis.wording import LINK_INERTIA, of_several
@@ -107,10 +107,26 @@ def quantity(known: Interval) -> str:
 
 def to_interval(value: float, low: float, high: float) -> tuple[str, str, str]:
     """Return a value and the ends of its interval, to two digits of half that interval."""
-    half = max((high - low) / 2, _SMALLEST)
-    decimals = min(max(0, 1 - math.floor(math.log10(half))), 9)
+    decimals = _decimals((high - low) / 2)
     said = [f"{each:.{decimals}f}" for each in (value, low, high)]
     return said[0], said[1], said[2]
+
+
+def give_or_take(known: Interval) -> str:
+    """Return a number beside half of its 95 % interval, to the digits that the interval leaves.
+
+    Args:
+        known: A number with an interval.
+    """
+    low, high = cast("tuple[float, float]", known.ci95)
+    half = (high - low) / 2
+    decimals = _decimals(half)
+    return f"{known.value:.{decimals}f} ± {half:.{decimals}f}"
+
+
+def _decimals(half: float) -> int:
+    """Return the decimals that show half of an interval to two digits."""
+    return min(max(0, 1 - math.floor(math.log10(max(half, _SMALLEST)))), 9)
 
 
 def _value(known: Interval) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from estimators.diagnosis.headline import headline, place_of, values_of
+from estimators.diagnosis.headline import give_or_take, headline, place_of, values_of
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.diagnosis.wording import rounded
 from limo_driver.physics import spoken
@@ -42,8 +42,7 @@ def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]
             if isinstance(known.value, float) and known.ci95:
                 heading = (spoken(item.effect), name, f"[{known.unit}]")
                 column = columns.setdefault(heading, [""] * len(joints))
-                half = 0.5 * (known.ci95[1] - known.ci95[0])
-                column[joints.index(item.joint)] = f"{known.value:.3g} ± {half:.1g}"
+                column[joints.index(item.joint)] = give_or_take(known)
     return columns
 
 
@@ -92,11 +91,24 @@ def _said(item: Finding, n: int) -> list[str]:
 
 
 def _identified(verdict: Verdict) -> list[str]:
-    """Return the table of ordinary friction as lines; none where all was stated."""
+    """Return what each joint's ordinary friction was identified as; none where all was stated.
+
+    A line a joint: a table of all laws would be wider than a terminal.
+    """
     if not verdict.identified:
         return []
-    cells = [[*heading, *values] for heading, values in identified_columns(verdict).items()]
-    return ["", "identified, with 95 % intervals", *_aligned(cells)]
+    columns = identified_columns(verdict)
+    joints = columns.pop(("", "", "joint"))
+    lines = ["", "identified, with 95 % intervals"]
+    for k, joint in enumerate(joints):
+        laws: dict[str, list[str]] = {}
+        for (effect, name, unit), values in columns.items():
+            if values[k]:
+                said = f"{name} {values[k]}" + f" {unit.strip('[]')}" * (unit != "[1]")
+                laws.setdefault(effect, []).append(said)
+        found = (f"{effect}: {', '.join(values)}" for effect, values in laws.items())
+        lines.append(f"joint {joint}  {'; '.join(found)}")
+    return lines
 
 
 def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
