@@ -1,0 +1,36 @@
+"""Frozen values that pass between the parts: limits, specifications, states and commands.
+
+SI units; joints are counted from 1 in everything a user reads, from 0 in arrays.
+Arrays are float64 and read-only, since they are shared.
+"""
+
+from limo_driver.types.arrays import ArrayFields, FloatArray, as_numbers, readonly
+from limo_driver.types.commands import (
+    ImpedanceCommand,
+    JointCommand,
+    PositionCommand,
+    TorqueCommand,
+    WrenchCommand,
+)
+from limo_driver.types.limits import JointLimits, RobotSpec, WrenchLimits, same_robot
+from limo_driver.types.motion import JointSample, Motion
+from limo_driver.types.state import JointState
+
+__all__ = [
+    "ArrayFields",
+    "FloatArray",
+    "ImpedanceCommand",
+    "JointCommand",
+    "JointLimits",
+    "JointSample",
+    "JointState",
+    "Motion",
+    "PositionCommand",
+    "RobotSpec",
+    "TorqueCommand",
+    "WrenchCommand",
+    "WrenchLimits",
+    "as_numbers",
+    "readonly",
+    "same_robot",
+]
