@@ -1,0 +1,143 @@
+"""MJCF as MuJoCo compiles it, written as the URDF of one arm.
+
+Defaults, classes, includes, meshes without inertia and angles in degrees are so what MuJoCo makes
+of them.
+"""
+
+# MuJoCo ships no stubs.
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from limo_driver.descriptions.description import RobotDescription
+from limo_driver.descriptions.mjcf.files import check_includes, check_numbers
+from limo_driver.descriptions.mjcf.joints import (
+    HINGE,
+    actuators,
+    body_name,
+    is_passive_motor,
+    joint_name,
+    servos,
+)
+from limo_driver.descriptions.mjcf.writer import TURNING, ArmWriter
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_FEWEST: Final = 2  # arms, of which one has to be chosen
+
+
+def read_mjcf(path: Path) -> RobotDescription:
+    """Read the arm of an MJCF file: of its trees of bodies, the one with the most hinges.
+
+    Raises:
+        ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, a mass or the
+            like is no finite number, its arm floats, or several trees could be the arm.
+    """
+    check_numbers(check_includes(path))
+    model = compile_mjcf(path)
+    root = _arm(model, path)
+    writer = ArmWriter(model, root)
+    writer.write(root)
+    coupled = writer.couple()
+    return RobotDescription(
+        writer.robot,
+        path,
+        "MJCF",
+        writer.dynamics,
+        tuple(np.array(model.opt.gravity).tolist()),  # type: ignore[arg-type]  # three
+        writer.shifts,
+        writer.hulls,
+        tuple(_left_aside(model, root, coupled) + writer.notes),
+        servos(model),
+        writer.plays,
+        places={
+            joint_name(model, j): (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j]))
+            for j in range(model.njnt)
+        },
+        widths=(int(model.nq), int(model.nv)),
+    )
+
+
+def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
+    """Compile an MJCF file.
+
+    Raises:
+        ConfigError: It cannot be; in one line.
+    """
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"MuJoCo cannot compile it: {reason}", path=path) from None
+
+
+def _arm(model: Any, path: Path) -> int:  # noqa: ANN401
+    """Return the body at the root of the tree that is the arm."""
+    count: dict[int, int] = {}
+    for joint in range(model.njnt):
+        root = int(model.body_rootid[model.jnt_bodyid[joint]])
+        count.setdefault(root, 0)
+        count[root] += int(model.jnt_type[joint]) == HINGE
+    hinges = max(count.values(), default=0)
+    if not hinges:
+        raise ConfigError("has no hinge joint", path=path)
+    arms = [root for root, many in count.items() if many == hinges]
+    names = ", ".join(body_name(model, root) for root in arms)
+    if len(arms) >= _FEWEST:
+        raise ConfigError(
+            f"holds several arms of {hinges} hinges, {names}; expected one in a file", path=path
+        )
+    free = [
+        j
+        for j in range(model.njnt)
+        if int(model.body_rootid[model.jnt_bodyid[j]]) == arms[0]
+        and int(model.jnt_type[j]) not in TURNING
+    ]
+    if free:
+        kind = "ball" if model.jnt_type[free[0]] == mujoco.mjtJoint.mjJNT_BALL else "free"
+        raise ConfigError(
+            f"{names} has the {kind} joint {joint_name(model, free[0])}; limo's arms stand on a "
+            "fixed base, with one axis a joint",
+            path=path,
+        )
+    return arms[0]
+
+
+def _left_aside(model: Any, root: int, coupled: int) -> list[str]:  # noqa: ANN401
+    """Say what the file holds that is not represented; so many equalities are."""
+    notes: list[str] = []
+    others = {int(model.body_rootid[b]) for b in range(1, model.nbody)} - {root}
+    if others:
+        notes.append(f"left aside: {', '.join(body_name(model, b) for b in sorted(others))}")
+    if left := model.neq - coupled:
+        notes.append(f"not represented: {left} equality constraint{'s' * (left > 1)}")
+    if model.ntendon:
+        notes.append(f"not represented: {model.ntendon} tendons")
+    for values, what in (
+        (model.dof_dampingpoly[:, 1:], "damping of higher powers of the speed"),
+        (
+            model.jnt_stiffnesspoly[:, [0, *range(2, model.jnt_stiffnesspoly.shape[1])]],
+            "springs other than linear and cubic",
+        ),
+        (model.body_gravcomp, "gravity compensation"),
+    ):
+        if np.any(values):
+            notes.append(f"not represented: {what}")
+    if np.any(model.actuator_armature) or np.any(model.actuator_damping):
+        notes.append("not represented: armature and damping of actuators")
+    moving = [
+        u
+        for u in range(actuators(model))
+        if int(model.actuator_dyntype[u]) != 0 and not is_passive_motor(model, u)
+    ]
+    if moving:
+        notes.append(f"not represented: the dynamics of {len(moving)} actuators")
+    if np.any(model.actuator_delay):
+        notes.append("not represented: delays of actuators")
+    return notes

@@ -1,0 +1,69 @@
+"""The files that an MJCF file is made of: where they may lie, and the numbers in them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.descriptions.xml_text import read_xml
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+    from xml.etree import ElementTree as ET
+
+# By element: a mass that is no number, MuJoCo replaces by one of a density, and hands others on.
+_FINITE: Final = {
+    "inertial": ("mass", "pos", "quat", "diaginertia", "fullinertia"),
+    "geom": ("mass", "density"),
+    "joint": ("damping", "armature", "frictionloss", "stiffness", "springref"),
+}
+
+
+def check_includes(path: Path) -> tuple[Path, ...]:
+    """Return the files that an MJCF file is made of, itself first.
+
+    Raises:
+        ConfigError: One lies outside the folder of the first, or declares entities.
+    """
+    folder = path.resolve().parent
+    found, waiting = [path], [path]
+    while waiting:
+        current = waiting.pop()
+        for element in read_xml(current).iter("include"):
+            file = folder / str(element.get("file"))
+            if not file.resolve().is_relative_to(folder):
+                raise ConfigError(
+                    f"includes {element.get('file')}, which is outside its folder", path=current
+                )
+            if not file.is_file():
+                raise ConfigError(f"includes {element.get('file')}, which is not there", path=path)
+            if file not in found:
+                found.append(file)
+                waiting.append(file)
+    return tuple(found)
+
+
+def check_numbers(files: Iterable[Path]) -> None:
+    """Refuse masses, inertias and physics of joints that are not finite, by the element's name."""
+    for path in files:
+        for parent in read_xml(path).iter():
+            for element in parent:
+                for key in _FINITE.get(element.tag, ()):
+                    _check_finite(element, key, parent, path)
+
+
+def _check_finite(element: ET.Element, key: str, parent: ET.Element, path: Path) -> None:
+    for word in element.get(key, "").split():
+        try:
+            value = float(word)
+        except ValueError:
+            continue  # MuJoCo says so
+        if not np.isfinite(value):
+            place = " ".join(filter(None, (parent.tag, parent.get("name") or parent.get("class"))))
+            raise ConfigError(
+                f"{place}: {key} of its {element.tag} is {word}, expected a finite number",
+                path=path,
+            )
