@@ -39,7 +39,8 @@ from estimators.stream import Stream
 from limo_driver.physics import CoulombFriction, Sensors, Simulation, ViscousFriction
 from limo_driver.recordings.causal_differentiation import CausalDifferentiator
 from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
-from limo_driver.recordings.recording import LIVELIER, SHARPER, Recording
+from limo_driver.recordings.filtered_samples import LIVELIER, SHARPER
+from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -16,7 +16,7 @@ from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStat
 from limo_driver.outputs import whole
 from limo_driver.recordings.batches import BLOCK
 from limo_driver.recordings.columns import Columns
-from limo_driver.recordings.data_gate import SYSTEMATIC
+from limo_driver.recordings.gate import SYSTEMATIC
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -28,8 +28,8 @@ import numpy as np
 
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError, RecordingError, ShapeError
-from limo_driver.recordings.data_gate import LONGEST_STEP, LONGEST_STEP_PERIODS
 from limo_driver.recordings.differentiation import HIGHEST_BANDWIDTH, impulse_responses
+from limo_driver.recordings.gate import LONGEST_STEP, LONGEST_STEP_PERIODS
 from limo_driver.types import JointSample, Motion
 
 if TYPE_CHECKING:

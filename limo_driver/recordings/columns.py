@@ -28,6 +28,13 @@ class Columns:
     command: FloatArray | None = None  # (T, n) [rad], set-point in force at each row
     spread: int = 0  # rows of the log of which these are evenly spread stretches; 0 if they are all
 
+    def quantities(self) -> dict[str, FloatArray]:
+        """Return all that was measured or commanded of the joints, by name, (T, n) each."""
+        measured = {"position": self.position, "torque": self.torque, **self.extras}
+        if self.command is not None:
+            measured["command"] = self.command
+        return measured if self.velocity is None else measured | {"velocity": self.velocity}
+
 
 def without_empty_torques(columns: Columns) -> Columns:
     """Return the same with 0 for the torque of joints that have none in any row, and say so."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,6 @@ from numpy.typing import NDArray
 
 from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError, ShapeError
-from limo_driver.recordings.adaptive_smoothing import differentiate_adaptively
 from limo_driver.recordings.checks import (
     check_arm,
     check_seconds,
@@ -21,17 +19,16 @@ from limo_driver.recordings.checks import (
     numbers,
 )
 from limo_driver.recordings.columns import Columns, without_empty_torques, without_wraps
-from limo_driver.recordings.data_gate import (
+from limo_driver.recordings.filtered_samples import FilteredSamples
+from limo_driver.recordings.gate import (
     LeftOut,
     UsableRows,
-    contiguous,
     inspect,
     inspect_by_joint,
 )
-from limo_driver.recordings.differentiation import EDGE, SAFE_BANDWIDTH, differentiate, smooth
 from limo_driver.recordings.recorded_time import seconds
 from limo_driver.recordings.stretches import Stretches
-from limo_driver.types import FloatArray, Motion, readonly
+from limo_driver.types import FloatArray, readonly
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -42,12 +39,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Columns", "LeftOut", "Recording"]
 
-SHARPER = 4.0  # times the bandwidth, for the velocity that friction depends on
-LIVELIER = 1.25  # times the bandwidth, for the acceleration
-
 
 @dataclass(frozen=True, repr=False)
-class Recording(Displayed):
+class Recording(FilteredSamples, Displayed):
     """T usable samples of n joints.
 
     Velocity is kept as the robot gave it; `motion` computes velocity and acceleration from the
@@ -320,9 +314,6 @@ class Recording(Displayed):
             "most torque [N m]": self.torque.max(axis=0).tolist(),
         }
 
-    def __len__(self) -> int:
-        return self.time.size
-
     @property
     def n(self) -> int:
         """Number of joints."""
@@ -346,11 +337,6 @@ class Recording(Displayed):
                 path=self.source or None,
             )
         return 1.0 / float(np.median(np.diff(self.time)))
-
-    @cached_property
-    def segments(self) -> tuple[slice, ...]:
-        """Stretches without a gap; history and filters start anew in each."""
-        return contiguous(self.time)
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Recording:
         """Return the samples in `rows`: a slice, a mask, or increasing indices."""
@@ -380,172 +366,6 @@ class Recording(Displayed):
         kept = self[np.concatenate(stretches.pieces())]
         warnings = (*self.warnings, stretches.note())
         return replace(kept, warnings=warnings, spread=self.spread or len(self))
-
-    def motion(self, bandwidth: float) -> Motion:
-        """Differentiate the positions without phase.
-
-        Args:
-            bandwidth: Frequency at which the zero-phase low-pass halves the amplitude [Hz]; motion
-                up to a third of it keeps its amplitude within 2e-4.
-
-        Returns:
-            Filtered position, velocity and acceleration at the recorded instants.
-
-        Raises:
-            RecordingError: The bandwidth is too high for the sampling rate.
-        """
-        smoothed = differentiate(self.time, self.position, bandwidth, self.segments)
-        return Motion(self.time, smoothed.value, smoothed.first, smoothed.second, self.temperature)
-
-    def sharp_motion(self, bandwidth: float) -> Motion:
-        """Differentiate the positions for a prediction that is filtered, if at all, afterwards.
-
-        A velocity that lost its high frequencies changes its sign too gently: friction computed
-        from it errs by several noise floors around every reversal, whatever is filtered later.
-        So position and velocity keep `SHARPER` times the bandwidth, as far as the sampling rate
-        allows. The acceleration would be nothing but noise there, and keeps `LIVELIER` times the
-        bandwidth: with no more than the bandwidth itself, a prediction that is filtered like the
-        measured torque would have lost there what that torque keeps.
-
-        The filter is linear and one for all rows, as whatever is fitted to motion has to have it:
-        one that follows the motion would look like physics.
-
-        Args:
-            bandwidth: As for `motion` [Hz].
-
-        Returns:
-            Position, velocity and acceleration at the recorded instants.
-
-        Raises:
-            RecordingError: The bandwidth is too high for the sampling rate.
-        """
-        highest = max(SAFE_BANDWIDTH * self.slowest_rate, bandwidth)
-        lively = self.motion(min(LIVELIER * bandwidth, highest))
-        sharp = differentiate(
-            self.time, self.position, min(SHARPER * bandwidth, highest), self.segments
-        )
-        return replace(lively, position=sharp.value, velocity=sharp.first)
-
-    def calm_motion(self, bandwidth: float) -> Motion:
-        """Differentiate the positions as `sharp_motion` does where they move, and calmly at rest.
-
-        For a prediction that is looked at on all rows. Position and velocity that keep all high
-        frequencies are nothing but noise at rest, and friction with a sharp sign chatters there. So
-        positions are smoothed at up to `SHARPER` times the bandwidth, and at less where they tell
-        no more than noise, see `adaptive_smoothing`; the acceleration keeps at most `LIVELIER`
-        times the bandwidth.
-
-        Args:
-            bandwidth: As for `motion` [Hz].
-
-        Returns:
-            Position, velocity and acceleration at the recorded instants.
-
-        Raises:
-            RecordingError: The bandwidth is too high for the sampling rate.
-        """
-        highest = max(SAFE_BANDWIDTH * self.slowest_rate, bandwidth)
-        sharp = differentiate_adaptively(
-            self.time, self.position, min(SHARPER * bandwidth, highest), self.segments
-        )
-        lively = self.filtered(sharp.second, min(LIVELIER * bandwidth, highest))
-        return Motion(self.time, sharp.value, sharp.first, lively, self.temperature)
-
-    @property
-    def slowest_rate(self) -> float:
-        """Lowest mean sampling rate of a segment [Hz]; of none, infinite."""
-        rates = (
-            (part.stop - part.start - 1) / float(self.time[part.stop - 1] - self.time[part.start])
-            for part in self.segments
-            if part.stop - part.start > 1
-        )
-        return min(rates, default=float("inf"))
-
-    @cached_property
-    def temperature(self) -> FloatArray | None:
-        """Temperature of every joint, (T, n) [°C], linear over holes; None if not measured.
-
-        A joint without any reading stays NaN.
-        """
-        if (given := self.extras.get("temperature")) is None:
-            return None
-        filled = np.array(given)
-        for column in filled.T:
-            known = np.isfinite(column)
-            if known.any():
-                column[:] = np.interp(self.time, self.time[known], column[known])
-        return readonly(filled)
-
-    def filtered_torque(self, bandwidth: float) -> FloatArray:
-        """Filter the torque as `motion` filters the positions.
-
-        Args:
-            bandwidth: As for `motion` [Hz].
-
-        Returns:
-            Filtered torques, (T, n) [N m].
-
-        Raises:
-            RecordingError: The bandwidth is too high for the sampling rate.
-        """
-        self.check_torque()
-        return self.filtered(self.torque, bandwidth)
-
-    def filtered(self, values: FloatArray, bandwidth: float) -> FloatArray:
-        """Filter values of all samples, such as a prediction to compare with the torque.
-
-        Args:
-            values: (T, k), in any unit.
-            bandwidth: As for `motion` [Hz].
-
-        Returns:
-            Filtered values, (T, k), in the same unit.
-
-        Raises:
-            ShapeError: The values are not those of all samples.
-            RecordingError: They are no numbers, or the bandwidth is too high for the sampling rate.
-        """
-        columns = numbers("values", values)
-        if columns.ndim != 2 or len(columns) != len(self):  # noqa: PLR2004  # (T, k)
-            raise ShapeError("values", columns.shape, f"({len(self)}, k)")
-        return smooth(self.time, columns, bandwidth, self.segments)
-
-    def edges(self, bandwidth: float) -> NDArray[np.bool_]:
-        """Mark samples so near to an end of a segment that their derivatives are unsure.
-
-        Args:
-            bandwidth: Of the filter [Hz].
-
-        Returns:
-            True where they are, (T,).
-        """
-        reach = EDGE / bandwidth
-        near = np.zeros(len(self), dtype=bool)
-        for rows in self.segments:
-            time = self.time[rows]
-            near[rows] = (time < time[0] + reach) | (time > time[-1] - reach)
-        return near
-
-    def scored(self, bandwidth: float) -> NDArray[np.bool_]:
-        """Mark the samples whose torque can be compared with a prediction: all but `edges`.
-
-        Args:
-            bandwidth: Of the filter on both [Hz].
-
-        Returns:
-            True where they are, (T,).
-
-        Raises:
-            RecordingError: There is none.
-        """
-        scored = ~self.edges(bandwidth)
-        if not scored.any():
-            raise RecordingError(
-                f"is too short to score: the filter of {bandwidth:g} Hz needs more than "
-                f"{2 * EDGE / bandwidth:.2g} s without a gap",
-                path=self.source or None,
-            )
-        return scored
 
     def check_robot(self, model: RobotModel) -> None:
         """Check that the recording can be of this robot.

@@ -15,8 +15,8 @@ from limo_driver.foreign.proposals.proposal import propose
 from limo_driver.foreign.proposals.recorded_joints import mapped_part
 from limo_driver.logs.joint_state_log import joint_state_blocks
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.data_gate import LeftOut, inspect
 from limo_driver.recordings.file import columns_writer
+from limo_driver.recordings.gate import LeftOut, inspect
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.reading import columns_of, mapping_of, said
 

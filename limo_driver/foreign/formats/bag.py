@@ -24,7 +24,7 @@ from limo_driver.foreign.table import LogTable
 from limo_driver.logs.joint_state_log import bag_files, read_bag
 from limo_driver.logs.known_layouts import layout_for
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec
-from limo_driver.recordings.data_gate import SYSTEMATIC
+from limo_driver.recordings.gate import SYSTEMATIC
 from limo_driver.recordings.stretches import STRETCH, Stretches
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 from limo_driver.foreign.columns.units import UNITS
 from limo_driver.foreign.proposals.odd_columns import maybe_in_radians
-from limo_driver.recordings.data_gate import velocity_factor
+from limo_driver.recordings.gate import velocity_factor
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

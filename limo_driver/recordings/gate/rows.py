@@ -6,15 +6,18 @@ starts again) is refused, since leaving rows out would hide it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.held_values import held_position, held_torque
+from limo_driver.recordings.gate.doubts import STILL, doubts_about_rows
+from limo_driver.recordings.gate.gaps import contiguous, longest_step
+from limo_driver.recordings.gate.held_values import held_position, held_torque
+from limo_driver.recordings.gate.left_out import LeftOut, UsableRows
+from limo_driver.recordings.gate.velocities import swept, velocity_factors
 from limo_driver.recordings.recorded_time import RATES, unit_of
 
 if TYPE_CHECKING:
@@ -25,8 +28,6 @@ Mask = NDArray[np.bool_]
 
 FEWEST_SAMPLES = 20
 SHORTEST = 0.5  # [s]
-LONGEST_STEP = 0.05  # [s]; motion within the bandwidth of an arm can be interpolated over less
-LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
 SHORTEST_PIECE = 0.2  # [s] between two gaps, in which a low-pass of 2.5 Hz can settle
 FEWEST_CONTIGUOUS = 10  # samples; fewer between two gaps cannot be differentiated
 SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
@@ -43,47 +44,12 @@ _UNIT_HINT = {
     "velocity": "rad/s; is it in degrees or counts?",
     "torque": "N m; is it in N mm or mA?",
 }
-_TURNS = 4 * np.pi  # [rad]; few arms turn farther
 _DEGREES = (30.0, 90.0)  # ratio of difference quotient to velocity that says degrees (57.3)
-_FACTORS = (0.5, 2.0)  # of velocity to rate of change, that filters and noise may make
-_SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
 _SWEPT = 0.1  # [rad] by velocity alone, more than its noise makes
-_SWEEP = 0.1  # [s] over which velocity and change of position are compared
 _SPIKE_WINDOW = 7  # samples
 _SPIKE_FACTOR = 20.0  # over the 99th percentile of the deviation from the median
 _SPIKE_FLOOR = {"position": 0.05, "torque": 5.0}  # rad, N m
 _FRAGMENT = f"fewer than {FEWEST_CONTIGUOUS} rows between gaps"
-_LISTED = 12  # stretches of rows that a message names
-_STILL = 2e-3  # [rad], range of a joint that does not move
-
-
-@dataclass(frozen=True)
-class LeftOut:
-    """Rows of a file that cannot be used."""
-
-    reason: str
-    rows: tuple[int, ...]  # 0-based rows of the file
-
-    def __str__(self) -> str:
-        """Name the rows, as `3 rows left out: a value is impossible (rows 1-2, 7)`."""
-        rows = np.array(self.rows)
-        runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-        listed = [f"{run[0]}" if run.size == 1 else f"{run[0]}-{run[-1]}" for run in runs]
-        more = f" and {len(listed) - _LISTED} more stretches" if len(listed) > _LISTED else ""
-        many = "s" * (rows.size > 1)
-        return (
-            f"{rows.size} row{many} left out: {self.reason} "
-            f"(row{many} {', '.join(listed[:_LISTED])}{more})"
-        )
-
-
-@dataclass(frozen=True)
-class UsableRows:
-    """Usable rows, the rows left out by reason, and warnings about the others."""
-
-    rows: NDArray[np.int64]  # (T,)
-    left_out: tuple[LeftOut, ...]
-    warnings: tuple[str, ...]
 
 
 def inspect(columns: Columns) -> UsableRows:
@@ -100,7 +66,7 @@ def inspect(columns: Columns) -> UsableRows:
         reason = f"torque_{j + 1} is saturated or repeats a value in motion"
         gate.leave_out(reason, held[gate.rows])
     gate.check_rest()
-    return UsableRows(gate.rows, gate.left_out(), gate.warnings())
+    return UsableRows(gate.rows, gate.left_out(), doubts_about_rows(gate.columns, gate.rows))
 
 
 def inspect_by_joint(columns: Columns) -> tuple[Columns, UsableRows, Mask] | None:
@@ -133,23 +99,13 @@ def inspect_by_joint(columns: Columns) -> tuple[Columns, UsableRows, Mask] | Non
         for j, many in enumerate(none[gate.rows].sum(axis=0).tolist())
         if many
     ]
-    return columns, UsableRows(gate.rows, gate.left_out(), (*gate.warnings(), *told)), none
-
-
-def contiguous(time: FloatArray) -> tuple[slice, ...]:
-    """Split increasing times (T,) [s] at the gaps."""
-    if time.size == 0:
-        return ()
-    steps = np.diff(time)
-    ends = np.flatnonzero(steps > _longest_step(steps)) + 1
-    bounds = [0, *ends.tolist(), time.size]
-    return tuple(slice(a, b) for a, b in pairwise(bounds))
-
-
-def _longest_step(steps: FloatArray) -> float:
-    forward = steps[steps > 0]
-    period = float(np.median(forward)) if forward.size else LONGEST_STEP
-    return max(LONGEST_STEP, LONGEST_STEP_PERIODS * period)
+    return (
+        columns,
+        UsableRows(
+            gate.rows, gate.left_out(), (*doubts_about_rows(gate.columns, gate.rows), *told)
+        ),
+        none,
+    )
 
 
 class _Gate:
@@ -208,7 +164,7 @@ class _Gate:
 
     def impossible(self) -> Mask:
         bad = np.zeros(self.rows.size, dtype=bool)
-        for quantity, values in self._quantities().items():
+        for quantity, values in self.columns.quantities().items():
             limit = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
             size = np.abs(values[self.rows])
             self._refuse_systematic(quantity, size > limit, limit)  # NaN compares false
@@ -227,13 +183,6 @@ class _Gate:
                 f"{_UNIT_HINT[quantity]}",
                 rows=self.rows[np.flatnonzero(beyond[:, j])[:1]].tolist(),
             )
-
-    def _quantities(self) -> dict[str, FloatArray]:
-        columns = self.columns
-        measured = {"position": columns.position, "torque": columns.torque, **columns.extras}
-        if columns.command is not None:
-            measured["command"] = columns.command
-        return measured if columns.velocity is None else measured | {"velocity": columns.velocity}
 
     def check_direction(self) -> None:
         """Refuse rows in the reverse order of time: no run of them would be left to be judged."""
@@ -254,7 +203,7 @@ class _Gate:
         """Mark runs of even progress that are too short to be differentiated."""
         time = self.time
         steps = np.diff(time)
-        breaks = np.flatnonzero((steps <= 0) | (steps > _longest_step(steps))) + 1
+        breaks = np.flatnonzero((steps <= 0) | (steps > longest_step(steps))) + 1
         bounds = np.concatenate([[0], breaks, [time.size]])
         lengths = np.diff(bounds)
         return np.repeat(lengths < FEWEST_CONTIGUOUS, lengths)
@@ -360,7 +309,7 @@ class _Gate:
 
     def check_units(self) -> None:
         position = self.columns.position[self.rows]
-        factors = self._velocity_factors()
+        factors = velocity_factors(self.columns, self.rows)
         usual = float(np.median(list(factors.values()))) if factors else 1.0
         if 1 / _DEGREES[1] < abs(usual) < 1 / _DEGREES[0]:
             raise RecordingError(
@@ -368,97 +317,9 @@ class _Gate:
                 "rad and rad/s; are the positions in degrees?"
             )
 
-        for j in np.flatnonzero(np.ptp(position, axis=0) < _STILL).tolist():
-            if (swept := self._swept(j)) > _SWEPT:
+        for j in np.flatnonzero(np.ptp(position, axis=0) < STILL).tolist():
+            if (swing := swept(self.columns, self.rows, j)) > _SWEPT:
                 raise RecordingError(
                     f"position_{j + 1} never changes, but velocity_{j + 1} makes the joint swing "
-                    f"over {swept:.2g} rad; expected both of the same motion"
+                    f"over {swing:.2g} rad; expected both of the same motion"
                 )
-
-    def _swept(self, joint: int) -> float:
-        """Return the range of motion in a recorded velocity, without drift [rad]; 0 if none is."""
-        if self.columns.velocity is None:
-            return 0.0
-        velocity = np.nan_to_num(self.columns.velocity[self.rows, joint])
-        path = np.cumsum((velocity - velocity.mean()) * np.gradient(self.time))
-        return float(np.ptp(path))
-
-    def _velocity_factors(self) -> dict[int, float]:
-        """Return how many times the rate of change of position each moving joint's velocity is."""
-        if self.columns.velocity is None:
-            return {}
-        position = self.columns.position[self.rows]
-        velocity = self.columns.velocity[self.rows]
-        return {
-            j: factor
-            for j in np.flatnonzero(np.ptp(position, axis=0) > _SWUNG).tolist()
-            if (factor := velocity_factor(self.time, position[:, j], velocity[:, j])) is not None
-        }
-
-    def warnings(self) -> tuple[str, ...]:
-        return (
-            *self._about_gaps(),
-            *self._about_joints(),
-            *self._about_velocity(),
-            *self._about_holes(),
-        )
-
-    def _about_velocity(self) -> list[str]:
-        return [
-            f"velocity_{j + 1} is {factor:.3g} times the rate of change of position_{j + 1}; "
-            "it is not used"
-            for j, factor in self._velocity_factors().items()
-            if not _FACTORS[0] < factor < _FACTORS[1]
-        ]
-
-    def _about_gaps(self) -> list[str]:
-        time = self.time
-        starts = [rows.start for rows in contiguous(time)[1:]]
-        if not starts or self.columns.spread:
-            return []
-        lengths = [float(time[start] - time[start - 1]) for start in starts]
-        worst = int(np.argmax(lengths))
-        return [
-            f"{len(starts)} gap{'s' * (len(starts) > 1)}; the longest, {lengths[worst]:.3g} s, "
-            f"after {time[starts[worst] - 1]:.6g} s"
-        ]
-
-    def _about_joints(self) -> list[str]:
-        found: list[str] = []
-        for j in range(self.columns.position.shape[1]):
-            position = self.columns.position[self.rows, j]
-            torque = self.columns.torque[self.rows, j]
-            if (farthest := float(np.abs(position).max())) > _TURNS:
-                found.append(
-                    f"position_{j + 1} reaches {farthest:.4g} rad, {farthest / (2 * np.pi):.3g} "
-                    "turns; is it in degrees?"
-                )
-            if np.ptp(position) < _STILL:
-                found.append(f"joint {j + 1} never moves (range {np.ptp(position):.2g} rad)")
-            if np.ptp(torque) == 0 and not (self.columns.command is not None and torque[0] == 0):
-                found.append(f"torque_{j + 1} is always {torque[0]:g} N m")
-        return found
-
-    def _about_holes(self) -> list[str]:
-        found: list[str] = []
-        for quantity, values in self._quantities().items():
-            if holes := int((~np.isfinite(values[self.rows])).any(axis=1).sum()):
-                found.append(f"{quantity} is missing in {holes} rows")
-        return found
-
-
-def velocity_factor(time: FloatArray, position: FloatArray, velocity: FloatArray) -> float | None:
-    """Return velocity over rate of change of position, by least squares; None if nothing moves.
-
-    All are (T,), of one joint. Sums over stretches are compared, since a difference quotient of
-    close samples is all noise.
-    """
-    step = np.diff(time)
-    swept = (velocity[1:] + velocity[:-1]) / 2 * step
-    known = np.isfinite(swept) & (step < _longest_step(step))
-    stride = max(1, round(_SWEEP / float(np.median(step))))
-    starts = np.arange(0, step.size, stride)
-    says = np.add.reduceat(np.where(known, swept, 0.0), starts)
-    does = np.add.reduceat(np.where(known, np.diff(position), 0.0), starts)
-    energy = float(does @ does)
-    return float(says @ does) / energy if energy > 0 else None
