@@ -121,7 +121,7 @@ def write(
         files = (place, *copied)
         return Export(
             place, files, kind, _added(text), left, names, error, torque, target.kept,
-            unwritten=unwritten(simulation, kind),
+            target.dropped, unwritten(simulation, kind),
         )  # fmt: skip
     texts = edited_mjcf(target) if kind == MJCF else edited_urdf(target, kind)
     places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)

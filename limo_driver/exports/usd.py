@@ -9,6 +9,7 @@ with all that it refers to.
 # pyright: reportMissingImports=false, reportMissingModuleSource=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,6 +18,8 @@ import numpy as np
 from limo_driver.descriptions.description import JointDynamics
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.descriptions.usd import axis_of, bodies_of, joints_of, open_stage, scale_of
+from limo_driver.exports.changes.bodies import pseudo_inertia
+from limo_driver.exports.changes.origin import TITLE, origin_entries
 from limo_driver.exports.changes.parts import parts_of
 from limo_driver.outputs import require_apart, whole
 
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     from limo_driver.exports.changes.target import Target
 
 _SAME: Final = 1e-7  # relative: attributes are floats of 32 bits
+_SAME_BODY: Final = 1e-6  # relative, of second moments that such floats make
 _COPIED: Final = ("defaultPrim", "metersPerUnit", "kilogramsPerUnit", "upAxis")
 
 
@@ -55,9 +59,13 @@ def write_layer(target: Target, place: Path) -> str:
     bodies = bodies_of(stage, into)
     for name, body in _inertials(target).items():
         _write_inertial(bodies[name], body)
-    known = target.model.description.dynamics
-    for name, wanted in zip(target.model.joint_names, target.split.joints, strict=True):
+    known, names = target.model.description.dynamics, target.model.joint_names
+    written = dict(zip(names, map(_physx, target.split.joints), strict=True))
+    for name, wanted in written.items():
         _write_joint(joints[name], known.get(name, JointDynamics()), wanted)
+    users = {name: _physx(target.users.get(name, JointDynamics())) for name in names}
+    if entries := origin_entries(users, written, {}):
+        layer.customLayerData = {TITLE: json.dumps(entries)}
     layer.subLayerPaths[0] = f"./{into.name}"
     text = layer.ExportToString()
     with whole(place) as draft:
@@ -74,17 +82,33 @@ def files_of(into: Path) -> list[Path]:
     return [path for path in dict.fromkeys(item.resolve() for item in found) if path.is_file()]
 
 
+def _physx(joint: JointDynamics) -> JointDynamics:
+    """Return what PhysX has of a joint."""
+    return JointDynamics(friction=joint.friction, damping=joint.damping, armature=joint.armature)
+
+
 def _inertials(target: Target) -> dict[str, Inertial]:
     """Return the bodies that change; payloads are added to the last one."""
     found = dict(target.inertials)
+    parts = {part.name: part for each in parts_of(target.model).values() for part in each}
     for payload in target.split.payloads:
-        parts = {part.name: part for each in parts_of(target.model).values() for part in each}
         own = found.get(target.last, parts[target.last].inertial)
         shift = target.model.description.shifts[target.last]
         x, y, z = (np.array(payload.com) + shift).tolist()
         load = Inertial(payload.mass, (x, y, z), payload.inertia)
         found[target.last] = load if own is None else own.joined(load)
-    return found
+    return {
+        name: body for name, body in found.items() if not _is_written(parts[name].inertial, body)
+    }
+
+
+def _is_written(stated: Inertial | None, body: Inertial) -> bool:
+    """Say whether a body is what the file states, but for its floats of 32 bits."""
+    if stated is None:
+        return False
+    one, other = pseudo_inertia(stated), pseudo_inertia(body)
+    size = np.sqrt(np.outer(np.diag(other), np.diag(other)))
+    return bool((np.abs(one - other) <= _SAME_BODY * size).all())
 
 
 def _write_inertial(prim: Any, body: Inertial) -> None:  # noqa: ANN401

@@ -117,14 +117,13 @@ class XmlText:
         self._edits.append((start, stop, new.encode()))
 
     def drop(self, element: Element) -> None:
-        """Remove an element with all in it, and the line on which it stands alone."""
+        """Remove an element with all in it, and the line break before it where it begins a line."""
         stop = element.stop
         if not element.is_empty:
             stop = self.data.index(b">", element.end) + 1
-        before = self.data[: element.start]
-        start = len(before.rstrip(b" \t"))
-        alone = before[:start].endswith(b"\n") and self.data[stop : stop + 1] in (b"\n", b"\r", b"")
-        self.cut(start - 1 if alone else element.start, stop)
+        start = len(self.data[: element.start].rstrip(b" \t"))
+        begins = self.data[:start].endswith(b"\n")
+        self.cut(start - 1 if begins else element.start, stop)
 
     def insert(self, element: Element, text: str) -> None:
         """Insert a line as the first content of an element, indented as its other content is."""

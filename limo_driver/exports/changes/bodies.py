@@ -60,7 +60,7 @@ def shared(parts: tuple[BodyPart, ...], wanted: Inertial) -> Mapping[str, Inerti
         parts: The link's own body first.
         wanted: Of all of them together, in the frame of the link.
     """
-    J = [np.zeros((4, 4)) if p.inertial is None else _moved(p.inertial, p.pose) for p in parts]
+    J = [np.zeros((4, 4)) if p.inertial is None else moved(p.inertial, p.pose) for p in parts]
     target = pseudo_inertia(wanted)
     change = target - sum(J)
     scale = np.sqrt(np.outer(np.diag(target), np.diag(target)))
@@ -78,7 +78,8 @@ def shared(parts: tuple[BodyPart, ...], wanted: Inertial) -> Mapping[str, Inerti
     }
 
 
-def _moved(body: Inertial, pose: FloatArray) -> FloatArray:
+def moved(body: Inertial, pose: FloatArray) -> FloatArray:
+    """Return the second moments of mass of a body in the frame in which its own is at a pose."""
     return pose @ pseudo_inertia(body) @ pose.T
 
 

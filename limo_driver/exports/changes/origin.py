@@ -5,25 +5,29 @@ the user's: `<!-- limo wrote: {"elbow": {"friction": [0.9, 0.5]}} -->` is a fric
 0.5 that the user's file had. A number that somebody has changed since is the user's again.
 """
 
+# usd-core ships no usable stubs, and is an extra.
+# pyright: reportMissingImports=false, reportMissingModuleSource=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.descriptions.description import JointDynamics, StatedBristles, StatedRipple
+from limo_driver.exports.changes.comment import read_comment, write_comment
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from limo_driver.exports.xml_edits import XmlText
 
-_COMMENT: Final = re.compile(rb"\s*<!-- limo wrote: (\{.*?\}) -->")
+TITLE: Final = "limo wrote"  # of the comment
 _NAMES: Final = tuple(item.name for item in fields(JointDynamics))
 _TUPLES: Final = {"bristles": StatedBristles, "ripples": StatedRipple}
 _SAME: Final = 1e-8  # relative: files round to ten digits
+_SAME_FLOAT: Final = 1e-6  # relative: in USD, numbers are floats of 32 bits
 _ADDED: Final = "added"  # attributes that the file's own elements did not have
 
 
@@ -35,6 +39,7 @@ class FileOrigin:
     over: Mapping[str, JointDynamics] = field(default_factory=dict)
     own: Mapping[str, frozenset[str]] = field(default_factory=dict)  # fields that it wrote
     added: Mapping[str, frozenset[str]] = field(default_factory=dict)  # attributes, by joint
+    rounding: float = _SAME  # relative, of the numbers in the file
 
     @classmethod
     def of(cls, text: XmlText) -> FileOrigin:
@@ -43,10 +48,34 @@ class FileOrigin:
         Args:
             text: The file.
         """
-        found = _COMMENT.search(text.data)
+        return cls.of_entries(read_comment(text, TITLE))
+
+    @classmethod
+    def of_layer(cls, path: Path) -> FileOrigin:
+        """Read what a layer of USD says in its own data.
+
+        Args:
+            path: Of the layer.
+        """
+        from pxr import Sdf
+
+        said = Sdf.Layer.FindOrOpen(str(path)).customLayerData.get(TITLE)
         try:
-            entries = {} if found is None else json.loads(found[1])
-            parts = {name: _entry(entry) for name, entry in entries.items()}
+            entries = json.loads(said) if isinstance(said, str) else None
+        except ValueError:
+            entries = None
+        return cls.of_entries(entries, _SAME_FLOAT)
+
+    @classmethod
+    def of_entries(cls, entries: Any, rounding: float = _SAME) -> FileOrigin:  # noqa: ANN401
+        """Read what `origin_entries` returned; of what makes no sense, limo wrote nothing.
+
+        Args:
+            entries: As a file has them.
+            rounding: Relative, of the numbers in it.
+        """
+        try:
+            parts = {name: _entry(entry) for name, entry in (entries or {}).items()}
         except (ValueError, TypeError, AttributeError):
             return cls()
         return cls(
@@ -54,6 +83,7 @@ class FileOrigin:
             {name: part[1] for name, part in parts.items()},
             {name: part[2] for name, part in parts.items()},
             {name: part[3] for name, part in parts.items()},
+            rounding,
         )
 
     def users(self, joint: str, stated: JointDynamics) -> JointDynamics:
@@ -69,9 +99,32 @@ class FileOrigin:
         back = {
             name: getattr(over, name)
             for name in self.own[joint]
-            if alike(getattr(wrote, name), getattr(stated, name))
+            if alike(getattr(wrote, name), getattr(stated, name), self.rounding)
         }
         return replace(stated, **back)
+
+
+def origin_entries(
+    users: Mapping[str, JointDynamics],
+    written: Mapping[str, JointDynamics],
+    added: Mapping[str, frozenset[str]],
+) -> dict[str, dict[str, Any]]:
+    """Return what a later export has to know, as JSON has it.
+
+    Args:
+        users: What the user's file states of each joint.
+        written: What it has after this export.
+        added: Attributes that are in it only since an export, by joint.
+    """
+    entries: dict[str, dict[str, Any]] = {}
+    for joint, own in users.items():
+        pairs = [(name, getattr(written[joint], name), getattr(own, name)) for name in _NAMES]
+        changed = {name: [_rounded(new), _rounded(old)] for name, new, old in pairs if new != old}
+        changed = {name: pair for name, pair in changed.items() if not alike(*pair)}
+        if changed:
+            more = {_ADDED: sorted(added[joint])} if added.get(joint) else {}
+            entries[joint] = {**changed, **more}
+    return entries
 
 
 def write_origin(
@@ -88,31 +141,15 @@ def write_origin(
         written: What it has after this export.
         added: Attributes that are in it only since an export, by joint.
     """
-    entries: dict[str, dict[str, Any]] = {}
-    for joint, own in users.items():
-        pairs = [(name, getattr(written[joint], name), getattr(own, name)) for name in _NAMES]
-        changed = {name: [_rounded(new), _rounded(old)] for name, new, old in pairs if new != old}
-        changed = {name: pair for name, pair in changed.items() if not alike(*pair)}
-        if changed:
-            more = {_ADDED: sorted(added[joint])} if added.get(joint) else {}
-            entries[joint] = {**changed, **more}
-    said = json.dumps(entries).replace("--", "-\\u002d")  # which no comment may hold
-    found = _COMMENT.search(text.data)
-    if found is not None:
-        if not entries:
-            text.cut(found.start(), found.end())
-        elif found[1].decode() != said:
-            text.cut(found.start(1), found.end(1), said)
-    elif entries:
-        end = len(text.data[: text.root.end].rstrip())
-        text.cut(end, end, f"\n  <!-- limo wrote: {said} -->")
+    write_comment(text, TITLE, origin_entries(users, written, added))
 
 
-def alike(first: Any, second: Any) -> bool:  # noqa: ANN401  # a number, or tuples of them
-    """Say whether numbers are the same but for the rounding of files."""
+def alike(first: Any, second: Any, rounding: float = _SAME) -> bool:  # noqa: ANN401
+    """Say whether numbers, or tuples of them, are the same but for the rounding of files."""
     if isinstance(first, (tuple, list)):
-        return len(first) == len(second) and all(map(alike, first, second))
-    return math.isclose(first, second, rel_tol=_SAME, abs_tol=1e-12)
+        pairs = zip(first, second, strict=False)
+        return len(first) == len(second) and all(alike(*pair, rounding) for pair in pairs)
+    return math.isclose(first, second, rel_tol=rounding, abs_tol=1e-12)
 
 
 def _entry(

@@ -4,7 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import mujoco
@@ -15,6 +15,14 @@ from limo_driver.exports.changes.bodies import shared
 from limo_driver.exports.changes.followers import without
 from limo_driver.exports.changes.joints import EffectSplit, split
 from limo_driver.exports.changes.kept import dropped_lines, kept_effects, kept_lines
+from limo_driver.exports.changes.loads import (
+    AddedBody,
+    added_bodies,
+    gone_lines,
+    placed,
+    replaced_bodies,
+    still_there,
+)
 from limo_driver.exports.changes.origin import FileOrigin
 from limo_driver.exports.changes.parts import parts_of
 from limo_driver.exports.formats import MJCF, USD, edited_format
@@ -28,7 +36,7 @@ if TYPE_CHECKING:
 
     from limo_driver.descriptions.description import JointDynamics
     from limo_driver.descriptions.inertial import Inertial
-    from limo_driver.physics import Simulation
+    from limo_driver.physics import Payload, Simulation
 
 _POSES: Final = 5
 _APART: Final = 1e-4  # [m], [rad], by which joints may stand elsewhere: files round
@@ -47,6 +55,14 @@ class Target:
     users: Mapping[str, JointDynamics]  # what the user's file states, without limo's own
     origin: FileOrigin  # what an earlier export wrote
     dropped: tuple[str, ...] = ()  # lines: what of that goes
+    loads: Mapping[str, Payload] = field(default_factory=dict)  # by name of the body in the file
+    replaced: tuple[str, ...] = ()  # bodies of the file that loads stand for now, or that go
+    added: Mapping[str, AddedBody] = field(default_factory=dict)  # bodies that exports added
+
+    def added_by_now(self, written: Mapping[str, Inertial]) -> dict[str, AddedBody]:
+        """Return the bodies that exports have added once these loads are written as these."""
+        kept = {name: body for name, body in self.added.items() if name not in self.replaced}
+        return kept | {name: AddedBody(self.last, body) for name, body in written.items()}
 
 
 def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
@@ -70,10 +86,14 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     _check_same(own, model, into)
     parts = parts_of(model)
     changes: dict[str, Inertial] = {}
+    text = None if kind == USD else XmlText(into)
+    added = {} if text is None else still_there(added_bodies(text), parts.values())
+    replaced = replaced_bodies(list(parts.values())[-1], added, list(own.inertials.values())[-1])
     for its_parts, wanted in zip(parts.values(), own.inertials.values(), strict=True):
-        changes |= shared(its_parts, wanted)
+        left = tuple(part for part in its_parts if part.name not in replaced)
+        changes |= shared(left, wanted)
     dynamics = model.description.dynamics
-    origin = FileOrigin() if kind == USD else FileOrigin.of(XmlText(into))
+    origin = FileOrigin.of_layer(into) if text is None else FileOrigin.of(text)
     users = {name: origin.users(name, own) for name, own in dynamics.items()}
     kept = kept_effects(simulation, model, users)
     dropped = dropped_lines(simulation, described_effects(model), described_effects(model, users))
@@ -81,6 +101,7 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     lines = kept_lines(kept, model.joint_names)
     with_play = kind == MJCF and (_can_have_play(into) or bool(model.description.plays))
     parts_split = split(whole, kind, with_play=with_play)
+    loads = placed(parts_split.payloads, replaced, _names(model))
     joints, more = without(parts_split.joints, reflected(model, dynamics), model)
     return Target(
         model,
@@ -91,8 +112,18 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
         (*lines, *more),
         users,
         origin,
-        dropped,
+        (*dropped, *gone_lines(replaced, loads, added)),
+        loads,
+        replaced,
+        added,
     )
+
+
+def _names(model: RobotModel) -> set[str]:
+    """Return the names in a file that an added body may not have."""
+    if model.description.kind == "MJCF":
+        return {body.name for body in mujoco.MjSpec.from_file(str(model.urdf)).bodies}
+    return {str(element.get("name")) for element in model.description.root}
 
 
 def _can_have_play(into: Path) -> bool:

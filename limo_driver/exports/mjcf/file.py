@@ -10,8 +10,10 @@ import mujoco
 import numpy as np
 
 from limo_driver.descriptions.description import JointDynamics
+from limo_driver.descriptions.inertial import Inertial
 from limo_driver.descriptions.mjcf import check_includes
 from limo_driver.errors import ConfigError
+from limo_driver.exports.changes.loads import write_added
 from limo_driver.exports.changes.origin import alike, write_origin
 from limo_driver.exports.mjcf.backlash import write_play
 from limo_driver.exports.mjcf.motors import append_motors, write_motors
@@ -22,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.exports.changes.target import Target
     from limo_driver.physics import Payload
 
@@ -193,27 +194,33 @@ def _joint_values(stated: JointDynamics, wanted: JointDynamics, *, degrees: bool
 
 
 def _write_payloads(texts: Sequence[XmlText], target: Target, into: Path) -> None:
-    payloads = target.split.payloads
-    if not payloads:
-        return
-    text, element = _found(texts, "body", target.last, into)
+    """Write loads as bodies: those that an earlier export added change, or go."""
     shift = target.model.description.shifts.get(target.last, np.zeros(3))
-    taken = {x.attributes.get("name") for each in texts for x in each.root.walk()}
-    for number, payload in enumerate(payloads, start=1):
-        name = "payload" if "payload" not in taken else f"payload_{number}"
-        text.insert(element, f'<body name="{name}">{_payload(payload, shift)}</body>')
+    written = {name: _load(payload, shift) for name, payload in target.loads.items()}
+    for name in target.replaced:
+        text, element = _found(texts, "body", name, into)
+        stated = element.child("inertial")
+        if name not in written or stated is None:
+            text.drop(element)
+            continue
+        for key, value in _inertial_values(written[name]).items():
+            text.set(stated, key, value)
+    for name, body in written.items():
+        if name not in target.replaced:
+            text, element = _found(texts, "body", target.last, into)
+            values = _inertial_values(body)
+            said = " ".join(f'{key}="{value}"' for key, value in values.items())
+            text.insert(element, f'<body name="{name}"><inertial {said}/></body>')
+    write_added(texts[0], target.added_by_now(written))
 
 
-def _payload(payload: Payload, shift: Any) -> str:  # noqa: ANN401
+def _load(payload: Payload, shift: Any) -> Inertial:  # noqa: ANN401
+    """Return a load in the frame of the body that carries it."""
     x, y, z = (np.array(payload.com) + shift).tolist()
     xx, xy, xz, yy, yz, zz = payload.inertia
     if min(xx, yy, zz) < _SMALLEST:
         xx, yy, zz = (value + _SMALLEST for value in (xx, yy, zz))
-    inertia = as_list(xx, yy, zz, xy, xz, yz)
-    return (
-        f'<inertial pos="{as_list(x, y, z)}" mass="{as_list(payload.mass)}" '
-        f'fullinertia="{inertia}"/>'
-    )
+    return Inertial(payload.mass, (x, y, z), (xx, xy, xz, yy, yz, zz))
 
 
 def _write_gravity(text: XmlText, gravity: Sequence[float]) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from limo_driver.descriptions.description import JointDynamics
 from limo_driver.errors import ConfigError
+from limo_driver.exports.changes.loads import write_added
 from limo_driver.exports.changes.origin import write_origin
 from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
 from limo_driver.exports.urdf.drake import write_rotors
@@ -15,7 +16,6 @@ from limo_driver.exports.xml_edits import Element, XmlText, as_attribute, as_lis
 if TYPE_CHECKING:
     from limo_driver.descriptions.inertial import Inertial
     from limo_driver.exports.changes.target import Target
-    from limo_driver.physics import Payload
 
 _KEYS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -41,13 +41,14 @@ def edited_urdf(target: Target, kind: str = URDF) -> tuple[XmlText, ...]:
             wanted = replace(wanted, friction=stated.friction)  # nobody's number there
         _write_joint(text, _found(text, "joint", name), stated, wanted)
         written[name] = JointDynamics(friction=wanted.friction, damping=wanted.damping)
-    for number, payload in enumerate(target.split.payloads, start=1):
-        _write_payload(text, payload, target.last, number)
-    names = target.model.joint_names
-    write_origin(text, {x: target.users.get(x, JointDynamics()) for x in names}, written, {})
+    _write_payloads(text, target)
+    users = {x: target.users.get(x, JointDynamics()) for x in target.model.joint_names}
     if kind == DRAKE:
-        pairs = zip(names, target.split.joints, strict=True)
-        write_rotors(text, {name: joint.armature for name, joint in pairs})
+        armature = {x: y.armature for x, y in zip(users, target.split.joints, strict=True)}
+        own, kept = write_rotors(text, armature, target.origin)
+        users = {x: replace(user, armature=own.get(x, 0.0)) for x, user in users.items()}
+        written = {x: replace(new, armature=kept.get(x, 0.0)) for x, new in written.items()}
+    write_origin(text, users, written, {})
     return (text,)
 
 
@@ -115,11 +116,26 @@ def _write_joint(
         text.set(element, key, value)
 
 
-def _write_payload(text: XmlText, payload: Payload, last: str, number: int) -> None:
-    name, carrier = "payload" if number == 1 else f"payload_{number}", as_attribute(last)
-    text.insert(
-        text.root,
-        f'<joint name="{name}_mount" type="fixed"><parent link="{carrier}"/><child link="{name}"/>'
-        "</joint>",
-    )
-    text.insert(text.root, f'<link name="{name}">{_inertial(payload.load)}</link>')
+def _write_payloads(text: XmlText, target: Target) -> None:
+    """Write loads as links: those that an earlier export added change, or go."""
+    for name in target.replaced:
+        link = _found(text, "link", name)
+        if name in target.loads:
+            _write_inertial(text, link, target.loads[name].load)
+            continue
+        text.drop(link)
+        for joint in text.root.children:
+            child = joint.child("child")
+            if child is not None and child.attributes.get("link") == name:
+                text.drop(joint)
+    carrier = as_attribute(target.last)
+    for name, payload in target.loads.items():
+        if name not in target.replaced:
+            text.insert(
+                text.root,
+                f'<joint name="{name}_mount" type="fixed"><parent link="{carrier}"/>'
+                f'<child link="{name}"/></joint>',
+            )
+            text.insert(text.root, f'<link name="{name}">{_inertial(payload.load)}</link>')
+    loads = {name: payload.load for name, payload in target.loads.items()}
+    write_added(text, target.added_by_now(loads))

@@ -58,6 +58,22 @@ def test_what_was_found_is_a_layer_over_the_file(asset, tmp_path):
     assert stage.GetDefaultPrim().GetName() == "robot"
 
 
+def test_a_later_export_over_a_layer_says_what_changed_since(asset, tmp_path):
+    found, masses = found_on(asset), lambda file: RobotModel(file).inertials["link7"].mass
+    first = limo.export(found, "usd", tmp_path / "1").file
+    again = limo.export(found, "usd", tmp_path / "2", into=first)
+    assert "over" not in again.diff.replace("overs", "")
+    assert masses(again.file) == pytest.approx(masses(first))
+    lighter = replace(found, effects=(Payload(mass=0.5, com=(0, 0, 0.1)),))
+    second = limo.export(lighter, "usd", tmp_path / "3", into=first)
+    own = masses(asset)
+    assert (masses(first), masses(second.file)) == pytest.approx((own + 1.5, own + 0.5))
+    assert "joint turns_joint1: dry friction 2 N m, which an earlier" in second.dropped[0]
+    none = limo.export(Simulation(str(asset)), "usd", tmp_path / "4", into=second.file)
+    assert masses(none.file) == pytest.approx(own)
+    assert RobotModel(none.file).description.dynamics == (RobotModel(asset).description.dynamics)
+
+
 def test_there_and_back(asset, tmp_path):
     simulation = found_on(asset)
     again = Simulation.load(limo.export(simulation, "usd", tmp_path / "found").file)

@@ -63,6 +63,29 @@ def test_drake_has_inertias_of_rotors_and_no_dry_friction(arm, tmp_path):
     assert left.rms[0] == pytest.approx(0.7, rel=0.05)
 
 
+def test_rotors_that_an_earlier_export_wrote_go_with_their_effect(arm, tmp_path):
+    first = limo.export(arm, "drake", tmp_path / "1").file
+    again = limo.export(arm, "drake", tmp_path / "2", into=first)
+    assert again.diff == ""
+    bare = Simulation(str(arm.model.urdf), (Armature(joint=2, inertia=0.3),))
+    second = limo.export(bare, "drake", tmp_path / "3", into=first)
+    _, lower = arm.model.joint_names
+    assert rotors_of(XmlText(second.file)) == pytest.approx({lower: 0.3})
+    none = limo.export(Simulation(str(arm.model.urdf)), "drake", tmp_path / "4", into=second.file)
+    assert rotors_of(XmlText(none.file)) == {}
+    assert none.file.read_text().count("<transmission") == 1  # the user's, with its gear
+
+
+def test_a_rotor_of_the_users_own_stays(arm, tmp_path):
+    first = limo.export(arm, "drake", tmp_path / "1").file
+    own = tmp_path / "own.urdf"
+    own.write_text("".join(x for x in first.read_text().splitlines(True) if "limo " not in x))
+    _, second = arm.model.joint_names
+    found = limo.export(Simulation(str(own)), "drake", tmp_path / "2")
+    assert rotors_of(XmlText(found.file))[second] == pytest.approx(0.2)
+    assert found.diff == ""
+
+
 def test_isaac_lab_has_actuators_beside_the_urdf(arm, tmp_path, monkeypatch):
     found = limo.export(arm, "isaaclab", tmp_path / "out")
     assert found.share < 1e-6
