@@ -93,7 +93,8 @@ def main() -> int:
     held = True
     urdf = limo.RobotModel.load("iiwa14").urdf
     print(
-        f"{'target':9} {'error':>7} {'bar':>5}  again  masses [kg]   not expressible, worst joint [N m RMS]"
+        f"{'target':9} {'error':>7} {'bar':>5}  again  masses [kg]   "
+        "not expressible, worst joint [N m RMS]"
     )
     with TemporaryDirectory() as place:
         folder = Path(place)

@@ -506,13 +506,13 @@ def test_a_type_that_nobody_knows_is_read_where_its_topic_is_asked_for(tmp_path)
 
 
 def test_a_type_that_the_bag_does_not_define_is_refused_with_what_to_do(tmp_path):
-    topics = {"/arm": ("franka_msgs/msg/FrankaState", flat_state)}
+    topics = {"/arm": ("lab_msgs/msg/Arm", labs_state)}
     path = typed_bag(tmp_path / "bag", StoragePlugin.SQLITE3, topics)
     with sqlite3.connect(next(path.glob("*.db3"))) as file:
         file.execute("DROP TABLE message_definitions")
     file.close()
     with pytest.raises(RecordingError, match="the bag does not define it; `ros2 bag convert`"):
-        read_table(path, joints=NAMES)
+        read_table(path, topic="/arm", joints=NAMES)
 
 
 @pytest.mark.parametrize(
