@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.chatter import chatter_of
 from limo_driver.errors import LimoError
 from limo_driver.recordings.bandwidth import bandwidth_for
 
@@ -155,6 +156,7 @@ def channels_of(recording: Recording) -> list[str]:
             told.append(f"{name} comes in steps of {_by_joint(known, len(steps), unit)}")
         if name == "torque":
             told += _coarse(values, steps)
+            told += _chattering(recording, steps)
         slow = [
             j + 1
             for j, column in enumerate(values.T)
@@ -175,6 +177,17 @@ def _coarse(torque: FloatArray, steps: Sequence[float]) -> list[str]:
         if step > _COARSE * float(np.std(column)) > 0
     ]
     return [f"torque of {_joints(coarse)} is coarse beside what it varies by"] if coarse else []
+
+
+def _chattering(recording: Recording, steps: Sequence[float]) -> list[str]:
+    found = chatter_of(recording, bandwidth_for([recording]), tuple(steps))
+    if not found:
+        return []
+    listed = ", ".join(map(str, found[:_LISTED]))
+    return [
+        f"torque chatters: {listed}; a controller that hunts or a gear that rings does so, and "
+        "friction seems smaller while it lasts"
+    ]
 
 
 def resolution(values: FloatArray) -> float:

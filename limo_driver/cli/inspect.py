@@ -83,12 +83,4 @@ def _show(found: Inspection, out: Path) -> None:
     console = terminal(soft_wrap=True)
     for line in str(found).splitlines():
         console.print(line)
-    if found.recording is not None:
-        console.print(found.recording.headline())
-    for line in found.telemetry:
-        console.print(f"telemetry: {line}")
-    for note in found.notes():
-        console.print(f"note: {note}")
-    for question in found.questions:
-        console.print(f"undecided: {question}")
     console.print(f"wrote {out}")

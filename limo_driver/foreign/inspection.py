@@ -51,6 +51,15 @@ class Inspection(Displayed):
             "because": [item.why for item in taken],
         }
 
+    def __str__(self) -> str:
+        lines = [super().__str__()]
+        if self.recording is not None:
+            lines.append(self.recording.headline())
+        lines += [f"telemetry: {line}" for line in self.telemetry]
+        lines += [f"note: {note}" for note in self.notes()]
+        lines += [f"undecided: {question}" for question in self.questions]
+        return "\n".join(lines)
+
     def notes(self) -> tuple[str, ...]:
         """Say what is left out, what is strange about the rows, and of the robot."""
         told = list(self.table.notes)

@@ -129,7 +129,7 @@ def column_names(path: Path) -> list[str]:
         from limo_driver.foreign.formats.delimited import dialect_of
 
         found = dialect_of(path)
-        own = found.separator == "," and found.decimal == "."
+        own = found.separator == "," and found.decimal == "." and not (found.told or found.units)
         return list(found.names) if own else []
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -88,3 +88,23 @@ def test_coarse_and_slow_channels_are_told(arm):
     assert "torque comes in steps of 2 (joint 3) N m" in said
     assert "torque of joint 3 is coarse" in said
     assert "position of joints 1, 2, 3, 4, 5, 6, 7 changes in fewer than half" in said
+
+
+def test_a_torque_that_swings_at_one_frequency_chatters(arm):
+    quiet = recorded(arm, 1.0)
+    assert not any("chatters" in line for line in channels_of(quiet))
+    torque = np.array(quiet.torque)
+    torque[:, 2] += 3.0 * np.sign(np.sin(2 * np.pi * 37.0 * quiet.time))
+    loud = Recording.from_arrays(quiet.time, quiet.position, torque)
+    (said,) = [line for line in channels_of(loud) if "chatters" in line]
+    (joint, rms, frequency) = re.match(
+        r"torque chatters: joint (\d) by ([\d.]+) N m RMS at ([\d.]+) Hz; ", said
+    ).groups()
+    assert joint == "3"
+    assert float(rms) == pytest.approx(4 / np.pi * 3.0 / np.sqrt(2), rel=0.1)
+    assert float(frequency) == pytest.approx(37.0, abs=0.5)
+
+
+def test_noise_alone_is_no_chatter(arm):
+    loud = recorded(arm, 1.0, noise=20.0)
+    assert not any("chatters" in line for line in channels_of(loud))

@@ -12,6 +12,8 @@ import numpy as np
 import pyarrow as pa
 
 from limo_driver.errors import RecordingError
+from limo_driver.foreign.columns.names import TIME, read_name
+from limo_driver.foreign.formats.clock import clock_times, is_clock
 from limo_driver.foreign.table import LogTable
 from limo_driver.recordings.batches import FEW, Kept, kept_of, parquet_batches
 
@@ -52,6 +54,8 @@ def numbers_of(
             }
         elif (values := _values(column)) is not None:
             columns[name] = values
+        elif read_name(name).quantity == TIME and (times := clock_times(column)) is not None:
+            columns[name] = times
         else:
             _refuse_few_texts(name, column, source)
             unread[name] = str(kind_of)
@@ -113,7 +117,7 @@ def _refuse_few_texts(name: str, column: pa.ChunkedArray, source: str) -> None:
     texts = [
         (row, cell)
         for row, cell in enumerate(column.to_pylist())
-        if cell is not None and not _is_number(cell)
+        if cell is not None and not (_is_number(cell) or is_clock(cell))
     ]
     if texts and len(texts) <= max(1, FEW * len(column)):
         row, cell = texts[0]

@@ -15,6 +15,7 @@ import pyarrow as pa
 from pyarrow import csv
 
 from limo_driver.errors import RecordingError
+from limo_driver.foreign.columns.units import WRITTEN
 from limo_driver.recordings.batches import LONG_TEXT, Kept, blocks_of, kept_of, text_batches
 
 if TYPE_CHECKING:
@@ -23,8 +24,10 @@ if TYPE_CHECKING:
 
 _HEAD = 65536  # bytes that are looked at
 _LINES = 20
+_TITLES = 200  # lines among which the rows begin
 _SEPARATORS = (",", ";", "\t", "|", " ")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|inf|-inf", re.IGNORECASE)
+_CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?|\d{4}-\d\d-\d\d[T ]\d\d:.*")
 _USUAL, _WINDOWS = "utf-8-sig", "cp1252"
 _MARKED = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # by the first bytes
 _UNWRITTEN = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")  # what no text has
@@ -43,6 +46,8 @@ class Dialect(NamedTuple):
     named: bool  # whether the first line has the names
     decimal: str  # point or comma
     encoding: str  # of the text, as Python names it
+    told: int = 0  # lines of words above the names
+    units: bool = False  # whether a line of units stands below the names
 
 
 def read_delimited(path: Path) -> tuple[Kept, tuple[str, ...]]:
@@ -106,6 +111,10 @@ class DelimitedText:
     def notes(self) -> tuple[str, ...]:
         """Say what has to be said of the rows that were read."""
         notes = list[str]()
+        if told := self._dialect.told:
+            notes.append(f"{told} line{'s' * (told > 1)} above the names left aside")
+        if self._dialect.units:
+            notes.append("the line below the names has their units")
         if not self._dialect.named:
             notes.append("it has no line of names; columns are counted from 1")
         if self._dialect.encoding == _WINDOWS:
@@ -128,7 +137,7 @@ class DelimitedText:
         return (
             csv.ReadOptions(
                 column_names=list(dialect.names),
-                skip_rows=dialect.skipped + dialect.named,
+                skip_rows=dialect.skipped + dialect.named + dialect.units,
                 encoding=dialect.encoding,
             ),
             csv.ParseOptions(
@@ -167,30 +176,95 @@ def dialect_of(path: Path) -> Dialect:
         RecordingError: No file, no text, or nothing in it.
     """
     text, encoding = _first_lines(path)
-    lines = text.splitlines()[: _LINES + 5]
+    lines = text.splitlines()[:_TITLES]
     skipped = 0
     while skipped < len(lines) and _is_comment(lines, skipped):
         skipped += 1
-    lines = [line for line in lines[skipped:] if line.strip()]
+    told = _lines_above(lines[skipped:])
+    skipped += told
+    lines = [line for line in lines[skipped:] if line.strip()][: _LINES + 5]
     if not lines:
         raise RecordingError("holds no rows", path=path)
     lines[0] = lines[0].lstrip("#%/ ")  # names may stand in a comment
-    rows = lines[1:] or lines
-    separator = max(_SEPARATORS, key=lambda each: _regularity(each, lines[0], rows))
+    separator = _separator_of(lines)
     first = _cells(lines[0], separator)
     named = not all(_is_number(cell) for cell in first)
+    units = _units_below(lines, separator) if named else ()
+    rows = lines[1 + bool(units) :] or lines
     decimal = "."
-    if (
-        separator != ","
-        and rows
-        and any(_DECIMAL_COMMA.fullmatch(cell) for cell in _cells(rows[0], separator))
-    ):
+    if separator != "," and any(_DECIMAL_COMMA.fullmatch(x) for x in _cells(rows[0], separator)):
         decimal = ","
     names = list(first) if named else _counted(len(first))
     names = [name or f"column_{k + 1}" for k, name in enumerate(names)]
+    if units:
+        pairs = zip(names, units, strict=True)
+        names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise RecordingError(f"has more than one column {', '.join(repeated)}", path=path)
-    return Dialect(separator, skipped, tuple(names), named, decimal, encoding)
+    return Dialect(
+        separator, skipped, tuple(names), named, decimal, encoding, told=told, units=bool(units)
+    )
+
+
+def _separator_of(lines: list[str]) -> str:
+    rows = lines[1:] or lines
+    return max(_SEPARATORS, key=lambda each: _regularity(each, lines[0], rows))
+
+
+def _lines_above(lines: list[str]) -> int:
+    """Return how many lines of words stand above the names, empty ones among them.
+
+    There are some where rows of numbers begin farther down, behind a line of names with as many
+    cells as they have.
+    """
+    filled = [k for k, line in enumerate(lines) if line.strip()]
+    for separator in _SEPARATORS:
+        cells = {k: _cells(lines[k], separator) for k in filled}
+        is_row = [len(cells[k]) > 1 and _is_row(cells[k]) for k in filled]
+        if True not in is_row[: len(is_row) // 2 + 1]:
+            continue
+        first = is_row.index(True)
+        rows = [len(cells[k]) for k in filled[first:]]
+        many = max(set(rows), key=rows.count)
+        above = [k for k in filled[:first] if len(cells[k]) == many and not _is_row(cells[k])]
+        if rows[0] != many or not above or rows.count(many) <= len(rows) // 2:
+            continue
+        names = above[0]
+        if len(above) > 1 and not _is_of_units(cells[above[1]]):  # a title of as many cells
+            names = above[-1]
+        return names
+    return 0
+
+
+def _is_row(cells: list[str]) -> bool:
+    """Say whether most of the cells that are filled hold numbers."""
+    filled = [cell for cell in cells if cell]
+    return bool(filled) and sum(map(_is_value, filled)) > len(filled) / 2
+
+
+def _is_value(cell: str) -> bool:
+    return _is_number(cell) or bool(_CLOCK.fullmatch(cell))
+
+
+def _units_below(lines: list[str], separator: str) -> tuple[str, ...]:
+    """Return what a line of units below the names says of each column; nothing if there is none."""
+    below = _cells(lines[1], separator) if len(lines) > 1 else []
+    if len(below) != len(_cells(lines[0], separator)) or not _is_of_units(below):
+        return ()
+    return tuple(_bare(cell) for cell in below)
+
+
+def _is_of_units(cells: list[str]) -> bool:
+    """Say whether all cells are no numbers, and most of those that are filled are units."""
+    filled = [_bare(cell) for cell in cells if _bare(cell)]
+    known = sum(cell.lower() in WRITTEN for cell in filled)
+    return bool(filled) and not any(map(_is_value, filled)) and known > len(filled) / 2
+
+
+def _bare(cell: str) -> str:
+    """Return a unit without brackets; nothing for a sign that there is none."""
+    bare = cell.strip("[](){}<> ")
+    return "" if bare in {"-", "--", "1", "none"} else bare
 
 
 def is_packed(path: Path) -> bool:

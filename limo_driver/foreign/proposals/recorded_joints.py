@@ -25,6 +25,7 @@ from limo_driver.foreign.columns.names import (
     words_of,
 )
 from limo_driver.foreign.columns.units import UNITS
+from limo_driver.foreign.proposals.mujoco_arrays import columns_of_joints
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 _MOVES: Final = 0.02  # [rad, m], by which a joint that rests does not move
 _MATTERS: Final = 0.05  # of the largest gravity torque, that another place of a joint changes
 _POSES: Final = 20
+_ELSEWHERE: Final = 1e-3  # [rad, m], from where a joint would be locked
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,8 @@ def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
         table: What the log holds.
         model: The robot.
     """
+    if (whole := _placed_by_whole_log(table, model)) is not None:
+        return whole
     if any("=" not in part for part in model.chosen):
         return RecordedPart(model)
     positions = _named(table, model, (POSITION,))
@@ -82,6 +86,53 @@ def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
         f"{shortened(taken)}; locked: {_where(part, missing)}"
     )
     return RecordedPart(part, told, tuple(questions))
+
+
+def _placed_by_whole_log(table: LogTable, model: RobotModel) -> RecordedPart | None:
+    """Return a robot whose locked joints stand where a log of the whole MJCF model has them.
+
+    None where the log is none of the whole model. Places that were stated stay.
+    """
+    families = (
+        family
+        for family in families_of(table.columns, model.joint_names)
+        if family.quantity == POSITION and family.rank in (MEASURED, PLAIN)
+    )
+    columns = next(filter(None, (columns_of_joints(x, model) for x in families)), None)
+    if columns is None:
+        return None
+    stated = [part for part in model.chosen if "=" in part]
+    named = {part.partition("=")[0] for part in stated}
+    values = {
+        name: table.column(columns[name])
+        for name in model.description.locked
+        if name in columns and name not in named
+    }
+    elsewhere = {
+        name: float(np.nanmedian(own))
+        for name, own in values.items()
+        if np.isfinite(own).any()
+        and abs(float(np.nanmedian(own)) - model.description.locked[name]) > _ELSEWHERE
+    }
+    moving = [name for name, own in values.items() if np.nanmax(own) - np.nanmin(own) > _MOVES]
+    weighing = set[str]()
+    if moving:
+        free = model.with_joints((*model.joint_names, *moving, *stated))
+        weighing = _weighing(free, list(model.joint_names), moving)
+    questions = tuple(
+        f"robot: the place of joint {name} changes what gravity asks of the others; it moves by "
+        f"{np.nanmax(values[name]) - np.nanmin(values[name]):.3g} and is not among those that are "
+        f"taken: is it to be taken for locked at {np.nanmedian(values[name]):.3g}?"
+        for name in moving
+        if name in weighing
+    )
+    if not elsewhere:
+        return RecordedPart(model, questions=questions)
+    places = (f"{name}={at:.6g}" for name, at in elsewhere.items())
+    part = model.with_joints((*model.joint_names, *stated, *places))
+    return RecordedPart(
+        part, f"locked where the log has them: {_where(part, [*elsewhere])}", questions
+    )
 
 
 def mapped_part(mapping: LogMapping, model: RobotModel) -> RobotModel:

@@ -167,3 +167,53 @@ def test_a_log_of_a_torso_and_an_arm_is_of_8_of_the_joints_of_tiago():
     # a slide changes no angle to gravity: where it stood is not asked
     without = {key: values for key, values in log.items() if "torso" not in key}
     assert limo.read(without, robot).n == 7
+
+
+LIMB = '<geom type="capsule" fromto="0 0 0 0 0 .3" size=".04" mass="2"/>'
+WITH_FINGER = (
+    '<mujoco><compiler angle="radian"/><worldbody>'
+    f'<body name="upper"><joint name="a" axis="0 1 0" range="-2 2"/>{LIMB}'
+    f'<body name="lower" pos="0 0 .3"><joint name="b" axis="0 1 0" range="-2 2"/>{LIMB}'
+    '<body name="tip" pos="0 0 .3"><joint name="f" type="slide" axis="{axis}" range="0 .3"/>'
+    '<geom size=".05" mass="{mass}"/></body></body></body></worldbody></mujoco>'
+)
+
+
+@pytest.fixture
+def whole(tmp_path):
+    """An arm with a finger, and arrays of all its joints as MuJoCo has them."""
+
+    def make(finger, axis="1 0 0", mass=0.2, reference="#"):
+        path = tmp_path / "arm.xml"
+        path.write_text(WITH_FINGER.format(axis=axis, mass=mass), encoding="utf-8")
+        time = np.arange(0, 6, 0.01)
+        q = np.stack([0.8 * np.sin(time), 0.6 * np.sin(2 * time + 1), finger + 0 * time], axis=1)
+        log = tmp_path / "log.npz"
+        np.savez(log, time=time, qpos=q, qvel=np.gradient(q, time, axis=0), qfrc_actuator=np.sin(q))
+        return f"{path}{reference}".rstrip("#"), log
+
+    return make
+
+
+def test_a_gripper_is_locked_where_a_log_of_the_whole_model_has_it(whole):
+    robot, log = whole(0.04)
+    assert limo.RobotModel.load(robot).description.locked == {"f": 0.0}
+    found = limo.inspect(log, robot)
+    assert limo.RobotModel.load(found.mapping.robot).description.locked == {"f": 0.04}
+    assert found.mapping.joints == ("a", "b")
+    assert "locked where the log has them: f at 0.04" in found.notes()
+
+
+def test_a_place_that_was_stated_stays(whole):
+    robot, log = whole(0.04, reference="#f=0.1")
+    found = limo.inspect(log, robot)
+    assert limo.RobotModel.load(found.mapping.robot).description.locked == {"f": 0.1}
+
+
+def test_a_joint_that_moves_and_weighs_is_asked_for(whole):
+    time = np.arange(0, 6, 0.01)
+    robot, log = whole(0.15 + 0.1 * np.sin(time), mass=5)
+    (question,) = [q for q in limo.inspect(log, robot).questions if q.startswith("robot:")]
+    assert "the place of joint f changes what gravity asks of the others" in question
+    light, log = whole(0.15 + 0.1 * np.sin(time), mass=0.01)
+    assert not [q for q in limo.inspect(log, light).questions if q.startswith("robot:")]
