@@ -95,6 +95,7 @@ class ServoExcitation(Displayed):
     repetitions: tuple[slice, ...]  # rows of each
     segments: tuple[Segment, ...]  # what rows are for
     unchecked_pairs: tuple[tuple[str, str], ...] = ()  # links that always touch
+    ranges: tuple[tuple[float, float], ...] = ()  # ends of each joint [rad]
 
     def __post_init__(self) -> None:
         for name in ("time", "command"):
@@ -137,16 +138,19 @@ class ServoExcitation(Displayed):
     def save_for_lerobot(self, folder: Path | str, motors: Sequence[str] | None = None) -> None:
         """Write a LeRobotDataset whose episodes are the repetitions, actions in degrees.
 
+        A motor named `gripper` is in percent of its range, as LeRobot counts it.
+
         Args:
             folder: To be made.
             motors: Names of the motors, those of the joints if not given.
 
         Raises:
-            ConfigError: The folder holds something, or the rate is no whole number.
+            ConfigError: The folder holds something, the rate is no whole number, or a gripper has
+                no range.
         """
         write_actions(
             Path(folder), self.command, self.repetitions, motors or self.joint_names,
-            self.request.rate,
+            self.request.rate, ranges=self.ranges,
         )  # fmt: skip
 
     def headline(self) -> str:
@@ -222,9 +226,11 @@ class _Planner:
         line.hold(_REST)
         repetitions[-1] = slice(repetitions[-1].start, line.rows)
         time, command, segments = line.finished()
+        limits = self.model.limits
+        ends = zip(limits.position_min.tolist(), limits.position_max.tolist(), strict=True)
         return ServoExcitation(
             self.model.name, self.model.joint_names, self.seed, self.request, time, command,
-            tuple(repetitions), segments, self.space.overlapping_pairs,
+            tuple(repetitions), segments, self.space.overlapping_pairs, tuple(ends),
         )  # fmt: skip
 
     def _own_poses(self) -> list[tuple[FloatArray, float, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,8 @@ from limo_driver.pages.motion import planned_motion
 from limopa.page import not_checked, span
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from limo_driver.model import RobotModel
     from limopa.excitation.servo import ServoExcitation
 
@@ -26,7 +29,13 @@ _SHOWN = {
 }
 
 
-def servo_page(found: ServoExcitation, model: RobotModel, file: str, robot: str) -> Page:
+def servo_page(
+    found: ServoExcitation,
+    model: RobotModel,
+    file: str,
+    robot: str,
+    motors: Sequence[str] = (),
+) -> Page:
     """Return the page of commands for position servos.
 
     Args:
@@ -34,6 +43,7 @@ def servo_page(found: ServoExcitation, model: RobotModel, file: str, robot: str)
         model: The robot they are for.
         file: Name of the file that has them, for the commands that go on from it.
         robot: The robot, as commands know it.
+        motors: Names of its motors, as LeRobot knows them; those of the joints if not given.
     """
     charts = Charts()
     view, motion = planned_motion(model, found.trajectory, charts)
@@ -52,7 +62,7 @@ def servo_page(found: ServoExcitation, model: RobotModel, file: str, robot: str)
         + section("What each part of the motion shows", columns(_spent(found)), "parts")
         + section("What each joint does", columns(_joints(found)), "joints")
         + not_checked(found.unchecked_pairs)
-        + _next(file, robot)
+        + _next(file, robot, ",".join(motors or model.joint_names))
     )
     return Page(title, body, charts, view)
 
@@ -76,17 +86,24 @@ def _joints(found: ServoExcitation) -> dict[str, list[object]]:
     return said
 
 
-def _next(file: str, robot: str) -> str:
-    return next_steps(
-        [
-            (
-                f"Send each row of {file} at its time, and record what the encoders read: columns "
-                "time [s], command_1, ..., position_1, ... [rad].",
-                f"python examples/play_servos.py {file} --out run.csv",
-            ),
-            (
-                "Find servo gains, friction, backlash and payload from that recording.",
-                f"limo diagnose run.csv --robot {robot} --out diagnosis",
-            ),
-        ]
-    )
+def _next(file: str, robot: str, motors: str) -> str:
+    steps = [
+        (
+            f"Send each row of {file} at its time, and record what the encoders read: columns "
+            "time [s], command_1, ..., position_1, ... [rad]. This does it through LeRobot; name "
+            "the motors as it does.",
+            f"python examples/play_servos.py {file} --port /dev/ttyACM0 --motors {motors} "
+            "--out run.csv",
+        ),
+        (
+            "Find servo gains, friction, backlash and payload from that recording.",
+            f"limo diagnose run.csv --robot {robot} --out diagnosis",
+        ),
+    ]
+    if PurePath(robot.partition("#")[0]).suffix.lower() == ".xml":
+        rehearsed = (
+            "See it first on a simulated arm, by the actuators of the same file.",
+            f"python examples/play_servos.py {file} --simulate {robot} --out rehearsal.csv",
+        )
+        steps.insert(0, rehearsed)
+    return next_steps(steps)

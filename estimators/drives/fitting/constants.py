@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.simulation.columns import NAMES
-from limo_driver.physics.drives import LONGEST_DELAY
+from limo_driver.physics.drives import LONGEST_DELAY, MOST_SAG
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,6 +27,8 @@ _BOUNDS: Final = {
     "delay": (LEAST, LONGEST_DELAY),
     "play": (LEAST, 0.2),  # [rad], most that a backlash may be
     "dead_band": (LEAST, 0.5),  # [rad]
+    "derating": (LEAST, MOST_SAG),
+    "heating": (1.0, 1e3),  # [s]; what warms faster or slower looks like another gain
 }
 
 

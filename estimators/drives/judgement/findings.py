@@ -40,6 +40,9 @@ KINDS: Final[dict[str, dict[str, str]]] = {
     "backlash": {"play": "rad"},
     "gear_ratio": {"gear": "1"},
     "integral_gain": {"ki": "N m/(rad s)"},
+    "punch": {"punch": "N m"},
+    "thermal_derating": {"derating": "1", "heating": "s"},
+    "dc_motor": {"stall": "N m", "free_speed": "rad/s"},
 }
 _NAMES: Final = {
     COULOMB: "tau_c",

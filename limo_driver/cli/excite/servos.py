@@ -57,7 +57,7 @@ def excite_for_servos(
     if lerobot is not None:
         found.save_for_lerobot(lerobot, names)
     if page is not None:
-        servo_page(found, model, out.name, robot).save(page)
+        servo_page(found, model, out.name, robot, names).save(page)
     _report(found, as_json=as_json)
 
 

@@ -1,7 +1,7 @@
 """Commands written as a LeRobotDataset v3.0, whose episodes `lerobot-replay` plays.
 
 An action is what LeRobot sends to a robot of motors: one goal position each, in degrees
-(`use_degrees`), named `<motor>.pos`.
+(`use_degrees`), but of a motor named `gripper` in percent of its range, named `<motor>.pos`.
 """
 
 # pyarrow ships no type stubs, so its tables are unknown to the checker.
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
+GRIPPER = "gripper"  # the motor that LeRobot counts in percent of its range
 _VERSION = "v3.0"
 _TASK = "Excite the drives of all joints."
 _FILE = "chunk-000/file-000.parquet"
@@ -41,6 +42,7 @@ def write_actions(
     names: Sequence[str],
     fps: float,
     robot: str = "",
+    ranges: Sequence[tuple[float, float]] = (),
 ) -> None:
     """Write commands as episodes of actions.
 
@@ -51,9 +53,11 @@ def write_actions(
         names: Of the motors, as LeRobot knows them.
         fps: Commands in a second, a whole number.
         robot: Its type, as LeRobot knows it.
+        ranges: Ends of each joint [rad]; a gripper needs them.
 
     Raises:
-        ConfigError: The folder holds something, or the rate is no whole number.
+        ConfigError: The folder holds something, the rate is no whole number, or a gripper has no
+            range.
     """
     if fps != int(fps):
         raise ConfigError(f"LeRobot plays whole numbers of commands in a second, {fps:g} given")
@@ -64,7 +68,8 @@ def write_actions(
     lengths = [rows.stop - rows.start for rows in episodes]
     total = sum(lengths)
     frame = np.concatenate([np.arange(length) for length in lengths])
-    action = np.rad2deg(np.concatenate([command[rows] for rows in episodes])).astype(np.float32)
+    goals = np.concatenate([command[rows] for rows in episodes])
+    action = _counted(goals, names, ranges).astype(np.float32)
     n = action.shape[1]
     indices = {
         "frame_index": frame,
@@ -109,6 +114,22 @@ def write_actions(
     (meta / "info.json").write_text(json.dumps(info, indent=4), encoding="utf-8")
     stats = {name: _statistics(values) for name, values in statistics.items()}
     (meta / "stats.json").write_text(json.dumps(stats, indent=4), encoding="utf-8")
+
+
+def _counted(
+    goals: FloatArray, names: Sequence[str], ranges: Sequence[tuple[float, float]]
+) -> FloatArray:
+    """Return goals (T, n) [rad] as LeRobot counts them."""
+    action = np.rad2deg(goals)
+    for j in (j for j, name in enumerate(names) if name == GRIPPER):
+        low, high = ranges[j] if j < len(ranges) else (-np.inf, np.inf)
+        if not np.isfinite(high - low):
+            raise ConfigError(
+                f"motor {GRIPPER} has no range in the description of the robot; LeRobot counts it "
+                "in percent of that"
+            )
+        action[:, j] = 100.0 * (goals[:, j] - low) / (high - low)
+    return action
 
 
 def _episodes(lengths: Sequence[int]) -> pa.Table:

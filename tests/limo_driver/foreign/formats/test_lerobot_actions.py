@@ -67,6 +67,20 @@ def test_episodes_hold_goals_in_degrees(tmp_path):
     assert listed["length"] == [200, 400]
 
 
+def test_a_gripper_is_counted_in_percent_of_its_range(tmp_path):
+    ends = [(-2.0, 2.0), (-0.5, 1.5)]
+    motors = ("turn", "gripper")
+    write_actions(tmp_path / "set", COMMAND, [slice(0, ROWS)], motors, FPS, ranges=ends)
+
+    table = read_table(tmp_path / "set")
+
+    np.testing.assert_allclose(
+        table.columns["action.gripper.pos"], 50 * (COMMAND[:, 1] + 0.5), rtol=1e-5
+    )
+    with pytest.raises(ConfigError, match="gripper has no range"):
+        write_actions(tmp_path / "other", COMMAND, [slice(0, ROWS)], motors, FPS)
+
+
 def test_a_folder_that_holds_something_is_kept(tmp_path):
     (tmp_path / "precious").touch()
     with pytest.raises(ConfigError, match="holds something"):
