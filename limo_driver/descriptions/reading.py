@@ -124,6 +124,8 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
         why = ""
         if name in following:
             why = f", which follows {_leader(movable[name])}{_missing(name, movable, found.root)},"
+        elif movable[name].find("mimic") is not None:
+            why = ", whose <mimic> names no joint,"
         elif name in gripping:
             why = ", at the end of which none turns,"
         if name in held:
@@ -218,7 +220,7 @@ def _missing(name: str, movable: dict[str, ET.Element], root: ET.Element) -> str
 def _leader(joint: ET.Element) -> str:
     """Return the joint that this one follows; nothing if it follows none."""
     mimic = joint.find("mimic")
-    return "" if mimic is None else str(mimic.get("joint"))
+    return "" if mimic is None else mimic.get("joint", "")
 
 
 def _nearest_to_zero(joint: ET.Element, path: Path) -> float:

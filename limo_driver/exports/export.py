@@ -16,7 +16,8 @@ from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.joints import sharp
 from limo_driver.exports.changes.target import target_of
 from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_format
-from limo_driver.exports.mjcf.file import FIRMNESS, assets_of, edited_mjcf, rubs_anew
+from limo_driver.exports.mjcf.assets import assets_of
+from limo_driver.exports.mjcf.file import FIRMNESS, edited_mjcf, rubs_anew
 from limo_driver.exports.proof import errors
 from limo_driver.exports.remainder import Remainder, proof_motion, remainders
 from limo_driver.exports.unwritten import unwritten
@@ -170,7 +171,7 @@ def _write_texts(texts: Sequence[XmlText], places: Sequence[Path]) -> None:
 def _copy(texts: Sequence[XmlText], into: Path, out: Path, kind: str) -> list[Path]:
     """Copy meshes and textures to where the copy looks for them; a package stays where it is."""
     if kind == MJCF:
-        return _copied(assets_of(into), into, out)
+        return [x for asset in assets_of(into) if (x := _put(asset.file, out / asset.place))]
     names = [x.attributes.get("filename", "") for x in texts[0].root.walk() if x.tag == "mesh"]
     files = [into.parent / name for name in names if name and "://" not in name]
     return _copied([file for file in dict.fromkeys(files) if file.is_file()], into, out)
@@ -212,9 +213,14 @@ def _copied(files: Sequence[Path], into: Path, out: Path) -> list[Path]:
                 "folder",
                 path=into,
             )
-        place = out / file.resolve().relative_to(folder)
-        place.parent.mkdir(parents=True, exist_ok=True)
-        if not (place.exists() and place.samefile(file)):
-            shutil.copyfile(file, place)
-            copied.append(place)
+        copied += filter(None, [_put(file, out / file.resolve().relative_to(folder))])
     return copied
+
+
+def _put(file: Path, place: Path) -> Path | None:
+    """Copy a file to its place, unless that is where it lies; return where it was copied to."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    if place.exists() and place.samefile(file):
+        return None
+    shutil.copyfile(file, place)
+    return place

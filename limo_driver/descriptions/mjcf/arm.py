@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from limo_driver.descriptions.description import RobotDescription
-from limo_driver.descriptions.mjcf.files import check_includes, check_numbers
+from limo_driver.descriptions.mjcf.files import check_assets, check_includes, check_numbers
 from limo_driver.descriptions.mjcf.joints import (
     HINGE,
     actuators,
@@ -39,7 +39,9 @@ def read_mjcf(path: Path) -> RobotDescription:
         ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, a mass or the
             like is no finite number, its arm floats, or several trees could be the arm.
     """
-    check_numbers(check_includes(path))
+    files = check_includes(path)
+    check_numbers(files)
+    check_assets(files)
     model = compile_mjcf(path)
     root = _arm(model, path)
     writer = ArmWriter(model, root)

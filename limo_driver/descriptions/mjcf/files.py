@@ -10,10 +10,12 @@ from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
     from xml.etree import ElementTree as ET
 
+_FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
+_ASSETS: Final = ("mesh", "texture", "hfield", "skin")
 # By element: a mass that is no number, MuJoCo replaces by one of a density, and hands others on.
 _FINITE: Final = {
     "inertial": ("mass", "pos", "quat", "diaginertia", "fullinertia"),
@@ -53,6 +55,27 @@ def check_numbers(files: Iterable[Path]) -> None:
             for element in parent:
                 for key in _FINITE.get(element.tag, ()):
                     _check_finite(element, key, parent, path)
+
+
+def check_assets(files: Sequence[Path]) -> None:
+    """Refuse meshes and textures that are devices, pipes or the like: nobody's end is in sight.
+
+    Args:
+        files: That an MJCF file is made of, itself first.
+
+    Raises:
+        ConfigError: One is.
+    """
+    folder = files[0].resolve().parent
+    elements = [(path, element) for path in files for element in read_xml(path).iter()]
+    stated = {e.get(key, "") for _, e in elements if e.tag == "compiler" for key in _FOLDERS}
+    for path, element in elements:
+        if element.tag not in _ASSETS or not (name := element.get("file")):
+            continue
+        for base in {"", *stated}:
+            file = folder / base / name
+            if file.exists() and not file.is_file():
+                raise ConfigError(f"names {name} as a {element.tag}, which is no file", path=path)
 
 
 def _check_finite(element: ET.Element, key: str, parent: ET.Element, path: Path) -> None:

@@ -15,6 +15,7 @@ from limo_driver.descriptions.mjcf import check_includes
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.loads import write_added
 from limo_driver.exports.changes.origin import alike, write_origin
+from limo_driver.exports.mjcf.assets import write_folders
 from limo_driver.exports.mjcf.backlash import write_play
 from limo_driver.exports.mjcf.motors import append_motors, write_motors
 from limo_driver.exports.mjcf.servos import write_servos
@@ -92,6 +93,7 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
         added,
     )
     _write_payloads(texts, target, into)
+    write_folders(texts, into)
     write_servos(texts, target, float(spec.option.timestep), into)
     gravity = target.simulation.body.gravity
     if not np.allclose(gravity, target.model.gravity, rtol=_SAME, atol=1e-12):
@@ -119,19 +121,6 @@ def rubs_anew(target: Target) -> frozenset[int]:
         for j, (name, wanted) in enumerate(pairs)
         if wanted.friction and differ(known.get(name, JointDynamics()).friction, wanted.friction)
     )
-
-
-def assets_of(into: Path) -> list[Path]:
-    """Return the files of meshes, textures and height fields that an MJCF file names."""
-    spec, folder = mujoco.MjSpec.from_file(str(into)), into.parent
-    found: list[Path] = []
-    for items, where in (
-        (spec.meshes, spec.meshdir),
-        (spec.textures, spec.texturedir),
-        (spec.hfields, spec.meshdir),
-    ):
-        found += [folder / (where or "") / item.file for item in items if item.file]
-    return [path for path in dict.fromkeys(found) if path.is_file()]
 
 
 def _found(texts: Sequence[XmlText], tag: str, name: str, into: Path) -> tuple[XmlText, Element]:

@@ -243,6 +243,15 @@ def test_joints_that_follow_others_are_locked_where_those_put_them(file):
     assert both.link_joints == ("shoulder", "hand", "finger_slide")
 
 
+def test_a_mimic_that_names_no_joint_is_locked_and_said(file):
+    at = URDF.rindex('<axis xyz="0 1 0"/>')
+    text = URDF[:at] + "<mimic/>" + URDF[at:]
+    model = RobotModel.load(file(text, "arm.urdf"))
+    assert "finger_slide" not in model.joint_names
+    (said,) = [note for note in model.notes if "mimic" in note]
+    assert said.startswith("joint finger_slide, whose <mimic> names no joint, is locked at 0; what")
+
+
 def test_limits_that_are_not_stated_are_named(file):
     model = RobotModel.load(file(arm_of(1)))
     assert model.notes[-1].endswith("state no velocity limit; 1 rad/s is taken")
