@@ -8,6 +8,7 @@ shares no code with the catalogue of effects.
     python benchmarks/diagnosis/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
     python benchmarks/diagnosis/diagnosis.py make --seeds 0:8 --seconds 10 --out out/short
     python benchmarks/diagnosis/diagnosis.py run out/concealed --jobs 2
+    python benchmarks/diagnosis/diagnosis.py run out/short --library   # no report: half the time
     python benchmarks/diagnosis/diagnosis.py follow out/concealed --jobs 2
     python benchmarks/diagnosis/diagnosis.py score out/concealed
     python benchmarks/diagnosis/diagnosis.py time
@@ -31,6 +32,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 import yaml
 from diagnosis_judged import Judged, judge
+from diagnosis_library import called, write_result
+from diagnosis_oracle import ORACLE, write_oracle
 from diagnosis_score import Line, confusion, resolution, score
 from rich.console import Console
 from rich.progress import track
@@ -104,10 +107,24 @@ def run(
     jobs: Jobs = 2,
     name: Annotated[str, typer.Option(help="Folder inside each case for the results.")] = "out",
     limit: Annotated[float, typer.Option(help="Time limit of one command, s.")] = TIME_LIMIT,
+    library: Annotated[
+        bool, typer.Option(help="Call the library: no next motion, replay and report.")
+    ] = False,
 ) -> None:
     """Run `limo diagnose` and `limo predict` on each case; finished cases are skipped."""
     cases = [case for case in _cases(folder) if not _finished(case / name)]
-    _each(partial(_run_one, name, limit), cases, jobs, f"diagnosing {folder.name}")
+    work = partial(called, name) if library else partial(_run_one, name, limit)
+    _each(work, cases, jobs, f"diagnosing {folder.name}", processes=library)
+
+
+@app.command()
+def oracle(
+    folder: Annotated[Path, typer.Argument(help="Folder of the cases.")],
+    jobs: Jobs = 1,
+) -> None:
+    """Fit what was hidden to the same rows, as if it were known; `score` shows its closure."""
+    cases = [case for case in _cases(folder) if not (case / ORACLE).exists()]
+    _each(write_oracle, cases, jobs, f"oracle {folder.name}", processes=True)
 
 
 @app.command()
@@ -260,7 +277,7 @@ def _record_next(name: str, case: Path) -> None:
     try:
         trajectory = Trajectory.load(case / name / ASKED)
     except LimoError as error:
-        _write_result(out, (2, 0.0, f"{ASKED}: {error}"))
+        write_result(out, (2, 0.0, f"{ASKED}: {error}"))
         return
     drawn = cases.draw(truth["seed"], truth["drawn_as"], cases.Variant(**truth.get("variant", {})))
     if not drawn.is_of(truth):
@@ -271,7 +288,7 @@ def _record_next(name: str, case: Path) -> None:
 def _run_next(name: str, limit: float, case: Path) -> None:
     """Diagnose again, with the motion that was asked for."""
     out = case / f"{name}_next"
-    _write_result(out, _diagnose(case, out, limit, out / NEXT))
+    write_result(out, _diagnose(case, out, limit, out / NEXT))
 
 
 def _run_one(name: str, limit: float, case: Path) -> None:
@@ -286,7 +303,7 @@ def _run_one(name: str, limit: float, case: Path) -> None:
             held_out = case / f"held_out_{k}.parquet"
             failed, why = _limo(limit, "predict", held_out, "--sim", sim, "--out", target)
             message += f"\npredict {label} {k}: {why}" if failed else ""
-    _write_result(out, (status, seconds, message))
+    write_result(out, (status, seconds, message))
 
 
 def _diagnose(case: Path, out: Path, limit: float, *more: Path) -> tuple[int, float, str]:
@@ -297,12 +314,6 @@ def _diagnose(case: Path, out: Path, limit: float, *more: Path) -> tuple[int, fl
         limit, "diagnose", *recordings, "--sim", case / "sim.yaml", "--out", out, "--json"
     )  # fmt: skip
     return status, perf_counter() - begin, message
-
-
-def _write_result(out: Path, outcome: tuple[int, float, str]) -> None:
-    """Write it last: a case with a result is finished."""
-    result = dict(zip(("status", "seconds", "message"), outcome, strict=True))
-    (out / "result.json").write_text(json.dumps(result, indent=1))
 
 
 def _limo(limit: float, *arguments: object) -> tuple[int, str]:

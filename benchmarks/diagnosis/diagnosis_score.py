@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from diagnosis_judged import UNKNOWN, Judged, ambiguities, coverage, names
+from diagnosis_oracle import worst
 from scipy.stats import beta
 
 if TYPE_CHECKING:
@@ -104,21 +105,38 @@ def calibration_error(said: Sequence[tuple[float, bool]]) -> float:
 def _closures(cases: Sequence[Judged], wrong: Sequence[Judged]) -> list[Line]:
     """Return closure over single effects of every size and sets, where the motion predicts them."""
     told = [c for c in cases if c.truth["foretellable"]]
-    worst = [c.closure.worst if c.closure else inf for c in told]
-    if not worst:
+    largest = [c.closure.worst if c.closure else inf for c in told]
+    if not largest:
         return [Line("closure", "no case", "<= 1.10")]
     removed = [c.closure.removed if c.closure else 0.0 for c in told]
     near = [c.closure_near_rest.worst if c.closure_near_rest else inf for c in told]
-    quantiles = np.quantile(worst, [0.25, 0.75, 0.95], method="nearest")
-    spread = ", ".join(f"{q:.2f}" for q in quantiles)
+    quantiles = np.quantile(largest, [0.25, 0.75, 0.95], method="nearest")
+    spread = "quartiles, 95 %: " + ", ".join(f"{q:.2f}" for q in quantiles)
     other = [c.closure.worst if c.closure else inf for c in wrong]
     return [
-        Line("closure, worst joint: median", f"{np.median(worst):.3f}  (quartiles, 95 %: {spread})",
+        Line("closure, worst joint: median", f"{np.median(largest):.3f}  ({spread})",
              "<= 1.10"),
-        rate("closure <= 1.2", [w <= 1.2 for w in worst], ">= 95 %"),
+        rate("closure <= 1.2", [w <= 1.2 for w in largest], ">= 95 %"),
         Line("closure with rows near rest: median", f"{np.median(near):.3f}"),
         Line("closure of wrong parameters: median", f"{np.median(other):.3f}" if other else "-"),
         Line("reducible error removed: median", f"{np.nanmedian(removed):.2%}"),
+        *_oracle(told),
+    ]  # fmt: skip
+
+
+def _oracle(cases: Sequence[Judged]) -> list[Line]:
+    """Return what the true effects reach, fitted to the same rows, and what they were to reach."""
+    known = [(c.closure.worst, *reached) for c in cases if c.closure and (reached := worst(c.case))]
+    if not known:
+        return []
+    found, reached, expected = np.array(known).T
+    beyond = found / reached
+    return [
+        Line(f"  of the true effects, fitted to the same rows ({len(known)} cases): median",
+             f"{np.median(reached):.3f}  (<= 1.2: {np.mean(reached <= 1.2):.0%}; "
+             f"expected {np.median(expected):.3f})"),
+        Line("  closure over that of the true effects: median",
+             f"{np.median(beyond):.3f}  (<= 1.1: {np.mean(beyond <= 1.1):.0%})"),
     ]  # fmt: skip
 
 

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-def _found(
+def places_of(
     problem: RegressionProblem, solution: Solution
 ) -> list[tuple[str, tuple[int, ...], bool]]:
     """Return effect, joints (1-based) and whether it was missing, of each member."""
@@ -73,7 +73,7 @@ def _found(
 
 def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
     """Return the recordings beside a simulation that was fitted to no row held out."""
-    start, places = improve(problem, solution), _found(problem, solution)
+    start, places = improve(problem, solution), places_of(problem, solution)
     return polished(problem.observed, start, problem.split.fitted, places)
 
 
@@ -85,7 +85,7 @@ def _to_the_end(judged: _Judged) -> Observations:
     error larger.
     """
     observed = judged.problem.observed
-    start, places = judged.beside.simulation, _found(judged.problem, judged.solution)
+    start, places = judged.beside.simulation, places_of(judged.problem, judged.solution)
     return polished(observed, start, observed.moving, places)
 
 

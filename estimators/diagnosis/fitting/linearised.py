@@ -155,9 +155,31 @@ class Linearised:
         ends = np.cumsum([self.known.index.size, *(part.index.size for part in self.own)])
         return spread[: ends[0]], [spread[a:b] for a, b in pairwise(ends.tolist())]
 
+    @property
+    def entered(self) -> NDArray[np.bool_]:
+        """Mark the coefficients (c,) that a simulation has; those of sensors it has not."""
+        of_found = np.ones(sum(part.index.size for part in self.own), dtype=bool)
+        return np.concatenate([self.nuisance.entered, of_found])
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance of all coefficients (c, c), were errors as the noise model says."""
+        prior = joined(self.known, *self.own)
+        inverse, _ = self._information(prior)
+        return inverse * np.outer(prior.deviation, prior.deviation)
+
     def _variance(self) -> FloatArray:
-        """Return the variance of each coefficient, in its own unit squared."""
-        observed, prior = self.observed, joined(self.known, *self.own)
+        """Return the variance of each coefficient, in its own unit squared.
+
+        The larger of the two that errors have by the noise model, and by their scores over blocks.
+        """
+        prior = joined(self.known, *self.own)
+        inverse, scores = self._information(prior)
+        spread = inverse @ (scores.T @ scores + np.eye(len(inverse))) @ inverse
+        return np.maximum(np.diag(inverse), np.diag(spread)) * prior.deviation**2
+
+    def _information(self, prior: Prior) -> tuple[FloatArray, FloatArray]:
+        """Return covariance (c, c) and scores (blocks, c), in units of the prior deviations."""
+        observed = self.observed
         use, residual = observed.moving, observed.residual
         s, size = prior.deviation, prior.index.size
         noise = Noise.of(residual, use, observed.segment, observed.least_noise)
@@ -170,9 +192,7 @@ class Linearised:
             y = noise.whiten(residual[:, joint], joint, rows)
             gram[np.ix_(at, at)] += A.T @ A
             np.add.at(scores, np.ix_(block[rows], at), A * y[:, None])
-        inverse = np.linalg.inv(gram + np.eye(size))
-        spread = inverse @ (scores.T @ scores + np.eye(size)) @ inverse
-        return np.maximum(np.diag(inverse), np.diag(spread)) * s**2
+        return np.asarray(np.linalg.inv(gram + np.eye(size)), dtype=float), scores
 
 
 def polished(

@@ -53,7 +53,7 @@ def solve(
         The problem with the candidates and limits of the solution, and that.
     """
     problem = problem.holding(None)
-    noise = _noise_of_everything(problem)
+    noise = noise_of_everything(problem)
     problem = _scanned(problem, fitted(problem, problem.base, noise))
     solution = _sought(problem, noise, progress, near)
     problem = _scanned(problem, solution)  # of what the largest effects hid
@@ -74,7 +74,7 @@ def _until_it_stays(
 ) -> Solution:
     for _ in range(SOLVING.rounds):
         before = set(solution.members)
-        noise = _noise_left(problem, solution.fitted)
+        noise = noise_left(problem, solution.fitted)
         solution = _sought(problem, noise, progress, near)
         if set(solution.members) == before:
             break
@@ -106,7 +106,8 @@ def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProble
     return problem.with_candidates([*problem.candidates, *filter(None, found)])
 
 
-def _noise_of_everything(problem: RegressionProblem) -> Noise:
+def noise_of_everything(problem: RegressionProblem) -> Noise:
+    """Return the noise that a fit of all candidates at once leaves, by its degrees of freedom."""
     white = Noise.independent(
         roughness(problem.target, problem.observed.moving, problem.observed.least_noise),
         problem.split.fitted,
@@ -115,11 +116,11 @@ def _noise_of_everything(problem: RegressionProblem) -> Noise:
     everything = joined(*(candidate.prior for candidate in problem.candidates))
     free = Prior.free(everything.index, everything.deviation)
     fit = evidence.posterior(free)
-    noise = _noise_left(problem, fit)
+    noise = noise_left(problem, fit)
     return noise.larger(problem.inflation(fit, white))
 
 
-def _noise_left(problem: RegressionProblem, fit: Posterior) -> Noise:
+def noise_left(problem: RegressionProblem, fit: Posterior) -> Noise:
     """Return the noise that a fit leaves on the rows meant for it."""
     observed = problem.observed
     return Noise.of(problem.left(fit), problem.split.fitted, observed.segment, observed.least_noise)

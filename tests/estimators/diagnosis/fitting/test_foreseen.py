@@ -1,0 +1,42 @@
+"""What a fit leaves open is an error on motion that shows it, and little on motion like it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from wandering import wander
+
+from estimators.diagnosis.fitting.foreseen import Foreseen
+from estimators.diagnosis.residuals.observations import Observations
+from limo_driver.physics import CoulombFriction, Simulation, Tolerances, ViscousFriction
+from limo_driver.recordings.recording import Recording
+
+RATE, NOISE = 100.0, 0.02  # [Hz], [N m]
+RUBBING = (CoulombFriction(joint=1, tau_c=1.0), ViscousFriction(joint=1, f_v=2.0))
+TRUE = (RUBBING[0], ViscousFriction(joint=1, f_v=2.5))
+GIVEN = Simulation("iiwa14", RUBBING, tolerances=Tolerances(inertia=1e-4, friction=0.25))
+
+
+def moved(seed, pace):
+    """Record twenty seconds of wandering at a pace [Hz]."""
+    time = np.arange(0.0, 20.0, 1.0 / RATE)
+    motion = wander(time, np.zeros(7), seed, (0.5 * pace, pace), (0.2, 0.3))
+    torque = Simulation("iiwa14", TRUE).predict(motion)
+    torque += NOISE * np.random.default_rng(seed).standard_normal(torque.shape)
+    recording = Recording.from_arrays(time, motion.position, torque, source=f"{pace} Hz")
+    return Observations.of(GIVEN, [recording], 10.0)
+
+
+@pytest.fixture(scope="module")
+def slow():
+    return Foreseen.of(moved(1, 0.02), GIVEN, ())
+
+
+def test_a_slope_learned_from_slow_motion_is_open_at_speed(slow):
+    near, far = slow.rms(moved(2, 0.02)), slow.rms(moved(3, 0.5))
+    assert far[0] > 4 * near[0]
+    assert near[0] < NOISE
+
+
+def test_nothing_is_open_that_is_certain(slow):
+    assert slow.rms(moved(3, 0.5))[4] < 0.1 * slow.rms(moved(3, 0.5))[0]
