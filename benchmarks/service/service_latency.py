@@ -66,6 +66,9 @@ def main() -> None:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         echo(Path(arguments.echo))
         return
+    if arguments.busy and os.sched_getscheduler(0) != os.SCHED_OTHER:
+        # nice is nothing under it, so that these would take all cores from everything else
+        sys.exit("begun under real-time scheduling, which --busy would hand down: use --fifo")
     print(describe_machine())
     print(f"{'round trip [ms]':22}{'p50':>9}{'p99':>9}{'max':>9}")
     for rate in map(float, arguments.rates.split(",")):

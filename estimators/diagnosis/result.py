@@ -75,6 +75,7 @@ class Shift:
     fitted: float
     unit: str
     sigmas: float  # in its prior standard deviation
+    left: float = 1.0  # standard deviation that the recordings leave, in that of the prior
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,12 +7,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from estimators.diagnosis.result import Diagnosis
 from estimators.diagnosis.verdict import IMPROVED
+from estimators.fleet.tolerated import ToleratedValue, tolerated_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from estimators.diagnosis.result import Diagnosis
     from estimators.drives.result import DriveDiagnosis
     from limo_driver.physics import Simulation
 
@@ -25,6 +26,7 @@ class FleetOutcome:
     error: str = ""  # one line, where there is no verdict
     files: Mapping[str, bytes] = field(default_factory=dict[str, bytes])  # by name
     simulation: Simulation | None = None  # improved; its file depends on where that will lie
+    tolerated: tuple[ToleratedValue, ...] = ()
 
 
 def outcome_of(found: Diagnosis | DriveDiagnosis, seconds: float) -> FleetOutcome:
@@ -42,4 +44,5 @@ def outcome_of(found: Diagnosis | DriveDiagnosis, seconds: float) -> FleetOutcom
         found.save(folder)
         written = [path for path in sorted(Path(folder).iterdir()) if path.name != IMPROVED]
         files = {path.name: path.read_bytes() for path in written}
-    return FleetOutcome(seconds, files=files, simulation=found.simulation)
+    tolerated = tolerated_values(found.shifts) if isinstance(found, Diagnosis) else ()
+    return FleetOutcome(seconds, files=files, simulation=found.simulation, tolerated=tolerated)

@@ -72,6 +72,7 @@ def fleet_page(fleet: FleetDiagnosis, folder: Path) -> Page:
 def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
     if not standings:
         return paragraph(f"Fewer than {FLEET.arms} arms: none can be told from the others.")
+    drawn = [item for item in standings if item.odd or not item.series.tolerance]
     sides = ((_ALIKE, "like the others", False), (_ODD, "odd", True))
     data = [
         _dots(
@@ -82,7 +83,7 @@ def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
             colour,
         )
         for colour, name, odd in sides
-        if (own := [item for item in standings if item.odd == odd])
+        if (own := [item for item in drawn if item.odd == odd])
     ]
     axes = layout("robust standard deviations from the median arm", "")
     figure = {"data": data, "layout": axes, "height": _height(i.arm for i in standings)}

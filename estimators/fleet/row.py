@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Verdict
+    from estimators.fleet.tolerated import ToleratedValue
 
 _DATE: Final = re.compile(
     r"(?<!\d)(\d{4})-?([01]\d)-?([0-3]\d)(?:[T_ -]?([0-2]\d)[-:.]?([0-5]\d)(?:[-:.]?([0-5]\d))?)?"
@@ -30,6 +31,7 @@ class FleetRow:
     verdict: Verdict | None = None
     error: str = ""  # one line, where there is no verdict
     folder: Path | None = None  # of its diagnosis, with report.html
+    tolerated: tuple[ToleratedValue, ...] = ()  # values that moved within their tolerances
 
     @property
     def diagnosed(self) -> bool:

@@ -34,6 +34,7 @@ class Series:
     arms: tuple[str, ...]  # (R,)
     days: FloatArray  # (R,) since the first date of the fleet [days]; NaN without a date
     values: FloatArray  # (R,) [unit]
+    tolerance: float = 0.0  # that the simulation states of the value [unit]; 0 of anything else
 
     def compared(self) -> FloatArray:
         """Return the values in which differences count alike, (R,): logarithms of a ratio."""
@@ -43,7 +44,13 @@ class Series:
         """Return the values of one arm."""
         own = self._rows[arm]
         return Series(
-            self.name, self.unit, self.ratio, (arm,) * own.size, self.days[own], self.values[own]
+            self.name,
+            self.unit,
+            self.ratio,
+            (arm,) * own.size,
+            self.days[own],
+            self.values[own],
+            self.tolerance,
         )
 
     def names(self) -> tuple[str, ...]:
@@ -60,7 +67,7 @@ class Series:
 
 
 def series_of(rows: Sequence[FleetRow]) -> tuple[Series, ...]:
-    """Return the error of each joint, and each value of an effect found or identified.
+    """Return the error of each joint, and each value of an effect found, identified or tolerated.
 
     Args:
         rows: Of a fleet; those without a verdict say nothing.
@@ -68,18 +75,24 @@ def series_of(rows: Sequence[FleetRow]) -> tuple[Series, ...]:
     dated = [row.date for row in rows if row.diagnosed and row.date is not None]
     first = min(dated, default=None)
     found: dict[tuple[str, str, bool], list[tuple[str, float, float]]] = {}
+    tolerances: dict[str, float] = {}
     for row in rows:
         if row.verdict is None:
             continue
         day = _days(row.date, first)
         for name, unit, ratio, value in _quantities(row.verdict):
             found.setdefault((name, unit, ratio), []).append((row.arm, day, value))
+        for known in row.tolerated:
+            name = f"{known.name}, within its tolerance"
+            found.setdefault((name, known.unit, False), []).append((row.arm, day, known.value))
+            tolerances[name] = max(known.tolerance, tolerances.get(name, 0.0))
     return tuple(
         Series(
             *about,
             tuple(arm for arm, _, _ in items),
             np.array([day for _, day, _ in items]),
             np.array([value for _, _, value in items]),
+            tolerances.get(about[0], 0.0),
         )
         for about, items in found.items()
     )

@@ -106,7 +106,7 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
         compared = [float(np.median(item.of(arm).compared())) for arm in arms]
         centre = float(np.median(compared))
         away = np.array(compared) - centre
-        least = np.log1p(FLEET.least) if item.ratio else FLEET.least * abs(centre)
+        least = max(_least(item, centre), FLEET.tolerance * item.tolerance / FLEET.odd)
         scale = float(np.hypot(_NORMAL * np.median(np.abs(away)), least))
         found += [
             ArmStanding(arm, item, apart / scale, _unlogged(at, item), _unlogged(centre, item))
@@ -117,8 +117,12 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
 
 
 def spreads_of(series: Sequence[Series]) -> tuple[UnitSpread, ...]:
-    """Return how units differ, of every series that several arms have."""
-    return tuple(_spread(item) for item in series if len(item.names()) > 1)
+    """Return how units differ, of every series that several arms have.
+
+    Values within their tolerances are not among them: they are a hundred, and most never move.
+    """
+    several = [item for item in series if len(item.names()) > 1 and not item.tolerance]
+    return tuple(map(_spread, several))
 
 
 def _drift(own: Series) -> FleetDrift:
@@ -136,9 +140,14 @@ def _drift(own: Series) -> FleetDrift:
     return FleetDrift(own.arms[0], own, change, (interval[0], interval[1]), p)
 
 
+def _least(item: Series, centre: float) -> float:
+    """Return the least difference that matters, of values as they are compared."""
+    return float(np.log1p(FLEET.least)) if item.ratio else FLEET.least * abs(centre)
+
+
 def _matters(change: float, own: Series) -> bool:
     size = 1.0 if own.ratio else abs(float(np.median(own.values)))
-    return abs(change) > FLEET.least * size
+    return abs(change) > max(FLEET.least * size, FLEET.tolerance * own.tolerance)
 
 
 def _spread(item: Series) -> UnitSpread:

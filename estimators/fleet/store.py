@@ -20,6 +20,7 @@ import yaml
 
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import IMPROVED
+from estimators.fleet.tolerated import ToleratedValue
 from limo_driver.kept_results import KeptResults
 
 if TYPE_CHECKING:
@@ -63,7 +64,12 @@ class FleetStore:
             if outcome.simulation is not None:
                 outcome.simulation.save(place / IMPROVED)
 
-        about = {"seconds": outcome.seconds, "error": outcome.error, "limo": version("limo")}
+        about = {
+            "seconds": outcome.seconds,
+            "error": outcome.error,
+            "limo": version("limo"),
+            "tolerated": [value.as_json() for value in outcome.tolerated],
+        }
         self._kept.keep(key, about, outcome.files, improved)
 
     def of_other_versions(self, keys: Container[str]) -> dict[str, int]:
@@ -86,7 +92,8 @@ class FleetStore:
             done = replace(row, seconds=float(kept["seconds"]), error=str(kept["error"]))
             if done.error:
                 return done
-            return replace(done, verdict=verdict_in(place), folder=place)
+            tolerated = tuple(map(ToleratedValue.from_json, kept["tolerated"]))
+            return replace(done, verdict=verdict_in(place), folder=place, tolerated=tolerated)
         except (OSError, ValueError, KeyError, TypeError):  # ConfigError is a ValueError
             return None
 

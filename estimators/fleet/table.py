@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.verdict import Finding, Identified
     from estimators.fleet.row import FleetRow
+    from estimators.fleet.tolerated import ToleratedValue
 
 _VALUE: Final = pa.struct(
     {
         "effect": pa.string(),
         "joints": pa.list_(pa.int64()),  # 1-based
-        "kind": pa.string(),  # missing, wrong_parameter, identified
+        "kind": pa.string(),  # missing, wrong_parameter, identified, tolerated
         "confidence": pa.float64(),
         "parameter": pa.string(),
         "value": pa.string(),  # JSON: a number, a text, or lists of them
@@ -82,11 +83,21 @@ def _values(row: FleetRow) -> dict[str, Any]:
         "values": [
             *(v for f in verdict.findings for v in _parameters(f, f.kind, f.confidence)),
             *(v for item in verdict.identified for v in _parameters(item, "identified", None)),
+            *map(_tolerated, row.tolerated),
         ],
         "heldout_rmse_before": verdict.fit.heldout_rmse_before,
         "heldout_rmse_after": verdict.fit.heldout_rmse_after,
         "noise_floor": verdict.fit.noise_floor,
         "unit": verdict.fit.unit,
+    }
+
+
+def _tolerated(item: ToleratedValue) -> dict[str, Any]:
+    return {
+        "kind": "tolerated",
+        "parameter": item.name,
+        "value": json.dumps(item.value),
+        "unit": item.unit,
     }
 
 

@@ -254,6 +254,9 @@ def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
     mean = final.fitted.mean[:count]
     deviation = problem.nuisance.prior.deviation
     sigmas = np.divide(mean, deviation, out=np.zeros_like(mean), where=deviation > 0)
+    left = np.ones_like(mean)
+    known = np.sqrt(np.maximum(np.diag(final.fitted.covariance)[:count], 0.0))
+    np.divide(known, deviation, out=left, where=deviation > 0)
     order = np.argsort(-np.abs(sigmas))
     parameters = problem.nuisance.parameters
     return tuple(
@@ -263,6 +266,7 @@ def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
             parameters[k].value(float(mean[k])),
             parameters[k].unit,
             float(sigmas[k]),
+            float(left[k]),
         )
         for k in order.tolist()
     )

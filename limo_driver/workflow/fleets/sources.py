@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from glob import glob
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from limo_driver.errors import ConfigError
+from limo_driver.workflow.fleets.patterns import files_of
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable
@@ -102,9 +102,7 @@ def _is_url(item: str) -> bool:
 def _files(item: Path | str) -> list[Path]:
     if Path(item).is_file():  # also a name with brackets in it
         return [Path(item)]
-    places = map(Path, sorted(glob(str(item), recursive=True)))
-    # `glob` gives the folder of `none/**` also where there is none; a link to nothing becomes a row
-    return [p for p in places if (p.exists() or p.is_symlink()) and not p.is_dir()]
+    return files_of(str(item))
 
 
 def _objects(pattern: str) -> list[str]:

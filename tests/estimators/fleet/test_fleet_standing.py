@@ -13,6 +13,7 @@ from estimators.diagnosis.verdict import Fit, RowCount, Unexplained, Verdict
 from estimators.fleet import FleetDiagnosis, FleetRow
 from estimators.fleet.page import fleet_page
 from estimators.fleet.row import arm_of, date_of
+from estimators.fleet.tolerated import ToleratedValue
 
 START = datetime(2026, 3, 1)
 
@@ -51,6 +52,33 @@ def test_the_odd_arm_and_the_drifting_one_are_named_and_no_other(seed):
     (drift,) = found.drifts
     assert drift.series.name == "error of joint 2"
     assert drift.interval[0] < 1.0 < drift.interval[1]
+
+
+def tolerated(odd: float, growth: float = 0.0) -> FleetDiagnosis:
+    """Return six arms whose errors are alike; of a value that all may move, two are unlike."""
+    random = np.random.default_rng(0)
+    rows: list[FleetRow] = []
+    for k in range(6):
+        unit = 1 + 0.03 * random.standard_normal()
+        for day in range(8):
+            value = unit * (odd if k == 2 else 1.0) * (1 + (growth * day / 7 if k == 4 else 0.0))
+            f_v = ToleratedValue("f_v of joint 5", value + 0.02 * random.standard_normal(), "", 0.3)
+            rows.append(replace(row(f"arm{k}", day, (0.1,)), tolerated=(f_v,)))
+    return FleetDiagnosis("one", tuple(rows))
+
+
+def test_values_within_their_tolerances_tell_odd_and_drifting_arms(tmp_path):
+    found = tolerated(odd=1.7, growth=0.8)
+    assert found.odd == ("arm2",)
+    assert found.drifting == ("arm4",)
+    assert all(item.series.tolerance for item in (*found.standings[:1], *found.drifts))
+    assert "f_v of joint 5, within its tolerance" in fleet_page(found, tmp_path).html()
+    assert not [item for item in found.spreads if item.series.tolerance]
+
+
+def test_less_than_a_tolerance_is_nothing_however_clear():
+    found = tolerated(odd=1.25, growth=0.25)
+    assert found.odd == found.drifting == ()
 
 
 def test_few_arms_or_dates_say_nothing():

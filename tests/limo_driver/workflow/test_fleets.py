@@ -14,10 +14,14 @@ import pytest
 from fleet_recordings import record_swing
 
 import limo_driver as limo
+from estimators.diagnosis.result import Shift
+from estimators.diagnosis.verdict import Fit, RowCount, Unexplained, Verdict
 from estimators.fleet.outcome import FleetOutcome
 from estimators.fleet.result import FleetDiagnosis
 from estimators.fleet.row import FleetRow
 from estimators.fleet.store import FleetStore, digest_of, key_of
+from estimators.fleet.table import write_table
+from estimators.fleet.tolerated import ToleratedValue, tolerated_values
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.workflow.executors.running import run_all
 from limo_driver.workflow.fleets.job import FleetJob
@@ -156,6 +160,28 @@ def test_rows_of_other_versions_are_set_aside_and_told(tmp_path, monkeypatch):
     assert aside == {"0.0.9": 1}
     said = str(FleetDiagnosis("two_links", (), aside))
     assert "set aside: 1 diagnoses by limo 0.0.9" in said
+
+
+def test_values_that_moved_within_their_tolerances_are_kept(tmp_path):
+    store, row = FleetStore(tmp_path), FleetRow(Path("a.parquet"), "key", "arm", None)
+    verdict = Verdict(
+        "consistent", (), Unexplained(), (), None, Fit((), (), (), 0.0, (0.0, 0.0)), RowCount(1, {})
+    )
+    verdict.save(tmp_path / "verdict.json")
+    shifts = (
+        Shift("f_v of joint 1", 2.0, 2.6, "N m s/rad", 2.0, 0.1),
+        Shift("mass of link 1", 0.0, 0.01, "relative", 0.5, 0.9),  # hardly seen in the recording
+    )
+    known = tolerated_values(shifts)
+    assert known == (ToleratedValue("f_v of joint 1", 2.6, "N m s/rad", pytest.approx(0.3)),)
+    files = {"verdict.json": (tmp_path / "verdict.json").read_bytes()}
+    store.keep("key", FleetOutcome(1.0, files=files, tolerated=known))
+    done = store.finished(row)
+    assert done is not None
+    assert done.tolerated == known
+    write_table([done], tmp_path / "results.parquet")
+    (value,) = pq.read_table(tmp_path / "results.parquet").to_pylist()[0]["values"]
+    assert (value["kind"], value["parameter"]) == ("tolerated", "f_v of joint 1")
 
 
 def test_the_key_changes_with_bytes_simulation_and_bandwidth(fleet):
