@@ -12,7 +12,7 @@ from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Container, Iterator, Sequence
     from datetime import datetime
 
     from numpy.typing import NDArray
@@ -76,16 +76,18 @@ def series_of(rows: Sequence[FleetRow]) -> tuple[Series, ...]:
     first = min(dated, default=None)
     found: dict[tuple[str, str, bool], list[tuple[str, float, float]]] = {}
     tolerances: dict[str, float] = {}
+    for known in (value for row in rows for value in row.tolerated):
+        tolerances[known.name] = max(known.tolerance, tolerances.get(known.name, 0.0))
     for row in rows:
         if row.verdict is None:
             continue
         day = _days(row.date, first)
-        for name, unit, ratio, value in _quantities(row.verdict):
+        for name, unit, ratio, value in _quantities(row.verdict, tolerances):
             found.setdefault((name, unit, ratio), []).append((row.arm, day, value))
         for known in row.tolerated:
-            name = f"{known.name}, within its tolerance"
-            found.setdefault((name, known.unit, False), []).append((row.arm, day, known.value))
-            tolerances[name] = max(known.tolerance, tolerances.get(name, 0.0))
+            found.setdefault((known.name, known.unit, False), []).append(
+                (row.arm, day, known.value)
+            )
     return tuple(
         Series(
             *about,
@@ -104,8 +106,14 @@ def _days(date: datetime | None, first: datetime | None) -> float:
     return (date - first).total_seconds() / _DAY
 
 
-def _quantities(verdict: Verdict) -> Iterator[tuple[str, str, bool, float]]:
-    """Give name, unit, whether it is compared as a ratio, and value."""
+def _quantities(
+    verdict: Verdict, tolerated: Container[str]
+) -> Iterator[tuple[str, str, bool, float]]:
+    """Give name, unit, whether it is compared as a ratio, and value.
+
+    A stated value that is found wrong goes on in the series of those within its tolerance: which of
+    the two it is depends on nothing but how far it has moved.
+    """
     for j, error in enumerate(verdict.fit.heldout_rmse_before, start=1):
         yield f"error of joint {j}", verdict.fit.unit, True, float(error)
     for item in (*verdict.findings, *verdict.identified):
@@ -114,8 +122,10 @@ def _quantities(verdict: Verdict) -> Iterator[tuple[str, str, bool, float]]:
         joints = ", ".join(map(str, item.joints))
         place = f" of joint {joints}" if joints else ""
         for name, known in item.parameters.items():
+            stated = f"{name}{place} ({spoken(item.effect)})"
             for at, value in _numbers(known.value):
-                yield f"{spoken(item.effect)}{place}: {name}{at}", known.unit, False, value
+                own = f"{spoken(item.effect)}{place}: {name}{at}"
+                yield stated if stated in tolerated else own, known.unit, False, value
 
 
 def _numbers(value: object, at: str = "") -> Iterator[tuple[str, float]]:

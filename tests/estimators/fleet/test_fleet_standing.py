@@ -9,7 +9,16 @@ import pytest
 from audit import violations
 from browser import browser, program
 
-from estimators.diagnosis.verdict import Fit, RowCount, Unexplained, Verdict
+from estimators.diagnosis.verdict import (
+    BeforeAfter,
+    Finding,
+    Fit,
+    Interval,
+    RowCount,
+    Unexplained,
+    Verdict,
+    Where,
+)
 from estimators.fleet import FleetDiagnosis, FleetRow
 from estimators.fleet.page import fleet_page
 from estimators.fleet.row import arm_of, date_of
@@ -72,8 +81,30 @@ def test_values_within_their_tolerances_tell_odd_and_drifting_arms(tmp_path):
     assert found.odd == ("arm2",)
     assert found.drifting == ("arm4",)
     assert all(item.series.tolerance for item in (*found.standings[:1], *found.drifts))
-    assert "f_v of joint 5, within its tolerance" in fleet_page(found, tmp_path).html()
+    assert "f_v of joint 5" in fleet_page(found, tmp_path).html()
     assert not [item for item in found.spreads if item.series.tolerance]
+
+
+def test_a_value_that_leaves_its_tolerance_goes_on_in_one_series():
+    name = "f_v of joint 1 (viscous friction)"
+    rows: list[FleetRow] = []
+    for day in range(6):
+        own = row("arm0", day, (0.1,))
+        value = 2.0 + 0.2 * day
+        if day < 3:
+            own = replace(own, tolerated=(ToleratedValue(name, value, "N m s/rad", 0.3),))
+        else:
+            assert own.verdict is not None
+            f_v = {"f_v": Interval(value, "N m s/rad", (value, value))}
+            found = Finding(
+                "viscous_friction", "wrong_parameter", (1,), (), 1.0, f_v, Where(), 1.0,
+                BeforeAfter((0.1,), (0.1,)), "",
+            )  # fmt: skip
+            own = replace(own, verdict=replace(own.verdict, findings=(found,)))
+        rows.append(own)
+    (series,) = (item for item in FleetDiagnosis("one", tuple(rows)).series if not item.ratio)
+    assert series.name == name
+    assert series.values.tolist() == [2.0 + 0.2 * day for day in range(6)]
 
 
 def test_less_than_a_tolerance_is_nothing_however_clear():
