@@ -234,7 +234,7 @@ def _without_pushes(
 
     They are sought in what a set of effects leaves, since effects that are not out look like pushes
     themselves. What larger errors hid shows once the whole set is out, and what they feigned is
-    gone then.
+    gone then: its rows count again.
     """
     problem, solution = solve(problem, progress)
     pushed = pushes(problem.observed, problem.left(solution.fitted))
@@ -256,6 +256,12 @@ def _without_pushes(
         if more is None:
             break
         pushed, (problem, judged, seen) = (*pushed, *hidden), more
+    held = tuple(push for push in pushed if _among(push, seen))
+    if len(held) < len(pushed):
+        again = partial(_once_more, problem, held, progress, budget)
+        more = budget.within("rows on which effects feigned a push", again, None)
+        if more is not None:
+            pushed, (_, judged, seen) = held, more
     return judged, tuple(push for push in seen if _among(push, pushed))
 
 

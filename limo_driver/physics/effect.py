@@ -145,6 +145,16 @@ class Effect(Declared, ABC):
         """Return this effect, fitted from `start`, with what no fit may change as it was there."""
         return self
 
+    def with_value(self, name: str, value: float) -> Effect:
+        """Return this effect with another value of one of its numbers.
+
+        Args:
+            name: Of the parameter.
+            value: In its unit, within its bounds.
+        """
+        changes: dict[str, Any] = {name: value}
+        return replace(self, **changes)
+
     def with_more(self, more: Effect) -> Effect | None:
         """Return one effect for this and another one; None where they stay two."""
         if type(more) is not type(self) or more.joints != self.joints:

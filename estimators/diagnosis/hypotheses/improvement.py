@@ -36,7 +36,7 @@ class Improvement:
         effect: Any = self.effects[place]
         known = next(item for item in effect.parameters() if item.name == name)
         value = getattr(effect, name) + relative * getattr(self.given.effects[place], name)
-        self.effects[place] = replace(effect, **{name: float(np.clip(value, *_within(known)))})
+        self.effects[place] = effect.with_value(name, float(np.clip(value, *_within(known))))
 
     def move_inertia(self, link: int, change: FloatArray) -> None:
         """Add to the parameters (m, m c, I at the joint frame) of a link (0-based)."""

@@ -5,7 +5,6 @@ Coefficients are relative: 0 keeps a value, and 0.1 makes it a tenth larger.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -75,7 +74,7 @@ def derivative(observed: Observations, place: int, name: str) -> Response:
         for sign in (1, -1)
     )
     joints, values = difference(
-        replace(effect, **{name: ahead}), replace(effect, **{name: behind}), observed
+        effect.with_value(name, ahead), effect.with_value(name, behind), observed
     )
     return Response(joints, values * value / (ahead - behind))
 

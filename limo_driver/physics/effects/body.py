@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -80,6 +80,13 @@ class Payload(BodyEffect):
     def load(self) -> Inertial:
         """The body that is fixed to the link."""
         return Inertial(self.mass, self.com, self.inertia)
+
+    def with_value(self, name: str, value: float) -> Effect:
+        """Return it with another value; a heavier body of the same shape has more inertia."""
+        if name != "mass" or not self.mass:
+            return super().with_value(name, value)
+        scaled = tuple(value / self.mass * item for item in self.inertia)
+        return replace(self, mass=value, inertia=scaled)
 
     def body(self, model: RobotModel) -> RobotModel:
         """Return the arm that carries the payload."""

@@ -183,12 +183,16 @@ def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeyp
     assert not found.traces.held_out[near].any()
 
 
-def test_what_looks_like_a_push_only_beside_missing_effects_is_none(given, monkeypatch):
-    scans = iter(
-        [(Push(recording=0, start=20.0, end=21.0, evidence=500.0, joints=tuple(range(7))),), ()]
-    )
+def test_what_looks_like_a_push_only_beside_missing_effects_is_none_and_its_rows_count(
+    given, monkeypatch
+):
+    scans = iter([(PUSH,), (), ()])  # of the first set, without its rows, and with them again
     monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
-    assert diagnose(given, [record(given, 0)]).verdict.verdict == "consistent"
+    found = diagnose(given, [record(given, 0)])
+    assert found.verdict.verdict == "consistent"
+    assert next(scans, "none is left") == "none is left"
+    monkeypatch.setattr(pipeline, "pushes", lambda *_: ())
+    assert found.verdict.rows == diagnose(given, [record(given, 0)]).verdict.rows
 
 
 def test_it_tells_its_progress_keeps_blas_to_one_thread_and_gives_the_others_back(given):

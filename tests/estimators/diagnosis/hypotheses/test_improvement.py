@@ -100,6 +100,18 @@ def test_a_revision_within_tolerance_and_one_beyond_it_add_up(improvement):
     assert effects(improvement)[0].tau_c == pytest.approx(1.5 * 2.1)
 
 
+@pytest.mark.parametrize("change", [-2.0, -1.0, -0.5, 1.0])
+def test_a_payload_of_another_mass_is_a_body_of_the_same_shape(rigid, change):
+    stated = Payload(mass=2.0, com=(0.0, 0.0, 0.1), inertia=(4e-3, 0.0, 0.0, 4e-3, 0.0, 2e-3))
+    heavier = Improvement(replace(rigid, effects=(stated,)))
+    heavier.revise(0, "mass", change)
+    (found,) = heavier.effects
+    part = max(0.0, 1.0 + change)  # no mass is below zero
+    assert found.mass == 2.0 * part
+    assert found.inertia == pytest.approx([part * item for item in stated.inertia])
+    assert found.com == stated.com
+
+
 def enter_skewed(improvement, joint):
     known = (CoulombFriction(joint=joint, tau_c=1.0, v_eps=0.01),)
     nothing = np.zeros((2, 7))
