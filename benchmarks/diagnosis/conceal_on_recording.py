@@ -44,6 +44,7 @@ DIAGNOSED: Final = 2 / 3  # of the rows; the others are held out
 SURE: Final = 0.5  # confidence from which a finding is a name
 CLOSE: Final = 1.15  # times the held-out error that is left without the effect
 LEAST_TRAVEL: Final = 0.1  # [rad] of a joint that effects are hidden at
+LONGEST_DELAY: Final = 0.5  # [s] that torques are reported late
 REVERSAL: Final = 0.01  # [rad/s] about which dry friction changes its sign
 
 
@@ -128,14 +129,20 @@ class Concealer:
         gain, torque = _scaled(self.recording.torque[:, j], size)
         return self._at(j, "torque_gain", torque, {"gain": gain}, ("link_inertia",))
 
-    def time_delay(self, j: int, size: float, _: np.random.Generator) -> Concealed:
-        """Hide a torque that is reported late, by as many samples as the size asks for."""
-        recorded = self.recording.torque[:, j]
-        late, torque = 0, np.zeros_like(recorded)
-        while np.sqrt(np.mean(torque**2)) < size and late < len(recorded) // 10:
-            late += 1
-            torque = np.concatenate((np.full(late, recorded[0]), recorded[:-late])) - recorded
-        return self._at(j, "time_delay", torque, {"delay": late / self.recording.rate})
+    def time_delay(self, j: int, size: float, rng: np.random.Generator) -> Concealed:
+        """Hide a torque that is reported late, by as many samples as the size asks for.
+
+        At another joint, if no filter or network is as slow as that: slow motion hardly shows it.
+        """
+        times = size / self.error[j]
+        for joint in (j, *rng.permutation(self.moving).tolist()):
+            recorded = self.recording.torque[:, joint]
+            for late in range(1, int(LONGEST_DELAY * self.recording.rate)):
+                torque = np.concatenate((np.full(late, recorded[0]), recorded[:-late])) - recorded
+                if np.sqrt(np.mean(torque**2)) >= times * self.error[joint]:
+                    delay = late / self.recording.rate
+                    return self._at(joint, "time_delay", torque, {"delay": delay})
+        return self.torque_offset(j, size, rng)  # of such slow motion no delay shows
 
     def payload(self, j: int, size: float, rng: np.random.Generator) -> Concealed:
         """Hide a point mass at the flange, sized by the joint that feels it most for its error."""

@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.contact import contact_of
-from estimators.diagnosis.fitting.contribution import left_by_tolerances
+from estimators.diagnosis.fitting.contribution import TINY, left_by_tolerances
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.lateness import made_late
 from estimators.diagnosis.fitting.linearised import polished
@@ -28,7 +28,7 @@ from estimators.diagnosis.judgement.judgement import (
     RemainingResidual,
     abstained,
     gains,
-    harms,
+    harmed,
     least_harmful,
     remaining_residual,
     remarks,
@@ -51,10 +51,10 @@ from limo_driver.physics import TimeDelay, spoken
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from estimators.diagnosis.residuals.pushes import Push
-    from limo_driver.physics import Simulation
+    from limo_driver.physics import Effect, Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -256,12 +256,12 @@ def _without_pushes(
         if more is None:
             break
         pushed, (problem, judged, seen) = (*pushed, *hidden), more
-    held = tuple(push for push in pushed if _among(push, seen))
-    if len(held) < len(pushed):
+    while (held := tuple(push for push in pushed if _among(push, seen))) != pushed:
         again = partial(_once_more, problem, held, progress, budget)
         more = budget.within("rows on which effects feigned a push", again, None)
-        if more is not None:
-            pushed, (_, judged, seen) = held, more
+        if more is None:
+            break
+        pushed, (problem, judged, seen) = held, more
     return judged, tuple(push for push in seen if _among(push, pushed))
 
 
@@ -339,7 +339,7 @@ def _beyond_tolerances(judged: _Judged, progress: Progress, budget: Budget) -> _
     """
     problem, solution = judged.problem, judged.solution
     held = suspects(problem, solution, judged.unknown)
-    if not held or harms(problem, judged.proven, judged.remaining):
+    if not held or harmed(problem, judged.proven, judged.remaining):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
     found = _Judged.of(*settled(*solve(problem, progress), progress))
@@ -367,7 +367,13 @@ class _Judged:
     @classmethod
     def of(cls, problem: RegressionProblem, solution: Solution) -> _Judged:
         """Prove and judge a set."""
-        beside = _fitted(problem, solution)
+        return cls.beside_one(problem, solution, _fitted(problem, solution))
+
+    @classmethod
+    def beside_one(
+        cls, problem: RegressionProblem, solution: Solution, beside: Observations
+    ) -> _Judged:
+        """Judge a set beside a simulation that has it, fitted to no row held out."""
         # what sensors may add within their tolerances is in no simulation, and nothing unknown
         left = problem.without_sensors(beside.residual, solution.noise)
         remaining = remaining_residual(problem.observed, left)
@@ -389,37 +395,68 @@ class _Judged:
     def harmless(self) -> tuple[_Judged, bool]:
         """Return this without what makes motion held out worse.
 
-        First the values that moved inside their tolerances, then stand-ins, then one by one. Where
-        that leaves nothing, a set that makes one joint somewhat worse and the arm surely better is
-        the lesser harm.
+        First what acts on the harmed joints alone, then the values that moved inside their
+        tolerances, then members one by one. A set that makes one joint somewhat worse and the arm
+        surely better is the lesser harm where what is left then brings less than half as much.
 
         Returns:
             What is left, and whether that is nothing since all of it harms.
         """
-        problem, judged = self.problem, self
-        if harms(problem, judged.proven, judged.remaining):
+        judged = self if not self._harmed else self._stated_at(self._harmed)
+        problem = judged.problem
+        tried = [self, judged]
+        if judged._harmed:
             # values moved inside their tolerances may be what harms: few rows outvote no statement
             problem = problem.with_stated_values()
             noise = judged.solution.noise
-            judged = _Judged.of(problem, fitted(problem, judged.solution.members, noise))
-        tried: list[_Judged] = []
-        while harms(problem, judged.proven, judged.remaining) and judged.solution.members:
+            judged = _Judged.of(problem, fitted(problem, self.solution.members, noise))
+        while judged._harmed and judged.solution.members:
             tried.append(judged)
-            fewer = judged.named
-            if fewer == judged.solution.members:
-                fewer = least_harmful(problem, judged.solution)
+            fewer = least_harmful(problem, judged.solution)
             judged = _Judged.of(problem, fitted(problem, fewer, judged.solution.noise))
-        if not harms(problem, judged.proven, judged.remaining):
-            return judged, False
-        better = [one for one in tried if one.named]  # nothing is, unless the arm is surely better
-        if better:
-            rows = problem.split.held_out
-            return min(better, key=lambda one: float(np.sum(rmse(one.proven, rows) ** 2))), False
+        some = [one for one in tried if one.named]  # nothing is, unless the arm is surely better
+        best = max(some, key=_Judged._gain, default=judged)
+        if not judged._harmed:
+            return (judged if 2 * judged._gain() >= best._gain() else best), False
+        if some:
+            return best, False
         given, nothing = problem.observed, fitted(problem, (), judged.solution.noise)
         remaining = remaining_residual(given, given.residual)
         return _Judged(
             problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
         ), True
+
+    @property
+    def _harmed(self) -> tuple[int, ...]:
+        """Joints (0-based) whose motion held out is predicted clearly worse than before."""
+        return harmed(self.problem, self.proven, self.remaining)
+
+    def _gain(self) -> float:
+        """Return the parts of the squared errors on motion held out that are gone, summed up."""
+        rows = self.problem.split.held_out
+        given = np.maximum(rmse(self.problem.observed.residual, rows), TINY)
+        return float(np.sum(1.0 - (rmse(self.proven, rows) / given) ** 2))
+
+    def _stated_at(self, joints: Collection[int]) -> _Judged:
+        """Return this with all that acts on some joints (0-based) alone as it is stated."""
+        problem, solution = self.problem, self.solution
+
+        def alone(acts_on: Sequence[int]) -> bool:
+            return bool(acts_on) and {*acts_on} <= {*joints}
+
+        def known(effect: Effect) -> bool:
+            return alone([joint - 1 for joint in effect.joints])
+
+        given, found = problem.observed.simulation, self.beside.simulation
+        effects = (
+            *filter(known, given.effects),
+            *(effect for effect in found.effects if not known(effect)),
+        )
+        members = tuple(
+            member for member in solution.members if not alone(problem.candidates[member].joints)
+        )
+        beside = problem.observed.beside(replace(found, effects=effects), problem.observed.around)
+        return _Judged.beside_one(problem, solution.having(members), beside)
 
 
 def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArray) -> Traces:

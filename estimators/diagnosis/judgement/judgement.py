@@ -216,9 +216,11 @@ def gains(
     return surely_positive(gained, problem.observed, problem.split.held_out)
 
 
-def harms(problem: RegressionProblem, proven: FloatArray, remaining: RemainingResidual) -> bool:
-    """Say whether held-out motion of some joint is predicted clearly worse than before."""
-    return worse(problem, proven, problem.observed.residual, remaining)
+def harmed(
+    problem: RegressionProblem, proven: FloatArray, remaining: RemainingResidual
+) -> tuple[int, ...]:
+    """Return the joints (0-based) of whose held-out motion more error is left than was given."""
+    return _worse_at(problem, proven, problem.observed.residual, remaining)
 
 
 def least_harmful(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
@@ -237,10 +239,15 @@ def worse(
     problem: RegressionProblem, proven: FloatArray, other: FloatArray, remaining: RemainingResidual
 ) -> bool:
     """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
+    return bool(_worse_at(problem, proven, other, remaining))
+
+
+def _worse_at(
+    problem: RegressionProblem, proven: FloatArray, other: FloatArray, remaining: RemainingResidual
+) -> tuple[int, ...]:
     rows = problem.split.held_out
-    return bool(
-        (rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * remaining.floor).any()
-    )
+    larger = rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * remaining.floor
+    return tuple(np.flatnonzero(larger).tolist())
 
 
 def _moved(shift: Shift) -> str:

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import limo_driver as limo
 from estimators.diagnosis import diagnose, pipeline
 from estimators.diagnosis.residuals.pushes import Push
-from estimators.diagnosis.settings.residuals import ROWS
+from estimators.diagnosis.settings.residuals import HELD_OUT, ROWS
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import (
@@ -20,6 +20,7 @@ from limo_driver.physics import (
     Payload,
     PreslidingHysteresis,
     Simulation,
+    SpringLoad,
     Tolerances,
     TorqueDrift,
     TorqueGain,
@@ -374,6 +375,20 @@ def test_a_gain_is_named_at_its_joint(given):
     assert gain.value == pytest.approx(0.08, rel=0.1)
     assert gain.ci95[0] < 0.08 < gain.ci95[1]
     assert closure(found)[1] < CLOSED
+
+
+def test_a_joint_that_a_fit_harms_stays_as_stated_and_the_others_are_mended(given):
+    """Joint 2 rubs less in the blocks held out than elsewhere; a spring acts on joint 1."""
+    whole = record(plus(given, SpringLoad(joint=1, stiffness=3.0, rest=0.2)), 0)
+    part = (8 * np.arange(len(whole)) // len(whole))[:, None]  # of eight, (2, 5) are held out
+    rubs = given.predict(whole) - replace(given, effects=given.effects[::2]).predict(whole)
+    more = np.where(np.isin(part, HELD_OUT.which), -0.3, 0.3) * rubs
+    recording = Recording.from_arrays(whole.time, whole.position, whole.torque + more)
+    found = diagnose(given, [recording])
+    assert ("spring_load", "missing", (1,)) in names(found)
+    fit = found.verdict.fit
+    assert fit.heldout_rmse_after[0] < 0.1 * fit.heldout_rmse_before[0]
+    assert fit.heldout_rmse_after[1] < fit.heldout_rmse_before[1] + 0.5 * fit.noise_floor[1]
 
 
 @pytest.fixture(scope="module")

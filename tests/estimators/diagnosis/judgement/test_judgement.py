@@ -1,4 +1,4 @@
-"""What is judged of a fit: whether it harms, and what no recording can tell apart."""
+"""What is judged of a fit: whether it harmed, and what no recording can tell apart."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from estimators.diagnosis.judgement.judgement import (
     RemainingResidual,
     abstained,
     acts_most,
-    harms,
+    harmed,
     identical,
     remaining_residual,
     remarks,
@@ -36,10 +36,10 @@ def problem_of(effect="viscous_friction", joints=(0,)):
     return SimpleNamespace(split=split, observed=observed, candidates=candidates, base=())
 
 
-@pytest.mark.parametrize(("error", "harmful"), [(0.1, False), (0.24, False), (0.26, True)])
-def test_a_fit_harms_where_one_joint_is_predicted_clearly_worse(error, harmful):
+@pytest.mark.parametrize(("error", "joints"), [(0.1, ()), (0.24, ()), (0.26, (1,))])
+def test_a_fit_harms_where_one_joint_is_predicted_clearly_worse(error, joints):
     proven = np.column_stack([np.full(100, 0.1), np.full(100, error)])
-    assert harms(problem_of(), proven, RemainingResidual(FLOOR, 0 * FLOOR, 0 * proven)) is harmful
+    assert harmed(problem_of(), proven, RemainingResidual(FLOOR, 0 * FLOOR, 0 * proven)) == joints
 
 
 @pytest.mark.parametrize(
