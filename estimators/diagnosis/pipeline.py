@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.contact import contact_of
-from estimators.diagnosis.fitting.contribution import TINY, left_by_tolerances
+from estimators.diagnosis.fitting.contribution import TINY, left_by_tolerances, own_joints
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.lateness import made_late
 from estimators.diagnosis.fitting.linearised import polished
@@ -453,7 +453,7 @@ class _Judged:
             *(effect for effect in found.effects if not known(effect)),
         )
         members = tuple(
-            member for member in solution.members if not alone(problem.candidates[member].joints)
+            member for member in solution.members if not alone(own_joints(problem, member))
         )
         beside = problem.observed.beside(replace(found, effects=effects), problem.observed.around)
         return _Judged.beside_one(problem, solution.having(members), beside)
