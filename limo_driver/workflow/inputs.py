@@ -8,11 +8,11 @@ fitted one or its folder, a robot a `RobotModel`, a built-in name or the path of
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from limo_driver.descriptions.description import split_reference
 from limo_driver.errors import ConfigError
-from limo_driver.model import RobotModel
+from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import same_robot
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from estimators.residual_model import ResidualModel
 
 _T = TypeVar("_T")
+_READ: Final = "`limo.read(log, robot)` makes one of arrays by name, a DataFrame or any log"
 
 
 def model_of(robot: RobotModel | Path | str) -> RobotModel:
@@ -59,6 +60,11 @@ def simulation_of(simulation: Simulation | Path | str) -> Simulation:
         ConfigError: The file cannot be read, or it is no simulation.
     """
     if isinstance(simulation, (Path, str)):
+        if str(simulation) in BUILT_IN:
+            raise ConfigError(
+                f"`simulation` is the robot {str(simulation)!r}, expected a Simulation or the path "
+                f"of a sim.yaml; `limo.nominal({str(simulation)!r})` is the one of that robot"
+            )
         return Simulation.load(simulation)
     return expected("simulation", simulation, Simulation, "a Simulation or the path of a sim.yaml")
 
@@ -72,7 +78,7 @@ def recording_of(recording: Recording | Path | str) -> Recording:
     """
     if isinstance(recording, (Path, str)):
         return Recording.load(recording)
-    return expected("recording", recording, Recording, "one Recording or the path of one")
+    return expected("recording", recording, Recording, f"one Recording or the path of one; {_READ}")
 
 
 def recordings_of(
@@ -86,7 +92,10 @@ def recordings_of(
     """
     if isinstance(recordings, (Recording, Path, str)):
         return (recording_of(recordings),)
-    wanted = "a Recording, the path of one, or an iterable of these"
+    wanted = f"a Recording, the path of one, or an iterable of these; {_READ}"
+    columns = getattr(recordings, "items", None)
+    if columns is not None and any(hasattr(values, "__len__") for _, values in columns()):
+        raise unexpected("recordings", recordings, wanted)  # arrays by name, or a DataFrame
     try:
         given: tuple[Any, ...] = tuple(recordings)
     except TypeError:

@@ -6,8 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from limo_driver.display import shortened
 from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.foreign.columns.names import TIME, read_name
 from limo_driver.foreign.formats.reading import (
     ARRAYS,
     BAGS,
@@ -103,7 +106,18 @@ def table_of_log(
         return read_table(Path(log), topic, episode, joints)
     if not hasattr(log, "items"):
         raise unexpected("log", log, "the path of a file or folder, or arrays by name")
-    return table_of(log)
+    return table_of({**_index_of(log), **dict(log.items())})
+
+
+def _index_of(log: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the index of a DataFrame, where it says the time: dates, durations, or by its name."""
+    index = getattr(log, "index", None)
+    if index is None or callable(index):
+        return {}
+    values, stated = np.asarray(index), getattr(index, "name", None)
+    name = str(stated or "time")
+    is_time = stated is not None and read_name(name).quantity == TIME
+    return {name: values} if (is_time or values.dtype.kind in "mM") and name not in log else {}
 
 
 def model_is_enough(log: object) -> bool:

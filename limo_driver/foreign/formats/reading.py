@@ -22,7 +22,8 @@ PARQUET: Final = (".parquet", ".pq")
 ARRAYS: Final = (".npz",)
 _EXPECTED: Final = (
     f"expected delimited text ({', '.join(_PLAIN)}, also as .gz), Parquet, NumPy's .npz, a ROS 2 "
-    "bag (.mcap, .db3) or the folder of a bag or of a LeRobotDataset"
+    "bag (.mcap, .db3) or the folder of a bag or of a LeRobotDataset; what Python reads of it, a "
+    "DataFrame or arrays by name, limo.read takes"
 )
 
 

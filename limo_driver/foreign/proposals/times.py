@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.columns.names import COMMANDED, TIME, read_name
 from limo_driver.foreign.columns.units import SECONDS
@@ -22,6 +23,8 @@ _SHORT: Final = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"
 _FIRST: Final = ("time", "t", "timestamp")  # names that stand before all others
 _APART: Final = 0.01  # by which the lengths of two clocks differ where they are two clocks
 _FEWEST = 2
+_FEWEST_EVEN: Final = 20  # rows
+_EVEN: Final = 0.05  # of a step, by which others differ
 _SECOND: Final = 1e9  # [ns]
 _PIECES: Final = 20  # of a column, each with steps of its own
 _OTHER_UNIT: Final = 100.0  # between steps of two pieces; units are 1000 apart, rates less
@@ -59,6 +62,9 @@ def time_columns(table: LogTable) -> TimeFound:
         if np.nanmax(rest) < _SECOND:
             return TimeFound(pair, "seconds, and the nanoseconds of each")
     running = [n.column for n in names if _runs(table.columns[n.column])]
+    if not running:  # an index of dates, as pandas writes it, says what it is by its type
+        dates = [name for name, values in table.columns.items() if values.dtype.kind in "mM"]
+        running = dates if len(dates) == 1 else []
     if not running:
         lost = [
             f"{name} holds {what}"
@@ -67,10 +73,13 @@ def time_columns(table: LogTable) -> TimeFound:
         ]
         lost += [f"{n.column} does not go forward" for n in names]
         found_none = f"none was found ({'; '.join(lost)})" if lost else "none was found"
+        guess = ""
+        if even := [name for name, values in table.columns.items() if _is_even(values)]:
+            guess = f"; {shortened(even)} goes on in even steps"
         return TimeFound(
             TimeColumns(rate=1.0),
             "no column is named like a time",
-            (f"time: {found_none}: state `columns:`, or the `rate:` of the rows in Hz",),
+            (f"time: {found_none}: state `columns:`, or the `rate:` of the rows in Hz{guess}",),
         )
     running.sort(key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
     read = {name: _unit(table.columns[name], read_name(name).unit) for name in running}
@@ -145,6 +154,14 @@ def _runs(values: NDArray[Any]) -> bool:
     known = _known(values)
     steps = np.diff(known)
     return bool(steps.size and np.mean(steps >= 0) > 0.5 and np.ptp(known) > 0)  # noqa: PLR2004
+
+
+def _is_even(values: NDArray[Any]) -> bool:
+    """Say whether a column goes on in steps that are all alike."""
+    if values.dtype.kind not in "iuf" or values.size < _FEWEST_EVEN:
+        return False
+    steps = np.diff(values.astype(np.float64))
+    return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=_EVEN, atol=0.0))
 
 
 def _known(values: NDArray[Any]) -> NDArray[np.float64]:

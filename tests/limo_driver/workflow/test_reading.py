@@ -4,12 +4,14 @@ import json
 import sys
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from logged import arm, measured, numbered, written
 
 import limo_driver as limo
 from limo_driver.cli import main
+from limo_driver.errors import ConfigError
 from limo_driver.recordings.recorder import read_header
 
 TIME, POSITION, VELOCITY, TORQUE = measured()
@@ -126,3 +128,58 @@ def test_exchanged_columns_are_refused_on_every_way_in(run, tmp_path):
     status, _, errors = run("identify", "log.csv", "--robot", "iiwa14", "--out", "sim.yaml")
     assert status == 2
     assert "torque_2 belongs to joint 4 and torque_4 to joint 2" in errors
+
+
+class Frame(dict):
+    """As much of a DataFrame as is looked at: columns by name, and an index."""
+
+    class Index:
+        def __init__(self, values, name):
+            self.values, self.name = values, name
+
+        def __array__(self, dtype=None, copy=None):
+            return np.asarray(self.values, dtype)
+
+    def __init__(self, columns, index, name=None):
+        super().__init__(columns)
+        self.index = self.Index(index, name)
+
+
+def joints_of_a_log():
+    time = np.arange(0, 4, 0.01)
+    q = 0.5 * np.sin(time)[:, None] * np.ones(7)
+    columns = {f"joint{j + 1}_position_rad": q[:, j] for j in range(7)}
+    columns |= {f"joint{j + 1}_torque_nm": 3 * q[:, j] for j in range(7)}
+    return time, columns
+
+
+def test_the_index_of_a_frame_is_its_time_where_it_says_so():
+    time, columns = joints_of_a_log()
+    dates = np.datetime64("2026-01-01", "ns") + (1e9 * time).astype("timedelta64[ns]")
+    for index, name in ((dates, None), (dates, "when"), (time, "time")):
+        found = limo.inspect(Frame(columns, index, name), "iiwa14")
+        assert not [q for q in found.questions if q.startswith("time")]
+        assert found.recording.rate == pytest.approx(100.0)
+    counted = limo.inspect(Frame(columns, np.arange(len(time))), "iiwa14")
+    assert any(q.startswith("time: none was found") for q in counted.questions)
+
+
+def test_dates_are_the_time_whatever_they_are_called(tmp_path):
+    time, columns = joints_of_a_log()
+    dates = np.datetime64("2026-01-01", "ns") + (1e9 * time).astype("timedelta64[ns]")
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table({"__index_level_0__": dates, **columns}), path)
+    found = limo.inspect(path, "iiwa14")
+    assert not [q for q in found.questions if q.startswith("time")]
+    pq.write_table(pa.table({"__index_level_0__": time, **columns}), path)
+    (question,) = [q for q in limo.inspect(path, "iiwa14").questions if q.startswith("time")]
+    assert question.endswith("; __index_level_0__ goes on in even steps")
+
+
+def test_what_is_no_recording_yet_is_told_how_to_become_one():
+    _, columns = joints_of_a_log()
+    for given in (columns, [columns], 3):
+        with pytest.raises(ConfigError, match=r"`limo.read\(log, robot\)` makes one of arrays"):
+            limo.identify("iiwa14", given)
+    with pytest.raises(ConfigError, match=r"`limo.nominal\('iiwa14'\)` is the one of that robot"):
+        limo.diagnose("iiwa14", [])
