@@ -49,7 +49,7 @@ VALUES = {
     "punch": ("punch", None),
     "thermal_derating": ("derating", None),
     "torque_limit": ("torque_limit", None),
-    "dc_motor": ("free_speed", None),
+    "voltage_limit": ("free_speed", None),
     "profile_speed": ("speed", None),
     "profile_acceleration": ("acceleration", None),
 }

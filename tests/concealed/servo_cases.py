@@ -45,7 +45,7 @@ LIMITS = (  # what came last: of servos at their limits
     "punch",
     "thermal_derating",
     "torque_limit",
-    "dc_motor",
+    "voltage_limit",
     "profile_speed",
     "profile_acceleration",
     "motor_friction",
@@ -196,7 +196,7 @@ _SIZES = {
     "punch": lambda r: float(DRY * r.uniform(0.5, 0.9)),  # [N m]
     "thermal_derating": lambda r: float(r.uniform(0.8, 2.0)),
     "torque_limit": lambda r: float(STALL * r.uniform(0.3, 0.5)),  # [N m]
-    "dc_motor": lambda r: float(r.uniform(0.8, 1.4)),  # [rad/s]
+    "voltage_limit": lambda r: float(r.uniform(0.8, 1.4)),  # [rad/s]
     "profile_speed": lambda r: float(r.uniform(0.5, 1.0)),  # [rad/s]
     "profile_acceleration": lambda r: float(r.uniform(1.5, 4.0)),  # [rad/s^2]
     "motor_friction": lambda r: float(r.uniform(0.25, 0.4)),
@@ -215,7 +215,7 @@ _FIELD_OF = {
     "punch": "kick",
     "thermal_derating": "fade",
     "torque_limit": "stall",
-    "dc_motor": "pace",
+    "voltage_limit": "pace",
     "profile_speed": "slew",
     "profile_acceleration": "ramp",
     "motor_friction": "by_drive",

@@ -23,6 +23,7 @@ STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a s
 _TIED: Final = {COULOMB: ("plus", "minus"), DAMPING: ("viscous_plus", "viscous_minus")}
 _BOUNDS: Final = {
     "v_s": (1e-3, 0.3),  # [rad/s]; friction that fades later is dry friction
+    "assisted": (0.1, 1.5),
     "by_load": (LEAST, 3.0),  # beyond, no gear is driven
     "delay": (LEAST, LONGEST_DELAY),
     "play": (LEAST, 0.2),  # [rad], most that a backlash may be

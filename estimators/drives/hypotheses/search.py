@@ -33,6 +33,9 @@ OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the kno
 _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
 _FADES: Final = BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
+# Friction by load where the load drives the joint, over that where it resists: alike in most gears,
+# less where it goes by the motor's torque, which friction raises one way and lowers the other.
+_DRIVEN: Final = BelievedValue(1.0, 0.35)
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
 _ZERO: Final = 0.3  # [rad]
 _SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
@@ -76,6 +79,7 @@ def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedVal
             },
             "offset": BelievedValue(value_in(row, "offset"), OFFSET),
             "v_s": _FADES,
+            "assisted": _DRIVEN,
         }
         for row in rows
     ]

@@ -32,13 +32,10 @@ _BEGUN: Final = (  # limits, and whether damping of the servo is within them
     ("acceleration", None),
     ("torque_limit", 0.0),
     ("torque_limit", 1.0),
-    ("dc_motor", None),
+    ("voltage_limit", None),
 )
 _START_MASS: Final = 0.05  # of the arm's own
 _FADING: Final = (1.0, 2.0)  # exponents of Stribeck friction: exponential, and as a bell
-# Dry friction by load: alike both ways, or by the motor's torque, which friction raises as it
-# drives a load, and lowers as the load drives it.
-_PRESSED: Final = ((), (("assisted", 0.5),))
 _FREED: Final = {
     "kp": "position_servo",
     DAMPING: "viscous_friction",
@@ -188,8 +185,8 @@ def _of_joints() -> Iterator[Suspect]:
     for delta in _FADING:
         start = (("stribeck", 0.05), ("v_s", 0.05))
         yield Suspect("stribeck_friction", None, start, shape=(("delta", delta),))
-    for pressed in _PRESSED:
-        yield Suspect("load_dependent_friction", None, (("by_load", 0.1),), shape=pressed)
+    start = (("by_load", 0.1), ("assisted", 1.0))
+    yield Suspect("load_dependent_friction", None, start)
     yield Suspect("dead_band", None, (("dead_band", 0.01),))
     yield Suspect("punch", None, (("punch", 0.05),))
     yield Suspect("spring_load", None, (("spring", 0.1),))
