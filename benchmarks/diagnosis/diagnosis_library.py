@@ -11,9 +11,6 @@ import traceback
 from time import process_time
 from typing import TYPE_CHECKING
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -51,14 +48,13 @@ def called(name: str, case: Path) -> None:
 
 
 def predict(simulation: Simulation, held_out: Path, to: Path) -> None:
-    """Write the torques that a simulation predicts of a recorded motion."""
+    """Write the torques that a simulation predicts of a recorded motion, as the command does."""
+    from limo_driver.cli.predict import write
+    from limo_driver.recordings.recording import Recording
     from limo_driver.workflow.learning import predict as predicted
 
-    time = pq.read_table(held_out)["time"]
-    torque = predicted(simulation, held_out).torque
-    pq.write_table(
-        pa.table({"time": time} | {f"torque_{j + 1}": x for j, x in enumerate(torque.T)}), to
-    )
+    recording = Recording.load(held_out)
+    write(recording, recording.time, {"torque": predicted(simulation, recording).torque}, to)
 
 
 def write_result(out: Path, outcome: tuple[int, float, str]) -> None:

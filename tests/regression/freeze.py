@@ -1,12 +1,14 @@
 """Freeze what the commands make of six recordings: `python tests/regression/freeze.py`.
 
-    python tests/regression/freeze.py [--texts] [--into FOLDER] [CASE ...]
+    python tests/regression/freeze.py [--texts] [--stage STAGE] [--into FOLDER] [CASE ...]
 
 Writes `frozen/CASE.json` for each case whose files are there. Do so only where numbers are meant
 to change, on a tree without other changes, and say in the commit why they change.
 
 --texts takes over sentences whose words changed and leaves everything else as it is; if anything
 else changed, or a figure in a sentence, it says so and writes nothing.
+
+--stage makes one stage anew and leaves the others as they are, where only that is meant to change.
 """
 
 from __future__ import annotations
@@ -36,6 +38,16 @@ def computed(name: str) -> dict[str, Any]:
         return values | values_of(name, later, folder)
 
 
+def with_stage(content: dict[str, Any], name: str, stage: str) -> dict[str, Any]:
+    """Return what is frozen of a case, with one stage made anew from what was identified then."""
+    if content["fingerprint"] != fingerprint():
+        raise SystemExit(f"{name}: frozen on another machine or of other packages; freeze it whole")
+    stages = content["stages"]
+    with TemporaryDirectory() as made:
+        CASES[name].prepare(Path(made), stages[next(iter(STAGES))]["sim"])
+        return content | {"stages": stages | values_of(name, [stage], Path(made))}
+
+
 def as_text(content: dict[str, Any]) -> str:
     """Return JSON with every list of plain values in one line, for the size and for reading."""
     text = json.dumps(content, indent=1)
@@ -52,12 +64,15 @@ def with_texts(frozen: Any, changes: list[Difference]) -> Any:
     return frozen
 
 
-def freeze(name: str, into: Path, *, texts: bool) -> str:
+def freeze(name: str, into: Path, *, texts: bool, stage: str | None = None) -> str:
     """Write what is frozen of a case, and return what to say about it."""
     path, absent = into / f"{name}.json", CASES[name].absent
     if absent:
         return f"{name}: left as it is; no {', '.join(map(str, absent))}"
-    content = {"fingerprint": fingerprint(), "stages": computed(name)}
+    if stage is None:
+        content = {"fingerprint": fingerprint(), "stages": computed(name)}
+    else:
+        content = with_stage(json.loads(path.read_text(encoding="utf-8")), name, stage)
     if texts:
         content_now, content = content, json.loads(path.read_text(encoding="utf-8"))
         changes = differences(content["stages"], content_now["stages"], SAME_MACHINE)
@@ -74,6 +89,7 @@ def main() -> None:
     asked = argparse.ArgumentParser(description="Freeze what commands make of six recordings.")
     asked.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; or all")
     asked.add_argument("--texts", action="store_true", help="take over changed sentences only")
+    asked.add_argument("--stage", choices=STAGES, help="make this one anew, and no other")
     asked.add_argument("--into", type=Path, default=FROZEN, help="folder to write")
     given = asked.parse_args()
     unknown = sorted(set(given.cases) - set(CASES))
@@ -81,7 +97,7 @@ def main() -> None:
         asked.error(f"no case is called {', '.join(unknown)}; known: {', '.join(CASES)}")
     given.into.mkdir(parents=True, exist_ok=True)
     for name in given.cases or CASES:
-        sys.stdout.write(freeze(name, given.into, texts=given.texts) + "\n")
+        sys.stdout.write(freeze(name, given.into, texts=given.texts, stage=given.stage) + "\n")
         sys.stdout.flush()
 
 
