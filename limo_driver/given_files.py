@@ -33,4 +33,6 @@ def check_file(
     if not (stat.S_ISREG(about.st_mode) or stat.S_ISDIR(about.st_mode)):
         raise error("is a device or a pipe, expected a file", path=path)
     if most is not None and about.st_size > most:
-        raise error(f"has {about.st_size} bytes, expected at most {most}", path=path)
+        raise error(
+            f"has {about.st_size} bytes, expected at most {most}: is another file meant?", path=path
+        )

@@ -1,6 +1,6 @@
 """How near plain simulators with an exported file come to limo, and what the file cannot say.
 
-    python benchmarks/exports/round_trip.py
+    python benchmarks/exports/round_trip.py [TARGET ...]
 
 The iiwa 14 with a load and friction of several laws is written for each target that is installed,
 and that target's own simulator predicts a minute of motion. Bar: 1 % of the torque, RMS, what is
@@ -98,7 +98,7 @@ def main() -> int:
     )
     with TemporaryDirectory() as place:
         folder = Path(place)
-        for target in TARGETS:
+        for target in sys.argv[1:] or TARGETS:
             own = mjcf_of(urdf, folder) if target == "mjcf" else urdf
             sim = limo.Simulation(str(own), effects())
             found = limo.export(sim, target, folder / target, into=own)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _REQUIRED = ("position", "torque")
 _INSTEAD = "command"  # [rad], of a log without torque: the set-points of its drives
 _JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d*)")
-_LOG_SUFFIX = ".partial"
+LOG_SUFFIX = ".partial"
 _LONGEST_HEADER = 65536  # bytes
 
 
@@ -40,7 +40,7 @@ def read_columns(path: Path) -> Columns:
         RecordingError: No such file, another format, or missing columns.
     """
     warnings: tuple[str, ...] = ()
-    unfinished = path.with_name(path.name + _LOG_SUFFIX)
+    unfinished = path.with_name(path.name + LOG_SUFFIX)
     if not path.exists() and unfinished.exists():
         warnings = (f"{path.name} was never finished; read what {unfinished.name} holds",)
         path = unfinished
@@ -181,7 +181,7 @@ def _read_table(path: Path) -> Kept:
 
 
 def _read_format(path: Path) -> Kept:
-    if path.suffix == _LOG_SUFFIX:
+    if path.suffix == LOG_SUFFIX:
         from limo_driver.recordings.recorder import read_log
 
         return Kept(read_log(path))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from limo_driver.foreign.mapping import LogMapping
 from limo_driver.foreign.proposals.proposal import propose
 from limo_driver.foreign.proposals.recorded_joints import mapped_part
 from limo_driver.foreign.table import LogTable, table_of
+from limo_driver.recordings.file import LOG_SUFFIX
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.inputs import expected, model_for, model_of, unexpected
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.recordings.columns import Columns
 
+_PARQUET: Final = b"PAR1"  # its first bytes
 _FOREIGN = (*BAGS, *ARRAYS, *TEXTS[1:])  # endings that limo's own recordings never have
 
 
@@ -127,8 +129,11 @@ def model_is_enough(log: object) -> bool:
     path = Path(log)
     if path.is_dir() or ending_of(path) in _FOREIGN:
         return False
-    if not path.is_file() or path.suffix.lower() not in {*PARQUET, ".csv"}:
+    if not path.is_file() or path.suffix == LOG_SUFFIX:
         return True  # as `Recording.load` knows it, or says what is wrong
+    if path.suffix.lower() not in {*PARQUET, ".csv"}:
+        with path.open("rb") as file:
+            return file.read(len(_PARQUET)) == _PARQUET
     found = set(column_names(path))
     return {"time", "position_1"} <= found and not found.isdisjoint({"torque_1", "command_1"})
 
