@@ -1,6 +1,10 @@
 """Pushes that are added to real recordings: how many does a diagnosis name, and when?
 
-    python benchmarks/diagnosis/diagnosis_pushes.py [--only ur10e lwr4 panda] [--draws 2]
+    python benchmarks/diagnosis/diagnosis_pushes.py [--only ur10e lwr4 panda] [--draws 2] [--scan]
+
+`--scan` runs the search for pushes alone, beside the simulation that the diagnosis of the
+recordings as they are came to: seconds instead of minutes, so many draws. What a search for effects
+makes of pushes is then left out.
 
 Each arm's simulation is identified as `real_diagnosis.py` does it. The diagnosis of its recordings
 as they are comes first; whatever is named there is counted as false. Then two pushes a recording
@@ -24,6 +28,8 @@ import pinocchio as pin
 from real_diagnosis import BANDWIDTH, DATA, cases, rmse
 
 import limo_driver as limo
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.residuals.pushes import pushes
 from estimators.rigid_body.normal_equations import Rows
 from limo_driver.recordings.differentiation import smooth
 
@@ -35,6 +41,7 @@ if TYPE_CHECKING:
 SIZES = (5.0, 8.0, 15.0)  # times the usual error
 NEAR = 0.2  # [s]
 APART = 3.0  # [s] between pushes
+Window = tuple[int, float, float]  # recording (0-based), start and end [s]
 ARMS = {"ur10e": "ur10e-unloaded", "lwr4": "lwr4", "panda": "panda"}
 
 
@@ -111,7 +118,7 @@ def pushed(
     return result, added
 
 
-def windows(found: limo.Diagnosis) -> list[tuple[int, float, float]]:
+def windows(found: limo.Diagnosis) -> list[Window]:
     """Return recording (0-based), start and end [s] of the pushes that are named."""
     return [
         (recording - 1, *window)
@@ -121,7 +128,13 @@ def windows(found: limo.Diagnosis) -> list[tuple[int, float, float]]:
     ]
 
 
-def run(case: Case, folder: Path, draws: int) -> dict[float, list[int]]:
+def scanned(simulation: limo.Simulation, recordings: list[limo.Recording]) -> list[Window]:
+    """Return what the search for pushes finds by itself, as `windows` has it."""
+    observed = Observations.of(simulation, recordings, BANDWIDTH)
+    return [(push.recording, push.start, push.end) for push in pushes(observed, observed.residual)]
+
+
+def run(case: Case, folder: Path, draws: int, *, scan: bool) -> dict[float, list[int]]:
     """Print and return, by size, pushes added, touched, named, and false ones."""
     learned = [limo.Recording.load(path) for path in case.identified]
     given = [limo.Recording.load(path) for path in case.diagnosed]
@@ -129,7 +142,8 @@ def run(case: Case, folder: Path, draws: int) -> dict[float, list[int]]:
     rows = Rows(bandwidth=BANDWIDTH, moving_only="--moving-only" in case.options)
     simulation = limo.identify(model, learned, rows=rows).simulation
     simulation.save(folder / "sim.yaml")
-    false = windows(limo.diagnose(simulation, given, bandwidth=BANDWIDTH))
+    plain = limo.diagnose(simulation, given, bandwidth=BANDWIDTH)
+    false = windows(plain)
     usual = np.mean([rmse(folder / "sim.yaml", recording) for recording in given], axis=0)
     print(f"{case.name}: {len(false)} named where none was added")
     table: dict[float, list[int]] = {}
@@ -138,7 +152,10 @@ def run(case: Case, folder: Path, draws: int) -> dict[float, list[int]]:
         for draw in range(draws):
             random = np.random.default_rng([int(size), draw])
             recordings, added = pushed(model, given, usual, size, random)
-            found = windows(limo.diagnose(simulation, recordings, bandwidth=BANDWIDTH))
+            if scan:
+                found = scanned(plain.simulation, recordings)
+            else:
+                found = windows(limo.diagnose(simulation, recordings, bandwidth=BANDWIDTH))
             for one in added:
                 close = [
                     (abs(start - one.start), abs(end - one.end))
@@ -164,6 +181,7 @@ def main() -> None:
     """Run the arms and print them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", nargs="*", choices=list(ARMS), default=list(ARMS))
+    parser.add_argument("--scan", action="store_true", help="the search for pushes alone")
     parser.add_argument("--draws", type=int, default=2, help="for each size")
     options = parser.parse_args()
     if not DATA.is_dir():
@@ -172,7 +190,7 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         for case in cases(Path(folder)):
             if case.name in {ARMS[name] for name in options.only}:
-                for count in run(case, Path(folder), options.draws).values():
+                for count in run(case, Path(folder), options.draws, scan=options.scan).values():
                     total += count
     print(f"all: {total[1] / total[0]:.0%} touched, {total[2] / total[0]:.0%} named within "
           f"{NEAR:g} s [80 %], {total[3]} false")  # fmt: skip

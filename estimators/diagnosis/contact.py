@@ -91,6 +91,13 @@ class _Wrench:
     ci95: tuple[tuple[float, float], ...]
     share: float  # of the squared errors that it explains
 
+    @property
+    def is_told(self) -> bool:
+        """Whether every direction of its force is known to a part of the whole."""
+        low, high = np.array(self.ci95[:3]).T
+        force = float(np.linalg.norm(self.value[:3]))
+        return bool(np.max(high - low) / 2 < PUSHES.told * force)
+
     @classmethod
     def of(
         cls, push: Push, observed: Observations, proven: FloatArray, floor: FloatArray
@@ -119,9 +126,15 @@ def _acts(wrenches: Sequence[_Wrench]) -> str:
     at_flange = [wrench for wrench in wrenches if wrench.share > PUSHES.one_wrench]
     if not at_flange:
         return "something acts there that is no wrench at the flange, as on a link before it."
-    strongest = max(float(np.linalg.norm(wrench.value[:3])) for wrench in at_flange)
     some = "them" if len(at_flange) == len(wrenches) else f"{len(at_flange)} of them"
-    return f"one wrench at the flange, up to {strongest:.1f} N, explains {some}."
+    known = [float(np.linalg.norm(w.value[:3])) for w in at_flange if w.is_told]
+    if not known:
+        return (
+            f"one wrench at the flange explains {some}, of which these poses do not tell how "
+            "strong it is."
+        )
+    other = "" if len(known) == len(at_flange) else ", where its poses tell how strong it is"
+    return f"one wrench at the flange, up to {max(known):.1f} N{other}, explains {some}."
 
 
 def _stretches(found: Sequence[Push], observed: Observations) -> str:

@@ -36,6 +36,7 @@ from estimators.diagnosis.judgement.judgement import (
 )
 from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.judgement.questions import tests_of
+from estimators.diagnosis.judgement.sizes import unsure
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.residuals.observations import Observations
@@ -51,9 +52,10 @@ from limo_driver.physics import TimeDelay, spoken
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from estimators.diagnosis.residuals.pushes import Push
+    from estimators.diagnosis.verdict import Verdict
     from limo_driver.physics import Effect, Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -149,7 +151,7 @@ def diagnose(
 def _told(
     given: Observations,
     judged: _Judged,
-    pushed: tuple[Push, ...],
+    pushed: _Pushed,
     budget: Budget,
     *,
     harmful: bool,
@@ -159,15 +161,14 @@ def _told(
     Args:
         given: The recordings beside the given simulation.
         judged: The set, its proof, and what it leaves.
-        pushed: Stretches in which something pushed.
+        pushed: Stretches in which something pushed, or seemed to.
         budget: Time for it.
         harmful: Whether nothing is left of the set, since all of it harms.
     """
     problem, solution, remaining = judged.problem, judged.solution, judged.remaining
     observed, attempts = problem.observed, Attempts(list(remaining.failures))
     mounted = (problem.first or problem).observed.simulation
-    simulation, turned = given.simulation, given.simulation.body.gravity != mounted.body.gravity
-    improved = observed.beside(mounted)
+    simulation, improved = given.simulation, observed.beside(mounted)
     if not harmful:
         improved = attempts.at(
             "fit to all rows, so the written simulation is the given one",
@@ -175,18 +176,16 @@ def _told(
             improved,
         )
     contact: tuple[Finding, ...] = ()
-    if pushed:
+    if pushed.seen:
         contact = attempts.at(
             "force of pushes",
-            lambda: contact_of(pushed, observed, judged.proven, remaining),
+            lambda: contact_of(pushed.seen, observed, judged.proven, remaining),
             contact,
         )
-    tolerances, named = left_by_tolerances(problem, solution), judged.named
-    verdict = conclude(
-        problem, solution, remaining, named, judged.unknown, judged.proven, tolerances, contact
-    )
-    if turned:
-        verdict = with_mounting(verdict, given, given.beside(mounted))
+    say = partial(_verdict, given, judged, improved, contact, attempts)
+    verdict = say(judged.named)
+    if doubtful := unsure(verdict.findings, simulation):
+        verdict = say([i for i in judged.named if _said(problem, i) not in doubtful])
     shifts = shifts_of(problem, solution)
     said = remarks(
         shifts,
@@ -194,18 +193,9 @@ def _told(
         harmful=harmful,
         passing=sorted({spoken(e.name) for e in improved.simulation.effects if not e.lasts}),
     )
-    values = attempts.at(
-        "values of parameters and their intervals",
-        lambda: with_parameters((*verdict.findings, *verdict.identified), improved),
-        (*verdict.findings, *verdict.identified),
-    )
+    tolerances = left_by_tolerances(problem, solution)
     found = Diagnosis(
-        verdict=replace(
-            verdict,
-            findings=tuple(item for item in values if isinstance(item, Finding)),
-            identified=tuple(item for item in values if isinstance(item, Identified)),
-            notes=(*verdict.notes, *said),
-        ),
+        verdict=replace(verdict, notes=(*verdict.notes, *said, *pushed.notes())),
         before=simulation,
         after=_lasting(improved.simulation, simulation),
         recordings=observed.recordings,
@@ -220,6 +210,47 @@ def _told(
     return reduce(Diagnosis.failed, attempts.failures, found)
 
 
+def _verdict(
+    given: Observations,
+    judged: _Judged,
+    improved: Observations,
+    contact: tuple[Finding, ...],
+    attempts: Attempts,
+    named: Sequence[int],
+) -> Verdict:
+    """Return the verdict on a judged set; members that are not named stand in for others."""
+    problem, solution = judged.problem, judged.solution
+    mounted = (problem.first or problem).observed.simulation
+    verdict = conclude(
+        problem,
+        solution,
+        judged.remaining,
+        named,
+        judged.unknown,
+        judged.proven,
+        left_by_tolerances(problem, solution),
+        contact,
+    )
+    if given.simulation.body.gravity != mounted.body.gravity:
+        verdict = with_mounting(verdict, given, given.beside(mounted))
+    values = attempts.at(
+        "values of parameters and their intervals",
+        lambda: with_parameters((*verdict.findings, *verdict.identified), improved),
+        (*verdict.findings, *verdict.identified),
+    )
+    return replace(
+        verdict,
+        findings=tuple(item for item in values if isinstance(item, Finding)),
+        identified=tuple(item for item in values if isinstance(item, Identified)),
+    )
+
+
+def _said(problem: RegressionProblem, member: int) -> tuple[str, tuple[int, ...]]:
+    """Return effect and joints (1-based) of a candidate, as a finding of it has them."""
+    effect, joints = problem.candidates[member].place
+    return effect, tuple(j + 1 for j in joints or range(problem.observed.n))
+
+
 def _lasting(improved: Simulation, given: Simulation) -> Simulation:
     """Return the improved simulation without found effects that other recordings do not share."""
     stated = {effect.place for effect in given.effects}
@@ -227,9 +258,25 @@ def _lasting(improved: Simulation, given: Simulation) -> Simulation:
     return replace(improved, effects=kept)
 
 
+@dataclass(frozen=True)
+class _Pushed:
+    """Stretches in which something pushed, and those that only looked so until all was out."""
+
+    seen: tuple[Push, ...]
+    gone: tuple[Push, ...]
+
+    def notes(self) -> Iterator[str]:
+        """Say what is no finding any more; nothing where there is no such thing."""
+        if times := [f"{push.start:.1f} to {push.end:.1f} s" for push in self.gone]:
+            yield (
+                f"What looked like a push at first ({'; '.join(times)}) is explained by what was "
+                "found since, and is no finding."
+            )
+
+
 def _without_pushes(
     problem: RegressionProblem, progress: Progress, budget: Budget
-) -> tuple[_Judged, tuple[Push, ...]]:
+) -> tuple[_Judged, _Pushed]:
     """Return the set that is found beside pushes, and those: nothing is fitted to events.
 
     They are sought in what a set of effects leaves, since effects that are not out look like pushes
@@ -256,13 +303,15 @@ def _without_pushes(
         if more is None:
             break
         pushed, (problem, judged, seen) = (*pushed, *hidden), more
+    sought = pushed
     while (held := tuple(push for push in pushed if _among(push, seen))) != pushed:
         again = partial(_once_more, problem, held, progress, budget)
         more = budget.within("rows on which effects feigned a push", again, None)
         if more is None:
             break
         pushed, (problem, judged, seen) = held, more
-    return judged, tuple(push for push in seen if _among(push, pushed))
+    real = tuple(push for push in seen if _among(push, pushed))
+    return judged, _Pushed(real, tuple(push for push in sought if not _among(push, real)))
 
 
 def _once_more(

@@ -99,6 +99,7 @@ class Effect(Declared, ABC):
     description: ClassVar[Description] = Description()
     rubs: ClassVar[bool] = False  # whether it is friction, as every joint has some of
     lasts: ClassVar[bool] = True  # whether another recording of the arm has it, too, as it is
+    sized_by: ClassVar[tuple[str, ...]] = ()  # parameters without which, all zero, it does nothing
 
     @classmethod
     @cache  # effects are made by the thousand while they are fitted

@@ -30,6 +30,7 @@ from estimators.diagnosis.judgement.judgement import (
     equivalents,
     identical,
     margin,
+    other_links,
 )
 from estimators.diagnosis.judgement.ordinary import beyond_siblings, to_identify
 from estimators.diagnosis.judgement.region import where_of
@@ -114,6 +115,7 @@ def findings_of(
                     lead,
                 )
                 + _identical_sentence(problem, member)
+                + _links_sentence(problem, solution, member)
                 + sentence_of(candidate.laws)
                 + _siblings_sentence(far.get(member)),
                 signs=asdict(signs),
@@ -151,6 +153,18 @@ def _identical_sentence(problem: RegressionProblem, member: int) -> str:
     if identical(problem, member) and own.effect == LINK_INERTIA:
         return " A load at the flange would look the same, but none has these values."
     return ""
+
+
+def _links_sentence(problem: RegressionProblem, solution: Solution, member: int) -> str:
+    """Say which other links may have changed instead, or as well; nothing where none may."""
+    if problem.candidates[member].effect not in {LINK_INERTIA, Payload.name}:
+        return ""
+    model = problem.observed.simulation.model
+    own = model.linkage.own
+    names = [model.link_names[own[joint]] for joint in other_links(problem, solution, member)]
+    if not names:
+        return ""
+    return f" The motion hardly tells all of it from changes of {listed(names)}."
 
 
 def _siblings_sentence(times: float | None) -> str:

@@ -120,6 +120,28 @@ def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:
     return same
 
 
+def other_links(problem: RegressionProblem, solution: Solution, member: int) -> tuple[int, ...]:
+    """Return the joints (0-based) whose links the motion hardly tells from a member, a body.
+
+    Either such a link does as well in its place, or beside it explains a part of what it does.
+    """
+    own = problem.candidates[member]
+    rest = tuple(i for i in solution.members if i != member)
+    gain = solution.search.gain
+    reference = gain((*rest, member))
+    return tuple(
+        candidate.joints[0]
+        for i, candidate in enumerate(problem.candidates)
+        if candidate.effect == LINK_INERTIA
+        and i not in solution.members
+        and candidate.joints != own.joints
+        and (
+            gain((*rest, i)) > reference - CONTRIBUTION.tellable
+            or gain((*rest, member, i)) > reference + CONTRIBUTION.tellable
+        )
+    )
+
+
 def margin(
     problem: RegressionProblem, solution: Solution, member: int, same: Sequence[Candidate]
 ) -> float:

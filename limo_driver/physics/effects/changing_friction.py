@@ -73,6 +73,7 @@ class LoadDependentFriction(DryFriction):
     """
 
     name: ClassVar[str] = "load_dependent_friction"
+    sized_by: ClassVar[tuple[str, ...]] = ("coefficient",)
     description: ClassVar[Description] = Description(
         signature="the friction loop widens with the load the joint carries",
         shown_by="wide_sweep",
@@ -147,6 +148,7 @@ class PositionDependentFriction(DryFriction):
     """
 
     name: ClassVar[str] = "position_dependent_friction"
+    sized_by: ClassVar[tuple[str, ...]] = ("excess",)
     description: ClassVar[Description] = Description(
         signature="the friction loop changes its height over the joint's range",
         shown_by="wide_sweep",
@@ -219,6 +221,7 @@ class TemperatureDependentFriction(DryFriction):
     """
 
     name: ClassVar[str] = "temperature_dependent_friction"
+    sized_by: ClassVar[tuple[str, ...]] = ("excess", "per_kelvin")
     description: ClassVar[Description] = Description(
         signature="friction changes over minutes while the motion stays alike",
         shown_by="revisit",

@@ -42,6 +42,7 @@ class JointCoupling(ArmEffect):
     """
 
     name: ClassVar[str] = "joint_coupling"
+    sized_by: ClassVar[tuple[str, ...]] = ("f_v", "tau_c", "inertia")
     description: ClassVar[Description] = Description(
         signature="torque goes with the combined motion of two joints",
         shown_by="apart",

@@ -38,6 +38,7 @@ class TimeDelay(SensorEffect):
     """
 
     name: ClassVar[str] = "time_delay"
+    sized_by: ClassVar[tuple[str, ...]] = ("delay", "lag")
     description: ClassVar[Description] = Description(
         signature="the measured torque lags behind the motion",
         shown_by="two_frequencies",

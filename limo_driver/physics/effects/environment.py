@@ -33,6 +33,7 @@ class SpringLoad(TorqueEffect):
     """
 
     name: ClassVar[str] = "spring_load"
+    sized_by: ClassVar[tuple[str, ...]] = ("stiffness", "cubic")
     description: ClassVar[Description] = Description(
         signature="the error depends on position alone, not on load",
         shown_by="wide_sweep",

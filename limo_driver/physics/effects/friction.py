@@ -111,6 +111,7 @@ class CoulombFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "coulomb_friction"
+    sized_by: ClassVar[tuple[str, ...]] = ("tau_c",)
     description: ClassVar[Description] = Description(
         signature="the error is a torque of constant size against the direction of motion",
         shown_by="creep",
@@ -257,6 +258,7 @@ class ViscousFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "viscous_friction"
+    sized_by: ClassVar[tuple[str, ...]] = ("f_v", "f_v_plus", "f_v_minus")
     description: ClassVar[Description] = Description(
         signature="torque grows in proportion to speed", shown_by="speed_ladder"
     )
@@ -307,6 +309,7 @@ class QuadraticDrag(VelocityFriction):
     """
 
     name: ClassVar[str] = "quadratic_drag"
+    sized_by: ClassVar[tuple[str, ...]] = ("coefficient",)
     description: ClassVar[Description] = Description(
         signature="torque curves upwards with speed",
         shown_by="speed_ladder",
@@ -343,6 +346,7 @@ class StribeckFriction(VelocityFriction):
     """
 
     name: ClassVar[str] = "stribeck_friction"
+    sized_by: ClassVar[tuple[str, ...]] = ("tau_s",)
     description: ClassVar[Description] = Description(
         signature="friction falls as speed grows from creep, at any distance travelled",
         shown_by="creep",

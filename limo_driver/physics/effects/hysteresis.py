@@ -103,6 +103,7 @@ class PreslidingHysteresis(TorqueEffect):
     """
 
     name: ClassVar[str] = "presliding_hysteresis"
+    sized_by: ClassVar[tuple[str, ...]] = ("stiffness", "tau_c", "weight")
     description: ClassVar[Description] = Description(
         signature="torque rises with the distance since the last reversal",
         shown_by="nested_reversals",

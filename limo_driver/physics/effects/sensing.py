@@ -46,6 +46,7 @@ class TorqueOffset(TorqueEffect):
     """
 
     name: ClassVar[str] = "torque_offset"
+    sized_by: ClassVar[tuple[str, ...]] = ("offset",)
     description: ClassVar[Description] = Description(
         signature="the error is a constant, also at rest", shown_by="rest_holds"
     )
@@ -77,6 +78,7 @@ class TorqueDrift(TorqueEffect):
     """
 
     name: ClassVar[str] = "torque_drift"
+    sized_by: ClassVar[tuple[str, ...]] = ("offset",)
     description: ClassVar[Description] = Description(
         signature="the same motion needs another torque later on",
         shown_by="revisit",
@@ -132,6 +134,7 @@ class EncoderOffset(MotionEffect):
     """
 
     name: ClassVar[str] = "encoder_offset"
+    sized_by: ClassVar[tuple[str, ...]] = ("offset",)
     description: ClassVar[Description] = Description(
         signature="the gravity torque is that of a shifted position",
         shown_by="wide_sweep",
@@ -174,6 +177,7 @@ class TorqueGain(SensorEffect):
     """
 
     name: ClassVar[str] = "torque_gain"
+    sized_by: ClassVar[tuple[str, ...]] = ("gain",)
     description: ClassVar[Description] = Description(
         signature="all of this joint's torque is scaled together",
         shown_by="wide_sweep",
@@ -212,6 +216,7 @@ class TorqueCrosstalk(SensorEffect):
     """
 
     name: ClassVar[str] = "torque_crosstalk"
+    sized_by: ClassVar[tuple[str, ...]] = ("gain",)
     description: ClassVar[Description] = Description(
         signature="the error follows another joint's torque",
         shown_by="apart",

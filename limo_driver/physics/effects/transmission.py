@@ -140,6 +140,7 @@ class Backlash(MotionEffect):
     """
 
     name: ClassVar[str] = "backlash"
+    sized_by: ClassVar[tuple[str, ...]] = ("gap",)
     description: ClassVar[Description] = Description(
         signature="the link jumps where the load changes sign",
         shown_by="load_reversal",
@@ -226,6 +227,7 @@ class Armature(TorqueEffect):
     """
 
     name: ClassVar[str] = "armature"
+    sized_by: ClassVar[tuple[str, ...]] = ("inertia",)
     description: ClassVar[Description] = Description(
         signature="torque goes with this joint's own acceleration alone",
         shown_by="two_frequencies",
@@ -279,6 +281,7 @@ class TorqueRipple(TorqueEffect):
     """
 
     name: ClassVar[str] = "torque_ripple"
+    sized_by: ClassVar[tuple[str, ...]] = ("amplitude",)
     description: ClassVar[Description] = Description(
         signature="the error repeats a fixed number of times in a revolution", shown_by="creep"
     )

@@ -68,3 +68,15 @@ def test_recordings_of_one_name_are_numbered(observed):
         (Push(1, *SECOND, 200.0, EVERY, held=True),), replace(observed, recordings=named)
     )
     assert "(2.0 to 3.0 s of recording 2)" in finding.evidence
+
+
+def test_a_force_is_said_only_where_the_poses_tell_all_of_it(observed):
+    pushed = (Push(1, *SECOND, 200.0, EVERY, held=True),)
+    remaining = RemainingResidual(FLOOR, 0 * FLOOR, 0 * observed.residual)
+
+    def evidence(size):
+        rough = replace(remaining, floor=size * FLOOR)
+        return contact_of(pushed, observed, observed.residual, rough)[0].evidence
+
+    assert "up to 11.2 N, explains them" in evidence(1)
+    assert "these poses do not tell how strong it is" in evidence(100)  # of 1 N m a row

@@ -1,0 +1,70 @@
+"""Sizes: findings whose interval leaves it open whether there is anything at all.
+
+An effect may predict better on motion held out and still be of no known size: a spring whose
+stiffness may be zero, since a wrong body of the link does nearly as well. What the recordings do
+not tell from nothing is no finding.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limo_driver.parameters import REAL
+from limo_driver.physics.catalogue import every_effect
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.verdict import Finding, Interval
+    from limo_driver.physics import Effect, Simulation
+
+
+def unsure(findings: Sequence[Finding], given: Simulation) -> set[tuple[str, tuple[int, ...]]]:
+    """Return effect and joints (1-based) of findings whose size may be nothing.
+
+    Args:
+        findings: With parameters and their intervals.
+        given: The simulation that was compared; a wrong value differs from the one stated there.
+    """
+    sized_by = {effect.name: effect.sized_by for effect in every_effect()}
+    return {
+        (item.effect, item.joints)
+        for item in findings
+        if not _is_sure(item, given, sized_by.get(item.effect, ()))
+    }
+
+
+def _is_sure(item: Finding, given: Simulation, sized_by: tuple[str, ...]) -> bool:
+    """Say whether an interval of the size is known and leaves out nothing, or what was stated."""
+    stated = _stated(item, given) if item.kind == "wrong_parameter" else None
+    known = sized_by
+    if stated is not None:
+        known = tuple(p.name for p in stated.parameters() if p.kind == REAL)
+    pairs = [
+        (interval, getattr(stated, name, None))
+        for name in known
+        if (interval := item.parameters.get(name)) is not None and interval.ci95 is not None
+    ]
+    return not pairs or any(_leaves_out(interval, was) for interval, was in pairs)
+
+
+def _stated(item: Finding, given: Simulation) -> Effect | None:
+    return next(
+        (
+            effect
+            for effect in given.effects
+            if effect.name == item.effect and set(effect.joints) <= set(item.joints)
+        ),
+        None,
+    )
+
+
+def _leaves_out(interval: Interval, was: Any) -> bool:  # noqa: ANN401  # of any parameter
+    """Say whether an interval, or one of several, does not hold what was; zero if that is None."""
+    ends = np.asarray(interval.ci95, dtype=float).reshape(-1, 2)
+    before = np.zeros(len(ends)) if was is None else np.ravel(np.asarray(was, dtype=float))
+    if before.size != len(ends):
+        return True  # of another form than before
+    return bool(np.any((ends[:, 0] > before) | (ends[:, 1] < before)))
