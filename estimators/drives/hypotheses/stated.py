@@ -17,7 +17,6 @@ from estimators.drives.hypotheses.search import Searched, reweighted
 from estimators.drives.hypotheses.suspects import COUNTED, Suspect
 from estimators.drives.simulation.columns import SAG
 from estimators.drives.simulation.commanded import MOVED, busiest, commanded_range
-from estimators.drives.simulation.free_run import commands_of, free_run
 from estimators.drives.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import EncoderOffset, Payload, PositionServo
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
 _LOADED: Final = 0.2  # of the arm's largest load, from which on a joint's gain is looked at
 _LEAST: Final = 1e-6  # [N m/rad]
-_BESIDE_LAG: Final = 0.1  # of a joint's lag, below which a simulated joint follows the recorded
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
 _GLANCE: Final = 8  # evaluations
 _REFITTED: Final = 8  # steps
@@ -93,22 +91,9 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
     served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
     if len(served) < simulation.model.n:
         return False
-    if _follows(simulation, recordings):
-        return True
     told = tuple(range(simulation.model.n))
     order = likeliest_order(simulation.body, recordings)
     return any(_near(simulation, recordings, own) for own in dict.fromkeys((told, order)))
-
-
-def _follows(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
-    """Say whether the arm, simulated forward as stated, stays near what was recorded by itself.
-
-    Gains that keep a simulation stiff leave out the lag of a real servo; such an arm has none.
-    """
-    told = busiest(recordings)
-    lag = np.sqrt(np.mean((commands_of(told) - told.position) ** 2, axis=0))
-    error = np.sqrt(np.mean((free_run(simulation, told) - told.position) ** 2, axis=0))
-    return bool(np.all(error < _BESIDE_LAG * lag))
 
 
 def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[int, ...]) -> bool:
