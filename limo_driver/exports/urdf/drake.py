@@ -24,7 +24,7 @@ _OF_LIMO: Final = "_transmission"  # behind the joint's name, of a transmission 
 
 
 def write_rotors(
-    text: XmlText, armature: Mapping[str, float], origin: FileOrigin
+    text: XmlText, armature: Mapping[str, float], origin: FileOrigin, *, keep: bool = False
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Write the inertia of drives, as seen at the joints, into a URDF.
 
@@ -34,6 +34,7 @@ def write_rotors(
         text: The URDF.
         armature: By joint [kg m²].
         origin: What an earlier export wrote.
+        keep: Whether that stays, too, where a joint has none by now.
 
     Returns:
         By joint, what the user's file states [kg m²], and what it has after this export.
@@ -43,7 +44,8 @@ def write_rotors(
         joint: origin.users(joint, JointDynamics(armature=stated.get(joint, 0.0))).armature
         for joint in armature
     }
-    wanted = {joint: inertia or users[joint] for joint, inertia in armature.items()}
+    instead = stated if keep else users
+    wanted = {joint: own or instead.get(joint, 0.0) for joint, own in armature.items()}
     if any(armature.values()) and "xmlns:drake" not in text.root.attributes:
         text.set(text.root, "xmlns:drake", _NAMESPACE)
     for joint, inertia in wanted.items():

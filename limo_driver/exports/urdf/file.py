@@ -45,7 +45,9 @@ def edited_urdf(target: Target, kind: str = URDF) -> tuple[XmlText, ...]:
     users = {x: target.users.get(x, JointDynamics()) for x in target.model.joint_names}
     if kind == DRAKE:
         armature = {x: y.armature for x, y in zip(users, target.split.joints, strict=True)}
-        own, kept = write_rotors(text, armature, target.origin)
+        # limo reads no rotors of a URDF: who goes on with the exported file says nothing of them
+        is_own = target.simulation.model.urdf.resolve() == target.model.urdf.resolve()
+        own, kept = write_rotors(text, armature, target.origin, keep=is_own)
         users = {x: replace(user, armature=own.get(x, 0.0)) for x, user in users.items()}
         written = {x: replace(new, armature=kept.get(x, 0.0)) for x, new in written.items()}
     write_origin(text, users, written, {})

@@ -67,6 +67,8 @@ def test_rotors_that_an_earlier_export_wrote_go_with_their_effect(arm, tmp_path)
     first = limo.export(arm, "drake", tmp_path / "1").file
     again = limo.export(arm, "drake", tmp_path / "2", into=first)
     assert again.diff == ""
+    goes_on = limo.export(Simulation(str(first)), "drake", tmp_path / "own").file
+    assert rotors_of(XmlText(goes_on)) == rotors_of(XmlText(first))
     bare = Simulation(str(arm.model.urdf), (Armature(joint=2, inertia=0.3),))
     second = limo.export(bare, "drake", tmp_path / "3", into=first)
     _, lower = arm.model.joint_names
