@@ -294,9 +294,21 @@ def found_in(sample: RowSample) -> list[Mistake]:
         best = min(range(len(known)), key=lambda k: _size(undone[k]))
         if not _explains(sample, undone[best]):
             break
+        if _size(_without_payload(sample)) < _size(undone[best]):
+            break  # a load that nobody stated explains more
         found.append(known[best])
         sample = undone[best]
     return found
+
+
+def _without_payload(sample: RowSample) -> RowSample:
+    """Take out the torque of a load at the last link, as it explains most; none that lifts."""
+    last = slice(-PER_LINK, None)
+    load = _BodyFit.of(sample).change(last)
+    if load[0] <= 0:
+        return sample
+    columns = RegressorChain.of(sample.body).regressor(sample.motion)[:, :, last]
+    return replace(sample, torque=sample.torque - (columns @ load).T)
 
 
 def _size(sample: RowSample) -> float:
