@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from estimators.diagnosis.headline import give_or_take, headline, place_of, values_of
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import rounded
+from estimators.diagnosis.wording import listed, rounded
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ def lines_of(verdict: Verdict) -> list[str]:
     n = len(verdict.fit.noise_floor)
     findings = [line for item in verdict.findings for line in _said(item, n)]
     notes = (f"note: {note}" for note in verdict.notes)
-    return [headline(verdict), *findings, *_identified(verdict), *_table(verdict), *notes]
+    table = [*_table(verdict), *_seen(verdict)]
+    return [headline(verdict), *findings, *_identified(verdict), *table, *notes]
 
 
 def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]]:
@@ -62,6 +63,22 @@ def columns_of(verdict: Verdict) -> dict[str, Sequence[float]]:
         "all rows, improved": fit.heldout_rmse_after_all_rows,
     }
     return {heading: values for heading, values in columns.items() if values}
+
+
+def kept_as_stated(verdict: Verdict) -> str:
+    """Say which values the motion does not show; nothing where there are none."""
+    if verdict.holds is None or not verdict.holds.as_stated:
+        return ""
+    return f"The motion hardly shows {listed(verdict.holds.as_stated)}: as stated."
+
+
+def _seen(verdict: Verdict) -> list[str]:
+    """Say to which speeds a verdict has been seen to hold, and what was not seen at all."""
+    if verdict.holds is None:
+        return []
+    speeds = " ".join(rounded(fastest, 2) for _, fastest in verdict.holds.speed)
+    said = f"Seen up to {speeds} rad/s, by joint; faster, it is carried over."
+    return [said, *filter(None, [kept_as_stated(verdict)])]
 
 
 def coverage(verdict: Verdict) -> str:

@@ -172,6 +172,19 @@ class RowCount:
 
 
 @dataclass(frozen=True)
+class Holds:
+    """Motion on which a verdict stands: rows that count, by joint (n,), as (least, largest).
+
+    Beyond it, what was found is carried over, and nobody saw it.
+    """
+
+    position: tuple[tuple[float, float], ...]  # [rad]
+    speed: tuple[tuple[float, float], ...]  # [rad/s], of either sign
+    load: tuple[tuple[float, float], ...]  # [N m], of the rigid body as stated
+    as_stated: tuple[str, ...] = ()  # friction that the motion says next to nothing of
+
+
+@dataclass(frozen=True)
 class Verdict:
     """The result of a diagnosis; `save` writes `verdict.json`."""
 
@@ -184,6 +197,7 @@ class Verdict:
     rows: RowCount
     notes: tuple[str, ...] = ()  # what a reader should know of data and priors, one sentence each
     identified: tuple[Identified, ...] = ()  # ordinary friction that was not stated, by joint
+    holds: Holds | None = None  # None where no torque was recorded
 
     def as_values(self) -> dict[str, Any]:
         """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""

@@ -135,11 +135,28 @@ def sure(
     return surely_better(problem, solution, solution.members, less, counted)
 
 
+def relieves(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether several stated values would have to be as far off as they may without a member.
+
+    Few rows show little more error then, since those values stand in for it. But that several are
+    so far off at once is far less likely than the member.
+    """
+    fits = solution.fitted, without(problem, solution, member)
+    count = problem.nuisance.prior.index.size
+    ahead, behind = (
+        ~np.isnan(solution.search.evidence.at_limit(fit)[:count]) & problem.nuisance.entered
+        for fit in fits
+    )
+    return int(behind.sum()) - int(ahead.sum()) >= CONTRIBUTION.relieved
+
+
 def convincing(problem: RegressionProblem, solution: Solution, member: int) -> bool:
     """Say whether a member removes enough error where it acts, and surely so, to be a finding.
 
     What is small, and next to nothing of what the set explains there, is imprecision of the others.
     """
+    if relieves(problem, solution, member):
+        return True
     size = material(problem, solution, member)
     if size < CONTRIBUTION.material or not sure(problem, solution, member):
         return False

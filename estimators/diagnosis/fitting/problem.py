@@ -190,7 +190,8 @@ class RegressionProblem:
         own = entered(candidate.hypothesis, self.observed, self.columns, self.level)
         if own is None:
             raise AssertionError("what was found acts on the torque")
-        self.candidates.append(replace(own, variants=candidate.variants))
+        own = replace(own, variants=candidate.variants, rarity=candidate.rarity)
+        self.candidates.append(own)
         return len(self.candidates) - 1
 
     def less(self, members: tuple[int, ...], some: Collection[int]) -> tuple[int, ...]:

@@ -147,4 +147,10 @@ def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> C
     new = entered(hypothesis, around.observed, around.columns, around.level)
     if new is None:
         return None
-    return replace(new, kind=candidate.kind, variants=candidate.variants, laws=candidate.laws)
+    return replace(
+        new,
+        kind=candidate.kind,
+        variants=candidate.variants,
+        laws=candidate.laws,
+        rarity=candidate.rarity,
+    )

@@ -40,8 +40,8 @@ class Rotation:
     nuisance: Prior  # of these columns
     target: FloatArray  # (K, n) [N m]
     sums: tuple[NormalEquations, ...]
-    _left: dict[tuple[int, ...], FloatArray] = field(
-        default_factory=dict[tuple[int, ...], "FloatArray"], init=False
+    _left: dict[tuple[bytes, bytes], FloatArray] = field(
+        default_factory=dict[tuple[bytes, bytes], "FloatArray"], init=False
     )
 
     @classmethod
@@ -88,7 +88,7 @@ class Rotation:
     def left(self, prior: Prior) -> FloatArray:
         """Return what a set of columns leaves of rows held out, (K, n) [N m]; 0 elsewhere."""
         own = Prior(_placed(self.place, prior.index), prior.deviation, prior.positive)
-        key = tuple(own.index.tolist())
+        key = own.index.tobytes(), own.deviation.tobytes()
         if key not in self._left:
             result = np.zeros_like(self.target)
             for split, sums in zip(self.splits, self.sums, strict=True):

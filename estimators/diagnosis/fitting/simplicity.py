@@ -74,8 +74,10 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
     places = [candidates[i].place for i in solution.members]
     if (LINK_INERTIA, last) not in places:
         return solution
-    load = next(i for i, item in enumerate(candidates) if item.place == (Payload.name, last))
     wrong = solution.members[places.index((LINK_INERTIA, last))]
+    rest = tuple(i for i in solution.members if i != wrong)
+    loads = [i for i, item in enumerate(candidates) if item.place == (Payload.name, last)]
+    load = max(loads, key=lambda i: solution.search.gain((*rest, i)))
     new = solution.having(tuple(load if i == wrong else i for i in solution.members))
     mass, *moment = coefficients(problem, new, load)[:4].tolist()
     unit, lever = candidates[load].prior.deviation[:2].tolist()  # [kg], [kg m]
@@ -86,9 +88,20 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
 
 
 def _freedom(candidate: Candidate) -> int:
-    """Count what a candidate may choose: its coefficients and the settings that were sought."""
-    hypothesis = candidate.hypothesis
-    return candidate.prior.index.size + (0 if hypothesis is None else len(hypothesis.settings))
+    """Count what a candidate may choose: its coefficients and the settings that were sought.
+
+    How sharp a sign is belongs to every dry friction, whether it is sought or not.
+    """
+    count, hypothesis = candidate.prior.index.size, candidate.hypothesis
+    if hypothesis is None:
+        return count
+    sharp = {
+        getattr(term, known.name)
+        for term in hypothesis.terms
+        for known in term.parameters()
+        if known.smooths
+    }
+    return count + sum(setting not in sharp for setting in hypothesis.settings)
 
 
 def _is_of_sensor(candidate: Candidate) -> bool:

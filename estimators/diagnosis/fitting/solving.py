@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TINY, material, sure, without
+from estimators.diagnosis.fitting.contribution import TINY, material, relieves, sure, without
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
@@ -114,8 +114,9 @@ def noise_of_everything(problem: RegressionProblem) -> Noise:
     )
     evidence = search_on(problem, white).evidence
     everything = joined(*(candidate.prior for candidate in problem.candidates))
-    free = Prior.free(everything.index, everything.deviation)
-    fit = evidence.posterior(free)
+    widest = np.argsort(-everything.deviation, kind="stable")  # of candidates of the same columns
+    index, first = np.unique(everything.index[widest], return_index=True)
+    fit = evidence.posterior(Prior.free(index, everything.deviation[widest][first]))
     noise = noise_left(problem, fit)
     return noise.larger(problem.inflation(fit, white))
 
@@ -148,7 +149,7 @@ def _helps(problem: RegressionProblem, solution: Solution, member: int) -> bool:
     Every joint rubs, and which law of friction it follows is a choice that has to be made: for the
     likelier law either will do. Whether a member is a finding is another question.
     """
-    if _relieves_sensors(problem, solution, member):
+    if _relieves_sensors(problem, solution, member) or relieves(problem, solution, member):
         return True
     everywhere = range(problem.observed.n)
     much = material(problem, solution, member, everywhere) >= CONTRIBUTION.material

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.judgement.findings import findings_of, left_at, unknown_of, unnamed_note
+from estimators.diagnosis.judgement.holding import held_by
 from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
@@ -137,6 +138,7 @@ def conclude(
             *(f"An effect was not tried: {error}." for error in unusable()),
         ),
         identified=identified_of(problem, plain),
+        holds=held_by(problem, solution),
     )
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from estimators.diagnosis.report import figures
-from estimators.diagnosis.summary import coverage
+from estimators.diagnosis.summary import coverage, kept_as_stated
 from estimators.diagnosis.verdict import IMPROVED, NEXT_MOTION
+from estimators.diagnosis.wording import rounded
 from limo_driver.pages.figures import joint_motion
 from limo_driver.pages.markup import (
     Charts,
@@ -103,7 +104,22 @@ def data(diagnosis: Diagnosis) -> str:
         for reason, count in verdict.rows.left_out.items()
     ]
     samples = table(("recordings", "number"), rows, numeric=1)
-    return section("Data", grid([samples, _compared(verdict)]), "data")
+    return section("Data", grid([samples, _compared(verdict), _held(verdict)]), "data")
+
+
+def _held(verdict: Verdict) -> str:
+    """Return the motion on which the verdict stands, joint by joint."""
+    if verdict.holds is None:
+        return ""
+    columns = (verdict.holds.position, verdict.holds.speed, verdict.holds.load)
+    rows = [
+        [str(j), *(f"{rounded(low, 2)} to {rounded(high, 2)}" for low, high in ranges)]
+        for j, ranges in enumerate(zip(*columns, strict=True), start=1)
+    ]
+    said = "Seen on this motion. On faster motion, other poses and other loads it is carried over."
+    headings = ("joint", "position [rad]", "speed [rad/s]", "load [N m]")
+    text = " ".join(filter(None, [said, kept_as_stated(verdict)]))
+    return f"<div>{table(headings, rows, numeric=1)}{paragraph(text, 'small')}</div>"
 
 
 def _compared(verdict: Verdict) -> str:

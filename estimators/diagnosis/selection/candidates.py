@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Hypothesis
+    from limo_driver.physics import Hypothesis, Simulation
     from limo_driver.types import FloatArray
 
 
@@ -95,7 +95,22 @@ def candidates_of(
             candidate = _entered(hypothesis, own, columns, level)
             if candidate is not None:
                 found.append(candidate)
-    return _counted(found)
+    usual = _usual(observed.simulation)
+    return _counted(
+        [
+            replace(item, rarity=CANDIDATES.deviating) if item.effect in usual else item
+            for item in found
+        ]
+    )
+
+
+def _usual(simulation: Simulation) -> set[str]:
+    """Return the effects that most joints are stated to have: those which lack one may have it."""
+    stated: dict[str, set[int]] = {}
+    for effect in simulation.effects:
+        stated.setdefault(effect.name, set()).update(effect.joints)
+    most = CANDIDATES.usual * simulation.model.n
+    return {name for name, joints in stated.items() if len(joints) > most}
 
 
 def _counted(found: Sequence[Candidate]) -> list[Candidate]:
@@ -176,33 +191,26 @@ def _revisions(
 
 
 def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]:
+    """Yield every link and a payload, each as large as can be expected, and much smaller.
+
+    A body has ten parameters. Were each expected to be large, a small one would have to bring ten
+    times what one parameter has to, and tolerances at their limits would do as well.
+    """
     model, n, Y = observed.simulation.model, observed.n, observed.regressor
     for joint, link in enumerate(model.linkage.own.tolist()):
         scale = relative_inertia(model.inertials[model.link_names[link]])
         many = model.linkage.felt_by(link)
         own = Y[:many, :, PER_LINK * link : PER_LINK * (link + 1)]
-        yield Candidate(
-            "link_inertia",
-            (joint,),
-            "wrong_parameter",
-            Prior.free(
-                columns.add(range(many), own @ scale),
-                np.full(PER_LINK, CANDIDATES.wrong_inertia),
-            ),
-            mover(link, scale),
-        )
-    last = Y[:, :, -PER_LINK:]
-    yield Candidate(
-        "payload",
-        (n - 1,),
-        "missing",
-        Prior(
-            columns.add(range(n), np.ascontiguousarray(last)),
-            _payload_prior(model),
-            np.arange(PER_LINK) == 0,
-        ),
-        _loader,
-    )
+        index = columns.add(range(many), own @ scale)
+        for part in CANDIDATES.parts_of_body:
+            deviation = np.full(PER_LINK, part * CANDIDATES.wrong_inertia)
+            prior = Prior.free(index, deviation)
+            yield Candidate("link_inertia", (joint,), "wrong_parameter", prior, mover(link, scale))
+    index = columns.add(range(n), np.ascontiguousarray(Y[:, :, -PER_LINK:]))
+    largest, has_mass = _payload_prior(model), np.arange(PER_LINK) == 0
+    for part in CANDIDATES.parts_of_body:
+        prior = Prior(index, part * largest, has_mass)
+        yield Candidate("payload", (n - 1,), "missing", prior, _loader)
 
 
 def _payload_prior(model: RobotModel) -> FloatArray:

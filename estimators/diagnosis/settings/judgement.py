@@ -160,3 +160,15 @@ class ConfidenceSettings:
 
 
 CONFIDENCE = ConfidenceSettings()
+
+
+@dataclass(frozen=True)
+class HoldingSettings:
+    """Motion on which a verdict stands (judgement.holding)."""
+
+    open: float = setting(0.9, "of its tolerance",
+        "that a value is still uncertain by, if it is said to stay as stated",
+        "lower says it of values that are known better; higher says it of few")
+
+
+HOLDING = HoldingSettings()

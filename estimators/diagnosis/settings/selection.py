@@ -35,9 +35,16 @@ class CandidateSettings:
                 "(4.6 nat)"))
     deviating: float = setting(5.0, "nat", "that a wrong parameter has to bring", "as above",
         chosen="less, since everybody knows the parameter to be there")
+    usual: float = setting(0.5, "of the joints",
+        "more than which are stated to have an effect, so that it costs the others no more either",
+        "higher names what is rare where plain friction is left out; lower prefers what few have")
     wrong: float = setting(1.0, "relative", "deviation of a parameter that is simply wrong",
         "smaller misses very wrong values; larger costs evidence")
     wrong_inertia: float = setting(0.4, "relative", "the same of a body", "as above")
+    parts_of_body: tuple[float, ...] = setting((1.0, 0.125), "of its 1 sigma",
+        "that a body that is missing or wrong is expected to be",
+        "more cost time and chance; fewer cost small bodies evidence",
+        chosen="a load of 50 g cost 35 nat as one of 2 kg, and was called unknown")
     tiny: float = setting(1e-12, "", "strength below which a column is zero", "numerical")
     seldom: float = setting(0.1, "of the strongest", "of a list of places, that each counts as",
         "higher holds values where motion seldom is; lower lets them be anything there")

@@ -26,7 +26,7 @@ def loaded(body):
     """Fit a payload; return the problem, the solution and what was fitted, (m, m c, I)."""
     problem = RegressionProblem.of(observed(body), quiet)
     noise = Noise.independent(np.full(7, NOISE), problem.split.fitted)
-    (payload,) = (i for i, item in enumerate(problem.candidates) if item.effect == "payload")
+    payload = next(i for i, item in enumerate(problem.candidates) if item.effect == "payload")
     solution = fitted(problem, (payload,), noise)
     return problem, solution, solution.fitted.mean[problem.nuisance.prior.index.size :]
 

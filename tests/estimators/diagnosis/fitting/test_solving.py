@@ -17,6 +17,7 @@ from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
+    CoulombFriction,
     JointElasticity,
     Payload,
     Simulation,
@@ -41,13 +42,13 @@ def laid_out(observed):
 
 
 def place_of(problem, effect, joint):
-    """Return the candidate of an effect at a joint (1-based) with most columns."""
+    """Return the candidate of an effect at a joint (1-based) with most columns; the widest."""
     there = [
-        (candidate.prior.index.size, i)
+        (candidate.prior.index.size, float(candidate.prior.deviation.max()), i)
         for i, candidate in enumerate(problem.candidates)
         if candidate.place == (effect, (joint - 1,))
     ]
-    return max(there)[1]
+    return max(there)[-1]
 
 
 @pytest.fixture(scope="module")
@@ -107,8 +108,24 @@ def test_a_load_has_the_name_of_the_wrong_last_link_that_it_equals(carrying):
     problem, noise = carrying
     link, other = place_of(problem, "link_inertia", 7), place_of(problem, "link_inertia", 6)
     payload = place_of(problem, "payload", 7)
-    assert loaded(problem, fitted(problem, (link,), noise)).members == (payload,)
+    (named,) = loaded(problem, fitted(problem, (link,), noise)).members
+    assert problem.candidates[named].place == problem.candidates[payload].place
     assert loaded(problem, fitted(problem, (other,), noise)).members == (other,)
+
+
+def test_a_small_load_is_likelier_as_one_that_is_expected_to_be_small():
+    small = Payload(mass=0.05, com=(0.0, 0.0, 0.1), inertia=(3e-4, 0.0, 0.0, 3e-4, 0.0, 3e-4))
+    problem, noise = problem_of(small)
+    solution = fitted(problem, (), noise)
+    loads = [i for i, item in enumerate(problem.candidates) if item.effect == "payload"]
+    widest, narrowest = sorted(loads, key=lambda i: -problem.candidates[i].prior.deviation[0])
+    assert solution.search.gain((narrowest,)) > solution.search.gain((widest,)) + 3.0
+
+
+def test_how_sharp_a_sign_is_makes_no_friction_simpler_than_another():
+    problem, noise = problem_of(CoulombFriction(joint=3, tau_c=0.5))
+    coulomb = place_of(problem, "coulomb_friction", 3)
+    assert simplified(problem, fitted(problem, (coulomb,), noise)).members == (coulomb,)
 
 
 def test_a_last_link_that_lacks_mass_carries_no_load():
