@@ -283,6 +283,7 @@ def _without_pushes(
     themselves. What larger errors hid shows once the whole set is out, and what they feigned is
     gone then: its rows count again.
     """
+    first = problem
     problem, solution = solve(problem, progress)
     pushed = pushes(problem.observed, problem.left(solution.fitted))
     if pushed:
@@ -305,11 +306,11 @@ def _without_pushes(
         pushed, (problem, judged, seen) = (*pushed, *hidden), more
     sought = pushed
     while (held := tuple(push for push in pushed if _among(push, seen))) != pushed:
-        again = partial(_once_more, problem, held, progress, budget)
+        again = partial(_once_more, first, held, progress, budget)
         more = budget.within("rows on which effects feigned a push", again, None)
         if more is None:
             break
-        pushed, (problem, judged, seen) = held, more
+        pushed, (_, judged, seen) = held, more
     real = tuple(push for push in seen if _among(push, pushed))
     return judged, _Pushed(real, tuple(push for push in sought if not _among(push, real)))
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,19 +56,17 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
     """
     if doubtful_encoders(observed):  # the load of every joint may be strange at any time
         return ()
-    undisturbed = observed.undisturbed(None)
-    quiet = _without_largest(undisturbed, residual)
-    for _ in range(PUSHES.passes):  # what is usual is learned anew without what was found
-        found = _Scan.of(undisturbed, residual, quiet).strong()
-        learned, quiet = quiet, ~covered(observed, found)
-        if len(found) > PUSHES.most or np.array_equal(learned, quiet):
+    scan = _Scan.of(observed.undisturbed(None), residual)
+    found: list[Push] = []
+    trials = scan.trials()
+    for push in trials:
+        if push.evidence < PUSHES.least_evidence or len(found) > PUSHES.most:
             break
-    scan = _Scan.of(undisturbed, residual, quiet)
-    found = scan.strong()
+        if not any(_near(push, other) for other in found):
+            found.append(scan.settled(push))
     if len(found) > PUSHES.most:
         return ()  # what recurs all the time is no push
-    events = tuple(push for push in found if scan.is_event(push, found))
-    return events + scan.fainter(found)
+    return tuple(push for push in found if scan.is_event(push, found, trials))
 
 
 def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
@@ -107,40 +105,22 @@ class _Scan:
     floor: FloatArray  # (n,) [N m], what is usual
     surprise: FloatArray  # (K, n), zero where it is not judged
     judged: NDArray[np.bool_]  # (K, n)
-    quiet: NDArray[np.bool_]  # (K,) rows that what is usual is learned from
     resting: NDArray[np.bool_]  # (K,)
 
     @classmethod
-    def of(cls, observed: Observations, residual: FloatArray, quiet: NDArray[np.bool_]) -> _Scan:
-        """Whiten a residual (K, n), smooth it over a push's least length, and scale it.
-
-        Args:
-            observed: Recordings and simulation.
-            residual: What a fit leaves, (K, n) [N m].
-            quiet: Rows that what is usual is learned from, (K,).
-        """
+    def of(cls, observed: Observations, residual: FloatArray) -> _Scan:
+        """Whiten a residual (K, n), smooth it over a push's least length, and scale it."""
         moving, resting = _moving(observed), _resting(observed)
         judged = moving | resting[:, None]
         residual = _without_offsets(residual, resting)
-        floor = np.array([_usual(residual[use & quiet, j]) for j, use in enumerate(judged.T)])
-        noise = _noise(observed, residual, (observed.moving | resting[:, None]) & quiet[:, None])
+        floor = np.array([_usual(residual[use, j]) for j, use in enumerate(judged.T)])
+        noise = _noise(observed, residual, observed.moving | resting[:, None])
         white = [noise.whiten(residual[:, j], j) for j in range(observed.n)]
         rows = _rows(observed, PUSHES.smoothed) | 1
         smooth = uniform_filter1d(np.stack(white, axis=1) * judged, rows, axis=0)
         own = np.hypot(1.0, PUSHES.of_inertia * _inertial(observed, moving))
-        return cls(observed, residual, floor, smooth / own * judged, judged, quiet, resting)
+        return cls(observed, residual, floor, smooth / own * judged, judged, resting)
 
-    def strong(self) -> list[Push]:
-        """Return what is beyond doubt no usual error, at most one more than `most`."""
-        found: list[Push] = []
-        for push in self.trials:
-            if push.evidence < PUSHES.least_evidence or len(found) > PUSHES.most:
-                break
-            if not any(_near(push, other) for other in found):
-                found.append(self.settled(push))
-        return found
-
-    @cached_property
     def trials(self) -> list[Push]:
         """Return all windows in which some joint felt something, the strongest first."""
         found: list[Push] = []
@@ -151,43 +131,13 @@ class _Scan:
             total = np.maximum(evidence - PUSHES.joint, 0.0).sum(axis=1)
             for first in np.flatnonzero((evidence > PUSHES.felt).any(axis=1)).tolist():
                 last = first + rows - 1
-                share = PUSHES.felt_share * float(evidence[first].max())
-                least = max(PUSHES.felt, min(share, PUSHES.chance))
-                felt = np.flatnonzero(evidence[first] > least).tolist()
+                felt = np.flatnonzero(evidence[first] > PUSHES.felt).tolist()
                 recording = int(self.observed.recording[first])
                 start, end = float(time[first]), float(time[last])
                 found.append(Push(recording, start, end, float(total[first]), tuple(felt)))
         return sorted(found, key=lambda push: -push.evidence)
 
-    def fainter(self, found: Sequence[Push]) -> tuple[Push, ...]:
-        """Return weaker pushes than those that are beyond doubt, if one course is all there is.
-
-        They explain what their joints felt, and nothing else that these felt is nearly as strong.
-        """
-        left = [trial for trial in self.trials if not any(_near(trial, other) for other in found)]
-        weaker: list[Push] = []
-        for trial in left:
-            if trial.evidence < PUSHES.faint or len(weaker) > PUSHES.most:
-                break
-            if not any(_near(trial, other) for other in weaker):
-                weaker.append(trial)
-        events: list[Push] = []
-        for trial in weaker:
-            others = (
-                other.evidence
-                for other in left
-                if set(trial.joints) & set(other.joints)
-                and not any(_near(other, event) for event in (trial, *events))
-            )
-            push = self.settled(trial)
-            alone = trial.evidence > PUSHES.stands_out * max(others, default=0.0)
-            if alone and self._explained(push) > PUSHES.well_explained:
-                if not self.is_event(push, [*found, push]):
-                    continue
-                events.append(push)
-        return tuple(events)
-
-    def is_event(self, push: Push, found: Sequence[Push]) -> bool:
+    def is_event(self, push: Push, found: Sequence[Push], trials: Sequence[Push]) -> bool:
         """Say whether what was found may be an event: if several joints felt it, it is.
 
         What one joint alone felt is physics of that joint where the joint has just turned or
@@ -195,43 +145,28 @@ class _Scan:
         the start or the end of a motion is what friction does there. While the whole arm rests,
         its physics does nothing that recurs.
         """
-        middle, half = (push.start + push.end) / 2, (push.end - push.start) / 2
+        joint, *more = push.joints
         within = (self.observed.recording == push.recording) & (
-            np.abs(self.observed.slow.time - middle) <= half
+            np.abs(self.observed.slow.time - (push.start + push.end) / 2)
+            <= (push.end - push.start) / 2
         )
-        several = len(push.joints) > 1
-        if within.any() and not self._is_judged(push, within):
-            explained = self._explained(push) > PUSHES.well_explained
-            beyond = push.evidence > PUSHES.beyond * PUSHES.least_evidence
-            return several and beyond and explained
-        if several:
-            certain = push.evidence > PUSHES.certain
-            return certain or self._explained(push) > PUSHES.explained_of_several
-        return self._stands_out(push, within, found)
-
-    def _is_judged(self, push: Push, within: NDArray[np.bool_]) -> bool:
-        """Say whether joints are judged on the rows (K,) of a push: the arm, and what felt it."""
-        judged = self.judged[within].mean(axis=0)
-        own = judged[list(push.joints)]
-        sure = own.mean() >= PUSHES.judged or (own >= PUSHES.judged).sum() > 1
-        return bool(sure and judged.mean() >= PUSHES.most_judged)
-
-    def _stands_out(self, push: Push, within: NDArray[np.bool_], found: Sequence[Push]) -> bool:
-        """Say whether what one joint felt on some rows (K,) is no physics of that joint."""
+        judged = self.judged[within][:, list(push.joints)]
+        if judged.size and judged.mean() < PUSHES.judged:
+            return False
+        if more:
+            return True
         if self._explained(push) < PUSHES.explained:
             return False
-        (joint,), time = push.joints, self.observed.slow.time
+        time = self.observed.slow.time
         before = (self.observed.recording == push.recording) & (time < push.end)
         before &= time > push.start - PUSHES.steady
         rests = bool(self.resting[before].all())
         if rests and self.resting[within].all():
             return True
-        if sum(other.joints == push.joints for other in found) > PUSHES.recurs:
-            return False
         steady = rests or self.observed.moving[before, joint].all()
         others = (
             trial.evidence
-            for trial in self.trials
+            for trial in trials
             if joint in trial.joints and not any(_near(trial, other) for other in found)
         )
         return bool(steady and push.evidence > PUSHES.outstanding * max(others, default=0.0))
@@ -259,19 +194,13 @@ class _Scan:
         energy, known = (_sums(x, rows) for x in (self.surprise**2, self.judged.astype(float)))
         enough = whole[:, None] & (known >= PUSHES.judged * rows)
         independent = rows / (PUSHES.alike * (_rows(self.observed, PUSHES.smoothed) | 1))
-        resting, quiet = (
-            _sums(x[:, None].astype(float), rows)[:, 0] > 0 for x in (self.resting, ~self.quiet)
-        )
-        quiet = ~quiet
+        resting = _sums(self.resting[:, None].astype(float), rows)[:, 0] > 0
         for j, use in enumerate(enough.T):
-            learned = use & quiet
-            if learned.sum() < PUSHES.fewest:
-                learned = use
-            if learned.sum() < PUSHES.fewest:
+            if use.sum() < PUSHES.fewest:
                 continue
-            usual = np.full(starts.size, max(np.median(energy[learned, j]), np.finfo(float).tiny))
-            if (learned & resting).any():
-                usual[resting] = max(usual[0], float(np.median(energy[learned & resting, j])))
+            usual = np.full(starts.size, max(np.median(energy[use, j]), np.finfo(float).tiny))
+            if (use & resting).any():
+                usual[resting] = max(usual[0], float(np.median(energy[use & resting, j])))
             ratio = np.where(use, np.maximum(energy[:, j] / usual, 1.0), 1.0)
             result[starts, j] = 0.5 * independent * (ratio - 1.0 - np.log(ratio))
         return result
@@ -348,18 +277,6 @@ def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_])
     """Return how errors (K, n) usually look: what a push adds is cut, and passes for none."""
     most = PUSHES.cut * np.array([_usual(residual[rows, j]) for j, rows in enumerate(use.T)])
     return Noise.of(np.clip(residual, -most, most), use, observed.segment, observed.least_noise)
-
-
-def _without_largest(observed: Observations, residual: FloatArray) -> NDArray[np.bool_]:
-    """Mark the rows (K,) away from the largest errors (K, n), which may be those of pushes."""
-    use = observed.moving | _resting(observed)[:, None]
-    usual = np.array([_usual(residual[rows, j]) for j, rows in enumerate(use.T)])
-    large = ((np.abs(residual) > PUSHES.large * usual) & use).any(axis=1)
-    reach = 2 * _rows(observed, PUSHES.spread) + 1
-    near = np.asarray(maximum_filter1d(large, reach), dtype=bool)
-    stretches = np.count_nonzero(np.diff(near.astype(int), prepend=0) > 0)
-    seldom = near.mean() < PUSHES.seldom and stretches <= PUSHES.most
-    return ~near if seldom else np.ones_like(near)
 
 
 def _moving(observed: Observations) -> NDArray[np.bool_]:

@@ -32,12 +32,6 @@ class PushSettings:
         "longer misses short hits; shorter takes single errors for hits",
         chosen="by hits added to what the simulations of three real arms leave: 0.04 s finds a "
                "third of those that 0.2 s does at as few false ones")
-    passes: int = setting(3, "", "in which what is usual is learned without what was found",
-        "more cost time; with one, hits count as usual errors")
-    large: float = setting(6.0, "of the usual error", "of errors that may be those of pushes",
-        "higher learns from pushes; lower learns from little else")
-    seldom: float = setting(0.3, "of the rows", "near such errors, beyond which they are usual",
-        "higher takes what recurs for pushes; lower learns from pushes in short recordings")
     least_evidence: float = setting(80.0, "nat", "for a push, of all joints together",
         "higher misses weak pushes; lower takes for pushes what the arm does at times",
         chosen="a quarter above the largest on the same arms without hits, which is 63")
@@ -45,33 +39,9 @@ class PushSettings:
         "higher misses what many joints feel a little; lower adds up noise")
     felt: float = setting(15.0, "nat", "for a joint that felt a push",
         "higher names fewer joints; lower some that did not")
-    felt_share: float = setting(0.1, "of the most felt joint's", "evidence of any other",
-        "higher names fewer joints; lower some whose noise is large at that time by chance")
-    chance: float = setting(40.0, "nat", "beyond which a joint felt it, however much others did",
-        "higher names fewer joints; lower some by chance",
-        chosen="a quarter above the largest in white noise of a minute, which is 33")
     explained: float = setting(0.6, "of squared errors in and around it",
         "that the course of what one joint alone felt explains",
         "higher misses hits that rebound; lower takes vibration for hits")
-    faint: float = setting(40.0, "nat", "for a push that stands alone and that one course explains",
-        "higher misses weak pushes; lower takes for pushes what the arm does at times")
-    stands_out: float = setting(1.5, "times the next", "evidence of such a faint push",
-        "higher misses the weaker of two; lower takes what recurs for a push")
-    well_explained: float = setting(0.85, "of squared errors in and around it",
-        "that the course of a push explains which is faint, or hardly judged",
-        "higher misses hits that rebound; lower takes vibration for hits")
-    most_judged: float = setting(0.4, "of the joints", "that are judged meanwhile",
-        "higher misses pushes while joints reverse; lower takes a start of motion for a push")
-    beyond: float = setting(3.0, "times the least evidence",
-        "of a push that joints felt which start, stop or reverse meanwhile",
-        "higher misses pushes near reversals; lower takes friction for them")
-    explained_of_several: float = setting(0.4, "of squared errors in and around it",
-        "that the course of what several joints felt explains",
-        "higher misses pushes of changing strength; lower takes what friction holds for them")
-    certain: float = setting(1000.0, "nat", "of such a push, whatever its course",
-        "higher misses pushes of changing strength; lower takes what friction holds for them")
-    recurs: int = setting(2, "pushes", "that one joint alone felt while it moved, at most",
-        "more take what recurs at a joint for pushes; fewer miss several hits")
     outstanding: float = setting(3.0, "times the next", "evidence of what one joint alone felt",
         "higher misses hits that one joint feels; lower takes friction and sensors for hits")
     steady: float = setting(1.0, "s", "that this joint moved on, or the arm rested, before",

@@ -22,7 +22,7 @@ CONFIDENT: Final = 0.95  # share of resampled held-out motion in which a finding
 _SEEN: Final = 0.1  # of a joint's squared held-out error, that a finding has to remove at least
 _MANY: Final = 4  # recordings, from which on whole ones are held out
 _REST: Final = 0.1  # [s] before and after a cut, in which a joint moves little
-_BLOCKS, _DRAWN = 40, 1000  # of held-out motion, and resamples of them
+_BLOCKS, _DRAWN = 20, 1000  # of held-out motion, and resamples of them
 
 
 def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:

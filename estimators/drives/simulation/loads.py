@@ -223,7 +223,7 @@ def as_described(recording: Recording, change: ArmChange) -> Recording:
     position, command = (
         values[:, order] * sign for values in (recording.position, commands_of(recording))
     )
-    return Recording.from_arrays(recording.time, position, command=command)
+    return replace(recording, position=position, command=command, velocity=None, extras={})
 
 
 def _linked(motion: Motion, change: ArmChange) -> Motion:

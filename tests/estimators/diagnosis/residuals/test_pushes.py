@@ -184,30 +184,3 @@ def test_nothing_is_found_where_nothing_pushes_an_arm_at_rest() -> None:
     o = held(())
 
     assert pushes(o, o.residual) == ()
-
-
-def test_hits_do_not_hide_one_another_from_what_is_usual() -> None:
-    """Each is so large that the errors beside it look usual, if it counts as one of them."""
-    o = observed()
-    residual = o.residual.copy()
-    time = o.slow.time
-    starts = (12.0, 20.0, 28.0, 36.0, 44.0)
-    for start, joints in zip(starts, ((1, 2), (0, 3), (2, 4), (2, 5), (3, 5)), strict=True):
-        hit = (time > start) & (time < start + 0.2)
-        residual[np.ix_(hit, joints)] += 0.12
-
-    found = sorted(pushes(o, residual), key=lambda push: push.start)
-
-    assert [push.start for push in found] == pytest.approx(starts, abs=0.1)
-
-
-def test_what_joints_do_as_the_whole_arm_starts_is_no_push() -> None:
-    """Friction lets go at one joint after the other, and few of them are judged by then."""
-    o = paused()
-    residual = o.residual.copy()
-    time = o.slow.time
-    moving = time[(time > 25.0) & o.moving.any(axis=1)]
-    start = (time > moving[0]) & (time < moving[0] + 0.5)
-    residual[start, :2] += 0.3 * np.sin(2 * np.pi * 2.5 * time[start, None])
-
-    assert pushes(o, residual) == ()
