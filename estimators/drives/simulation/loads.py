@@ -17,13 +17,13 @@ from estimators.drives.simulation.one_joint import LoadedJoint
 from estimators.drives.simulation.plant import most_torque
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _KEPT: Final = 6  # sets of zeros and signs
