@@ -20,7 +20,7 @@ from estimators.drives.fitting.constants import (
     value_in,
     with_values,
 )
-from estimators.drives.hypotheses.suspects import COUNTED, Suspect, stated_beside, suspects_of
+from estimators.drives.hypotheses.suspects import COUNTED, Suspect, suspects_of
 from estimators.drives.simulation.loads import ArmChange
 
 if TYPE_CHECKING:
@@ -33,9 +33,6 @@ OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the kno
 _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
 _FADES: Final = BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
-# Friction by load where the load drives the joint, over that where it resists: alike in most gears,
-# less where it goes by the motor's torque, which friction raises one way and lowers the other.
-_DRIVEN: Final = BelievedValue(1.0, 0.35)
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
 _ZERO: Final = 0.3  # [rad]
 _SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
@@ -64,8 +61,7 @@ def stated_guess(stated: FloatArray) -> ArmGuess:
             for row in stated
         ]
     )
-    names = tuple((*BASE, *stated_beside(row)) for row in rows)
-    return ArmGuess(rows, names, ArmChange.none(len(rows)))
+    return ArmGuess(rows, (BASE,) * len(rows), ArmChange.none(len(rows)))
 
 
 def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedValue]]:
@@ -73,13 +69,9 @@ def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedVal
     own = ("kp", DAMPING, COULOMB, "delay", "inertia")
     return [
         {
-            **{
-                name: _belief(value_in(row, name), tolerance)
-                for name in (*own, *stated_beside(row))
-            },
+            **{name: _belief(value_in(row, name), tolerance) for name in own},
             "offset": BelievedValue(value_in(row, "offset"), OFFSET),
             "v_s": _FADES,
-            "assisted": _DRIVEN,
         }
         for row in rows
     ]
@@ -111,18 +103,18 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
     }
     weights = _weights(loads, guess, tick)
     problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared)
-    fit = _with_damping_placed(problem, fit_arm(problem, guess, _FIRST), stated)
+    fit = fit_arm(problem, guess, _FIRST)
     problem, fit = reweighted(problem, fit, tick)
     chosen = list[Suspect]()
+    waiting = list(suspects_of(loads))
     while len(chosen) < _MOST:
-        every = suspects_of(loads, fit.guess, guess.rows)
-        waiting = [one for one in every if not any(known.excludes(one) for known in chosen)]
         glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
         likely = _likely(problem, fit, waiting, glances)
         looks = [_Look.at(problem, fit, waiting[k], glances[k], tick) for k in likely]
         if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
             break
         chosen.append(best.one)
+        waiting = [one for one in waiting if not best.one.excludes(one)]
         problem, fit = reweighted(best.problem, best.fit, tick)
         if best.one.effect in COUNTED:
             break  # all else is better looked for where joints count as described
@@ -160,30 +152,6 @@ def leaving_out(found: Searched, one: Suspect, tick: float) -> Searched:
     less = fit_arm(found.problem, one.removed(found.fit.guess), _THEN)
     problem, fit = reweighted(found.problem, less, tick)
     return Searched(problem, fit, tuple(other for other in found.suspects if other != one))
-
-
-def _with_damping_placed(problem: ArmProblem, fit: ArmFit, stated: FloatArray) -> ArmFit:
-    """Return a fit in which stated damping of servos is within their torque limits where it fits.
-
-    A servo that limits its motor's current limits what its derivative gain asks for, too; one that
-    limits its voltage leaves out what the motor brakes by itself.
-
-    Args:
-        problem: What is fitted to.
-        fit: With all damping beyond the limits.
-        stated: Constants of each joint, (n, columns).
-    """
-    for j, row in enumerate(stated):
-        if not (value_in(row, "kd") and np.isfinite(value_in(row, "torque_limit"))):
-            continue
-        rows = fit.guess.rows.copy()
-        share = value_in(row, "kd") / (value_in(row, "kd") + value_in(row, DAMPING))
-        rows[j] = with_values(rows[j], {"inside": share})
-        placed = fit_arm(problem, replace(fit.guess, rows=rows), _TRY, (j,))
-        before = problem.cost(fit.guess, fit.errors, (j,))
-        if placed.cost < before:
-            fit = replace(fit, guess=placed.guess, errors=placed.errors)
-    return fit
 
 
 def _weights(loads: ArmLoads, guess: ArmGuess, tick: float) -> Weights:
