@@ -10,11 +10,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.contact import contact_of
-from estimators.diagnosis.fitting.contribution import TINY, left_by_tolerances, own_joints
+from estimators.diagnosis.fitting.contribution import left_by_tolerances
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.lateness import made_late
-from estimators.diagnosis.fitting.linearised import polished
-from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted, improve
+from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
 from estimators.diagnosis.fitting.solving import (
     curved,
     pruned,
@@ -24,20 +23,14 @@ from estimators.diagnosis.fitting.solving import (
     suspects,
 )
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
+from estimators.diagnosis.judgement.judged_set import JudgedSet
 from estimators.diagnosis.judgement.judgement import (
-    RemainingResidual,
-    abstained,
-    gains,
     harmed,
-    least_harmful,
-    remaining_residual,
     remarks,
     worse,
 )
-from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.judgement.questions import tests_of
 from estimators.diagnosis.judgement.sizes import unsure
-from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
@@ -52,43 +45,13 @@ from limo_driver.physics import TimeDelay, spoken
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from estimators.diagnosis.residuals.pushes import Push
     from estimators.diagnosis.verdict import Verdict
-    from limo_driver.physics import Effect, Simulation
+    from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
-
-
-def places_of(
-    problem: RegressionProblem, solution: Solution
-) -> list[tuple[str, tuple[int, ...], bool]]:
-    """Return effect, joints (1-based) and whether it was missing, of each member."""
-    some = [problem.candidates[member] for member in solution.members]
-    everywhere = range(problem.observed.n)
-    return [
-        (item.effect, tuple(j + 1 for j in item.joints or everywhere), item.kind == "missing")
-        for item in some
-    ]
-
-
-def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
-    """Return the recordings beside a simulation that was fitted to no row held out."""
-    start, places = improve(problem, solution), places_of(problem, solution)
-    return polished(problem.observed, start, problem.split.fitted, places)
-
-
-def _to_the_end(judged: _Judged) -> Observations:
-    """Return the recordings beside a simulation that was fitted to all rows.
-
-    From the proven one on: rows that no law of the catalogue holds on (a joint that begins to move)
-    may weigh more among all rows than among those of the proof, and a step has to make no joint's
-    error larger.
-    """
-    observed = judged.problem.observed
-    start, places = judged.beside.simulation, places_of(judged.problem, judged.solution)
-    return polished(observed, start, observed.moving, places)
 
 
 def observe(
@@ -150,7 +113,7 @@ def diagnose(
 
 def _told(
     given: Observations,
-    judged: _Judged,
+    judged: JudgedSet,
     pushed: _Pushed,
     budget: Budget,
     *,
@@ -172,7 +135,7 @@ def _told(
     if not harmful:
         improved = attempts.at(
             "fit to all rows, so the written simulation is the given one",
-            lambda: budget.within("a fit to all rows", lambda: _to_the_end(judged), judged.beside),
+            lambda: budget.within("a fit to all rows", judged.to_the_end, judged.beside),
             improved,
         )
     contact: tuple[Finding, ...] = ()
@@ -212,7 +175,7 @@ def _told(
 
 def _verdict(
     given: Observations,
-    judged: _Judged,
+    judged: JudgedSet,
     improved: Observations,
     contact: tuple[Finding, ...],
     attempts: Attempts,
@@ -276,7 +239,7 @@ class _Pushed:
 
 def _without_pushes(
     problem: RegressionProblem, progress: Progress, budget: Budget
-) -> tuple[_Judged, _Pushed]:
+) -> tuple[JudgedSet, _Pushed]:
     """Return the set that is found beside pushes, and those: nothing is fitted to events.
 
     They are sought in what a set of effects leaves, since effects that are not out look like pushes
@@ -317,7 +280,7 @@ def _without_pushes(
 
 def _once_more(
     problem: RegressionProblem, pushed: tuple[Push, ...], progress: Progress, budget: Budget
-) -> tuple[RegressionProblem, _Judged, tuple[Push, ...]]:
+) -> tuple[RegressionProblem, JudgedSet, tuple[Push, ...]]:
     """Solve, settle and judge without the rows of pushes; return the problem with both results."""
     problem, solution = settled(*_without(problem, pushed, progress), progress)
     return problem, *_round(problem, solution, progress, budget)
@@ -332,10 +295,10 @@ def _without(
 
 def _round(
     problem: RegressionProblem, solution: Solution, progress: Progress, budget: Budget
-) -> tuple[_Judged, tuple[Push, ...]]:
+) -> tuple[JudgedSet, tuple[Push, ...]]:
     """Judge a settled set; return it with the pushes that are seen in what it leaves."""
     progress("proving on held-out motion", 0.8)
-    judged = _around(_Judged.of(problem, solution), progress, budget)
+    judged = _around(JudgedSet.of(problem, solution), progress, budget)
     judged = budget.within("a delay of all of it", lambda: _in_time(judged, progress), judged)
     return judged, pushes(problem.observed, judged.proven)
 
@@ -344,32 +307,32 @@ def _among(push: Push, others: Sequence[Push]) -> bool:
     return any(overlap(push, other) for other in others)
 
 
-def _around(judged: _Judged, progress: Progress, budget: Budget) -> _Judged:
+def _around(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:
     """Return the best set around one, if there is time to look for it."""
     return budget.within(
         "other sets around the one that was found", lambda: _best(judged, progress), judged
     )
 
 
-def _best(judged: _Judged, progress: Progress) -> _Judged:
+def _best(judged: JudgedSet, progress: Progress) -> JudgedSet:
     """Return what is found around a set, where that may differ and predicts no worse."""
     problem, solution = judged.problem, judged.solution
     several = len(solution.members) >= ROUNDS.several
     if not (several or judged.remaining.clearly_predictable.any()) or not curved(problem, solution):
         return judged
-    again = _Judged.of(*settled_around(problem, solution, progress))
+    again = JudgedSet.of(*settled_around(problem, solution, progress))
     return judged if worse(problem, again.proven, judged.proven, judged.remaining) else again
 
 
-def _in_time(judged: _Judged, progress: Progress) -> _Judged:
+def _in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     """Return what is found around a lateness of all of it, where that predicts no worse."""
     late = made_late(judged.problem, judged.solution)
     if late is None:
         return judged
-    again = _Judged.of(*settled_around(*late, progress))
+    again = JudgedSet.of(*settled_around(*late, progress))
     # times that are tried lie far apart: what stood for the difference to the true one goes, or is
     # another effect, but there is no more than before
-    nearer = _Judged.of(*settled_around(again.problem, again.solution, progress))
+    nearer = JudgedSet.of(*settled_around(again.problem, again.solution, progress))
     larger = len(nearer.solution.members) > len(again.solution.members)
     if not larger and not worse(nearer.problem, nearer.proven, again.proven, again.remaining):
         again = nearer
@@ -379,7 +342,7 @@ def _in_time(judged: _Judged, progress: Progress) -> _Judged:
     return judged if worse(again.problem, again.proven, judged.proven, judged.remaining) else again
 
 
-def _beyond_tolerances(judged: _Judged, progress: Progress, budget: Budget) -> _Judged:
+def _beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:
     """Return the findings with suspicious values held as stated, where that explains more.
 
     While sets compete, thousands of rows outvote tolerances, and the effect of a wrong value is
@@ -392,7 +355,7 @@ def _beyond_tolerances(judged: _Judged, progress: Progress, budget: Budget) -> _
     if not held or harmed(problem, judged.proven, judged.remaining):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
-    found = _Judged.of(*settled(*solve(problem, progress), progress))
+    found = JudgedSet.of(*settled(*solve(problem, progress), progress))
     again = _around(found, progress, budget)
     if not again.places(again.named) <= judged.places(solution.members) | held:
         return judged
@@ -401,112 +364,6 @@ def _beyond_tolerances(judged: _Judged, progress: Progress, budget: Budget) -> _
     if fewer or (wrong and not worse(problem, again.proven, judged.proven, judged.remaining)):
         return again
     return judged
-
-
-@dataclass(frozen=True)
-class _Judged:
-    """A set with its proof, what is left, and which of it is named."""
-
-    problem: RegressionProblem
-    solution: Solution
-    beside: Observations  # the recordings, beside a simulation that was fitted to no row held out
-    remaining: RemainingResidual
-    named: tuple[int, ...]
-    unknown: tuple[int, ...]  # joints, 0-based
-
-    @classmethod
-    def of(cls, problem: RegressionProblem, solution: Solution) -> _Judged:
-        """Prove and judge a set."""
-        return cls.beside_one(problem, solution, _fitted(problem, solution))
-
-    @classmethod
-    def beside_one(
-        cls, problem: RegressionProblem, solution: Solution, beside: Observations
-    ) -> _Judged:
-        """Judge a set beside a simulation that has it, fitted to no row held out."""
-        # what sensors may add within their tolerances is in no simulation, and nothing unknown
-        left = problem.without_sensors(beside.residual, solution.noise)
-        remaining = remaining_residual(problem.observed, left)
-        named, unknown = abstained(problem, solution, remaining)
-        if not gains(problem, solution, beside.residual, remaining):
-            values = to_identify(problem, solution)
-            named = tuple(member for member in named if member in values)
-        return cls(problem, solution, beside, remaining, named, unknown)
-
-    @property
-    def proven(self) -> FloatArray:
-        """Residual (K, n) of a simulation that was fitted to no row held out [N m]."""
-        return self.beside.residual
-
-    def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
-        """Return effect and joints (0-based) of some candidates."""
-        return {self.problem.candidates[member].place for member in members}
-
-    def harmless(self) -> tuple[_Judged, bool]:
-        """Return this without what makes motion held out worse.
-
-        First what acts on the harmed joints alone, then the values that moved inside their
-        tolerances, then members one by one. A set that makes one joint somewhat worse and the arm
-        surely better is the lesser harm where what is left then brings less than half as much.
-
-        Returns:
-            What is left, and whether that is nothing since all of it harms.
-        """
-        judged = self if not self._harmed else self._stated_at(self._harmed)
-        problem = judged.problem
-        tried = [self, judged]
-        if judged._harmed:
-            # values moved inside their tolerances may be what harms: few rows outvote no statement
-            problem = problem.with_stated_values()
-            noise = judged.solution.noise
-            judged = _Judged.of(problem, fitted(problem, self.solution.members, noise))
-        while judged._harmed and judged.solution.members:
-            tried.append(judged)
-            fewer = least_harmful(problem, judged.solution)
-            judged = _Judged.of(problem, fitted(problem, fewer, judged.solution.noise))
-        some = [one for one in tried if one.named]  # nothing is, unless the arm is surely better
-        best = max(some, key=_Judged._gain, default=judged)
-        if not judged._harmed:
-            return (judged if 2 * judged._gain() >= best._gain() else best), False
-        if some:
-            return best, False
-        given, nothing = problem.observed, fitted(problem, (), judged.solution.noise)
-        remaining = remaining_residual(given, given.residual)
-        return _Judged(
-            problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
-        ), True
-
-    @property
-    def _harmed(self) -> tuple[int, ...]:
-        """Joints (0-based) whose motion held out is predicted clearly worse than before."""
-        return harmed(self.problem, self.proven, self.remaining)
-
-    def _gain(self) -> float:
-        """Return the parts of the squared errors on motion held out that are gone, summed up."""
-        rows = self.problem.split.held_out
-        given = np.maximum(rmse(self.problem.observed.residual, rows), TINY)
-        return float(np.sum(1.0 - (rmse(self.proven, rows) / given) ** 2))
-
-    def _stated_at(self, joints: Collection[int]) -> _Judged:
-        """Return this with all that acts on some joints (0-based) alone as it is stated."""
-        problem, solution = self.problem, self.solution
-
-        def alone(acts_on: Sequence[int]) -> bool:
-            return bool(acts_on) and {*acts_on} <= {*joints}
-
-        def known(effect: Effect) -> bool:
-            return alone([joint - 1 for joint in effect.joints])
-
-        given, found = problem.observed.simulation, self.beside.simulation
-        effects = (
-            *filter(known, given.effects),
-            *(effect for effect in found.effects if not known(effect)),
-        )
-        members = tuple(
-            member for member in solution.members if not alone(own_joints(problem, member))
-        )
-        beside = problem.observed.beside(replace(found, effects=effects), problem.observed.around)
-        return _Judged.beside_one(problem, solution.having(members), beside)
 
 
 def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArray) -> Traces:

@@ -1,0 +1,164 @@
+"""A judged set: effects with their proof on motion held out, what they leave, and their names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.fitting.contribution import TINY, own_joints
+from estimators.diagnosis.fitting.linearised import polished
+from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted, improve
+from estimators.diagnosis.judgement.judgement import (
+    RemainingResidual,
+    abstained,
+    gains,
+    harmed,
+    least_harmful,
+    remaining_residual,
+)
+from estimators.diagnosis.judgement.ordinary import to_identify
+from estimators.diagnosis.residuals.held_out import rmse
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from estimators.diagnosis.residuals.observations import Observations
+    from limo_driver.physics import Effect
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True)
+class JudgedSet:
+    """A set with its proof, what is left, and which of it is named."""
+
+    problem: RegressionProblem
+    solution: Solution
+    beside: Observations  # the recordings, beside a simulation that was fitted to no row held out
+    remaining: RemainingResidual
+    named: tuple[int, ...]
+    unknown: tuple[int, ...]  # joints, 0-based
+
+    @classmethod
+    def of(cls, problem: RegressionProblem, solution: Solution) -> JudgedSet:
+        """Prove and judge a set."""
+        return cls.beside_one(problem, solution, _fitted(problem, solution))
+
+    @classmethod
+    def beside_one(
+        cls, problem: RegressionProblem, solution: Solution, beside: Observations
+    ) -> JudgedSet:
+        """Judge a set beside a simulation that has it, fitted to no row held out."""
+        # what sensors may add within their tolerances is in no simulation, and nothing unknown
+        left = problem.without_sensors(beside.residual, solution.noise)
+        remaining = remaining_residual(problem.observed, left)
+        named, unknown = abstained(problem, solution, remaining)
+        if not gains(problem, solution, beside.residual, remaining):
+            values = to_identify(problem, solution)
+            named = tuple(member for member in named if member in values)
+        return cls(problem, solution, beside, remaining, named, unknown)
+
+    @property
+    def proven(self) -> FloatArray:
+        """Residual (K, n) of a simulation that was fitted to no row held out [N m]."""
+        return self.beside.residual
+
+    def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
+        """Return effect and joints (0-based) of some candidates."""
+        return {self.problem.candidates[member].place for member in members}
+
+    def harmless(self) -> tuple[JudgedSet, bool]:
+        """Return this without what makes motion held out worse.
+
+        First what acts on the harmed joints alone, then the values that moved inside their
+        tolerances, then members one by one. A set that makes one joint somewhat worse and the arm
+        surely better is the lesser harm where what is left then brings less than half as much.
+
+        Returns:
+            What is left, and whether that is nothing since all of it harms.
+        """
+        judged = self if not self._harmed else self._stated_at(self._harmed)
+        problem = judged.problem
+        tried = [self, judged]
+        if judged._harmed:
+            # values moved inside their tolerances may be what harms: few rows outvote no statement
+            problem = problem.with_stated_values()
+            noise = judged.solution.noise
+            judged = JudgedSet.of(problem, fitted(problem, self.solution.members, noise))
+        while judged._harmed and judged.solution.members:
+            tried.append(judged)
+            fewer = least_harmful(problem, judged.solution)
+            judged = JudgedSet.of(problem, fitted(problem, fewer, judged.solution.noise))
+        some = [one for one in tried if one.named]  # nothing is, unless the arm is surely better
+        best = max(some, key=JudgedSet._gain, default=judged)
+        if not judged._harmed:
+            return (judged if 2 * judged._gain() >= best._gain() else best), False
+        if some:
+            return best, False
+        given, nothing = problem.observed, fitted(problem, (), judged.solution.noise)
+        remaining = remaining_residual(given, given.residual)
+        return JudgedSet(
+            problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
+        ), True
+
+    def to_the_end(self) -> Observations:
+        """Return the recordings beside a simulation that was fitted to all rows.
+
+        From the proven one on: rows that no law of the catalogue holds on (a joint that begins to
+        move) may weigh more among all rows than among those of the proof, and a step has to make no
+        joint's error larger.
+        """
+        observed = self.problem.observed
+        start, places = self.beside.simulation, places_of(self.problem, self.solution)
+        return polished(observed, start, observed.moving, places)
+
+    @property
+    def _harmed(self) -> tuple[int, ...]:
+        """Joints (0-based) whose motion held out is predicted clearly worse than before."""
+        return harmed(self.problem, self.proven, self.remaining)
+
+    def _gain(self) -> float:
+        """Return the parts of the squared errors on motion held out that are gone, summed up."""
+        rows = self.problem.split.held_out
+        given = np.maximum(rmse(self.problem.observed.residual, rows), TINY)
+        return float(np.sum(1.0 - (rmse(self.proven, rows) / given) ** 2))
+
+    def _stated_at(self, joints: Collection[int]) -> JudgedSet:
+        """Return this with all that acts on some joints (0-based) alone as it is stated."""
+        problem, solution = self.problem, self.solution
+
+        def alone(acts_on: Sequence[int]) -> bool:
+            return bool(acts_on) and {*acts_on} <= {*joints}
+
+        def known(effect: Effect) -> bool:
+            return alone([joint - 1 for joint in effect.joints])
+
+        given, found = problem.observed.simulation, self.beside.simulation
+        effects = (
+            *filter(known, given.effects),
+            *(effect for effect in found.effects if not known(effect)),
+        )
+        members = tuple(
+            member for member in solution.members if not alone(own_joints(problem, member))
+        )
+        beside = problem.observed.beside(replace(found, effects=effects), problem.observed.around)
+        return JudgedSet.beside_one(problem, solution.having(members), beside)
+
+
+def places_of(
+    problem: RegressionProblem, solution: Solution
+) -> list[tuple[str, tuple[int, ...], bool]]:
+    """Return effect, joints (1-based) and whether it was missing, of each member."""
+    some = [problem.candidates[member] for member in solution.members]
+    everywhere = range(problem.observed.n)
+    return [
+        (item.effect, tuple(j + 1 for j in item.joints or everywhere), item.kind == "missing")
+        for item in some
+    ]
+
+
+def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
+    """Return the recordings beside a simulation that was fitted to no row held out."""
+    start, places = improve(problem, solution), places_of(problem, solution)
+    return polished(problem.observed, start, problem.split.fitted, places)
