@@ -1,9 +1,10 @@
 """What a log of millions of rows costs: time and peak memory of whole commands.
 
-    python benchmarks/large_logs.py [--kinds parquet csv npz packed.npz] [ROWS ...]
+    python benchmarks/large_logs.py [--kinds parquet csv npz packed.npz]
+        [--commands inspect convert identify diagnose] [ROWS ...]
 
-A log of seven joints at 1 kHz, with columns that are not limo's own, is made and goes through
-`limo inspect` and `limo convert`. The bar is 2 GB, also for 10^7 rows, 2.8 h of motion. A command
+A log of seven joints at 1 kHz, with columns that are not limo's own, is made and goes through each
+command. The bar is 2 GB, also for 10^7 rows, 2.8 h of motion. A command
 that would take more than `--most` GB is ended there, and said to be.
 """
 
@@ -30,6 +31,12 @@ LIMO = (
     "from limo_driver.cli import main; main()"
 )
 GIGABYTES = 2.0
+WRITTEN = {  # what each command writes
+    "inspect": "mapping.yaml",
+    "convert": "run.parquet",
+    "identify": "sim.yaml",
+    "diagnose": "found",
+}
 PIECE = 100_000  # rows that are made at once
 RATE = 2 * np.pi * (0.05 + 0.02 * np.arange(7))  # [rad/s]
 
@@ -102,6 +109,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("rows", nargs="*", type=int, default=[10**6, 10**7])
     parser.add_argument("--kinds", nargs="+", default=["parquet", "csv", "npz", "packed.npz"])
+    parser.add_argument("--commands", nargs="+", choices=list(WRITTEN), default=list(WRITTEN))
     parser.add_argument("--most", type=float, default=6.0, help="GB that a command may take")
     asked = parser.parse_args()
     print(f"{'rows':>10} {'kind':>10} {'command':>8} {'time':>8} {'memory':>8}   bar")
@@ -111,10 +119,9 @@ def main() -> None:
                 log, place = Path(folder) / f"log.{kind}", Path(folder)
                 write(log, rows)
                 robot = ("--robot", "iiwa14", "--out")
-                for name, out in (("inspect", "mapping.yaml"), ("convert", "run.parquet")):
-                    seconds, memory, status = cost(
-                        asked.most, name, str(log), *robot, str(place / out)
-                    )
+                for name in asked.commands:
+                    out = str(place / WRITTEN[name])
+                    seconds, memory, status = cost(asked.most, name, str(log), *robot, out)
                     ended = f", ended with {status}" if status else ""
                     print(
                         f"{rows:>10} {kind:>10} {name:>8} {seconds:>6.1f} s {memory:>5.2f} GB   "

@@ -91,6 +91,7 @@ class RobotDescription:
         followers: Joints that move as others do, by name; those others move on their own.
         hulls: Corners of each mesh that stands as a box in `root`, (K, 3) [m], in the frame of that
             box; by name of the link and number of the shape on it, `hand_0`.
+        loops: Names of the joints of each loop that bodies close, which a tree of links cannot.
         places: Where MuJoCo's arrays of positions and of velocities have each joint, by name.
         widths: Of those arrays of positions and velocities.
         notes: What was locked or left aside, and what the file cannot be taken at its word for.
@@ -108,6 +109,7 @@ class RobotDescription:
     plays: dict[str, str] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)
     followers: dict[str, Following] = field(default_factory=dict)
+    loops: tuple[frozenset[str], ...] = ()
     places: dict[str, tuple[int, int]] = field(default_factory=dict)
     widths: tuple[int, int] = (0, 0)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.display import shortened
 from limo_driver.errors import ConfigError
 from limo_driver.types import JointLimits
 
@@ -42,7 +43,12 @@ def unstated_limits(
         lacking = [name for name, value in zip(names, np.array(values), strict=True) if value <= 0]
         if lacking:
             stands = instead if assumed else "without one, the arm cannot be planned or run"
-            told.append(f"joints {', '.join(lacking)} state no {what} limit; {stands}")
+            who = f"joints {shortened(lacking)} state"
+            if len(lacking) == 1:
+                who = f"joint {lacking[0]} states"
+            elif len(lacking) == len(names):
+                who = f"all {len(names)} joints state"
+            told.append(f"{who} no {what} limit; {stands}")
     return tuple(told)
 
 

@@ -55,13 +55,14 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription
     if root.tag == "mujoco":
         from limo_driver.descriptions.mjcf import read_mjcf
 
-        found = read_mjcf(path)
+        found = read_mjcf(path, joints)
     elif root.tag == "robot":
         found = _of_urdf(root, path)
     else:
-        raise ConfigError(
-            f"is neither URDF nor MJCF: its outermost element is <{root.tag}>", path=path
-        )
+        reason = f"is neither URDF nor MJCF: its outermost element is <{root.tag}>"
+        if root.tag == "mujocoinclude":
+            reason = "is a part that MJCF files include; expected the file that includes it"
+        raise ConfigError(reason, path=path)
     return _chosen(found, joints)
 
 
@@ -111,8 +112,9 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
         and name not in held
         and joint.find("mimic") is None
     ]
-    gripping = frozenset[str]() if patterns else _grippers(found.root, wanted)
+    gripping = frozenset[str]() if patterns else _grippers(found.root, wanted, found.loops)
     moving = set(wanted) - gripping
+    in_loops = frozenset[str]().union(*found.loops)
     following = _following(movable, held, found.path)
     followers = {
         name: item for name, item in following.items() if item.leader in moving and item.ratio
@@ -128,6 +130,8 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
             why = ", whose <mimic> names no joint,"
         elif name in gripping:
             why = ", at the end of which none turns,"
+            if name in in_loops:
+                why = " of a loop that bodies close, at the end of which none turns,"
         if name in held:
             why += _out_of_range(movable[name], at, found.path)
         told.setdefault((at, why), []).append(name)
@@ -264,11 +268,15 @@ def _held(joints: Sequence[str], known: list[str], path: Path) -> dict[str, floa
     return held
 
 
-def _grippers(root: ET.Element, wanted: list[str]) -> frozenset[str]:
-    """Return the joints that slide or lead others beside them, and carry none that turns freely.
+def _grippers(
+    root: ET.Element, wanted: list[str], loops: Sequence[frozenset[str]]
+) -> frozenset[str]:
+    """Return the joints that slide, lead others beside them or are part of a loop of bodies.
 
-    None, if nothing else is left that moves.
+    Those that carry a joint that turns freely are none, and nobody is if nothing else is left that
+    moves.
     """
+    in_loops = frozenset[str]().union(*loops)
     children: dict[str, list[ET.Element]] = {}
     followers: dict[str, list[str]] = {}
     for joint in root.findall("joint"):
@@ -282,7 +290,10 @@ def _grippers(root: ET.Element, wanted: list[str]) -> frozenset[str]:
 
     def turns_beyond(joint: ET.Element) -> bool:
         return any(
-            each.get("type") in _TURNING and each.find("mimic") is None for each in beyond(joint)
+            each.get("type") in _TURNING
+            and each.find("mimic") is None
+            and each.get("name") not in in_loops
+            for each in beyond(joint)
         )
 
     def leads(joint: ET.Element) -> bool:
@@ -294,7 +305,7 @@ def _grippers(root: ET.Element, wanted: list[str]) -> frozenset[str]:
         str(joint.get("name"))
         for joint in root.findall("joint")
         if joint.get("name") in wanted
-        and (joint.get("type") == _SLIDING or leads(joint))
+        and (joint.get("type") == _SLIDING or joint.get("name") in in_loops or leads(joint))
         and not turns_beyond(joint)
     )
     return found if set(wanted) - found else frozenset()

@@ -8,6 +8,7 @@ of them.
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, Final
 
 import mujoco
@@ -21,19 +22,25 @@ from limo_driver.descriptions.mjcf.joints import (
     body_name,
     is_passive_motor,
     joint_name,
+    loops,
     servos,
 )
 from limo_driver.descriptions.mjcf.writer import TURNING, ArmWriter
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
 _FEWEST: Final = 2  # arms, of which one has to be chosen
 
 
-def read_mjcf(path: Path) -> RobotDescription:
+def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
     """Read the arm of an MJCF file: of its trees of bodies, the one with the most hinges.
+
+    Args:
+        path: The file.
+        joints: Names or patterns of joints, of which the arm has the most, where any are given.
 
     Raises:
         ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, a mass or the
@@ -43,7 +50,7 @@ def read_mjcf(path: Path) -> RobotDescription:
     check_numbers(files)
     check_assets(files)
     model = compile_mjcf(path)
-    root = _arm(model, path)
+    root = _arm(model, path, joints)
     writer = ArmWriter(model, root)
     writer.write(root)
     coupled = writer.couple()
@@ -63,6 +70,7 @@ def read_mjcf(path: Path) -> RobotDescription:
             for j in range(model.njnt)
         },
         widths=(int(model.nq), int(model.nv)),
+        loops=loops(model, root),
     )
 
 
@@ -79,21 +87,31 @@ def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
         raise ConfigError(f"MuJoCo cannot compile it: {reason}", path=path) from None
 
 
-def _arm(model: Any, path: Path) -> int:  # noqa: ANN401
+def _arm(model: Any, path: Path, joints: Sequence[str]) -> int:  # noqa: ANN401
     """Return the body at the root of the tree that is the arm."""
-    count: dict[int, int] = {}
+    hinges: dict[int, list[str]] = {}
     for joint in range(model.njnt):
-        root = int(model.body_rootid[model.jnt_bodyid[joint]])
-        count.setdefault(root, 0)
-        count[root] += int(model.jnt_type[joint]) == HINGE
-    hinges = max(count.values(), default=0)
-    if not hinges:
+        of_tree = hinges.setdefault(int(model.body_rootid[model.jnt_bodyid[joint]]), [])
+        if int(model.jnt_type[joint]) == HINGE:
+            of_tree.append(joint_name(model, joint))
+    patterns = [joint.partition("=")[0].strip() for joint in joints]
+    chosen = {
+        root: sum(any(fnmatchcase(name, pattern) for pattern in patterns) for name in names)
+        for root, names in hinges.items()
+    }
+    counts = chosen if any(chosen.values()) else {root: len(x) for root, x in hinges.items()}
+    most = max(counts.values(), default=0)
+    if not most:
         raise ConfigError("has no hinge joint", path=path)
-    arms = [root for root, many in count.items() if many == hinges]
+    arms = [root for root, many in counts.items() if many == most]
     names = ", ".join(body_name(model, root) for root in arms)
     if len(arms) >= _FEWEST:
+        all_names = [joint_name(model, joint) for joint in range(model.njnt)]
+        one = _pattern_of(hinges[arms[0]], all_names)
         raise ConfigError(
-            f"holds several arms of {hinges} hinges, {names}; expected one in a file", path=path
+            f"holds several arms of {most} hinges, {names}; choose the joints of one, as in "
+            f"{path.name}#{one}",
+            path=path,
         )
     free = [
         j
@@ -111,6 +129,14 @@ def _arm(model: Any, path: Path) -> int:  # noqa: ANN401
     return arms[0]
 
 
+def _pattern_of(names: Sequence[str], every: Sequence[str]) -> str:
+    """Return what chooses these joints of all: how they alone begin, else their names."""
+    last = max(names)
+    start = next(last[:k] for k in range(len(last), -1, -1) if min(names).startswith(last[:k]))
+    alone = set(names) == {name for name in every if name.startswith(start)}
+    return f"{start}*" if alone else ",".join(names)
+
+
 def _left_aside(model: Any, root: int, coupled: int) -> list[str]:  # noqa: ANN401
     """Say what the file holds that is not represented; so many equalities are."""
     notes: list[str] = []
@@ -120,7 +146,7 @@ def _left_aside(model: Any, root: int, coupled: int) -> list[str]:  # noqa: ANN4
     if left := model.neq - coupled:
         notes.append(f"not represented: {left} equality constraint{'s' * (left > 1)}")
     if model.ntendon:
-        notes.append(f"not represented: {model.ntendon} tendons")
+        notes.append(f"not represented: {model.ntendon} tendon{'s' * (model.ntendon > 1)}")
     for values, what in (
         (model.dof_dampingpoly[:, 1:], "damping of higher powers of the speed"),
         (

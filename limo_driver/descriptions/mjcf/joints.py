@@ -101,6 +101,38 @@ def dynamics(model: Any, joint: int) -> JointDynamics:  # noqa: ANN401
     )
 
 
+def loops(model: Any, root: int) -> tuple[frozenset[str], ...]:  # noqa: ANN401
+    """Return the joints of each loop that equalities of bodies close in a tree, by name.
+
+    Args:
+        model: MuJoCo's model.
+        root: The body at the root of the tree.
+    """
+    found: list[frozenset[str]] = []
+    kinds = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
+    for k in range(model.neq):
+        if int(model.eq_type[k]) not in kinds or not model.eq_active0[k]:
+            continue
+        ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
+        if int(model.eq_objtype[k]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = [int(model.site_bodyid[site]) for site in ends]
+        if any(int(model.body_rootid[body]) != root for body in ends):
+            continue
+        one, other = (_carriers(model, body) for body in ends)
+        joints = [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in one ^ other]
+        found.append(frozenset(joint_name(model, j) for j in joints))
+    return tuple(found)
+
+
+def _carriers(model: Any, body: int) -> set[int]:  # noqa: ANN401
+    """Return a body and all that carry it."""
+    found = set[int]()
+    while body:
+        found.add(body)
+        body = int(model.body_parentid[body])
+    return found
+
+
 def is_passive_motor(model: Any, actuator: int) -> bool:  # noqa: ANN401
     """Say whether an actuator is a DC motor without inputs: friction and cogging of its joint."""
     return (

@@ -182,7 +182,7 @@ def test_an_arm_without_limits_of_torque_is_named_and_not_run(tmp_path):
     text = RobotModel.load("iiwa14").description.text
     path.write_text(re.sub(r'effort="[^"]*"', 'effort="0"', text, count=1))
     assert RobotModel.load(path).notes == (
-        "joints joint1 state no effort limit; without one, the arm cannot be planned or run",
+        "joint joint1 states no effort limit; without one, the arm cannot be planned or run",
     )
     with pytest.raises(ConfigError, match=r"joint 1 \(joint1\) has no limit of torque.* the URDF"):
         MujocoRobot(robot=str(path))

@@ -89,3 +89,87 @@ def torque_of_tree(text, followers, q, v, a):
         G[row, own.index(leader)], b[row] = ratio, offset
     rows = zip(q, v, a, strict=True)
     return np.array([G.T @ pin.rnea(tree, data, G @ x + b, G @ y, G @ z) for x, y, z in rows])
+
+
+def pincers(prefix="", at="0 0 0"):
+    """Body of an arm, and its equalities: three joints, and a hand whose fingers are four-bars."""
+    bar = '<body name="{p}{s}_{name}" pos="0 {y} {z}"><joint name="{p}{s}_{name}" class="{p}bar"/>'
+    bar += '<geom class="{p}bar" fromto="0 0 0 0 {to_y} {to_z}"/>{more}</body>'
+    fingers = equalities = ""
+    for side, sign in (("left", 1), ("right", -1)):
+        tip = bar.format(
+            p=prefix, s=side, name="tip", y=sign * 0.04, z=0.04, to_y=0, to_z=0.05, more=""
+        )
+        for name, y, more in (("driver", 0.01, tip), ("spring", 0.03, "")):
+            fingers += bar.format(
+                p=prefix,
+                s=side,
+                name=name,
+                y=sign * y,
+                z=0.1,
+                to_y=sign * 0.04,
+                to_z=0.04,
+                more=more,
+            )
+        equalities += (
+            f'<connect body1="{prefix}{side}_tip" body2="{prefix}{side}_spring"'
+            f' anchor="0 {sign * 0.02} 0"/>'
+        )
+    equalities += (
+        f'<joint joint1="{prefix}right_driver" joint2="{prefix}left_driver" polycoef="0 -1 0 0 0"/>'
+    )
+    body = f"""<body name="{prefix}turret" pos="{at}" childclass="{prefix}arm">
+      <joint name="{prefix}yaw" axis="0 0 1"/>
+      <geom type="capsule" fromto="0 0 0 0 0 0.2" size="0.04" mass="3"/>
+      <body name="{prefix}upper" pos="0 0 0.25">
+        <joint name="{prefix}shoulder"/>
+        <geom type="capsule" fromto="0 0 0 0.02 0 0.3" size="0.03" mass="2"/>
+        <body name="{prefix}fore" pos="0 0 0.35">
+          <joint name="{prefix}elbow" class="{prefix}small"/>
+          <geom type="capsule" fromto="0 0 0 0 0.02 0.25" size="0.03" mass="1.2"/>
+          <body name="{prefix}hand" pos="0 0 0.3">
+            <geom type="box" size="0.03 0.05 0.05" pos="0 0 0.05" mass="0.5"/>{fingers}</body>
+        </body>
+      </body>
+    </body>"""
+    return body, equalities
+
+
+def pincer_arm(prefixes=("",)):
+    """Arms as they are published: classes of defaults, servos, a hand moved by a tendon."""
+    bodies = equalities = defaults = servos = tendons = ""
+    for k, prefix in enumerate(prefixes):
+        body, held = pincers(prefix, f"0 {k} 0.1")
+        bodies, equalities = bodies + body, equalities + held
+        defaults += f"""<default class="{prefix}arm">
+        <joint axis="0 1 0" range="-1.8 1.8" armature="0.1" actuatorfrcrange="-80 80"/>
+        <general gaintype="fixed" biastype="affine" gainprm="900" biasprm="0 -900 -60"/>
+        <default class="{prefix}small"><joint range="-2 2" actuatorfrcrange="-30 30"/>
+          <general gainprm="300" biasprm="0 -300 -20"/></default>
+        <default class="{prefix}bar">
+          <joint axis="1 0 0" range="-0.8 0.8" actuatorfrcrange="-1000 1000" armature="0.001"/>
+          <geom type="capsule" size="0.005" mass="0.05" contype="0" conaffinity="0"/></default>
+      </default>"""
+        for name in ("yaw", "shoulder", "elbow"):
+            kind = "small" if name == "elbow" else "arm"
+            servos += (
+                f'<general class="{prefix}{kind}" name="{prefix}{name}" joint="{prefix}{name}"/>'
+            )
+        tendons += f'<fixed name="{prefix}split">' + "".join(
+            f'<joint joint="{prefix}{side}_driver" coef="{coef}"/>'
+            for side, coef in (("left", 0.5), ("right", -0.5))
+        )
+        tendons += "</fixed>"
+        servos += (
+            f'<general name="{prefix}fingers" tendon="{prefix}split" biastype="affine"'
+            ' gainprm="80" biasprm="0 -100 -10"/>'
+        )
+    return f"""<mujoco model="pincer arm">
+  <compiler angle="radian" autolimits="true"/>
+  <default>{defaults}</default>
+  <worldbody>{bodies}</worldbody>
+  <equality>{equalities}</equality>
+  <tendon>{tendons}</tendon>
+  <actuator>{servos}</actuator>
+</mujoco>
+"""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linked_arms import gripper, parallelogram
+from linked_arms import gripper, parallelogram, pincer_arm
 from mjcf_arms import arm_of
 from tables import rows_of
 from usd_arms import usd_of
@@ -36,8 +36,15 @@ ROBOTS = (
     "tiago.urdf#torso_lift_joint,arm_*",
     "gripper.urdf#yaw,shoulder,elbow,finger_b",
     "linkage.xml",
+    "pincers.xml",
+    "two_arms.xml#left/yaw,left/shoulder,left/elbow",
 )
-LINKED = {"gripper.urdf": gripper, "linkage.xml": parallelogram}  # whose joints follow others
+MADE = {
+    "gripper.urdf": gripper,  # joints follow others
+    "linkage.xml": parallelogram,
+    "pincers.xml": pincer_arm,  # classes of defaults, servos, a hand whose linkages close
+    "two_arms.xml": lambda: pincer_arm(("left/", "right/")),
+}
 STEPS = ["plans", "runs", "identifies", "diagnoses", "exports"]
 SHORT = limo.PlanRequest(scaffolds=1, exploring=limo.Exploring(waypoints=(150, 200)))
 
@@ -62,8 +69,8 @@ def place_of(robot, folder):
     if robot == "arm.usda":
         return str(usd_of(limo.RobotModel.load("iiwa14"), folder / robot))
     name, mark, joints = robot.partition("#")
-    if name in LINKED:
-        (folder / name).write_text(LINKED[name](), encoding="utf-8")
+    if name in MADE:
+        (folder / name).write_text(MADE[name](), encoding="utf-8")
         return f"{folder / name}{mark}{joints}"
     found = next(x for x in files("example-robot-data") if x.name == name)
     return f"{Path(str(found.locate())).resolve()}{mark}{joints}"
