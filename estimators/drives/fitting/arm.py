@@ -2,7 +2,7 @@
 
 Each joint is simulated forward alone, so that a step of Levenberg and Marquardt costs a simulation
 per constant and joint. What is believed of a constant counts as its square only near: far from it,
-recordings decide.
+recordings decide, unless constants are kept within a number of deviations.
 """
 
 from __future__ import annotations
@@ -17,8 +17,10 @@ from estimators.drives.fitting.constants import (
     STEP,
     BelievedValue,
     inner,
+    outer,
     stepped,
     value_in,
+    with_values,
 )
 from estimators.drives.fitting.joint import independent
 from limo_driver.physics.drives import MOST_SAG
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
 _FAR: Final = 3.0  # deviations from a belief, from which on it counts in proportion to distance
 _LARGE: Final = 3.0  # typical errors, from which on an error does
 _SHARED_BOUNDS: Final = {"zero": (-FARTHEST_ZERO, FARTHEST_ZERO), "sag": (0.0, MOST_SAG)}
+_AT_END: Final = 1e-6  # deviations from the end of where a constant is kept, that are none
 _RUN_AWAY: Final = 100.0  # [rad], of a joint that constants tried make unstable
 _ENOUGH: Final = 1e-3  # of a nat, gained by a step
 _DAMPING, _EASIER, _HARDER, _STUCK = 1e-3, 0.3, 5.0, 1e6
@@ -107,6 +110,8 @@ class ArmProblem:
     priors: Sequence[Mapping[str, BelievedValue]]  # of each joint
     shared: Mapping[str, BelievedValue] = field(default_factory=dict)
     kept: NDArray[np.bool_] | None = None  # rows of all stretches, in a row
+    over: float = STEP  # what slopes are taken over, of a logarithm or a signed value in its unit
+    within: float = np.inf  # deviations from what is believed, that constants are kept within
 
     def errors(self, guess: ArmGuess) -> list[FloatArray]:
         """Return simulated minus recorded positions of each joint [rad]."""
@@ -122,6 +127,22 @@ class ArmProblem:
             for name, prior in self.priors[j].items()
             if name in guess.names[j] and (j, name) not in guess.free
         }
+
+    def kept_within(self, guess: ArmGuess) -> ArmGuess:
+        """Return a guess whose constants are no farther from what is believed than they may be."""
+        if self.within == np.inf:
+            return guess
+        rows = guess.rows.copy()
+        for j, row in enumerate(rows):
+            beyond = {n: x for n, x in self.away(guess, j).items() if abs(x) > self.within}
+            ends = {name: np.copysign(self.within, x) for name, x in beyond.items()}
+            own = {name: self.priors[j][name] for name in ends}
+            values = {
+                name: outer(name, inner(name, own[name].value) + end * own[name].deviation)
+                for name, end in ends.items()
+            }
+            rows[j] = with_values(row, values)
+        return replace(guess, rows=rows)
 
     def errors_of(self, parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
         """Return simulated minus recorded positions of one joint [rad]."""
@@ -178,16 +199,16 @@ def fit_arm(
         errors: Of the start, if they are known.
     """
     own = tuple(range(problem.loads.n)) if joints is None else tuple(joints)
-    guess = start
-    found = list(problem.errors(guess) if errors is None else errors)
+    guess = problem.kept_within(start)
+    known = errors is not None and np.array_equal(guess.rows, start.rows)
+    found = list(errors if errors is not None and known else problem.errors(guess))
     cost, damping = problem.cost(guess, found, own), _DAMPING
     hessian, gradient = _normal(problem, guess, found, own)
     for _ in range(steps):
-        before = cost
+        before, movable = cost, _movable(problem, guess, gradient, own)
         while damping < _STUCK:
-            heavy = hessian + damping * np.diag(np.diag(hessian) + 1e-9)
-            step = np.asarray(np.linalg.solve(heavy, -gradient), float).clip(-_STRETCH, _STRETCH)
-            tried = guess.moved(step, own)
+            step = _step(hessian, gradient, movable, damping)
+            tried = problem.kept_within(guess.moved(step, own))
             after = _errors(problem, tried, own, found, all_of=bool(guess.shared))
             value = problem.cost(tried, after, own)
             if value < cost:
@@ -206,6 +227,25 @@ def fit_arm(
         at += len(names)
     shared = dict(zip(guess.shared, deviation[at:].tolist(), strict=True))
     return ArmFit(guess, cost, tuple(found), tuple(by_joint), shared)
+
+
+def _movable(
+    problem: ArmProblem, guess: ArmGuess, gradient: FloatArray, own: Sequence[int]
+) -> NDArray[np.bool_]:
+    """Say which constants are not at the end of where they are kept, and pulled beyond it."""
+    away = [problem.away(guess, j).get(name, 0.0) for j in own for name in guess.names[j]]
+    far = np.array([*away, *[0.0] * len(guess.shared)])
+    return (np.abs(far) < problem.within - _AT_END) | (far * gradient >= 0.0)
+
+
+def _step(
+    hessian: FloatArray, gradient: FloatArray, movable: NDArray[np.bool_], damping: float
+) -> FloatArray:
+    """Return a damped step of those constants that can move."""
+    heavy = hessian + damping * np.diag(np.diag(hessian) + 1e-9)
+    step = np.zeros_like(gradient)
+    step[movable] = np.linalg.solve(heavy[np.ix_(movable, movable)], -gradient[movable])
+    return step.clip(-_STRETCH, _STRETCH)
 
 
 def _errors(
@@ -229,17 +269,18 @@ def _normal(
 ) -> tuple[FloatArray, FloatArray]:
     """Return curvature and slope of the cost."""
     parts = problem.loads.parts(guess.change)
+    over = problem.over
     moved = [
-        problem.loads.parts(guess.change.with_value(name, guess.change.value(name) + STEP))
+        problem.loads.parts(guess.change.with_value(name, guess.change.value(name) + over))
         for name in guess.shared
     ]
 
     def slopes(j: int) -> FloatArray:
         sides = [
-            problem.errors_of(parts[j], stepped(guess.rows[j], {name: STEP}))
+            problem.errors_of(parts[j], stepped(guess.rows[j], {name: over}))
             for name in guess.names[j]
         ] + [problem.errors_of(other[j], guess.rows[j]) for other in moved]
-        return np.stack([side - errors[j] for side in sides], axis=1) / STEP
+        return np.stack([side - errors[j] for side in sides], axis=1) / over
 
     with ThreadPoolExecutor() as pool:
         every = list(pool.map(slopes, own))

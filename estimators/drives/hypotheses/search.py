@@ -1,7 +1,8 @@
 """The search for what an arm has beyond what is stated, without torque.
 
-Beginning with the stated drives and friction within their tolerances, whatever explains most joins
-the fit, one after the other, as long as it is worth it.
+Beginning with the stated drives and friction, whatever explains most joins the fit, one after the
+other, as long as it is worth it. Until then stated values stay within their tolerances: many of
+them, bent a little, would take the place of the one thing that is there.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from estimators.drives.simulation.loads import ArmLoads
     from limo_driver.types import FloatArray
 
+FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
 OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
 _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
@@ -40,7 +42,10 @@ _MASS: Final = 1.0  # of the arm's own
 _WORTH: Final = 16.0  # [nat], that a suspect has to explain
 _EACH: Final = 2.0  # [nat], for each of its constants
 _MOST: Final = 4
-_FIRST, _GLANCE, _TRY, _THEN = 12, 2, 4, 8  # steps of fits
+_FIRST, _GLANCE, _TRY, _THEN, _LAST = 12, 2, 4, 8, 25  # steps of fits
+# Slopes over larger steps lead past what friction makes rough, those over smaller ones along
+# valleys in which gains and a body change together.
+_FINE: Final = 1e-3
 _LIKELY: Final = 2  # suspects that are looked at longer, of either kind
 
 
@@ -102,7 +107,7 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
         **{f"zero_{j + 1}": BelievedValue(0.0, _ZERO) for j in range(loads.n)},
     }
     weights = _weights(loads, guess, tick)
-    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared)
+    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=FOUND)
     fit = fit_arm(problem, guess, _FIRST)
     problem, fit = reweighted(problem, fit, tick)
     chosen = list[Suspect]()
@@ -119,6 +124,8 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
         if best.one.effect in COUNTED:
             break  # all else is better looked for where joints count as described
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
+    problem = replace(problem, within=np.inf, over=_FINE)
+    problem, fit = reweighted(problem, fit_arm(problem, fit.guess, _LAST), tick)
     return Searched(problem, fit, tuple(kept))
 
 

@@ -13,7 +13,7 @@ from estimators.drives.fitting.arm import ArmFit, fit_arm
 from estimators.drives.fitting.constants import inner, value_in, with_values
 from estimators.drives.fitting.identification import DriveIdentification, typical_start, with_rows
 from estimators.drives.fitting.joint import NORMAL, JointFit, blocks, fit_joint
-from estimators.drives.hypotheses.search import Searched, reweighted
+from estimators.drives.hypotheses.search import FOUND, Searched, reweighted
 from estimators.drives.hypotheses.suspects import COUNTED, Suspect
 from estimators.drives.simulation.columns import SAG
 from estimators.drives.simulation.commanded import MOVED, busiest, commanded_range
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
 _LOADED: Final = 0.2  # of the arm's largest load, from which on a joint's gain is looked at
 _LEAST: Final = 1e-6  # [N m/rad]
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance

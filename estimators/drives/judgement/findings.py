@@ -11,8 +11,7 @@ from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
 from estimators.drives.fitting.identification import SURE
 from estimators.drives.fitting.joint import errors
-from estimators.drives.hypotheses.search import OFFSET
-from estimators.drives.hypotheses.stated import FOUND
+from estimators.drives.hypotheses.search import FOUND, OFFSET
 from estimators.drives.judgement.held_out import CONFIDENT, LEAST, removes
 from estimators.drives.simulation.plant import rows_of
 

@@ -9,9 +9,10 @@ import pytest
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import diagnose_drives, free_run
+from estimators.drives.fitting.arm import ArmProblem, Weights, fit_arm
 from estimators.drives.fitting.identification import DriveIdentification
 from estimators.drives.fitting.joint import JointFit, value_in, with_values
-from estimators.drives.hypotheses.search import stated_guess
+from estimators.drives.hypotheses.search import FOUND, beliefs, stated_guess
 from estimators.drives.hypotheses.stated import StatedArm
 from estimators.drives.hypotheses.suspects import Suspect, suspects_of
 from estimators.drives.simulation.loads import ArmChange, ArmLoads
@@ -108,6 +109,28 @@ def test_the_stated_arm_is_what_was_simulated(stated):
     assert kinds[CoulombFriction].tau_c == FRICTION
     assert kinds[ViscousFriction].f_v == DAMPING
     assert kinds[Armature].inertia == ARMATURE
+
+
+def test_values_stay_within_their_tolerance_until_one_is_suspected(stated, recordings):
+    wrong = [
+        with_values(row, {"kp": 2.0 * kp}) for row, kp in zip(rows_of(stated), KP, strict=True)
+    ]
+    guess = stated_guess(np.array(wrong))
+    problem = ArmProblem(
+        ArmLoads(stated.body, recordings[:1]),
+        Weights(np.full(2, STEP), np.full(2, 0.1)),
+        beliefs(guess.rows, 0.1),
+        within=FOUND,
+    )
+
+    kept = fit_arm(problem, guess, 8).guess
+    one = fit_arm(problem, Suspect("position_servo", 1, (), freed="kp").added(kept), 8).guess
+    all_of = fit_arm(replace(problem, within=np.inf), kept, 8).guess
+
+    least = 2.0 * np.array(KP) * np.exp(-0.1 * FOUND)
+    assert [value_in(row, "kp") for row in kept.rows] == pytest.approx(least)
+    assert [value_in(row, "kp") for row in one.rows] == pytest.approx([least[0], KP[1]], rel=0.03)
+    assert [value_in(row, "kp") for row in all_of.rows] == pytest.approx(KP, rel=0.03)
 
 
 def test_a_gear_that_may_be_the_stated_one_is_doubtful(stated):
