@@ -56,6 +56,10 @@ class Quadratic:
     product: FloatArray  # (p,)
     spread: FloatArray  # (p, p), covariance of `product`; `gram` where the cost is a likelihood
 
+    def without(self, known: FloatArray) -> Quadratic:
+        """Return the cost of what is to be added to known parameters (p,)."""
+        return replace(self, product=self.product - self.gram @ known)
+
 
 @dataclass(frozen=True)
 class ConsistentFit:

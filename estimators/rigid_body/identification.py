@@ -19,11 +19,12 @@ from estimators.rigid_body.folds import FOLDS, jackknife
 from estimators.rigid_body.least_squares import BaseFit, choose_sign_widths, fit_base
 from estimators.rigid_body.normal_equations import ArmEquations, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.stated import stated_armatures, stated_beside, without_stated
 from estimators.rigid_body.terms import JointTerms, Term
 from estimators.rigid_body.tolerances import tolerances_of
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
-from limo_driver.physics import Simulation
+from limo_driver.physics import Armature, Simulation
 from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
 
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Tolerances
+    from limo_driver.physics import Effect, Tolerances
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -116,6 +117,9 @@ def identify(
 ) -> Identification:
     """Identify a robot from logs as they are: `limo_driver.identify` refuses mistakes in them.
 
+    Springs, cogging and the like that the description states are known; they stay in the
+    simulation, and their torque is no inertia's. Friction is unknown, whatever it states.
+
     Args:
         model: The robot with its nominal inertias.
         recordings: Measured motions and torques.
@@ -137,6 +141,8 @@ def identify(
     terms, rows = terms or JointTerms(), rows or Rows(bandwidth_for(recordings))
     base = find_base_parameters(model, terms)
     nominal = nominal_parameters(model, terms)
+    stated = stated_beside(model, terms)
+    recordings = without_stated(model, recordings, stated, rows.bandwidth)
     choice = choose_sign_widths(
         accumulate(model, terms, recordings, rows, progress), terms, base, nominal
     )
@@ -144,7 +150,8 @@ def identify(
     fit = fit_base(equations, base, nominal)
     spread, _ = equations.weighted(fit.weight**2 * fit.row_variance)
     data = Quadratic(*equations.weighted(fit.weight), spread)
-    bodies = _Bodies(model.n, model.linkage.links, terms, data, nominal)
+    armatures = stated_armatures(model, terms)
+    bodies = _Bodies(model.n, model.linkage.links, terms, data, nominal, armatures)
     if tolerance is None:
         tolerance, likely = bodies.fit_most_likely()
     else:
@@ -163,7 +170,7 @@ def identify(
         base,
         nominal,
         fit,
-        _simulation(model, terms, consistent, known),
+        _simulation(model, terms, consistent, known, stated),
         rmse,
         tolerance,
         estimates,
@@ -172,6 +179,7 @@ def identify(
         (
             *_warnings(base, fit, rmse, equations),
             *_gained(model, consistent.parameters, covariance),
+            *_kept(model.n, terms, consistent),
         ),
     )
 
@@ -191,22 +199,35 @@ class _Bodies:
     terms: JointTerms
     data: Quadratic
     nominal: FloatArray  # (p,)
+    stated: FloatArray  # (p,), armatures of the description, beside zeros
 
     def fit(
         self,
         tolerance: float,
         start: FloatArray | None = None,
         absent: NDArray[np.bool_] | None = None,
+        held: FloatArray | None = None,
+        any_sign: NDArray[np.bool_] | None = None,
     ) -> ConsistentFit:
-        """Fit under one tolerance from a start (p,), with some parameters (p,) held at zero."""
+        """Fit under one tolerance from a start.
+
+        Args:
+            tolerance: Relative standard deviation of the nominal inertias.
+            start: Parameters (p,) to begin with.
+            absent: Parameters (p,) that are held.
+            held: At these values (p,); at zero if not given.
+            any_sign: Parameters (p,) that may be negative although nothing has such a value.
+        """
         positive = np.zeros(self.nominal.size, dtype=bool)
         positive[PER_LINK * self.links :] = np.repeat(
             [term.positive for term in self.terms.all()], self.n
         )
+        positive &= ~any_sign if any_sign is not None else True
         absent = np.zeros_like(positive) if absent is None else absent
-        return fit_consistent(
-            self.data, self.nominal, self.links, tolerance, positive, absent, start
-        )
+        known = np.zeros_like(self.nominal) if held is None else np.where(absent, held, 0.0)
+        data = self.data.without(known)
+        found = fit_consistent(data, self.nominal, self.links, tolerance, positive, absent, start)
+        return replace(found, parameters=found.parameters + known)
 
     def fit_most_likely(self) -> tuple[float, ConsistentFit]:
         """Fit under each of `TOLERANCES`; return the one under which the data are most likely."""
@@ -220,14 +241,21 @@ class _Bodies:
         """Fit once more from what was found, without insignificant armatures.
 
         An armature that torque alone cannot tell from a link's inertia can be told by the nominal
-        inertia: what exceeds it beyond its tolerance is the drive's.
+        inertia: what exceeds it beyond its tolerance is the drive's. One that is not told stays as
+        the description states it, as long as that may be.
         """
         if not self.terms.armature:
             return found
         drives = slice(-self.n, None)
         absent = np.zeros(self.nominal.size, dtype=bool)
         absent[drives] = found.parameters[drives] <= _SIGNIFICANT * found.deviation[drives]
-        return self.fit(tolerance, found.parameters, absent)
+        held, in_doubt = np.zeros_like(self.stated), absent & (self.stated > 0)
+        if in_doubt.any():
+            told = self.fit(tolerance, found.parameters, any_sign=in_doubt)
+            apart = np.abs(told.parameters - self.stated)
+            held[apart <= _SIGNIFICANT * told.deviation] = 1.0
+            held *= self.stated
+        return self.fit(tolerance, found.parameters, absent, held)
 
 
 def _disagreement(
@@ -239,19 +267,24 @@ def _disagreement(
 ) -> FloatArray:
     """Return the covariance (p, p) of parameters fitted without each fold in turn.
 
-    What is held at zero with all rows is so without some.
+    What is held at some value with all rows is so without some.
     """
     absent = found.deviation == 0
     fits: list[FloatArray] = []
     for fold in range(FOLDS):
         gram, product = equations.weighted(weight, without=fold)
         without = replace(bodies, data=Quadratic(gram, product, bodies.data.spread))
-        fits.append(without.fit(tolerance, found.parameters, absent).parameters)
+        held = found.parameters
+        fits.append(without.fit(tolerance, held, absent, held).parameters)
     return jackknife(fits)
 
 
 def _simulation(
-    model: RobotModel, terms: JointTerms, fit: ConsistentFit, known: Tolerances
+    model: RobotModel,
+    terms: JointTerms,
+    fit: ConsistentFit,
+    known: Tolerances,
+    beside: tuple[Effect, ...],
 ) -> Simulation:
     bodies = {
         link: inertial_of(fit.parameters[PER_LINK * i : PER_LINK * (i + 1)])
@@ -266,7 +299,7 @@ def _simulation(
         for term, joint, value, deviation in _by_joint(model.n, terms, fit)
         if deviation > 0 or term.effect.endswith("friction") or (term.effect, joint) in stated
     )
-    return Simulation(robot=model.name, effects=effects, inertials=bodies, tolerances=known)
+    return Simulation(model.name, (*effects, *beside), bodies, tolerances=known)
 
 
 def _by_joint(
@@ -319,6 +352,20 @@ def _gained(model: RobotModel, phi: FloatArray, covariance: FloatArray) -> Itera
             f"{link} gained {gained:.2f} kg ({stated:.2f} to {phi[at]:.2f} kg): is there a tool? "
             "`limo diagnose --robot` estimates it as a payload, and friction with it; or keep the "
             "links to what the description allows (--inertia-tolerance 0.05)"
+        )
+
+
+def _kept(n: int, terms: JointTerms, fit: ConsistentFit) -> Iterator[str]:
+    """Yield at which joints an armature stays as the description states it."""
+    kept = [
+        str(joint)
+        for term, joint, value, deviation in _by_joint(n, terms, fit)
+        if term.effect == Armature.name and value > 0 and deviation == 0
+    ]
+    if kept:
+        yield (
+            f"armature of joint {', '.join(kept)} stays as the description states it: "
+            "the motion does not tell it"
         )
 
 

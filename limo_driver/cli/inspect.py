@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -54,6 +55,7 @@ def command(
         _print_json(found, out)
     else:
         _show(found, out)
+        _show_next(found, log, robot, out)
 
 
 def _print_json(found: Inspection, out: Path) -> None:
@@ -84,3 +86,16 @@ def _show(found: Inspection, out: Path) -> None:
     for line in str(found).splitlines():
         console.print(line)
     console.print(f"wrote {out}")
+
+
+def _show_next(found: Inspection, log: Path, robot: str, out: Path) -> None:
+    """Say what to do with the mapping."""
+    from limo_driver.console.terminal import terminal
+
+    console = terminal(soft_wrap=True)
+    if open_ones := len(found.questions):
+        what = "the question" if open_ones == 1 else f"each of the {open_ones} questions"
+        console.print(f"next: answer {what} under `undecided:` there, and delete it", style="bold")
+    elif found.recording is not None:
+        words = ["limo", "diagnose", str(log), "--robot", robot, "--mapping", str(out)]
+        console.print(f"next: {shlex.join(words)} --out diagnosis", style="bold")

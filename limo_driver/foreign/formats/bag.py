@@ -280,8 +280,8 @@ class _Found:
         alike = list(by_topic.values()) or alike
         if len(alike) > 1:
             raise RecordingError(
-                f"joint states that could be meant are several: {'; '.join(map(str, alike))}; say "
-                "which topic is",
+                f"joint states of several topics could be meant: {'; '.join(map(str, alike))}; "
+                "choose one (`--topic` of `limo inspect` and `limo convert`, which keep it)",
                 path=source,
             )
         return alike[0]

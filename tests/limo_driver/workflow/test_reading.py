@@ -44,6 +44,8 @@ def test_a_log_in_degrees_and_milliseconds_needs_no_script(run, tmp_path):
     assert "left out: gripper" in said
     assert "undecided" not in said
     assert "3000 samples at 250 Hz of 7 joints" in said
+    go_on = "--robot iiwa14 --mapping mapping.yaml --out diagnosis"
+    assert said.endswith(f"wrote mapping.yaml\nnext: limo diagnose log.csv {go_on}\n")
     status, said, _ = run(
         "convert",
         "log.csv",
@@ -79,7 +81,9 @@ def test_what_is_undecided_is_refused_until_it_is_stated(run, tmp_path):
     assert status == 2
     assert "q0 … q6 or theta0 … theta6? both fit the names" in errors
     assert "limo inspect" in errors
-    assert run("inspect", "log.csv", "--robot", "iiwa14")[0] == 0
+    status, said, _ = run("inspect", "log.csv", "--robot", "iiwa14")
+    assert status == 0
+    assert said.endswith("next: answer the question under `undecided:` there, and delete it\n")
     status, _, errors = run(*convert, "--mapping", "mapping.yaml")
     assert status == 2
     text = (tmp_path / "mapping.yaml").read_text()
