@@ -6,7 +6,7 @@ their joints and nothing else; nothing is named where nothing is hidden; mass of
 tenth, play within a fifth.
 
     python benchmarks/diagnosis/concealed_servos.py [--rate 200] [--bits 12] [--singles 20]
-        [--sets 0] [--nulls 12] [--first 0] [--only payload+backlash] [--others]
+        [--sets 0] [--nulls 12] [--first 0] [--only payload+backlash] [--others] [--limits]
 """
 
 from __future__ import annotations
@@ -46,6 +46,12 @@ VALUES = {
     "supply_sag": ("sag", None),
     "integral_gain": ("ki", None),
     "stribeck_friction": ("tau_s", None),
+    "punch": ("punch", None),
+    "thermal_derating": ("derating", None),
+    "torque_limit": ("torque_limit", None),
+    "voltage_limit": ("free_speed", None),
+    "profile_speed": ("speed", None),
+    "profile_acceleration": ("acceleration", None),
 }
 
 
@@ -84,8 +90,10 @@ def main() -> None:
     given.add_argument("--first", type=int, default=0, help="seed")
     given.add_argument("--only", default="", help="effects, joined by +, of all singles")
     given.add_argument("--others", action="store_true", help="effects that came later")
+    given.add_argument("--limits", action="store_true", help="of servos at their limits")
     asked = given.parse_args()
     every = servo_cases.OTHERS if asked.others else servo_cases.SINGLES
+    every = servo_cases.LIMITS if asked.limits else every
     effects = [tuple(asked.only.split("+"))] if asked.only else [(effect,) for effect in every]
     hidden = [effects[k % len(effects)] for k in range(asked.singles)]
     hidden += [servo_cases.drawn_set(asked.first + len(hidden) + k) for k in range(asked.sets)]

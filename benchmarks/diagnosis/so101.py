@@ -7,13 +7,16 @@ compared with where the arm was. Beside limo stand
 - a PACE-style fit: armature, viscous and Coulomb friction, bias and one delay of each joint by
   CMA-ES on the free-running position error, with the gains of the vendor's MJCF, and once more with
   the gain that the vendor guesses in `joints_properties.xml`;
+- `mujoco.sysid` on what limo fits too, gains among it (`so101_sysid.py`), simulated by MuJoCo and
+  by limo;
 - limo without one of what it identified (ablation).
 
 Every other motion by name is held out; limo was developed on this same division.
 All run on the same forward simulation and the same data; one run prints one table. The folder with
 the recordings is named by LIMO_DATA, or is ../shared/data.
 
-    python benchmarks/diagnosis/so101.py [--minutes 10]
+    python benchmarks/diagnosis/so101.py [--minutes 10] [--peers pace,sysid] [--motions 17]
+        [--alone]
 """
 
 from __future__ import annotations
@@ -66,7 +69,11 @@ def main() -> None:
     """Fit, test and print."""
     options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     options.add_argument("--minutes", type=float, default=10.0, help="of data, for the timing")
-    minutes = options.parse_args().minutes
+    options.add_argument("--motions", type=int, default=17, help="of those fitted, that sysid gets")
+    options.add_argument("--alone", action="store_true", help="peers, without ablation and times")
+    options.add_argument("--peers", default="pace,sysid", help="that stand beside limo")
+    asked = options.parse_args()
+    minutes, peers = asked.minutes, asked.peers.split(",")
     vendor = Simulation.load(SO101 / "robot" / "so101_new_calib.xml")
     recordings = [Recording.load(path) for path in sorted(SO101.glob("*.parquet"))]
     seen, unseen = recordings[0::2], recordings[1::2]
@@ -81,18 +88,57 @@ def main() -> None:
     stretches = sum(len(recording.segments) for recording in seen)
     evaluations = next(simulations) // (stretches * vendor.model.n)
     print(f"each fit may simulate each joint {evaluations} times, what limo took", flush=True)
+    if "pace" in peers:
+        by_pace(vendor, seen, unseen, evaluations, limo)
+    if "sysid" in peers:
+        by_sysid(vendor, seen[:: -(-len(seen) // asked.motions)], unseen, evaluations, limo)
+    print(f"limo is {a / limo:.2f} x better than (a), bar 2")
+    if asked.alone:
+        return
+    for name, constants in REVERTED.items():
+        report(f"limo with {name} as stated", reverted(ours, vendor, constants), unseen)
+    speed(ours, unseen)
+    timing(vendor, recordings, 60.0 * minutes)
+
+
+def by_pace(
+    vendor: Simulation,
+    seen: Sequence[Recording],
+    unseen: Sequence[Recording],
+    evaluations: int,
+    limo: float,
+) -> None:
+    """Fit both PACE-style models and print their errors over limo's."""
     begun = time.perf_counter()
     b = report("(b) PACE-style, gains of the MJCF", pace(vendor, seen, evaluations), unseen)
     servos = tuple(replace(drive, kp=GUESSED, kd=0.0) for drive in vendor.drives)
     guessed = pace(replace(vendor, drives=servos), seen, evaluations)
     better = report(f"(b') PACE-style, gain {GUESSED}", guessed, unseen)
     print(f"both PACE-style fits took {time.perf_counter() - begun:.0f} s")
-    print(f"limo is {a / limo:.2f} x better than (a), bar 2; {b / limo:.2f} x than (b), bar 1.3;")
+    print(f"limo is {b / limo:.2f} x better than (b), bar 1.3;")
     print(f"{better / limo:.2f} x than (b'), whose gain is nearly right")
-    for name, constants in REVERTED.items():
-        report(f"limo with {name} as stated", reverted(ours, vendor, constants), unseen)
-    speed(ours, unseen)
-    timing(vendor, recordings, 60.0 * minutes)
+
+
+def by_sysid(
+    vendor: Simulation,
+    seen: Sequence[Recording],
+    unseen: Sequence[Recording],
+    evaluations: int,
+    limo: float,
+) -> None:
+    """Fit by `mujoco.sysid` and print its errors over limo's."""
+    from so101_sysid import sysid
+
+    begun = time.perf_counter()
+    found = sysid(vendor, seen, evaluations)
+    spent = time.perf_counter() - begun
+    own = found.errors(unseen)
+    joints = "  ".join(f"{value:.5f}" for value in np.abs(own).mean(axis=0))
+    c = float(np.abs(own).mean())
+    print(f"{'(c) mujoco.sysid, simulated by MuJoCo':40s} {c:.5f}   joints {joints}", flush=True)
+    report("(c) its values simulated by limo", found.simulation, unseen)
+    print(f"sysid took {spent:.0f} s for {found.simulated} simulations of {len(seen)} motions")
+    print(f"limo is {c / limo:.2f} x better than (c)")
 
 
 def report(name: str, simulation: Simulation, recordings: Sequence[Recording]) -> float:

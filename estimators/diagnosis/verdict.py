@@ -15,6 +15,12 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 CONTACT = "external_contact"
+_WITHOUT_TORQUE = (  # what of a fit stands in the file where no torque was recorded
+    "one_step_rmse_before",
+    "one_step_rmse_after",
+    "inverse_dynamics_rmse_before",
+    "inverse_dynamics_rmse_after",
+)
 VERDICT = "verdict.json"  # the files of a diagnosis, in one folder
 IMPROVED = "sim.yaml"
 REPORT = "report.html"
@@ -132,6 +138,10 @@ class Fit:
     heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
     unit: str = TORQUE  # of all errors; rad where commands and positions alone were recorded
+    one_step_rmse_before: tuple[float, ...] = ()  # (n,) [rad], from each row to the next; likewise
+    one_step_rmse_after: tuple[float, ...] = ()
+    inverse_dynamics_rmse_before: tuple[float, ...] = ()  # (n,) [N m], of drive and friction
+    inverse_dynamics_rmse_after: tuple[float, ...] = ()
 
     @property
     def worse_within_tolerances(self) -> tuple[int, ...]:
@@ -193,6 +203,9 @@ class Verdict:
         """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""
         content = _plain(asdict(self))
         content["unexplained"]["joints"] = list(self.unexplained.joints)
+        for name in _WITHOUT_TORQUE:
+            if not content["fit"][name]:
+                del content["fit"][name]
         return {"schema": SCHEMA} | content
 
     def save(self, path: Path) -> None:

@@ -17,9 +17,11 @@ from estimators.diagnosis.wording import names_of, of_several, rounded
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, DRAWN, MEASURED, curve, layout
-from limo_driver.pages.markup import folded, grid, header, paragraph, section
+from limo_driver.pages.markup import columns, folded, grid, header, paragraph, section
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from estimators.diagnosis.verdict import Verdict
     from estimators.drives.result import DriveDiagnosis, DriveReplay
     from limo_driver.pages.arm import ArmView
@@ -31,6 +33,12 @@ _ROWS: Final = 1500  # of the motion that is played
 _IDENTIFIED: Final = (
     "Constants of drives and friction that the given simulation does not state, fitted together, "
     "with 95 % intervals."
+)
+_ROWS_SAID: Final = (
+    "RMS on held-out motion. A free run adds up what is amiss. One step begins at each recorded "
+    "position and velocity and ends at the next row: little is lost on the way, and the steps of "
+    "the encoder weigh most. Torque is that of drive and friction minus what the recorded motion "
+    "needs, by inverse dynamics: what a simulation with these drives pushes wrongly."
 )
 _FOOTER: Final = (
     "Angles in rad, joints counted from 1. The same content for programs: "
@@ -67,6 +75,7 @@ def drive_report(found: DriveDiagnosis) -> Page:
         + told.put(found.before, found.after, verdict)
         + drawn
         + told.errors(verdict, charts)
+        + _from_rows(verdict)
         + cards(verdict, names)
         + _left(verdict)
         + told.notes(verdict.notes)
@@ -100,6 +109,22 @@ def _arm(found: DriveDiagnosis, replay: DriveReplay) -> tuple[ArmView, str]:
         "multiples of its noise floor."
     )
     return view, arm_section(view, "Where on the arm", lead)
+
+
+def _from_rows(verdict: Verdict) -> str:
+    """Return the errors that start anew at each recorded row, beside those of the free run."""
+    fit = verdict.fit
+    values: dict[str, Sequence[object]] = {"joint": range(1, len(fit.noise_floor) + 1)}
+    for name, unit, before, after in (
+        ("free run", "rad", fit.heldout_rmse_before, fit.heldout_rmse_after),
+        ("one step", "rad", fit.one_step_rmse_before, fit.one_step_rmse_after),
+        ("torque", "N m", fit.inverse_dynamics_rmse_before, fit.inverse_dynamics_rmse_after),
+    ):
+        values[f"{name}, given [{unit}]"] = [rounded(x, 3) for x in before]
+        values[f"{name}, improved [{unit}]"] = [rounded(x, 3) for x in after]
+    return folded(
+        "Errors of one step, and of inverse dynamics", paragraph(_ROWS_SAID) + columns(values)
+    )
 
 
 def _left(verdict: Verdict) -> str:

@@ -18,6 +18,7 @@ BEYOND_ACTUATORS: Final = {  # of a position servo, with its unit
     "play": "rad",
     "ki": "N m/(rad s)",
     "sag": "of the supply",
+    "derating": "of the warm motor",
     "speed": "rad/s",
     "acceleration": "rad/s^2",
     "resolution": "rad",

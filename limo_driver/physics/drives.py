@@ -6,7 +6,7 @@ hold no torque: the torque of its drives takes the place of the measured one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from limo_driver.parameters import JOINT, Declared, parameter
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
 
 LONGEST_DELAY: Final = 1.0  # [s]
+LONGEST_HEATING: Final = 1e4  # [s]
 MOST_SAG: Final = 10.0  # of a supply that one servo takes to a tenth of its voltage
 
 
@@ -46,7 +47,8 @@ class PositionServo(JointDrive):
 
     All servos of an arm are on one supply, whose voltage, and with it all torque and limits but of
     damping, falls to 1 / (1 + sag d) as servos are driven: d is 1 for each that is stalled at its
-    torque limit, and less for those that turn.
+    torque limit, and less for those that turn. Torque falls alike as the servo's own motor warms:
+    to 1 / (1 + derating) in the end, where it is stalled.
     """
 
     name: ClassVar[str] = "position_servo"
@@ -91,6 +93,16 @@ class PositionServo(JointDrive):
         upper=MOST_SAG,
         default=0.0,
     )
+    derating: float = parameter(
+        "1",
+        "resistance that the winding gains as the servo is stalled for long, over its own",
+        lower=0.0,
+        upper=MOST_SAG,
+        default=0.0,
+    )
+    heating: float = parameter(
+        "s", "in which it gains that", lower=0.0, above=True, upper=LONGEST_HEATING, default=20.0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,9 +124,31 @@ class DcMotor(JointDrive):
         return self.kt * self.gear * self.supply / self.resistance
 
     @property
-    def fading(self) -> float:
-        """Torque lost with speed [N m s/rad]."""
-        return (self.kt * self.gear) ** 2 / self.resistance
+    def free_speed(self) -> float:
+        """Speed without load [rad/s]."""
+        return self.supply / (self.kt * self.gear)
+
+    @classmethod
+    def of_limits(cls, joint: int, stall: float, free_speed: float) -> DcMotor:
+        """Return a motor of known limits at the joint: of a supply of 1 V, and without a gear.
+
+        Args:
+            joint: 1-based.
+            stall: Torque at rest [N m].
+            free_speed: Speed without load [rad/s].
+        """
+        unit = cls(joint=joint, kt=1.0, resistance=1.0, supply=1.0, gear=1.0)
+        return unit.limited(stall, free_speed)
+
+    def limited(self, stall: float, free_speed: float) -> DcMotor:
+        """Return the motor of the same supply and gear that has other limits at the joint.
+
+        Args:
+            stall: Torque at rest [N m].
+            free_speed: Speed without load [rad/s].
+        """
+        kt = self.supply / (free_speed * self.gear)
+        return replace(self, kt=kt, resistance=kt * self.gear * self.supply / stall)
 
 
 DRIVES: Final[dict[str, type[JointDrive]]] = {kind.name: kind for kind in (PositionServo, DcMotor)}

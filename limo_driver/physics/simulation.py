@@ -154,7 +154,7 @@ class Simulation(Displayed):
         save(content, Path(path))
 
     def changes_from(self, other: Simulation) -> str:
-        """Return which inertials and effects of this are not in another, as in a `sim.yaml`.
+        """Return which inertials, drives and effects are not in another, as in a `sim.yaml`.
 
         Args:
             other: What they are compared with.
@@ -162,7 +162,11 @@ class Simulation(Displayed):
         inertials = {
             link: body for link, body in self.inertials.items() if other.inertials.get(link) != body
         }
-        return sections_of(inertials, [e for e in self.effects if e not in other.effects])
+        return sections_of(
+            inertials,
+            [effect for effect in self.effects if effect not in other.effects],
+            [drive for drive in self.drives if drive not in other.drives],
+        )
 
     def without_effects(self) -> Simulation:
         """Return the rigid body alone."""

@@ -105,16 +105,26 @@ def save(simulation: SimulationFile, path: Path) -> None:
         draft.write_text(_text(content), encoding="utf-8")
 
 
-def sections_of(inertials: Mapping[str, Inertial], effects: Sequence[Effect]) -> str:
-    """Return inertials and effects as they stand in a `sim.yaml`, to five digits; "" if none.
+def sections_of(
+    inertials: Mapping[str, Inertial],
+    effects: Sequence[Effect],
+    drives: Sequence[JointDrive] = (),
+) -> str:
+    """Return inertials, drives and effects as they stand in a `sim.yaml`, to five digits.
 
     Args:
         inertials: By link name.
         effects: In the order in which they are written.
+        drives: Likewise.
+
+    Returns:
+        Text, "" if there is none of them.
     """
     content: dict[str, Any] = {}
     if inertials:
         content["inertials"] = _shortened(_inertial_entries(inertials))
+    if drives:
+        content["drives"] = [_shortened(_drive_entry(drive)) for drive in drives]
     if effects:
         content["effects"] = [_shortened(_effect_entry(effect)) for effect in effects]
     return _text(content) if content else ""

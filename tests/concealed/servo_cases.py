@@ -16,6 +16,7 @@ from servo_plant import LINK, MOTOR, N, Played
 from limo_driver.recordings.recording import Recording
 
 TOLERANCE = 0.1  # of what is stated of the drives, relative
+_DRAWS, _BEYOND = 20, 0.4  # [rad], which a zero may add to the range
 SECONDS = 24.0  # of each recording
 GAIN, BRAKE, STALL, ROTOR, DRY, WET, LATE = 17.0, 0.8, 2.9, 0.028, 0.12, 0.08, 0.015
 LOADED = (1, 2)  # joints that gravity loads well, 0-based
@@ -40,6 +41,20 @@ OTHERS = (
     "integral_gain",
     "stribeck_friction",
 )
+LIMITS = (  # what came last: of servos at their limits
+    "punch",
+    "thermal_derating",
+    "torque_limit",
+    "voltage_limit",
+    "profile_speed",
+    "profile_acceleration",
+    "motor_friction",
+    "damped_torque_limit",
+)
+NAMED = {  # as which effect a diagnosis names them
+    "motor_friction": "load_dependent_friction",
+    "damped_torque_limit": "torque_limit",
+}
 WHOLE = ("payload", "supply_sag")  # what no single joint has
 COUNTED = ("joint_sign", "swapped_joints")  # how recordings count
 
@@ -48,7 +63,7 @@ COUNTED = ("joint_sign", "swapped_joints")  # how recordings count
 class Hidden:
     """One thing that nobody stated."""
 
-    effect: str
+    effect: str  # as a diagnosis names it
     joints: tuple[int, ...]  # 1-based; none for the whole arm
     size: float  # in the unit of the effect
 
@@ -96,23 +111,40 @@ def make(
     bits: int = 12,
     commanded: tuple[float, np.ndarray] | None = None,
 ) -> Case:
-    """Draw a case.
+    """Draw a case; once more if its arm leaves the ranges of its joints, as no real one can.
 
     Args:
         seed: Of all that is drawn.
-        effects: What is hidden, of `SINGLES` and `OTHERS`; those of single joints at joints of
-            their own.
+        effects: What is hidden, of `SINGLES`, `OTHERS` and `LIMITS`; those of single joints at
+            joints of their own.
         rate: Of the recordings [Hz].
         bits: Of the encoders.
         commanded: Seconds between two commands, and commands (K, n) [rad], of one recording that
             stands in for the usual three.
     """
-    random = np.random.default_rng([seed, 7])
+    for attempt in range(_DRAWS):
+        case = _drawn(seed, attempt, effects, rate, bits, commanded)
+        if max(np.abs(own.position).max() for own in case.recordings) < plant.REACH + _BEYOND:
+            return case
+    raise ValueError(f"{effects} lead the arm beyond its joints in every one of {_DRAWS} draws")
+
+
+def _drawn(
+    seed: int,
+    attempt: int,
+    effects: tuple[str, ...],
+    rate: float,
+    bits: int,
+    commanded: tuple[float, np.ndarray] | None,
+) -> Case:
+    random = np.random.default_rng([seed, 7, attempt] if attempt else [seed, 7])
     arm = plant.hobby_arm()
     believed = _servos(random, bits)
     servos = believed.copy()
     for name in ("gain", "brake", "rotor", "dry", "wet", "late"):
         servos[name] *= np.exp(TOLERANCE * np.clip(random.normal(size=N), -2, 2))
+    stall = np.random.default_rng([seed, 13]).normal(size=N)
+    servos["stall"] *= np.exp(TOLERANCE * np.clip(stall, -2, 2))
     true, sign, zero, order = arm, np.ones(N), np.zeros(N), list(range(N))
     hidden, free = list[Hidden](), list(LOADED)
     for effect in effects:
@@ -135,7 +167,7 @@ def make(
             _hide(servos, effect, joint, size, random)
             sign[joint] = -1.0 if effect == "joint_sign" else 1.0
             zero[joint] = size if effect == "encoder_offset" else 0.0
-        hidden.append(Hidden(effect, tuple(j + 1 for j in joints), size))
+        hidden.append(Hidden(NAMED.get(effect, effect), tuple(j + 1 for j in joints), size))
     tick = servos["tick"][0]
     recordings = []
     every = max(1 / rate, 0.005)
@@ -161,6 +193,14 @@ _SIZES = {
     "gear_ratio": lambda r: float(r.choice([0.43, 0.55, 1.8, 2.3])),  # of gears that are sold
     "integral_gain": lambda r: float(r.uniform(5.0, 25.0)),  # [N m/(rad s)]
     "stribeck_friction": lambda r: float(DRY * r.uniform(1.0, 2.5)),  # [N m]
+    "punch": lambda r: float(DRY * r.uniform(0.5, 0.9)),  # [N m]
+    "thermal_derating": lambda r: float(r.uniform(0.8, 2.0)),
+    "torque_limit": lambda r: float(STALL * r.uniform(0.3, 0.5)),  # [N m]
+    "voltage_limit": lambda r: float(r.uniform(0.8, 1.4)),  # [rad/s]
+    "profile_speed": lambda r: float(r.uniform(0.5, 1.0)),  # [rad/s]
+    "profile_acceleration": lambda r: float(r.uniform(1.5, 4.0)),  # [rad/s^2]
+    "motor_friction": lambda r: float(r.uniform(0.25, 0.4)),
+    "damped_torque_limit": lambda r: float(STALL * r.uniform(0.3, 0.5)),  # [N m]
 }
 _FIELD_OF = {
     "drive_delay": "late",
@@ -172,6 +212,14 @@ _FIELD_OF = {
     "backlash": "gap",
     "integral_gain": "reset",
     "stribeck_friction": "breakaway",
+    "punch": "kick",
+    "thermal_derating": "fade",
+    "torque_limit": "stall",
+    "voltage_limit": "pace",
+    "profile_speed": "slew",
+    "profile_acceleration": "ramp",
+    "motor_friction": "by_drive",
+    "damped_torque_limit": "stall",
 }
 _GEARED = {"gain": 1, "stall": 1, "dry": 1, "brake": 2, "rotor": 2, "wet": 2}  # powers of the ratio
 
@@ -186,6 +234,10 @@ def _hide(
             servos[name][joint] *= size**power
     if hidden == "spring_load":
         servos["hose_rest"][joint] = random.uniform(-0.5, 0.5)
+    if hidden == "thermal_derating":
+        servos["warm"][joint] = random.uniform(5.0, 15.0)
+    if hidden == "damped_torque_limit":  # servos that limit what their derivative asks for, too
+        servos["rate"], servos["brake"] = servos["brake"].copy(), 0.0
     if hidden == "backlash":
         servos["looks_at"][joint] = MOTOR
 

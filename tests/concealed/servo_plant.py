@@ -34,6 +34,14 @@ FIELDS = [
     ("band", "f8"),  # [rad] of error that is taken for none
     ("gap", "f8"),  # [rad] of play, from flank to flank
     ("reset", "f8"),  # [N m/(rad s)] of the integral
+    ("kick", "f8"),  # [N m] that any error outside the band asks for at least
+    ("rate", "f8"),  # [N m s/rad] of the servo's own derivative, of what it asks for
+    ("slew", "f8"),  # [rad/s] at most of the set-point, which leads the servo; 0: of no limit
+    ("ramp", "f8"),  # [rad/s^2] likewise
+    ("pace", "f8"),  # [rad/s] at which the volts leave no torque; 0: of no limit
+    ("fade", "f8"),  # resistance that a winding stalled for long gains, over its own
+    ("warm", "f8"),  # [s] in which it does
+    ("by_drive", "f8"),  # dry friction by N m of the motor
     ("source", "f8"),  # resistance of the supply over that of this winding
     ("hose", "f8"),  # [N m/rad] of a cable
     ("hose_rest", "f8"),  # [rad]
@@ -112,6 +120,7 @@ def _play(arm, servos, command, steps, w, told):
     bias, torque, between, wrench = np.zeros(N), np.zeros(N), np.zeros(N), np.zeros(6)
     M, push = np.zeros((N, N)), np.zeros(N)
     share, summed, volts = np.zeros(N), np.zeros(N), 1.0
+    goal, glide, warmth = command[0].copy(), np.zeros(N), np.zeros(N)
     for t in range(told.shape[0]):
         arm_.place(arm, q, w)
         arm_.inverse_dynamics(arm, v, np.zeros(N), wrench, w, bias)
@@ -120,6 +129,13 @@ def _play(arm, servos, command, steps, w, told):
         for j in range(N):
             s = servos[j]
             torque[j] = s.stall * share[j] * volts
+            if s.fade > 0.0:
+                warmth[j] += PERIOD / s.warm * (share[j] * share[j] - warmth[j])
+                torque[j] /= 1.0 + s.fade * warmth[j]
+            if s.pace > 0.0:
+                most = s.stall * (1.0 - u[j] / s.pace)
+                least = -s.stall * (1.0 + u[j] / s.pace)
+                torque[j] = min(max(torque[j], least), most)
             half, apart = 0.5 * s.gap, m[j] - q[j]
             wound = apart - half if apart > half else apart + half if apart < -half else 0.0
             touching = s.gap == 0.0 or wound != 0.0
@@ -129,12 +145,16 @@ def _play(arm, servos, command, steps, w, told):
                 told_now = s.tick * np.floor(told_now / s.tick + 0.5)
                 k = (t * PERIOD - s.late) / (steps * PERIOD)
                 asked = command[max(0, int(np.floor(k))), j]
+                if s.slew > 0.0 or s.ramp > 0.0:
+                    asked = _led(s, asked, goal, glide, j)
                 error = asked - told_now
                 if s.band > 0.0:
                     error = np.sign(error) * max(abs(error) - s.band, 0.0)
                 summed[j] += s.reset * error * LOOK * PERIOD
-                share[j] = min(max((s.gain * error + summed[j]) / s.stall, -1.0), 1.0)
+                wished = s.gain * error + summed[j] + s.kick * np.sign(error) - s.rate * u[j]
+                share[j] = min(max(wished / s.stall, -1.0), 1.0)
             dry = s.dry + s.breakaway * np.exp(-((u[j] / 0.03) ** 2)) + s.by_load * abs(between[j])
+            dry += s.by_drive * abs(torque[j])
             wanted = s.rotor * u[j] + PERIOD * (torque[j] - between[j])
             free = abs(wanted) - PERIOD * dry
             u[j] = np.sign(wanted) * max(free, 0.0) / (s.rotor + PERIOD * (s.brake + s.wet))
@@ -147,6 +167,23 @@ def _play(arm, servos, command, steps, w, told):
             seen = q[j] if servos[j].tells == LINK else m[j]
             tick = servos[j].tick
             told[t, j] = tick * np.floor(seen / tick + 0.5)
+
+
+@njit(fastmath=True)
+def _led(s, asked, goal, glide, j):
+    """Return the set-point that glides to what is asked, as fast as it can still brake."""
+    tick, left = LOOK * PERIOD, asked - goal[j]
+    pace = abs(left) / tick
+    if s.slew > 0.0:
+        pace = min(pace, s.slew)
+    wish = pace if left > 0.0 else -pace
+    if s.ramp > 0.0:
+        brakes = np.sqrt(2.0 * s.ramp * abs(left))
+        wish = min(max(wish, -brakes), brakes)
+        wish = min(max(wish, glide[j] - s.ramp * tick), glide[j] + s.ramp * tick)
+    glide[j] = wish
+    goal[j] += wish * tick
+    return goal[j]
 
 
 @njit(fastmath=True)

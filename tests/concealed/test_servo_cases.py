@@ -18,6 +18,10 @@ import limo_driver as limo
         (7006, "swapped_joints", 200.0, "", 0.0),
         (7007, "supply_sag", 200.0, "sag", 0.2),
         (9302, "swapped_joints+backlash+encoder_offset", 200.0, "", 0.0),
+        (300, "punch", 200.0, "punch", 0.1),
+        (301, "thermal_derating", 200.0, "derating", 0.1),
+        (302, "torque_limit", 200.0, "torque_limit", 0.1),
+        (303, "voltage_limit", 200.0, "free_speed", 0.1),
         (12, "", 200.0, "", 0.0),
         (1027, "", 200.0, "", 0.0),  # in which a body of 0.01 kg explains a little
     ],

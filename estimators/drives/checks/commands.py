@@ -29,10 +29,10 @@ _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
 _AT_REST: Final = 0.002  # [rad] that a joint moves less than where it rests
 _LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
 _FOLLOWED: Final = 0.1  # [rad] of error, below which a joint follows its command
-_LEAP: Final = 1.6  # times as far as in the rows around, that joint and command move in one row
-_EVEN: Final = 0.3  # of a pace, by which that before and that behind a leap may differ
-_TICKS: Final = 4.0  # of an encoder, that a joint has to move in a row
-_LEAPS: Final = 2  # rows, from which on frames are missing
+_LEAP: Final = 1.6  # times the pace of the rows around, at which joints reach a row
+_STEADY: Final = 4.0  # times what paces before and behind a leap differ by, that it has to exceed
+_TICKS: Final = 4.0  # of an encoder, that joints together have to move in a row
+_LEAPS: Final = 3  # rows, from which on frames are missing
 _SAME: Final = 1e-6  # [rad], mean distance of commands that are the positions themselves
 
 
@@ -180,7 +180,7 @@ def _odd(recording: Recording, name: str) -> Iterator[str]:
             yield f"rows are missing: {text} ({name})"
     if len(rows := _leaps(recording)) >= _LEAPS:
         yield (
-            f"in {len(rows)} rows joints and commands move much further than in the rows around; "
+            f"in {len(rows)} rows joints move much further than in the rows around; "
             f"were frames dropped and the others stamped evenly? ({name}, first at "
             f"{recording.time[rows[0]]:.1f} s)"
         )
@@ -189,25 +189,27 @@ def _odd(recording: Recording, name: str) -> Iterator[str]:
 
 
 def _leaps(recording: Recording) -> list[int]:
-    """Return rows at which joints and commands leap between two rows of the same steady pace.
+    """Return rows to which all joints leap, from a steady pace to the same one.
 
-    No motor does that, nor a row that is read late: the next one would be short.
+    No motor does that, nor a row that is read late: the next one would be short. Paces of all
+    joints together are one vector; its change in a row is told in units of the encoders' steps.
     """
-    leap = _of_the_pace(recording.position) > _LEAP
-    leap &= _of_the_pace(commands_of(recording)) > _LEAP
-    return np.flatnonzero(leap.any(axis=1)).tolist()
-
-
-def _of_the_pace(values: FloatArray) -> FloatArray:
-    """Return steps over those around them, (T - 3, n); 0 where these are slow or differ."""
-    step = np.diff(values, axis=0)
+    step = np.diff(recording.position, axis=0)
     size = np.where(step == 0.0, np.inf, np.abs(step))
-    tick = np.percentile(size, 1, axis=0, method="lower")
-    before, here, after = step[:-2], step[1:-1], step[2:]
-    pace = 0.5 * (before + after)
-    steady = np.abs(before - after) < _EVEN * np.abs(pace) + 2.0 * tick
-    fast = np.abs(pace) > _TICKS * tick
-    return np.where(steady & fast, here / np.where(pace == 0.0, 1.0, pace), 0.0)
+    ticks = np.percentile(size, 1, axis=0, method="lower")
+    tick = float(np.median(ticks[np.isfinite(ticks)])) if np.isfinite(ticks).any() else 0.0
+    period = np.diff(recording.time)[:, None]
+    pace = step / period
+    before, here, after = pace[:-2], pace[1:-1], pace[2:]
+    mean = 0.5 * (before + after)
+    length = np.linalg.norm(mean, axis=1)
+    least = tick / period[1:-1, 0]
+    fast = length > _TICKS * least
+    length = np.where(fast, length, 1.0)
+    times = (here * mean).sum(axis=1) / length**2
+    uneven = np.maximum(np.linalg.norm(before - after, axis=1) - 2.0 * least, 0.0) / length
+    leap = (times > _LEAP) & (times - 1.0 > _STEADY * uneven) & (uneven < 1.0)
+    return (np.flatnonzero(leap & fast) + 1).tolist()
 
 
 def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
@@ -230,6 +232,13 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
                 yield (
                     f"joint {j + 1} is stalled {error.mean():.2f} rad from its command ({where})"
                 )
+            return
+        told = float(np.ptp(asked[: rows // 2]))  # later ones may not have come into force
+        if moved < _AT_REST and told > span:
+            yield (
+                f"joint {j + 1} is stalled: it rests while its command moves {told:.2f} rad "
+                f"({where})"
+            )
             return
         if np.ptp(asked) == 0 and np.ptp(command[max(0, start - rows) : start + rows]) == 0:
             away = error[-1] - error[0]

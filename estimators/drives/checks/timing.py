@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.fitting.constants import value_in, with_values
-from estimators.drives.fitting.extras import most_of
 from estimators.drives.fitting.joint import errors, fit_joint
+from estimators.drives.fitting.limits import most_of
 from estimators.drives.fitting.starts import nearer_start, typical_start
 from estimators.drives.simulation.commanded import busiest
 from estimators.drives.simulation.free_run import commands_of

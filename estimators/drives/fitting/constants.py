@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.simulation.columns import NAMES
-from limo_driver.physics.drives import LONGEST_DELAY
+from limo_driver.physics.drives import LONGEST_DELAY, MOST_SAG
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,10 +23,13 @@ STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a s
 _TIED: Final = {COULOMB: ("plus", "minus"), DAMPING: ("viscous_plus", "viscous_minus")}
 _BOUNDS: Final = {
     "v_s": (1e-3, 0.3),  # [rad/s]; friction that fades later is dry friction
+    "assisted": (0.1, 1.5),
     "by_load": (LEAST, 3.0),  # beyond, no gear is driven
     "delay": (LEAST, LONGEST_DELAY),
     "play": (LEAST, 0.2),  # [rad], most that a backlash may be
     "dead_band": (LEAST, 0.5),  # [rad]
+    "derating": (LEAST, MOST_SAG),
+    "heating": (1.0, 1e3),  # [s]; what warms faster or slower looks like another gain
 }
 
 

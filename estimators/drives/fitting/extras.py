@@ -15,6 +15,7 @@ import numpy as np
 
 from estimators.drives.fitting.constants import BASE, value_in, with_values
 from estimators.drives.fitting.joint import JointFit, errors, fit_joint, left_out
+from estimators.drives.fitting.limits import begun_at
 from estimators.drives.fitting.starts import LAGS, away, lagging
 
 if TYPE_CHECKING:
@@ -42,12 +43,8 @@ class Extra:
         """
         if not self.limit:
             return self.start
-        limits = [share * most_of(self.limit, parts, row) for share in _SHARES]
-        if self.limit == "torque_limit":
-            limits += [times * _most_load(parts) for times in _LIFTED]
-        reached = {limit: away(parts, with_values(row, {self.limit: limit})) for limit in limits}
-        best = min(reached, key=lambda value: reached[value])
-        return {self.limit: best} if reached[best] < away(parts, row) else {}
+        best = begun_at(self.limit, parts, row)
+        return best.values if best.away < away(parts, row) else {}
 
 
 EXTRAS: Final = (
@@ -59,9 +56,6 @@ EXTRAS: Final = (
     Extra("torque_limit", {}, "torque_limit"),
 )
 MOST: Final = 3  # of one joint
-_SHARES: Final = (0.3, 0.5, 0.7, 0.9)  # of what a joint or its servo did at most, tried as a limit
-_LIFTED: Final = (1.0, 1.3, 1.7)  # times the most load that was moved, tried as a torque limit
-_RARE: Final = 0.995  # quantile of what it did, taken for the most
 _GAIN: Final = 0.97  # of the error on motion not seen, which an effect has to get below
 _SURE: Final = 0.4  # of the logarithm of a constant; a deviation beyond says that it is not seen
 _SCREENING: Final = 8  # evaluations
@@ -187,31 +181,6 @@ def _proven(
     own = _score(parts, fit.row)
     without = with_values(fit.row, {name: value_in(before, name) for name in names})
     return own if own < _GAIN * min(score, _score(parts, without)) else np.inf
-
-
-def most_of(name: str, parts: Sequence[LoadedJoint], row: FloatArray) -> float:
-    """Return the most of what a limit limits, along recorded motion.
-
-    Args:
-        name: The limit: of torque [N m], speed [rad/s] or acceleration [rad/s²].
-        parts: Recorded stretches.
-        row: The constants without it.
-    """
-    if name == "torque_limit":
-        error = [np.abs(part.command - part.position) for part in parts]
-        return value_in(row, "kp") * float(np.quantile(np.concatenate(error), _RARE))
-    pace = [part.velocity for part in parts]
-    if name == "acceleration":
-        pace = [np.gradient(part.velocity, part.time) for part in parts]
-    return float(np.quantile(np.abs(np.concatenate(pace)), _RARE))
-
-
-def _most_load(parts: Sequence[LoadedJoint]) -> float:
-    """Return the most torque of the rigid body along recorded motion [N m]."""
-    load = [
-        np.abs(part.load + part.inertia * np.gradient(part.velocity, part.time)) for part in parts
-    ]
-    return float(np.quantile(np.concatenate(load), _RARE))
 
 
 def _score(parts: Sequence[LoadedJoint], row: FloatArray) -> float:

@@ -258,8 +258,8 @@ def with_servos(simulation: Simulation) -> Simulation:
 def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
     """Return a simulation with the constants that were fitted, as seen at the joints.
 
-    Damping of the servo and viscous friction of the joint act alike: what fits start without, the
-    first of them, is left out.
+    Damping of the servo and viscous friction of the joint act alike but at a torque limit: what
+    fits do not place within that is viscous friction.
     """
     rows, given = [geared(row) for row in rows], rows
     kept = tuple(effect for effect in simulation.effects if not isinstance(effect, _FITTED))
@@ -268,23 +268,33 @@ def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
         _driven(drive, rows[drive.joint - 1], value_in(given[drive.joint - 1], "gear"))
         for drive in simulation.drives
     )
-    return replace(simulation, effects=(*effects, *kept), drives=drives)
+    turned = {drive.joint for drive in drives if isinstance(drive, DcMotor)}
+    motors = tuple(
+        DcMotor.of_limits(j, value_in(row, "stall"), value_in(row, "free_speed"))
+        for j, row in enumerate(rows, start=1)
+        if j not in turned and np.isfinite(value_in(row, "stall"))
+    )
+    return replace(simulation, effects=(*effects, *kept), drives=(*drives, *motors))
 
 
 def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
     if isinstance(drive, DcMotor):
-        return replace(drive, gear=ratio * drive.gear)
+        limits = value_in(row, "stall"), value_in(row, "free_speed")
+        return replace(drive, gear=ratio * drive.gear).limited(*limits)
     if not isinstance(drive, PositionServo):
         return drive
     return replace(
         drive,
         kp=value_in(row, "kp"),
-        kd=value_in(row, "kd"),
+        kd=value_in(row, "kd") + value_in(row, "inside") * value_in(row, DAMPING),
         delay=value_in(row, "delay"),
         dead_band=value_in(row, "dead_band"),
         play=value_in(row, "play"),
         ki=value_in(row, "ki"),
         sag=value_in(row, "sag"),
+        punch=value_in(row, "punch"),
+        derating=value_in(row, "derating"),
+        heating=value_in(row, "heating") if value_in(row, "derating") else drive.heating,
         torque_limit=_finite(value_in(row, "torque_limit")),
         speed=_finite(value_in(row, "speed")),
         acceleration=_finite(value_in(row, "acceleration")),
@@ -305,7 +315,7 @@ def _effects(joint: int, row: FloatArray) -> list[Effect]:
         CoulombFriction(joint=joint, tau_c=plus)
         if plus == minus
         else AsymmetricFriction(joint=joint, tau_plus=plus, tau_minus=minus),
-        ViscousFriction(joint=joint, f_v=value(DAMPING)),
+        ViscousFriction(joint=joint, f_v=(1.0 - value("inside")) * value(DAMPING)),
         Armature(joint=joint, inertia=value("inertia")),
         TorqueOffset(joint=joint, offset=value("offset")),
     ]
@@ -313,7 +323,17 @@ def _effects(joint: int, row: FloatArray) -> list[Effect]:
         tau_s, v_s, delta = value("stribeck"), value("v_s"), value("delta")
         found.append(StribeckFriction(joint=joint, tau_s=tau_s, v_s=v_s, delta=delta))
     if value("by_load") > 0.0:
-        found.append(LoadDependentFriction(joint=joint, coefficient=value("by_load")))
+        resisted, assisted = (value("by_load") * value(own) for own in ("resisted", "assisted"))
+        parts = {
+            "absolute": min(resisted, assisted),
+            "positive": max(resisted - assisted, 0.0),
+            "negative": max(assisted - resisted, 0.0),
+        }
+        found += [
+            LoadDependentFriction(joint=joint, coefficient=size, variant=variant)
+            for variant, size in parts.items()
+            if size > 0.0
+        ]
     if value("spring") != 0.0 or value("cubic") != 0.0:
         stiffness, rest, cubic = value("spring"), value("rest"), value("cubic")
         found.append(SpringLoad(joint=joint, stiffness=stiffness, rest=rest, cubic=cubic))

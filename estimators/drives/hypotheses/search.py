@@ -21,7 +21,7 @@ from estimators.drives.fitting.constants import (
     value_in,
     with_values,
 )
-from estimators.drives.hypotheses.suspects import COUNTED, Suspect, suspects_of
+from estimators.drives.hypotheses.suspects import COUNTED, Suspect, stated_beside, suspects_of
 from estimators.drives.simulation.loads import ArmChange
 
 if TYPE_CHECKING:
@@ -35,6 +35,9 @@ OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the kno
 _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
 _FADES: Final = BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
+# Friction by load where the load drives the joint, over that where it resists: alike in most gears,
+# less where it goes by the motor's torque, which friction raises one way and lowers the other.
+_DRIVEN: Final = BelievedValue(1.0, 0.35)
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
 _ZERO: Final = 0.3  # [rad]
 _SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
@@ -59,14 +62,19 @@ class Searched:
 
 
 def stated_guess(stated: FloatArray) -> ArmGuess:
-    """Return a guess that begins with the stated constants, (n, columns)."""
+    """Return a guess that begins with the stated constants, damping of servos beyond their limits.
+
+    Args:
+        stated: Constants of each joint, (n, columns).
+    """
     rows = np.stack(
         [
             with_values(row, {DAMPING: value_in(row, DAMPING) + value_in(row, "kd"), "kd": 0.0})
             for row in stated
         ]
     )
-    return ArmGuess(rows, (BASE,) * len(rows), ArmChange.none(len(rows)))
+    names = tuple((*BASE, *stated_beside(row)) for row in rows)
+    return ArmGuess(rows, names, ArmChange.none(len(rows)))
 
 
 def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedValue]]:
@@ -74,9 +82,13 @@ def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedVal
     own = ("kp", DAMPING, COULOMB, "delay", "inertia")
     return [
         {
-            **{name: _belief(value_in(row, name), tolerance) for name in own},
+            **{
+                name: _belief(value_in(row, name), tolerance)
+                for name in (*own, *stated_beside(row))
+            },
             "offset": BelievedValue(value_in(row, "offset"), OFFSET),
             "v_s": _FADES,
+            "assisted": _DRIVEN,
         }
         for row in rows
     ]
@@ -109,17 +121,65 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
     weights = _weights(loads, guess, tick)
     problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=FOUND)
     fit = fit_arm(problem, guess, _FIRST)
+    other = _limited(guess, stated)
+    if not _alike(problem, guess, other):
+        fit = min(fit, fit_arm(problem, other, _FIRST), key=lambda own: own.cost)
+    found = _searched(problem, fit, guess.rows, tick)
+    other = _limited(found.fit.guess, stated)
+    if not _alike(found.problem, found.fit.guess, other):
+        moved = fit_arm(found.problem, other, _THEN)
+        if moved.cost < found.fit.cost - _WORTH:
+            again = fit_arm(problem, _limited(fit.guess, stated), _FIRST)
+            return _searched(problem, again, guess.rows, tick)
+    return found
+
+
+def _limited(guess: ArmGuess, stated: FloatArray) -> ArmGuess:
+    """Return a guess in which servos limit what their damping asks for, too, if they did not.
+
+    A servo that limits its motor's current does; one that limits its voltage leaves out what the
+    motor brakes by itself. It is of one kind in all servos of an arm.
+
+    Args:
+        guess: Which is of the other kind.
+        stated: Constants of each joint, (n, columns), which tell the servos' own damping.
+    """
+    rows = guess.rows.copy()
+    within = any(value_in(row, "inside") for row in rows)
+    for j, row in enumerate(stated):
+        damping = value_in(row, "kd") + value_in(row, DAMPING)
+        if damping > 0.0 and np.isfinite(value_in(row, "torque_limit")):
+            share = 0.0 if within else value_in(row, "kd") / damping
+            rows[j] = with_values(rows[j], {"inside": share})
+    return replace(guess, rows=rows)
+
+
+def _alike(problem: ArmProblem, one: ArmGuess, other: ArmGuess) -> bool:
+    """Say whether two guesses move the arm alike, as where no limit is reached."""
+    pairs = zip(problem.errors(one), problem.errors(other), strict=True)
+    return all(np.array_equal(a, b) for a, b in pairs)
+
+
+def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float) -> Searched:
+    """Add what explains most, one after the other, as long as it is worth it.
+
+    Args:
+        problem: In which stated values stay within their tolerances.
+        fit: Of these alone.
+        stated: Constants of each joint that fits began with, (n, columns).
+        tick: Step of the encoders [rad].
+    """
     problem, fit = reweighted(problem, fit, tick)
     chosen = list[Suspect]()
-    waiting = list(suspects_of(loads))
     while len(chosen) < _MOST:
+        every = suspects_of(problem.loads, fit.guess, stated)
+        waiting = [one for one in every if not any(known.excludes(one) for known in chosen)]
         glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
         likely = _likely(problem, fit, waiting, glances)
         looks = [_Look.at(problem, fit, waiting[k], glances[k], tick) for k in likely]
         if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
             break
         chosen.append(best.one)
-        waiting = [one for one in waiting if not best.one.excludes(one)]
         problem, fit = reweighted(best.problem, best.fit, tick)
         if best.one.effect in COUNTED:
             break  # all else is better looked for where joints count as described

@@ -8,20 +8,24 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.checks.conventions import likeliest_order
-from estimators.drives.fitting.constants import COULOMB, DAMPING, with_values
+from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
+from estimators.drives.fitting.limits import LIMITS, begun_at, motor_begun_at
+from estimators.drives.fitting.starts import away
+from estimators.drives.simulation.columns import UNLIMITED
+from estimators.drives.simulation.plant import most_torque
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from estimators.drives.fitting.arm import ArmGuess
     from estimators.drives.simulation.loads import ArmChange, ArmLoads
+    from estimators.drives.simulation.one_joint import LoadedJoint
+    from limo_driver.types import FloatArray
 
 COUNTED: Final = ("joint_sign", "swapped_joints")  # how recordings count, and no physics
 NEUTRAL: Final = {
-    "speed": np.inf,
-    "v_s": 1.0,
-    "gear": 1.0,
-    "delta": 1.0,
+    **dict.fromkeys(UNLIMITED, np.inf),
+    **dict.fromkeys(("v_s", "gear", "delta", "heating", "resisted", "assisted"), 1.0),
 }  # constants that are not 0 where there is nothing
 _START_MASS: Final = 0.05  # of the arm's own
 _FADING: Final = (1.0, 2.0)  # exponents of Stribeck friction: exponential, and as a bell
@@ -32,6 +36,15 @@ _FREED: Final = {
     "delay": "drive_delay",
     "inertia": "armature",
     "offset": "torque_offset",
+}
+_BESIDE: Final = {  # constants that a drive may be stated to have, and what each is
+    "dead_band": "dead_band",
+    "punch": "punch",
+    "ki": "integral_gain",
+    "play": "backlash",
+    "speed": "profile_speed",
+    "acceleration": "profile_acceleration",
+    "torque_limit": "torque_limit",
 }
 
 
@@ -46,6 +59,7 @@ class Suspect:
     freed: str = ""  # a stated constant that is another
     other: int | None = None  # the second of two joints, 0-based
     shape: tuple[tuple[str, float], ...] = ()  # constants of its law that are not fitted
+    bent: tuple[tuple[str, float], ...] = ()  # others, which a fit without it bends: from anew
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,8 +93,6 @@ class Suspect:
 
     def added(self, guess: ArmGuess) -> ArmGuess:
         """Return a guess that has it."""
-        if self.freed:
-            return replace(guess, free=guess.free | {(self.joint or 0, self.freed)})
         if self.effect in COUNTED:
             return replace(guess, change=self.counted(guess.change))
         if self.shared:
@@ -88,9 +100,10 @@ class Suspect:
             for name, value in self.start:
                 change = change.with_value(name, value)
             return replace(guess, change=change, shared=(*guess.shared, *self.names))
-        rows, names = guess.rows.copy(), list(guess.names)
-        j = self.joint or 0
-        rows[j] = with_values(rows[j], dict((*self.shape, *self.start)))
+        rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
+        rows[j] = with_values(rows[j], dict((*self.bent, *self.shape, *self.start)))
+        if self.freed:
+            return replace(guess, rows=rows, free=guess.free | {(j, self.freed)})
         names[j] = (*names[j], *self.names)
         return replace(guess, rows=rows, names=tuple(names))
 
@@ -113,8 +126,23 @@ class Suspect:
         return replace(guess, rows=rows, names=tuple(names))
 
 
-def suspects_of(loads: ArmLoads) -> Iterator[Suspect]:
-    """Yield what may be there in any arm."""
+def stated_beside(row: FloatArray) -> tuple[str, ...]:
+    """Return which constants a drive is stated to have beyond the usual ones.
+
+    Args:
+        row: The stated constants of a joint.
+    """
+    return tuple(name for name in _BESIDE if value_in(row, name) != NEUTRAL.get(name, 0.0))
+
+
+def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterator[Suspect]:
+    """Yield what may be there in any arm.
+
+    Args:
+        loads: Of the recordings.
+        guess: What is known of the arm; limits are suspects where one beyond it comes nearer.
+        stated: Constants of each joint that fits began with, (n, columns).
+    """
     mass = sum(own.mass for own in loads.body.inertials.values())
     com = tuple((f"com_{axis}", 0.0) for axis in "xyz")
     yield Suspect("payload", None, (("mass", _START_MASS * mass), *com), shared=True)
@@ -124,18 +152,60 @@ def suspects_of(loads: ArmLoads) -> Iterator[Suspect]:
     order = likeliest_order(loads.body, loads.recordings)
     if pair := [j for j in range(loads.n) if order[j] != j]:
         yield Suspect("swapped_joints", pair[0], (), shared=True, other=pair[1])
+    parts, most = loads.parts(guess.change), most_torque(guess.rows)
     for j in range(loads.n):
         yield Suspect("encoder_offset", j, ((f"zero_{j + 1}", 0.0),), shared=True)
         yield Suspect("joint_sign", j, (), shared=True)
         for name, effect in _FREED.items():
             yield Suspect(effect, j, (), freed=name)
-        for delta in _FADING:
-            start = (("stribeck", 0.05), ("v_s", 0.05))
-            yield Suspect("stribeck_friction", j, start, shape=(("delta", delta),))
-        yield Suspect("load_dependent_friction", j, (("by_load", 0.1),))
-        yield Suspect("dead_band", j, (("dead_band", 0.01),))
-        yield Suspect("profile_speed", j, (("speed", 1.0),))
-        yield Suspect("spring_load", j, (("spring", 0.1),))
-        yield Suspect("backlash", j, (("play", 0.01),))
-        yield Suspect("gear_ratio", j, (("gear", 1.0),))
-        yield Suspect("integral_gain", j, (("ki", 1.0),))
+        for name in guess.names[j]:
+            if name in _BESIDE:
+                yield Suspect(_BESIDE[name], j, (), freed=name)
+        for one in (*_of_joints(), *_limits(parts[j], guess, j, stated[j])):
+            own = replace(one, joint=j)
+            if not set(own.names) & set(guess.names[j]):
+                yield own
+        if np.isfinite(most[j]):  # how warm a motor gets is in units of its stall
+            start = (("derating", 1.0), ("heating", 15.0))
+            yield Suspect("thermal_derating", j, start)
+
+
+def _of_joints() -> Iterator[Suspect]:
+    """Yield what any joint may have, at no joint yet."""
+    for delta in _FADING:
+        start = (("stribeck", 0.05), ("v_s", 0.05))
+        yield Suspect("stribeck_friction", None, start, shape=(("delta", delta),))
+    start = (("by_load", 0.1), ("assisted", 1.0))
+    yield Suspect("load_dependent_friction", None, start)
+    yield Suspect("dead_band", None, (("dead_band", 0.01),))
+    yield Suspect("punch", None, (("punch", 0.05),))
+    yield Suspect("spring_load", None, (("spring", 0.1),))
+    yield Suspect("backlash", None, (("play", 0.01),))
+    yield Suspect("gear_ratio", None, (("gear", 1.0),))
+    yield Suspect("integral_gain", None, (("ki", 1.0),))
+
+
+def _limits(
+    parts: Sequence[LoadedJoint], guess: ArmGuess, j: int, stated: FloatArray
+) -> Iterator[Suspect]:
+    """Yield the limits that come nearer to the recorded motion of a joint than what is known.
+
+    A fit without a limit has bent gain and damping towards it: so each is tried beside the stated
+    ones, too.
+    """
+    row, names = guess.rows[j], guess.names[j]
+    known = away(parts, row)
+    as_stated = with_values(row, {name: value_in(stated, name) for name in names})
+    for limit in (*LIMITS, "voltage_limit"):
+        tried = [
+            (begun_at(limit, parts, own) if limit in LIMITS else motor_begun_at(parts, own), own)
+            for own in (row, as_stated)
+        ]
+        start, base = min(tried, key=lambda one: one[0].away)
+        if start.away >= known:
+            continue
+        other = () if base is row else tuple((n, value_in(base, n)) for n in names if n != limit)
+        one = Suspect(_BESIDE.get(limit, limit), j, tuple(start.values.items()), bent=other)
+        if limit in names:
+            one = replace(one, start=(), bent=(*other, *start.values.items()), freed=limit)
+        yield one

@@ -30,7 +30,7 @@ KINDS: Final[dict[str, dict[str, str]]] = {
     "armature": {"inertia": "kg m^2"},
     "torque_offset": {"offset": "N m"},
     "stribeck_friction": {"stribeck": "N m", "v_s": "rad/s"},
-    "load_dependent_friction": {"by_load": "1"},
+    "load_dependent_friction": {"by_load": "1", "assisted": "1"},
     "dead_band": {"dead_band": "rad"},
     "profile_speed": {"speed": "rad/s"},
     "profile_acceleration": {"acceleration": "rad/s^2"},
@@ -39,6 +39,9 @@ KINDS: Final[dict[str, dict[str, str]]] = {
     "backlash": {"play": "rad"},
     "gear_ratio": {"gear": "1"},
     "integral_gain": {"ki": "N m/(rad s)"},
+    "punch": {"punch": "N m"},
+    "thermal_derating": {"derating": "1", "heating": "s"},
+    "voltage_limit": {"free_speed": "rad/s", "stall": "N m"},
 }
 _NAMES: Final = {
     COULOMB: "tau_c",
@@ -165,4 +168,5 @@ def parameters_of(fit: JointFit, units: dict[str, str]) -> dict[str, Interval]:
     return {
         _NAMES.get(name, name): Interval(fit.value(name), unit, fit.interval(name))
         for name, unit in units.items()
+        if name in fit.deviation
     }

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.simulation.free_run import commands_of, free_run
+from estimators.drives.simulation.one_step import row_errors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -18,21 +20,33 @@ if TYPE_CHECKING:
 LEAST: Final = 1e-9
 CONFIDENT: Final = 0.95  # share of resampled held-out motion in which a finding has to remove it
 _SEEN: Final = 0.1  # of a joint's squared held-out error, that a finding has to remove at least
+_MANY: Final = 4  # recordings, from which on whole ones are held out
+_REST: Final = 0.1  # [s] before and after a cut, in which a joint moves little
 _BLOCKS, _DRAWN = 20, 1000  # of held-out motion, and resamples of them
 
 
 def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
-    """Return what is fitted to and what is held out: every other recording, or halves of one.
+    """Return what is fitted to and what is held out: every other recording, or halves of few.
 
     Recordings go by the speed of their commands, and the fastest is fitted to: slow motion does not
-    show what limits a servo's speed, and predicts none of a fast one.
+    show what limits a servo's speed, and predicts none of a fast one. Few recordings may each be of
+    another kind of motion, and what one of them alone shows would never be proven by the others:
+    each is cut in two, where its joints are slowest around its middle.
     """
-    if len(recordings) > 1:
+    if len(recordings) >= _MANY:
         by_speed = sorted(recordings, key=_speed, reverse=True)
         return by_speed[0::2], by_speed[1::2]
-    (one,) = recordings
-    middle = len(one) // 2
-    return [one[:middle]], [one[middle:]]
+    at = [_cut(recording) for recording in recordings]
+    pairs = [(r[:middle], r[middle:]) for r, middle in zip(recordings, at, strict=True)]
+    return [first for first, _ in pairs], [second for _, second in pairs]
+
+
+def _cut(recording: Recording) -> int:
+    """Return the row around the middle at which all joints are slowest."""
+    third, half = len(recording) // 3, max(1, round(_REST * recording.rate))
+    moved = np.abs(np.diff(recording.position, axis=0)).sum(axis=1)
+    around = np.convolve(moved, np.ones(2 * half), mode="same")[third : 2 * third]
+    return third + int(np.argmin(around)) if around.size else len(recording) // 2
 
 
 def _speed(recording: Recording) -> float:
@@ -44,6 +58,23 @@ def _speed(recording: Recording) -> float:
 def position_errors(simulation: Simulation, recordings: Sequence[Recording]) -> FloatArray:
     """Return free-running position errors of all rows, (K, n) [rad]."""
     return np.concatenate([free_run(simulation, r) - r.position for r in recordings])
+
+
+def rms_of_rows(
+    parts: Sequence[Sequence[LoadedJoint]], rows: Sequence[FloatArray]
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the RMS errors of one step (n,) [rad] and of inverse dynamics (n,) [N m].
+
+    Args:
+        parts: Held-out stretches of each joint.
+        rows: Constants of each joint.
+    """
+    found = [row_errors(own, row) for own, row in zip(parts, rows, strict=True)]
+    step, torque = (
+        tuple(float(np.sqrt(np.mean(error**2))) for error in own)
+        for own in ([x.step for x in found], [x.torque for x in found])
+    )
+    return step, torque
 
 
 def removes(squared: FloatArray, without: FloatArray) -> float:

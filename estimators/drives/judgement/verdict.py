@@ -15,8 +15,15 @@ from estimators.diagnosis.verdict import (
     Verdict,
 )
 from estimators.drives.judgement.findings import KINDS, findings_of, is_known, parameters_of
-from estimators.drives.judgement.held_out import LEAST, by_recording, resolution_of
+from estimators.drives.judgement.held_out import (
+    LEAST,
+    by_recording,
+    resolution_of,
+    rms_of_rows,
+)
 from estimators.drives.judgement.wording import undecided
+from estimators.drives.simulation.one_joint import loaded_joints
+from estimators.drives.simulation.plant import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -60,6 +67,14 @@ def verdict_of(
         summary = "unexplained"
     rows = [len(r) for r in unseen]
     blocks = by_recording(before, after, rows, floor)
+    as_given = loaded_joints(given.body, evidence.unseen)
+    (step_before, torque_before), (step_after, torque_after) = (
+        rms_of_rows(parts, constants)
+        for parts, constants in (
+            (as_given, list(rows_of(given))),
+            (evidence.parts(given), [fit.row for fit in evidence.proof.fits]),
+        )
+    )
     return Verdict(
         verdict=summary,
         findings=findings,
@@ -84,6 +99,10 @@ def verdict_of(
             removed,
             blocks,
             unit="rad",
+            one_step_rmse_before=step_before,
+            one_step_rmse_after=step_after,
+            inverse_dynamics_rmse_before=torque_before,
+            inverse_dynamics_rmse_after=torque_after,
         ),
         rows=RowCount(
             used=sum(map(len, recordings)),

@@ -20,7 +20,7 @@ NAMES: Final = (
     "delay",  # [s]
     "resolution",  # [rad]
     "stall",  # [N m], of the motor
-    "fading",  # [N m s/rad], what the motor loses with speed
+    "free_speed",  # [rad/s], at which the motor without load stops gaining speed
     "inertia",  # [kg m²], of the drive
     "plus",  # [N m], dry friction moving positive
     "minus",  # [N m], and negative
@@ -31,6 +31,8 @@ NAMES: Final = (
     "v_s",  # [rad/s], at which that fades
     "delta",  # exponent of the fading
     "by_load",  # dry friction by N m of load
+    "resisted",  # factor of that while the load resists the motion
+    "assisted",  # and while it drives it
     "offset",  # [N m], which the joint needs beside the rigid body
     "spring",  # [N m/rad]
     "rest",  # [rad]
@@ -39,6 +41,9 @@ NAMES: Final = (
     "play",  # [rad], between the servo's encoder and the joint
     "gear",  # ratio of the gear over the stated one, between motor and encoder
     "sag",  # resistance of the supply over that of a motor's winding
+    "derating",  # resistance that a stalled motor's winding gains in the end, over its own
+    "heating",  # [s], in which it does
+    "inside",  # share of the damping that the servo makes, within its torque limit
 )
 (
     KP,
@@ -53,7 +58,7 @@ NAMES: Final = (
     DELAY,
     RESOLUTION,
     STALL,
-    FADING,
+    FREE_SPEED,
     INERTIA,
     PLUS,
     MINUS,
@@ -64,6 +69,8 @@ NAMES: Final = (
     V_S,
     DELTA,
     BY_LOAD,
+    RESISTED,
+    ASSISTED,
     OFFSET,
     SPRING,
     REST,
@@ -72,11 +79,22 @@ NAMES: Final = (
     PLAY,
     GEAR,
     SAG,
+    DERATING,
+    HEATING,
+    INSIDE,
 ) = range(len(NAMES))
-UNLIMITED: Final = ("integral_limit", "speed", "acceleration", "torque_limit", "stall")
+UNLIMITED: Final = (
+    "integral_limit",
+    "speed",
+    "acceleration",
+    "torque_limit",
+    "stall",
+    "free_speed",
+)
 _GEARED: Final = {  # powers of the gear's ratio in what is seen at the joint
     1: (KP, KI, INTEGRAL_LIMIT, PUNCH, TORQUE_LIMIT, STALL, PLUS, MINUS, STRIBECK),
-    2: (KD, FADING, INERTIA, VISCOUS_PLUS, VISCOUS_MINUS),
+    2: (KD, INERTIA, VISCOUS_PLUS, VISCOUS_MINUS),
+    -1: (FREE_SPEED,),
 }
 
 

@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.simulation.columns import DELAY, SAG, ZERO
+from estimators.drives.simulation.columns import DELAY, DERATING, SAG, ZERO
 from estimators.drives.simulation.joint_step import (
     commanded,
+    derated,
     driven,
     error_of,
+    heated,
     integrated,
     led,
     next_velocity,
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 LONGEST_STEP: Final = 0.005  # [s]
-_SWEEPS: Final = 500
+_SWEEPS: Final = 5000
 _CONVERGED: Final = 1e-7  # [rad/s]
 ROUNDING: Final = 1e-9  # [s], of sums of steps
 
@@ -68,7 +70,7 @@ def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
     position = np.empty_like(recording.position)
     chain = arm.chain
     for rows in recording.segments:
-        position[rows], unsettled = _advance(
+        position[rows], settled = _advance(
             chain.rotation,
             chain.translation,
             chain.axis,
@@ -79,11 +81,11 @@ def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
             np.ascontiguousarray(command[rows]),
             np.array(recording.position[rows][0]),
         )
-        if unsettled:
+        if not settled:
             raise ConfigError(
-                f"in {unsettled} steps the velocities of the joints did not agree within "
-                f"{_CONVERGED:g} rad/s after {_SWEEPS} sweeps; is the armature of a joint far "
-                "below the inertia that it moves?"
+                f"the velocities of the joints did not agree within {_CONVERGED:g} rad/s after "
+                f"{_SWEEPS} sweeps of a step; is the armature of a joint far below the inertia "
+                "that it moves?"
             )
     return position
 
@@ -126,6 +128,22 @@ def _supplied(rows: FloatArray, error: FloatArray, velocity: FloatArray) -> floa
     return sagged(sag, drawn, returned)
 
 
+@compiled(nogil=True)
+def _warm(
+    rows: FloatArray,
+    volts: FloatArray,
+    heat: FloatArray,
+    error: FloatArray,
+    velocity: FloatArray,
+    h: float,
+) -> None:
+    """Lower the voltage that drives warm motors, and warm them by a step."""
+    for j in range(error.size):
+        if rows[j, DERATING] > 0.0:
+            volts[j] = derated(rows[j], volts[j], heat[j])
+            heat[j] = heated(rows[j], heat[j], error[j], velocity[j], h)
+
+
 @compiled(
     reads=(
         "rotation",
@@ -150,8 +168,8 @@ def _advance(
     time: FloatArray,
     command: FloatArray,
     start: FloatArray,
-) -> tuple[FloatArray, int]:
-    """Return the positions (T, n) [rad] of one stretch without a gap, and the steps not settled."""
+) -> tuple[FloatArray, bool]:
+    """Return the positions (T, n) [rad] of one stretch without a gap, and whether all settled."""
     T, n = command.shape
     result = np.empty((T, n))
     zero = rows[:, ZERO]
@@ -162,7 +180,7 @@ def _advance(
     still, weightless, unit, column = np.zeros(n), np.zeros(3), np.zeros(n), np.empty(n)
     M, fresh = np.empty((n, n)), -math.inf
     ahead = np.zeros(n)  # drives, within their play
-    unsettled = 0
+    heat, volts = np.zeros(n), np.ones(n)
     inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
     for j in range(n):
         ahead[j] = slack(rows[j], bias[j])
@@ -189,7 +207,8 @@ def _advance(
                 target[j], pace[j] = led(rows[j], wanted, target[j], pace[j], h)
                 error[j] = error_of(rows[j], target[j], q[j] + zero[j])
                 integral[j] = integrated(rows[j], integral[j], error[j], h)
-            supply = _supplied(rows, error, v)
+            volts[:] = _supplied(rows, error, v)
+            _warm(rows, volts, heat, error, v, h)
             moved = math.inf
             for _ in range(_SWEEPS):
                 moved = 0.0
@@ -203,17 +222,18 @@ def _advance(
                         integral[j],
                         M[j, j],
                         load,
-                        supply,
+                        volts[j],
                         h,
                     )
                     moved = max(moved, abs(new - after[j]))
                     after[j] = new
                 if moved < _CONVERGED:
                     break
-            unsettled += moved >= _CONVERGED
+            if moved >= _CONVERGED:
+                return result, False
             for j in range(n):
                 ahead[j] = slack(rows[j], _load(bias, M, after, v, h, j))
                 q[j] += h * mean[j]
             v[:] = after
         result[i + 1] = q - ahead + zero
-    return result, unsettled
+    return result, True

@@ -13,13 +13,17 @@ import numpy as np
 
 from estimators.drives.simulation.columns import (
     ACCELERATION,
+    ASSISTED,
     BY_LOAD,
     CUBIC,
     DEAD_BAND,
     DELTA,
+    DERATING,
     DRAG,
-    FADING,
+    FREE_SPEED,
+    HEATING,
     INERTIA,
+    INSIDE,
     INTEGRAL_LIMIT,
     KD,
     KI,
@@ -29,6 +33,7 @@ from estimators.drives.simulation.columns import (
     PLAY,
     PLUS,
     PUNCH,
+    RESISTED,
     RESOLUTION,
     REST,
     SPEED,
@@ -119,6 +124,12 @@ def slack(row: FloatArray, force: float) -> float:
 
 
 @compiled(nogil=True)
+def _fading(row: FloatArray) -> float:
+    """Return what a motor loses with speed, as its voltage is limited [N m s/rad]."""
+    return row[STALL] / row[FREE_SPEED] if row[FREE_SPEED] < math.inf else 0.0
+
+
+@compiled(nogil=True)
 def driven(row: FloatArray, error: float, velocity: float) -> tuple[float, float]:
     """Return what a servo draws from its supply, over what it draws stalled and fully driven.
 
@@ -131,7 +142,7 @@ def driven(row: FloatArray, error: float, velocity: float) -> tuple[float, float
     """
     most = min(row[TORQUE_LIMIT], row[STALL])
     duty = min(max(row[KP] * error / most, -1.0), 1.0)
-    slope = row[KD] + row[FADING] + 0.5 * (row[VISCOUS_PLUS] + row[VISCOUS_MINUS])
+    slope = row[KD] + _fading(row) + 0.5 * (row[VISCOUS_PLUS] + row[VISCOUS_MINUS])
     return duty * duty, duty * slope * velocity / most
 
 
@@ -154,6 +165,33 @@ def sagged(sag: float, drawn: float, returned: float) -> float:
         returned: Of what their back-EMF saves.
     """
     return min((1.0 + sag * max(returned, 0.0)) / (1.0 + sag * drawn), 1.0)
+
+
+@compiled(nogil=True)
+def heated(row: FloatArray, heat: float, error: float, velocity: float, h: float) -> float:
+    """Return how warm a motor is a step `h` [s] later, over what it is stalled for long.
+
+    Args:
+        row: The constants of the joint.
+        heat: How warm it is.
+        error: That the servo acts on [rad].
+        velocity: [rad/s].
+        h: Step [s].
+    """
+    duty, _ = driven(row, error, velocity)
+    return heat + (duty - heat) * (1.0 - math.exp(-h / row[HEATING]))
+
+
+@compiled(nogil=True)
+def derated(row: FloatArray, supply: float, heat: float) -> float:
+    """Return the voltage that drives a warm motor as it would a cold one.
+
+    Args:
+        row: The constants of the joint.
+        supply: Voltage over that of a supply without load.
+        heat: How warm the motor is, over what it is stalled for long.
+    """
+    return supply / (1.0 + row[DERATING] * heat)
 
 
 @compiled(nogil=True)
@@ -186,9 +224,10 @@ def next_velocity(
     away = position - row[REST]
     spring = row[SPRING] + row[CUBIC] * away * away
     slope = row[VISCOUS_PLUS] if velocity > 0.0 else row[VISCOUS_MINUS]
-    soft = slope + row[DRAG] * abs(velocity) + 0.5 * spring * h
+    braked = row[INSIDE] * slope
+    soft = slope - braked + row[DRAG] * abs(velocity) + 0.5 * spring * h
     passive = heavy * velocity - load - row[OFFSET] - spring * away
-    push, stiff = integral, row[KD]
+    push, stiff = integral, row[KD] + braked
     if error != 0.0:
         push += row[KP] * error + math.copysign(row[PUNCH], error)
         stiff += 0.5 * row[KP] * h
@@ -198,9 +237,10 @@ def next_velocity(
     if abs(torque) > supply * row[TORQUE_LIMIT]:
         torque = math.copysign(supply * row[TORQUE_LIMIT], torque)
         after, mean = _moved(row, velocity, load, heavy, passive + torque, soft)
-    if abs(torque + row[FADING] * mean) > supply * row[STALL]:
-        torque = math.copysign(supply * row[STALL], torque + row[FADING] * mean)
-        after, mean = _moved(row, velocity, load, heavy, passive + torque, soft + row[FADING])
+    fading = _fading(row)
+    if abs(torque + fading * mean) > supply * row[STALL]:
+        torque = math.copysign(supply * row[STALL], torque + fading * mean)
+        after, mean = _moved(row, velocity, load, heavy, passive + torque, soft + fading)
     return after, mean
 
 
@@ -222,7 +262,9 @@ def _moved(
 @compiled(nogil=True)
 def _sliding(row: FloatArray, torque: float, velocity: float, load: float) -> float:
     """Return what dry friction leaves of the torque that would move a joint [N m]."""
-    friction = (row[PLUS] if torque > 0.0 else row[MINUS]) + row[BY_LOAD] * abs(load)
+    friction = row[PLUS] if torque > 0.0 else row[MINUS]
+    pressed = row[RESISTED] if torque * load > 0.0 else row[ASSISTED]
+    friction += row[BY_LOAD] * pressed * abs(load)
     if row[STRIBECK] > 0.0:
         friction += row[STRIBECK] * math.exp(-((abs(velocity) / row[V_S]) ** row[DELTA]))
     if abs(torque) <= friction:

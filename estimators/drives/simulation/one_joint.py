@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from estimators.drives.simulation.columns import DELAY, NAMES, geared
+from estimators.drives.simulation.columns import DELAY, DERATING, NAMES, geared
 from estimators.drives.simulation.free_run import ROUNDING, commands_of
 from estimators.drives.simulation.joint_step import (
     commanded,
+    derated,
     error_of,
+    heated,
     integrated,
     led,
     next_velocity,
@@ -110,7 +112,7 @@ def _advance_one(
     result = np.empty(time.size)
     ahead = slack(row, load[0])
     q, v, integral, at = start + ahead, 0.0, 0.0, 0
-    target, pace, delay = command[0], 0.0, row[DELAY]
+    target, pace, delay, heat = command[0], 0.0, row[DELAY], 0.0
     result[0] = start
     for i in range(time.size - 1):
         steps = max(1, math.ceil((time[i + 1] - time[i]) / FIT_STEP - ROUNDING))
@@ -123,7 +125,11 @@ def _advance_one(
             integral = integrated(row, integral, error, h)
             part = (s + 0.5) / steps
             now = load[i] + part * (load[i + 1] - load[i])
-            after, mean = next_velocity(row, q, v, error, integral, inertia[i], now, supply[i], h)
+            volts = supply[i]
+            if row[DERATING] > 0.0:
+                volts = derated(row, volts, heat)
+                heat = heated(row, heat, error, v, h)
+            after, mean = next_velocity(row, q, v, error, integral, inertia[i], now, volts, h)
             ahead = slack(row, now + inertia[i] * (after - v) / h)
             v = after
             q += h * mean

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.drives.simulation.columns import NAMES, STALL, TORQUE_LIMIT, UNLIMITED
+from estimators.drives.simulation.columns import (
+    ASSISTED,
+    BY_LOAD,
+    NAMES,
+    RESISTED,
+    STALL,
+    TORQUE_LIMIT,
+    UNLIMITED,
+)
 from estimators.rigid_body.newton_euler import link_parameters
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import ConfigError
@@ -37,6 +45,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _Values = dict[str, float]  # by column
+# Load-dependent friction that can be run forward: its factors as the load resists and as it drives.
+PRESSED: Final = {"absolute": (1.0, 1.0), "positive": (1.0, 0.0), "negative": (0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -82,6 +92,9 @@ def rows_of(simulation: Simulation) -> FloatArray:
         "v_s": 1.0,
         "delta": 1.0,
         "gear": 1.0,
+        "resisted": 1.0,
+        "assisted": 1.0,
+        "heating": 1.0,
     }.items():
         rows[:, NAMES.index(name)] = value
     for drive in simulation.drives:
@@ -105,7 +118,7 @@ def _enter(row: FloatArray, values: _Values) -> None:
 
 def _of_drive(drive: JointDrive) -> _Values:
     if isinstance(drive, DcMotor):
-        return {"stall": drive.stall, "fading": drive.fading}
+        return {"stall": drive.stall, "free_speed": drive.free_speed}
     given = {name: getattr(drive, name, None) for name in NAMES}
     return {name: value for name, value in given.items() if value is not None}
 
@@ -113,7 +126,7 @@ def _of_drive(drive: JointDrive) -> _Values:
 def _add(rows: FloatArray, effect: Effect) -> None:
     """Add an effect to the constants of its joint."""
     values = _FORWARD.get(type(effect))
-    varies = isinstance(effect, LoadDependentFriction) and effect.variant != "absolute"
+    varies = isinstance(effect, LoadDependentFriction) and effect.variant not in PRESSED
     if values is None or varies:
         law = f" of variant {effect.variant}" if isinstance(effect, LoadDependentFriction) else ""
         raise ConfigError(
@@ -121,10 +134,22 @@ def _add(rows: FloatArray, effect: Effect) -> None:
             + ", ".join(sorted(kind.name for kind in _FORWARD))
         )
     row = rows[effect.joints[0] - 1]
+    if isinstance(effect, LoadDependentFriction):
+        _press(row, effect)
+        return
     shapes = {"v_s", "delta", "rest"}
     for name, value in values(effect).items():
         at = NAMES.index(name)
         row[at] = value if name in shapes else row[at] + value
+
+
+def _press(row: FloatArray, effect: LoadDependentFriction) -> None:
+    """Add friction by load: as the load resists the motion, and as it drives it."""
+    known = row[BY_LOAD] * row[[RESISTED, ASSISTED]]
+    both = known + effect.coefficient * np.array(PRESSED[effect.variant])
+    if both.any():
+        row[BY_LOAD] = both.max()
+        row[[RESISTED, ASSISTED]] = both / both.max()
 
 
 _FORWARD: Final[dict[type[Effect], Callable[[Any], _Values]]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -46,6 +47,25 @@ def test_drives_come_back_from_a_file(described, tmp_path):
     simulation.save(tmp_path / "sim.yaml")
 
     assert Simulation.load(tmp_path / "sim.yaml").drives == DRIVES
+
+
+def test_drives_that_changed_are_told(described):
+    before = Simulation(described("").robot, drives=DRIVES)
+    servo = replace(DRIVES[0], kp=12.5)
+    after = replace(before, drives=(servo, *DRIVES[1:]))
+
+    said = after.changes_from(before)
+
+    assert "drive: position_servo" in said
+    assert "kp: 12.5" in said
+    assert "dc_motor" not in said
+    assert before.changes_from(before) == ""
+
+
+def test_a_motor_is_given_other_limits():
+    motor = DcMotor(joint=1, kt=0.01, resistance=2.0, supply=6.0, gear=345.0).limited(2.5, 1.2)
+    assert (motor.stall, motor.free_speed) == pytest.approx((2.5, 1.2))
+    assert (motor.supply, motor.gear) == (6.0, 345.0)
 
 
 def test_a_file_without_drives_has_those_of_its_robot(described, tmp_path):

@@ -52,6 +52,16 @@ def test_set_points_are_taken():
     assert check_commands([recorded(TIME, COMMAND, followed(COMMAND))]) == ()
 
 
+def test_a_servo_that_rests_near_where_its_command_swings_is_told():
+    position, command = followed(COMMAND), COMMAND.copy()
+    position[500:, 1] = 0.0
+    command[500:, 1] = 0.2 * np.sin(8.0 * TIME[500:])
+
+    (said,) = check_commands([recorded(TIME, command, position)])
+
+    assert said.startswith("joint 2 is stalled: it rests while its command moves 0.")
+
+
 def test_a_stalled_servo_is_told():
     position = followed(COMMAND)
     position[500:, 1] = position[500, 1]
@@ -125,12 +135,10 @@ def test_values_from_minus_one_to_one_throughout_are_refused():
 
 def test_frames_that_were_dropped_and_stamped_evenly_are_told():
     kept = np.ones(TIME.size, dtype=bool)
-    kept[210:213] = kept[500:503] = False
+    kept[210:213] = kept[500:503] = kept[601] = False
     rows = int(kept.sum())
 
     (said,) = check_commands([recorded(TIME[:rows], COMMAND[kept], followed(COMMAND)[kept])])
 
-    assert said.startswith(
-        "in 2 rows joints and commands move much further than in the rows around"
-    )
+    assert said.startswith("in 3 rows joints move much further than in the rows around")
     assert said.endswith("first at 4.2 s)")

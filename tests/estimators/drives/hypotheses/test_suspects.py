@@ -164,7 +164,7 @@ def test_a_shape_that_is_not_fitted_comes_and_goes_with_its_suspect(stated, reco
     guess = stated_guess(rows_of(stated))
     (bell,) = [
         one
-        for one in suspects_of(ArmLoads(stated.body, recordings[:1]))
+        for one in suspects_of(ArmLoads(stated.body, recordings[:1]), guess, guess.rows)
         if one.effect == "stribeck_friction" and one.joint == 0 and dict(one.shape)["delta"] == 2.0
     ]
 

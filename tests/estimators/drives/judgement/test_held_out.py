@@ -15,10 +15,22 @@ def moved(pace):
 
 
 def test_the_fastest_motion_is_fitted_to():
-    fast, slow = (moved(pace) for pace in (1.0, 0.6))
+    recordings = [moved(pace) for pace in (1.0, 0.8, 0.6, 0.5)]
 
-    assert split([slow, fast]) == ([fast], [slow])
-    assert split([fast, slow]) == ([fast], [slow])
+    assert split(recordings[::-1]) == (recordings[0::2], recordings[1::2])
+    assert split(recordings) == (recordings[0::2], recordings[1::2])
+
+
+def test_few_recordings_are_cut_where_they_are_slowest():
+    time = np.arange(600) / 100.0
+    command = np.stack([np.where(abs(time - 2.5) < 0.3, 0.0, time - 2.5)] * 2, axis=1)
+    first, second = (recorded(time, command + offset, command + offset) for offset in (0.0, 0.1))
+
+    seen, unseen = split([first, second])
+
+    for own, other in zip(seen, unseen, strict=True):
+        assert 2.2 < own.time[-1] < 2.8
+        assert len(own) + len(other) == len(time)
 
 
 def test_confidence_is_how_often_a_finding_removes_a_tenth():

@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from servo_arms import commands, recorded, simulated, write_arm
+from servo_arms import KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import free_run
+from estimators.drives.simulation.columns import ASSISTED, BY_LOAD, RESISTED
+from estimators.drives.simulation.plant import ServoArm
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import (
     CoulombFriction,
     DcMotor,
+    LoadDependentFriction,
     PositionServo,
     PreslidingHysteresis,
     Simulation,
@@ -69,6 +72,48 @@ def test_dry_friction_holds_without_creeping(arm):
     assert (held(stuck, [0.02, -0.02]) == 0.0).all()
 
 
+def test_a_warm_motor_sags_by_what_its_winding_gains(arm):
+    target, derating, limit = np.array([-0.4, 0.3]), 1.0, 4.0
+    cold = tuple(replace(drive, torque_limit=limit) for drive in arm.drives)
+    warm = tuple(replace(drive, derating=derating, heating=0.5) for drive in cold)
+
+    sag, more = (
+        target - held(replace(arm, drives=own), target, 8.0, start=target)[-1]
+        for own in (cold, warm)
+    )
+
+    asked = np.array(KP) * more
+    load = arm.body.gravity_torque((target - more)[None])[0]
+    assert load == pytest.approx(asked / (1.0 + derating * (asked / limit) ** 2), rel=0.01)
+    assert abs(more[0]) > 1.05 * abs(sag[0])
+
+
+def test_a_motor_of_limited_voltage_is_no_faster_than_it_can_be(arm):
+    motor = DcMotor.of_limits(1, stall=50.0, free_speed=0.7)
+    quick = replace(arm, drives=(*arm.drives, motor))
+
+    pace = np.abs(np.diff(held(quick, [1.5, 0.0])[:, 0])) * 100.0
+
+    assert motor.stall == pytest.approx(50.0)
+    assert motor.free_speed == pytest.approx(0.7)
+    assert 0.6 < pace.max() < 0.74  # its own weight helps
+    assert np.abs(np.diff(held(arm, [1.5, 0.0])[:, 0])).max() * 100.0 > 1.5
+
+
+def test_friction_of_a_load_that_resists_is_none_where_it_drives(arm):
+    pressed = LoadDependentFriction(joint=1, coefficient=0.4, variant="positive")
+    target = np.array([-0.4, 0.3])
+    stuck = replace(arm, effects=(*arm.effects, pressed))
+
+    lifted = held(stuck, target, start=(0.0, 0.3))[-1]  # friction holds it below
+    lowered = held(stuck, target, start=(-0.8, 0.3))[-1]
+
+    assert abs(lifted[0] - lowered[0]) > 0.005
+    both = LoadDependentFriction(joint=1, coefficient=0.4)
+    alike = ServoArm.of(replace(arm, effects=(*arm.effects, both, pressed))).rows[0]
+    assert alike[BY_LOAD] * alike[[RESISTED, ASSISTED]] == pytest.approx([0.8, 0.4])
+
+
 def test_an_integral_takes_the_sag_away(arm):
     servos = tuple(replace(drive, ki=40.0) for drive in arm.drives)
 
@@ -123,10 +168,10 @@ def test_a_motor_at_its_voltage_gets_no_faster(arm):
     motor = DcMotor(joint=2, kt=0.01, resistance=2.0, supply=6.0, gear=345.0)
     fast = held(replace(arm, drives=(*arm.drives, motor)), [0.0, 2.5])[:, 1]
 
-    assert motor.stall / motor.fading == pytest.approx(6.0 / 3.45)
+    assert motor.free_speed == pytest.approx(6.0 / 3.45)
     falls_into_it = 1.02  # its own weight helps
-    assert np.diff(held(arm, [0.0, 2.5])[:, 1]).max() * 100.0 > 2 * motor.stall / motor.fading
-    assert np.diff(fast).max() * 100.0 < falls_into_it * motor.stall / motor.fading
+    assert np.diff(held(arm, [0.0, 2.5])[:, 1]).max() * 100.0 > 2 * motor.free_speed
+    assert np.diff(fast).max() * 100.0 < falls_into_it * motor.free_speed
 
 
 def test_what_cannot_be_run_forward_is_refused_by_name(arm):
