@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_MATRIX: Final = 2  # dimensions
 _MOST_LABELS: Final = 4096  # columns of one array
 
 
@@ -114,7 +115,7 @@ def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") 
         if name not in numbers:
             unread[name] = f"{values.dtype} values"
         elif values.ndim not in {1, 2} or len(values) != usual:
-            unread[name] = f"an array of shape {values.shape}"
+            unread[name] = said_of_shape(values.shape, usual)
         elif values.ndim == 1:
             columns[name] = values
         else:
@@ -124,6 +125,14 @@ def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") 
     unread = {name: held for name, held in unread.items() if name not in told}
     notes = tuple(f"{name} names the columns of arrays as wide" for name in told)
     return LogTable(columns, source, kind, unread, notes)
+
+
+def said_of_shape(shape: tuple[int, ...], rows: int) -> str:
+    """Say what an array is that has another number of rows than most."""
+    if len(shape) == _MATRIX and shape[1] == rows:
+        return f"an array of shape {shape}, expected {shape[::-1]}: a row is a sample"
+    other = len(shape) == 1 and shape[0] != rows
+    return f"an array of shape {shape}" + (f" beside {rows} rows" if other else "")
 
 
 def _labels(values: NDArray[Any]) -> tuple[str, ...]:

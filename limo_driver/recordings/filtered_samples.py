@@ -88,7 +88,7 @@ class FilteredSamples(ABC):
         Raises:
             RecordingError: The bandwidth is too high for the sampling rate.
         """
-        highest = max(SAFE_BANDWIDTH * self.slowest_rate, bandwidth)
+        highest = self._highest(bandwidth)
         lively = self.motion(min(LIVELIER * bandwidth, highest))
         sharp = differentiate(
             self.time, self.position, min(SHARPER * bandwidth, highest), self.segments
@@ -104,21 +104,18 @@ class FilteredSamples(ABC):
         no more than noise, see `adaptive_smoothing`; the acceleration keeps at most `LIVELIER`
         times the bandwidth.
 
-        Args:
-            bandwidth: As for `motion` [Hz].
-
-        Returns:
-            Position, velocity and acceleration at the recorded instants.
-
-        Raises:
-            RecordingError: The bandwidth is too high for the sampling rate.
+        Arguments, result and errors are those of `sharp_motion`.
         """
-        highest = max(SAFE_BANDWIDTH * self.slowest_rate, bandwidth)
+        highest = self._highest(bandwidth)
         sharp = differentiate_adaptively(
             self.time, self.position, min(SHARPER * bandwidth, highest), self.segments
         )
         lively = self.filtered(sharp.second, min(LIVELIER * bandwidth, highest))
         return Motion(self.time, sharp.value, sharp.first, lively, self.temperature)
+
+    def _highest(self, bandwidth: float) -> float:
+        """Return the highest bandwidth that the sampling bears, or the given one [Hz]."""
+        return max(SAFE_BANDWIDTH * self.slowest_rate, bandwidth)
 
     @property
     def slowest_rate(self) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from limo_driver.errors import RecordingError
-from limo_driver.foreign.table import LogTable, table_of
+from limo_driver.foreign.table import LogTable, said_of_shape, table_of
 from limo_driver.recordings.batches import BLOCK
 from limo_driver.recordings.stretches import MOST, Stretches
 
@@ -43,7 +43,7 @@ def read_npz(path: Path) -> LogTable:
             arrays = {member.name: member.read(rows) for member in members if member.rows == rows}
             labels = {member.name: member.labels() for member in members if member.is_labels}
             aside = {
-                member.name: member.said
+                member.name: said_of_shape(member.shape, rows) if member.shape else ""
                 for member in members
                 if member.rows != rows and not member.is_labels
             }
@@ -120,26 +120,24 @@ class _Member:
         self._file: IO[bytes] = opened.enter_context(archive.open(name))
         version = npy.read_magic(self._file)
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        self._shape, by_columns, self._kind = read(self._file)
-        usable = len(self._shape) in {1, _MATRIX} and not self._kind.hasobject
-        few = len(self._shape) == 1 and self._size(self._shape[0]) <= _WIDEST
+        self.shape, by_columns, self._kind = read(self._file)
+        usable = len(self.shape) in {1, _MATRIX} and not self._kind.hasobject
+        few = len(self.shape) == 1 and self._size(self.shape[0]) <= _WIDEST
         self.is_labels = few and self._kind.kind in "US"  # which may name columns, and are none
         usable = usable and self._kind.kind not in "US"
-        self.rows = self._shape[0] if usable and self._size(1) <= _WIDEST else 0
-        # what it is, where it is no column; nothing of a single number, which is none of a log's
-        self.said = f"an array of shape {self._shape}" if self._shape else ""
+        self.rows = self.shape[0] if usable and self._size(1) <= _WIDEST else 0
         self._whole = None
-        self._by_columns = by_columns and len(self._shape) == _MATRIX
+        self._by_columns = by_columns and len(self.shape) == _MATRIX
         self._next = 0
 
     def labels(self) -> NDArray[Any]:
-        return self._from_bytes(self._shape[0])
+        return self._from_bytes(self.shape[0])
 
     def read(self, rows: int) -> NDArray[Any]:
         if self._by_columns:  # no row of it is there before all of it is
             if self._whole is None:
                 data = self._file.read()
-                self._whole = np.frombuffer(data, self._kind).reshape(self._shape, order="F")
+                self._whole = np.frombuffer(data, self._kind).reshape(self.shape, order="F")
             self._next += rows
             return self._whole[self._next - rows : self._next]
         return self._from_bytes(rows)
@@ -149,10 +147,10 @@ class _Member:
         data = self._file.read(size)
         if len(data) < size:
             raise EOFError(f"{self.name} ends before its last row")
-        return np.frombuffer(data, self._kind).reshape(rows, *self._shape[1:])
+        return np.frombuffer(data, self._kind).reshape(rows, *self.shape[1:])
 
     def _size(self, rows: int) -> int:
-        return rows * math.prod(self._shape[1:]) * self._kind.itemsize
+        return rows * math.prod(self.shape[1:]) * self._kind.itemsize
 
 
 def _usual_rows(members: list[_Member]) -> int:

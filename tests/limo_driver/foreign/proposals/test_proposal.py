@@ -347,7 +347,7 @@ def test_a_column_that_cannot_be_read_is_named_among_the_missing():
     log = numbered("q{}", POSITION) | {"q3": np.full(TIME.size, np.nan)}
     with pytest.raises(RecordingError, match=r"lacks number 3, and q3 holds no number"):
         proposed(**log, tau=TORQUE)
-    with pytest.raises(RecordingError, match=r"and q holds an array of shape \(7, 3000\)"):
+    with pytest.raises(RecordingError, match=r"of shape \(7, 3000\), expected \(3000, 7\): a row"):
         proposed(q=POSITION.T, tau=TORQUE)
 
 
