@@ -10,10 +10,11 @@ import numpy as np
 from limo_driver.descriptions.inertial import Inertial
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from limo_driver.types import FloatArray
 
+_SEVERAL: Final = 2
 SAME: Final = 1e-9  # relative change of a second moment that is none
 
 
@@ -76,6 +77,27 @@ def shared(parts: tuple[BodyPart, ...], wanted: Inertial) -> Mapping[str, Inerti
         for part, share in zip(parts, shares.tolist(), strict=True)
         if share > 0
     }
+
+
+def rescaled_lines(
+    parts: Sequence[BodyPart], changes: Mapping[str, Inertial], wanted: Inertial
+) -> list[str]:
+    """Say by how much the bodies beside a link's own change, where that one cannot take it all.
+
+    Args:
+        parts: As for `shared`.
+        changes: What that returned.
+        wanted: Of all of them together.
+    """
+    if len(changes) < _SEVERAL:
+        return []
+    names = ", ".join(changes)
+    weight = sum(part.inertial.mass for part in parts if part.inertial is not None)
+    return [
+        f"what {names} weigh: {weight:.3g} kg in the file, {wanted.mass:.3g} kg in the "
+        "simulation, and all of them change in proportion; to keep them, let the file be the "
+        "simulation's robot"
+    ]
 
 
 def moved(body: Inertial, pose: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.changes.bodies import shared
+from limo_driver.exports.changes.bodies import rescaled_lines, shared
 from limo_driver.exports.changes.followers import without
 from limo_driver.exports.changes.joints import EffectSplit, split
 from limo_driver.exports.changes.kept import dropped_lines, kept_effects, kept_lines
@@ -86,12 +86,15 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     _check_same(own, model, into)
     parts = parts_of(model)
     changes: dict[str, Inertial] = {}
+    rescaled: list[str] = []
     text = None if kind == USD else XmlText(into)
     added = {} if text is None else still_there(added_bodies(text), parts.values())
     replaced = replaced_bodies(list(parts.values())[-1], added, list(own.inertials.values())[-1])
     for its_parts, wanted in zip(parts.values(), own.inertials.values(), strict=True):
         left = tuple(part for part in its_parts if part.name not in replaced)
-        changes |= shared(left, wanted)
+        found = shared(left, wanted)
+        rescaled += rescaled_lines(left, found, wanted)
+        changes |= found
     dynamics = model.description.dynamics
     origin = FileOrigin.of_layer(into) if text is None else FileOrigin.of(text)
     users = {name: origin.users(name, own) for name, own in dynamics.items()}
@@ -112,7 +115,7 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
         (*lines, *more),
         users,
         origin,
-        (*dropped, *gone_lines(replaced, loads, added)),
+        (*dropped, *gone_lines(replaced, loads, added), *rescaled),
         loads,
         replaced,
         added,

@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from limo_driver.descriptions.inertial import Inertial
-from limo_driver.exports.changes.bodies import BodyPart, inertial_of, pseudo_inertia, shared
+from limo_driver.exports.changes.bodies import (
+    BodyPart,
+    inertial_of,
+    pseudo_inertia,
+    rescaled_lines,
+    shared,
+)
 
 HAND = Inertial(2.0, (0.1, 0.0, 0.05), (0.02, 0.001, 0.0, 0.03, 0.002, 0.025))
 TOOL = Inertial(0.5, (0.0, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.001))
@@ -35,6 +41,7 @@ def test_the_own_body_takes_the_change():
     wanted = Inertial(2.9, (0.09, 0.03, 0.1), tuple(1.1 * x for x in BEFORE.inertia))
     found = shared(PARTS, wanted)
     assert set(found) == {"hand"}
+    assert rescaled_lines(PARTS, found, wanted) == []
     close(whole(PARTS, {"hand": found["hand"], "tool": TOOL}), wanted)
 
 
@@ -44,6 +51,8 @@ def test_what_no_body_can_take_alone_is_shared_by_all():
     assert set(found) == {"hand", "tool"}
     assert all(body.is_consistent() for body in found.values())
     close(whole(PARTS, found), light)
+    (said,) = rescaled_lines(PARTS, found, light)
+    assert said.startswith("what hand, tool weigh: 2.5 kg in the file, 0.4 kg in the simulation, ")
 
 
 def test_a_link_without_a_mass_of_its_own_gets_one():
