@@ -43,19 +43,21 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
     """
     import mujoco
 
+    from limo_driver.descriptions.mjcf import joint_name
+
     model = mujoco.MjModel.from_xml_path(str(path))
     bits = mujoco.mjtDisableBit
     model.opt.disableflags |= int(
         bits.mjDSBL_CONTACT | bits.mjDSBL_LIMIT | bits.mjDSBL_EQUALITY | bits.mjDSBL_ACTUATION
     )
     data = mujoco.MjData(model)
-    there = {model.joint(k).name for k in range(model.njnt)}
+    there = {joint_name(model, k): k for k in range(model.njnt)}
     for name, value in locked.items():
         if name not in there:
             continue  # the file was made of a robot on which it is fixed
-        data.qpos[model.joint(name).qposadr[0]] = value
-    positions = np.array([model.joint(name).qposadr[0] for name in joints])
-    velocities = np.array([model.joint(name).dofadr[0] for name in joints])
+        data.qpos[model.jnt_qposadr[there[name]]] = value
+    positions = np.array([model.jnt_qposadr[there[name]] for name in joints])
+    velocities = np.array([model.jnt_dofadr[there[name]] for name in joints])
     torque = np.zeros_like(motion.position)
     plays = _plays(model)
     for k in range(len(torque)):

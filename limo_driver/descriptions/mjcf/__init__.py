@@ -2,6 +2,13 @@
 
 from limo_driver.descriptions.mjcf.arm import compile_mjcf, read_mjcf
 from limo_driver.descriptions.mjcf.files import check_includes
-from limo_driver.descriptions.mjcf.joints import is_passive_motor, play_of
+from limo_driver.descriptions.mjcf.joints import is_passive_motor, joint_name, play_of
 
-__all__ = ["check_includes", "compile_mjcf", "is_passive_motor", "play_of", "read_mjcf"]
+__all__ = [
+    "check_includes",
+    "compile_mjcf",
+    "is_passive_motor",
+    "joint_name",
+    "play_of",
+    "read_mjcf",
+]

@@ -127,7 +127,32 @@ def _found(texts: Sequence[XmlText], tag: str, name: str, into: Path) -> tuple[X
     for text in texts:
         if (element := text.find(tag, name)) is not None:
             return text, element
-    raise ConfigError(f"{tag} {name} has to change, but is not named in the file", path=into)
+    if (nameless := _by_number(texts, tag, name, into)) is not None:
+        return texts[0], nameless
+    raise ConfigError(
+        f"{tag} {name} has to change, but the file gives it no name: state one, "
+        f'<{tag} name="{name}" ...>',
+        path=into,
+    )
+
+
+def _by_number(texts: Sequence[XmlText], tag: str, name: str, into: Path) -> Element | None:
+    """Return the element without a name that MuJoCo counts so, `body_2`; None if that is unsure.
+
+    MuJoCo counts bodies and joints in the order of the text, unless includes or copies are made.
+    """
+    kind, _, number = name.rpartition("_")
+    world = texts[0].root.child("worldbody")
+    if kind != tag or not number.isdigit() or world is None or len(texts) > 1:
+        return None
+    model = mujoco.MjModel.from_xml_path(str(into))
+    tags = {"body"} if tag == "body" else {"joint", "freejoint"}
+    found = [element for element in world.walk() if element.tag in tags]
+    many = model.nbody - 1 if tag == "body" else model.njnt
+    at = int(number) - (tag == "body")  # of bodies, the world is the first
+    if len(found) != many or not 0 <= at < many or "name" in found[at].attributes:
+        return None
+    return found[at]
 
 
 def _write_inertial(
