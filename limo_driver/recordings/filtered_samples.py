@@ -104,7 +104,14 @@ class FilteredSamples(ABC):
         no more than noise, see `adaptive_smoothing`; the acceleration keeps at most `LIVELIER`
         times the bandwidth.
 
-        Arguments, result and errors are those of `sharp_motion`.
+        Args:
+            bandwidth: As for `motion` [Hz].
+
+        Returns:
+            Position, velocity and acceleration at the recorded instants.
+
+        Raises:
+            RecordingError: The bandwidth is too high for the sampling rate.
         """
         highest = self._highest(bandwidth)
         sharp = differentiate_adaptively(
