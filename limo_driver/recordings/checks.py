@@ -99,6 +99,16 @@ def check_values(time: FloatArray, position: FloatArray, torque: FloatArray, sou
         )
 
 
+def _hand_of(recorded: int, described: int) -> str:
+    """Say what one joint more than the description has may be."""
+    if recorded != described + 1:
+        return ""
+    return (
+        f"; is joint {recorded} a gripper that the description lacks? then leave its columns "
+        f"(position_{recorded} and others) out, or describe it"
+    )
+
+
 def check_arm(
     model: RobotModel, position: FloatArray, torque: FloatArray, robot: str, source: str
 ) -> None:
@@ -122,7 +132,8 @@ def check_arm(
         raise RecordingError(f"is of robot {robot}, expected {model.name}", path=source or None)
     if n != model.n:
         raise RecordingError(
-            f"has {n} joints{f' of {robot}' if robot else ''}, but {model.name} has {model.n}",
+            f"has {n} joints{f' of {robot}' if robot else ''}, but {model.name} has {model.n}"
+            + _hand_of(n, model.n),
             path=source or None,
         )
     beyond = np.maximum(

@@ -372,6 +372,9 @@ def test_recording_of_another_robot_is_refused(tmp_path):
     recording = Recording.load(write(make_columns(n=6), tmp_path / "six.parquet"))
     with pytest.raises(RecordingError, match="has 6 joints, but iiwa14 has 7"):
         recording.check_robot(model)
+    more = Recording.load(write(make_columns(n=8), tmp_path / "eight.parquet"))
+    with pytest.raises(RecordingError, match="but iiwa14 has 7; is joint 8 a gripper"):
+        more.check_robot(model)
     columns = make_columns(n=7)
     columns["position_4"] *= 4.0
     recording = Recording.load(write(columns, tmp_path / "far.parquet"))
