@@ -14,7 +14,7 @@ Source: MacKay, "Bayesian interpolation", Neural Computation 1992.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,24 +31,37 @@ if TYPE_CHECKING:
 
 REACH = 3.0  # prior deviations of a nuisance parameter; more is a wrong parameter
 _RIDGE = 1e-9
+_NO_BLOCKS = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Columns and the standard deviations of their coefficients."""
+    """Columns and the standard deviations of their coefficients.
+
+    Columns of one block are there together or not at all: without a mass, a body has no moments.
+    """
 
     index: NDArray[np.int64]  # (c,)
     deviation: FloatArray  # (c,)
     positive: NDArray[np.bool_]  # (c,) coefficients that cannot be negative
+    block: NDArray[np.int64] = field(default_factory=lambda: _NO_BLOCKS)  # (c,), else one each
+
+    def __post_init__(self) -> None:
+        if self.block is _NO_BLOCKS:
+            object.__setattr__(self, "block", np.arange(self.index.size))
 
     @classmethod
     def free(cls, index: NDArray[np.int64], deviation: FloatArray) -> Prior:
         """Return columns whose coefficients may have either sign."""
         return cls(index, deviation, np.zeros(index.size, dtype=bool))
 
-    def of(self, rows: NDArray[np.bool_]) -> Prior:
+    def of(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Prior:
         """Return some of the columns."""
-        return Prior(self.index[rows], self.deviation[rows], self.positive[rows])
+        return Prior(self.index[rows], self.deviation[rows], self.positive[rows], self.block[rows])
+
+    def beside(self, wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Mark the columns (c,) of blocks that have a coefficient of the wrong sign."""
+        return np.isin(self.block, self.block[wrong])
 
 
 @dataclass(frozen=True)
@@ -117,7 +130,7 @@ class Evidence:
             wrong = prior.positive & (mean < 0)
             if not wrong.any():
                 return _Factor(prior, lower, z)
-            prior = prior.of(~wrong)
+            prior = prior.of(~prior.beside(wrong))
 
     def gains(self, base: Prior, more: Sequence[Prior]) -> FloatArray:
         """Return the log evidence of a set of columns with each of several others, (len(more),).
@@ -137,7 +150,7 @@ class Evidence:
                 result[places[k]] = self.gain(joined(base, some[k]))
             own = np.flatnonzero(wrong.any(axis=1) & ~others)
             if own.size:
-                fewer = [some[k].of(~wrong[k]) for k in own.tolist()]
+                fewer = [some[k].of(~some[k].beside(wrong[k])) for k in own.tolist()]
                 result[places[own]] = self._gains(known, base, fewer)
         return result
 
@@ -183,7 +196,7 @@ def posterior(products: NormalEquations, nuisance: Prior, prior: Prior) -> Poste
 
     Nuisance parameters stay inside `REACH` deviations: where thousands of rows outvote a prior, a
     posterior would otherwise accept what no tolerance allows. Coefficients that cannot be negative
-    are zero where they would be.
+    are zero where they would be, with all of their block.
     """
     both = joined(nuisance, prior)
     s, count = both.deviation, nuisance.index.size
@@ -197,10 +210,13 @@ def posterior(products: NormalEquations, nuisance: Prior, prior: Prior) -> Poste
         factor = cho_factor(M[np.ix_(free, free)])
         found = cho_solve(factor, c[free] - M[np.ix_(free, ~free)] @ x[~free])
         x[free] = np.clip(found, low[free], high[free])
-        outside = np.flatnonzero(free)[x[free] != found]
-        if not outside.size:
+        outside = np.zeros_like(free)
+        outside[free] = x[free] != found
+        if not outside.any():
             break
-        free[outside] = False
+        absent = both.beside(outside & both.positive)  # of a body without mass
+        x[absent] = 0.0
+        free &= ~(outside | absent)
     covariance = np.zeros((s.size, s.size))
     covariance[np.ix_(free, free)] = cho_solve(factor, np.eye(int(free.sum())))
     return Posterior(both.index, s * x, s[:, None] * covariance * s)
@@ -216,8 +232,13 @@ def _solved(lower: FloatArray, right: FloatArray, trans: int = 0) -> FloatArray:
 
 def joined(*priors: Prior) -> Prior:
     """Return several sets of columns as one."""
+    blocks, count = [np.zeros(0, dtype=np.int64)], 0
+    for prior in priors:
+        blocks.append(prior.block + count)
+        count += int(prior.block.max(initial=-1)) + 1
     return Prior(
         np.concatenate([np.zeros(0, dtype=np.int64), *(p.index for p in priors)]),
         np.concatenate([np.zeros(0), *(p.deviation for p in priors)]),
         np.concatenate([np.zeros(0, dtype=bool), *(p.positive for p in priors)]),
+        np.concatenate(blocks),
     )

@@ -130,14 +130,10 @@ class _Local:
             gram[np.ix_(size + at, size + at)] += B.T @ B
             product[size + at] += B.T @ y
         gram[size:, :size] = gram[:size, size:].T
-        own = Prior(
-            size + candidate.prior.index, candidate.prior.deviation, candidate.prior.positive
-        )
+        own = replace(candidate.prior, index=size + candidate.prior.index)
         count = self.around.nuisance.index.size
         nuisance = Prior.free(np.arange(count), self.around.nuisance.deviation)
-        others = Prior(
-            np.arange(count, size), self.around.others.deviation, self.around.others.positive
-        )
+        others = replace(self.around.others, index=np.arange(count, size))
         evidence = Evidence(NormalEquations(gram, product), nuisance)
         return evidence.gain(joined(others, own))
 

@@ -8,7 +8,7 @@ torque is not linear in, stay: they were refined on other rows than the proof's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,7 +67,7 @@ class Rotation:
         index = np.unique(np.concatenate([nuisance.index, others]))
         some = columns.only(index)
         place = {int(column): k for k, column in enumerate(index)}
-        own = Prior(_placed(place, nuisance.index), nuisance.deviation, nuisance.positive)
+        own = replace(nuisance, index=_placed(place, nuisance.index))
         blocks = ([block + turn for block in HELD_OUT.which] for turn in HELD_OUT.turns)
         splits = tuple(Split.of(observed, which) for which in blocks)
         sums = tuple(
@@ -87,7 +87,7 @@ class Rotation:
 
     def left(self, prior: Prior) -> FloatArray:
         """Return what a set of columns leaves of rows held out, (K, n) [N m]; 0 elsewhere."""
-        own = Prior(_placed(self.place, prior.index), prior.deviation, prior.positive)
+        own = replace(prior, index=_placed(self.place, prior.index))
         key = own.index.tobytes(), own.deviation.tobytes()
         if key not in self._left:
             result = np.zeros_like(self.target)

@@ -181,30 +181,55 @@ def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
     """Return the member to blame where a simulation errs more than the given one; else None.
 
     A fit is linear in what it adds. The simulation need not follow it: a joint that is so soft that
-    it turns by a radian under its load carries everything beyond it along. To blame is the one that
-    is missed least of those that take most of the excess with them.
+    it turns by a radian under its load carries everything beyond it along. To blame is what takes
+    most of the deviation with it, all else as it is fitted: what is added as it stands, such as an
+    offset, is not. Of two that deviate together, the one that is missed least.
     """
-    if not solution.members or (whole := _excess(problem, solution)) <= 0.0:
+    if not solution.members or not _runs_away(problem, solution):
         return None
-    rest = {member: _less(problem, solution, (member,)) for member in solution.members}
-    excess = {member: _excess(problem, less) for member, less in rest.items()}
-    cures = [member for member in rest if excess[member] < (1.0 - SOLVING.blamed) * whole]
-    if cures:
-        return max(cures, key=lambda member: rest[member].gain)
-    return min(rest, key=lambda member: excess[member])
+    whole = _deviation(problem, solution, solution.fitted)
+    rest = {
+        member: _deviation(problem, solution, _taken_out(problem, solution, member))
+        for member in solution.members
+    }
+    least = min(rest.values())
+    if least > (1.0 - SOLVING.blamed) * whole:
+        return min(rest, key=lambda member: rest[member])
+    cures = [member for member in rest if rest[member] <= (1.0 - SOLVING.blamed) * whole]
+    return max(cures, key=lambda member: _less(problem, solution, (member,)).gain)
 
 
-def _excess(problem: RegressionProblem, solution: Solution) -> float:
-    """Return by how much the simulation of a fit errs more than it may at the worst joint.
+def _runs_away(problem: RegressionProblem, solution: Solution) -> bool:
+    """Say whether the simulation of a fit errs more than it may at some joint.
 
-    It may err as the given one does, or somewhat more than the fit says, relative to the former.
+    It may err as the given one does, or somewhat more than the fit says.
     """
     observed, rows = problem.observed, problem.split.fitted
     given = np.maximum(rmse(observed.residual, rows), TINY)
     linear = rmse(problem.left(solution.fitted), rows)
     simulated = rmse(observed.beside(improve(problem, solution)).residual, rows)
-    allowed = np.maximum(given, SOLVING.followed * linear)
-    return float(np.max((simulated - allowed) / given))
+    return bool((simulated > np.maximum(given, SOLVING.followed * linear)).any())
+
+
+def _taken_out(problem: RegressionProblem, solution: Solution, member: int) -> Posterior:
+    """Return a fit with all coefficients of a member zero, and the others as they are."""
+    at = problem.nuisance.prior.index.size
+    mean = solution.fitted.mean.copy()
+    for other in solution.members:
+        size = problem.candidates[other].prior.index.size
+        if other == member:
+            mean[at : at + size] = 0.0
+        at += size
+    return replace(solution.fitted, mean=mean)
+
+
+def _deviation(problem: RegressionProblem, solution: Solution, fit: Posterior) -> float:
+    """Return how far the simulation of a fit is from what the fit says [errors left, summed up]."""
+    observed, rows = problem.observed, problem.split.fitted
+    simulated = observed.beside(improve(problem, replace(solution, fitted=fit))).residual
+    scale = np.maximum(rmse(problem.left(solution.fitted), rows), TINY)
+    off = rmse(simulated - problem.left(fit) - problem.sensed(fit), rows)
+    return float(np.sum((off / scale) ** 2))
 
 
 def _less(problem: RegressionProblem, solution: Solution, some: Collection[int]) -> Solution:

@@ -124,7 +124,7 @@ def _nuisance(problem: RegressionProblem, columns: ColumnTable, joint: int) -> P
     own = np.array([k for k, index in enumerate(at) if int(index) in place], dtype=np.int64)
     index = columns.add((0,), np.ascontiguousarray(values[:, own])[None])
     known = np.array([place[int(at[k])] for k in own], dtype=np.int64)
-    return Prior(index, prior.deviation[known], prior.positive[known])
+    return replace(prior.of(known), index=index)
 
 
 def _own(noise: Noise, joint: int) -> Noise:

@@ -208,8 +208,9 @@ def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]
             yield Candidate("link_inertia", (joint,), "wrong_parameter", prior, mover(link, scale))
     index = columns.add(range(n), np.ascontiguousarray(Y[:, :, -PER_LINK:]))
     largest, has_mass = _payload_prior(model), np.arange(PER_LINK) == 0
+    whole = np.zeros(PER_LINK, dtype=np.int64)  # without mass it is no load
     for part in CANDIDATES.parts_of_body:
-        prior = Prior(index, part * largest, has_mass)
+        prior = Prior(index, part * largest, has_mass, whole)
         yield Candidate("payload", (n - 1,), "missing", prior, _loader)
 
 

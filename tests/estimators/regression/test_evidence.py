@@ -63,6 +63,23 @@ def test_a_column_with_the_wrong_sign_is_dropped():
     assert Evidence(products_of(-2.0 * COLUMNS[:, 3]), NUISANCE).gain(none) == 0.0
 
 
+def test_columns_of_a_block_are_left_out_with_the_one_of_the_wrong_sign():
+    y = COLUMNS @ np.array([0.0, 0.0, 1.0, -2.0, 0.0, 3.0]) + 0.1 * RANDOM.standard_normal(ROWS)
+    evidence = Evidence(products_of(y), NUISANCE)
+    body = Prior(SET.index, SET.deviation, np.array([True, False]), np.zeros(2, dtype=np.int64))
+    other = Prior.free(np.array([2]), np.array([1.5]))
+    assert evidence.gain(body) == 0.0
+    np.testing.assert_array_equal(evidence.posterior(body).mean[2:], 0.0)
+    for several in (joined(body, other), joined(other, body), joined(other, body, body)):
+        assert evidence.gain(several) == pytest.approx(evidence.gain(other))
+        found = evidence.posterior(several)
+        np.testing.assert_array_equal(found.mean[2:] != 0.0, several.index == 2)
+    np.testing.assert_allclose(
+        evidence.gains(other, [body, SET]),
+        [evidence.gain(other), evidence.gain(joined(other, SET))],
+    )
+
+
 def test_where_nothing_binds_the_posterior_is_ridge_regression():
     random = np.random.default_rng(8)
     y = COLUMNS @ np.array([0.1, 1.0, 0.0, 0.7, 0.0, -0.4]) + 0.5 * random.standard_normal(ROWS)
