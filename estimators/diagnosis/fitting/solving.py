@@ -183,32 +183,33 @@ def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
     A fit is linear in what it adds. The simulation need not follow it: a joint that is so soft that
     it turns by a radian under its load carries everything beyond it along. To blame is what takes
     most of the deviation with it, all else as it is fitted: what is added as it stands, such as an
-    offset, is not. Of two that deviate together, the one that is missed least.
+    offset, is not. Of two that deviate together, the one that is missed least. Where none does so
+    by itself, a search around the set mends it.
     """
-    if not solution.members or not _runs_away(problem, solution):
+    if not solution.members or _excess(problem, solution) <= 0.0:
         return None
     whole = _deviation(problem, solution, solution.fitted)
-    rest = {
-        member: _deviation(problem, solution, _taken_out(problem, solution, member))
+    cures = [
+        member
         for member in solution.members
-    }
-    least = min(rest.values())
-    if least > (1.0 - SOLVING.blamed) * whole:
-        return min(rest, key=lambda member: rest[member])
-    cures = [member for member in rest if rest[member] <= (1.0 - SOLVING.blamed) * whole]
-    return max(cures, key=lambda member: _less(problem, solution, (member,)).gain)
+        if _deviation(problem, solution, _taken_out(problem, solution, member))
+        < (1.0 - SOLVING.blamed) * whole
+    ]
+    gain = {member: _less(problem, solution, (member,)).gain for member in cures}
+    return max(gain, key=lambda member: gain[member], default=None)
 
 
-def _runs_away(problem: RegressionProblem, solution: Solution) -> bool:
-    """Say whether the simulation of a fit errs more than it may at some joint.
+def _excess(problem: RegressionProblem, solution: Solution) -> float:
+    """Return by how much the simulation of a fit errs more than it may at the worst joint.
 
-    It may err as the given one does, or somewhat more than the fit says.
+    It may err as the given one does, or somewhat more than the fit says, relative to the former.
     """
     observed, rows = problem.observed, problem.split.fitted
     given = np.maximum(rmse(observed.residual, rows), TINY)
     linear = rmse(problem.left(solution.fitted), rows)
     simulated = rmse(observed.beside(improve(problem, solution)).residual, rows)
-    return bool((simulated > np.maximum(given, SOLVING.followed * linear)).any())
+    allowed = np.maximum(given, SOLVING.followed * linear)
+    return float(np.max((simulated - allowed) / given))
 
 
 def _taken_out(problem: RegressionProblem, solution: Solution, member: int) -> Posterior:

@@ -7,6 +7,7 @@ mistake explains is left to the diagnosis, unless the torques have nothing to do
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -266,15 +267,32 @@ def _other_unit(factor: float) -> str:
 
 
 def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
-    """Yield joint (0-based) and recorded over simulated torque, where one is like the other."""
+    """Yield joint (0-based) and recorded over simulated torque, where one is like the other.
+
+    Friction of any size may be added: where what is beyond it is of the usual size, nothing is
+    another unit.
+    """
     for j in range(observed.n):
         use = observed.moving[:, j]
         if use.sum() < MISTAKES.least_moving:
             continue
         y, s = (values[use, j] - values[use, j].mean() for values in _torques(observed))
         product, energy = abs(float(y @ s)), float(s @ s)
-        if product > PLAUSIBILITY.alike * np.sqrt(energy * float(y @ y)) > 0:
-            yield j, product / energy
+        if not product > PLAUSIBILITY.alike * np.sqrt(energy * float(y @ y)) > 0:
+            continue
+        beyond = _without_friction(s, observed.slow.velocity[use, j])
+        square = float(beyond @ beyond)
+        told = [product / energy]
+        common = abs(float(y @ beyond))
+        if common > 0.0 and square > PLAUSIBILITY.beyond_friction * energy:
+            told.append(common / square)
+        yield j, min(told, key=lambda factor: abs(math.log(factor)))
+
+
+def _without_friction(torque: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return what dry and viscous friction of any size leave of a torque, (K,) [N m]."""
+    columns = np.stack([np.ones_like(velocity), np.sign(velocity), velocity], axis=1)
+    return torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
 
 
 def _torques(observed: Observations) -> tuple[FloatArray, FloatArray]:

@@ -22,8 +22,8 @@ class SolvingSettings:
     followed: float = setting(2.0, "times the error of the linear fit",
         "that a simulation may have, where that is more than the given one's",
         "higher keeps what no simulation can follow; lower drops what a search around it mends")
-    blamed: float = setting(0.9, "of what a simulation errs too much",
-        "that goes with the member to blame",
+    blamed: float = setting(0.5, "of the squared deviation of a simulation from its linear fit",
+        "that goes with a member which may be to blame",
         "higher blames what feeds a runaway; lower what only adds to it")
     unbound: float = setting(10.0, "times the tolerance",
         "that a value at its limit is given, to see where data put it",

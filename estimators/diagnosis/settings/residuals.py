@@ -144,6 +144,9 @@ class PlausibilitySettings:
         "higher lets wrong units pass; lower refuses wrong masses")
     alike: float = setting(0.8, "correlation", "of two torques that differ in their scale",
         "lower finds exchanges that are none; higher misses them")
+    beyond_friction: float = setting(0.01, "of the square of a simulated torque",
+        "that is no friction, from which its scale is judged",
+        "higher lets wrong units of joints that mostly rub pass; lower refuses unknown friction")
     most: int = setting(8, "", "mistakes that are undone one after the other", "more cost time")
     said: int = setting(3, "", "mistakes that a message names", "more make it long")
     foreign: float = setting(0.5, "misfit", "of torques that follow no load of this arm",

@@ -129,6 +129,22 @@ def test_an_axis_of_the_other_direction_is_named(recording):
     refused(replace(recording, position=position, torque=torque), said)
 
 
+def test_friction_many_times_that_which_is_known_is_no_other_unit():
+    load = Payload(mass=0.3, com=(0.05, 0.0, 0.05), inertia=(1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
+    known = Simulation("iiwa14", (*GIVEN.effects, load))
+    rubs = tuple(
+        CoulombFriction(joint=7, tau_c=20.0 * effect.tau_c)
+        if isinstance(effect, CoulombFriction) and effect.joint == 7
+        else effect
+        for effect in known.effects
+    )
+    rubbing = record(Simulation("iiwa14", rubs))
+    observe(known, [rubbing], BANDWIDTH)
+    torque = record(known).torque @ scale(20.0, 6)
+    with pytest.raises(RecordingError, match=r"torque_7 is .* times .*in N mm or mA"):
+        observe(known, [replace(rubbing, torque=torque)], BANDWIDTH)
+
+
 def test_torque_of_another_motion_is_refused(recording):
     torque = np.roll(recording.torque, len(recording) // 6, axis=0)
     refused(replace(recording, torque=torque), "are not the load of iiwa14 on this motion")
