@@ -21,12 +21,35 @@ from limo_driver.physics import TimeDelay
 from limo_driver.physics.effects.delay import DELAYED, LAGGING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
+    from estimators.diagnosis.selection.candidates import Candidate
+    from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
 
 _LAWS: Final = {"lag": LAGGING, "delay": DELAYED}  # of the parameter
+
+
+def long_after(joints: int) -> Iterator[Hypothesis]:
+    """Yield a lag and a delay at each of some joints, by which torque is not linear any more.
+
+    They compete, but explain nothing of the noise: where rows are few, two columns more a joint
+    make it seem smaller, and then chance has names.
+    """
+    for joint in range(1, joints + 1):
+        for name, law in _LAWS.items():
+            yield TimeDelay.of_time(joint, name, law, LATENESS.long)
+
+
+def has_long(candidate: Candidate) -> bool:
+    """Say whether a candidate is one of those."""
+    hypothesis = candidate.hypothesis
+    return (
+        hypothesis is not None
+        and hypothesis.effect == TimeDelay.name
+        and hypothesis.settings == (LATENESS.long,)
+    )
 
 
 def made_late(

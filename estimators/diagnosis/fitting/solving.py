@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import TINY, material, relieves, sure, without
+from estimators.diagnosis.fitting.lateness import has_long, long_after
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
@@ -29,12 +30,13 @@ from estimators.regression.evidence import REACH, Prior, joined, posterior
 from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterable
 
     from numpy.typing import NDArray
 
     from estimators.diagnosis.stages import Progress
     from estimators.regression.evidence import Posterior
+    from limo_driver.physics import Hypothesis
 
 
 def solve(
@@ -54,6 +56,8 @@ def solve(
     """
     problem = problem.holding(None)
     noise = noise_of_everything(problem)
+    if not any(has_long(candidate) for candidate in problem.candidates):
+        problem = _with(problem, long_after(problem.observed.n))
     problem = _scanned(problem, fitted(problem, problem.base, noise))
     solution = _sought(problem, noise, progress, near)
     problem = _scanned(problem, solution)  # of what the largest effects hid
@@ -99,10 +103,12 @@ def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProble
         for item in chosen
         if item is not None and item.effect == TorqueRipple.name
     }
-    found = [
-        entered(hypothesis, problem.observed, problem.columns, problem.level)
-        for hypothesis in ripples(problem.observed, problem.left(solution.fitted), known)
-    ]
+    return _with(problem, ripples(problem.observed, problem.left(solution.fitted), known))
+
+
+def _with(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
+    """Return the problem with further hypotheses among what competes."""
+    found = [entered(item, problem.observed, problem.columns, problem.level) for item in more]
     return problem.with_candidates([*problem.candidates, *filter(None, found)])
 
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 UNIT_DELAY = 1e-3  # [s]
 LATE = (4e-3, 0.012, 0.03)  # [s], since within a sample all delays look alike
-LONG = 0.1  # [s], at which a torque that changes in tenths of a second is no longer linear
 DELAYS = (2e-4, 0.5)  # [s]
 DELAYED, LAGGING = "a pure delay", "a first-order lag"
 
@@ -88,11 +87,9 @@ class TimeDelay(SensorEffect):
 
     @classmethod
     def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
-        """Yield a short delay, of which the torque is linear, and what comes long after."""
+        """Yield a short delay, of which the torque is linear."""
         delay = cls(joint=joint, delay=UNIT_DELAY)
         yield Hypothesis.of_one(delay, "delay", positive=True, law=DELAYED)
-        yield cls.of_time(joint, "delay", DELAYED, LONG)
-        yield cls.of_time(joint, "lag", LAGGING, LONG)
 
     @classmethod
     def further_laws(cls, found: Hypothesis) -> Iterator[Hypothesis]:
