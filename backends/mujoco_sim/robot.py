@@ -23,6 +23,7 @@ from backends.mujoco_sim.stability import (
     check_impedance,
     check_late,
     effective_inertia,
+    usual_load,
 )
 from backends.mujoco_sim.torque_sensors import TorqueSensors
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
@@ -49,10 +50,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
     from limo_driver.types import JointCommand
 
 MOTOR_INERTIA_PER_TORQUE = 0.01  # [kg m²/(N m)], harmonic drives of geared arms, order of size
+_LIMIT_PER_LOAD = 2.0  # of drives as arms have them, where no limit is stated
 SERVO_BANDWIDTH = 100.0  # [rad/s]
 INTEGRAL_RATE = 10.0  # [1/s]
 VELOCITY_BANDWIDTH = 50.0  # [Hz]
@@ -90,7 +93,8 @@ class MujocoRobot(SimulatedRobot):
         seed: Seed of the sensor noise; the same seed gives the same bits.
         period: Control cycle and integration step [s].
         motor_inertia: Reflected inertia of the motors, (n,) [kg m²]; by default 0.01 kg m² for
-            each N m of torque limit, which is the size seen on arms with harmonic drives.
+            each N m of torque limit, which is the size seen on arms with harmonic drives. Where
+            no limit is stated, twice what the joint holds and accelerates stands for it.
         velocity_bandwidth: Bandwidth of the encoder's velocity filter [Hz].
         start_tolerance: How far the first position may be from the measured pose [rad].
 
@@ -114,7 +118,7 @@ class MujocoRobot(SimulatedRobot):
         super().__init__(simulation_of(simulation, robot), period, start_tolerance)
         arm, n = self.simulation.body, self.spec.n
         draft = draft_of(self.simulation.effects, n)
-        self._plant = draft.plant(_motor_inertia(arm.limits.torque, motor_inertia))
+        self._plant = draft.plant(_motor_inertia(arm, motor_inertia))
         self._sampled = SampledEffects(draft, arm, period)
         self._model = compile_model(arm, self._plant, period, draft.shafts)
         self._data = mujoco.MjData(self._model)
@@ -355,14 +359,16 @@ _MODES: dict[type[JointCommand], int] = {
 }
 
 
-def _motor_inertia(
-    torque_limit: FloatArray, given: Sequence[float] | FloatArray | None
-) -> FloatArray:
+def _motor_inertia(arm: RobotModel, given: Sequence[float] | FloatArray | None) -> FloatArray:
+    limit = arm.limits.torque
     if given is None:
-        return MOTOR_INERTIA_PER_TORQUE * torque_limit
+        stated = np.isfinite(limit)
+        if not stated.all():
+            limit = np.where(stated, limit, _LIMIT_PER_LOAD * usual_load(arm))
+        return MOTOR_INERTIA_PER_TORQUE * limit
     inertia = np.array(given, dtype=float)
-    if inertia.shape != torque_limit.shape:
-        raise ShapeError("motor_inertia", inertia.shape, f"{torque_limit.shape}")
+    if inertia.shape != limit.shape:
+        raise ShapeError("motor_inertia", inertia.shape, f"{limit.shape}")
     if not (np.isfinite(inertia) & (inertia >= 0)).all():
         raise ConfigError(f"motor_inertia = {inertia.tolist()} kg m² has to be 0 or more")
     return inertia

@@ -33,6 +33,16 @@ def effective_inertia(model: RobotModel, armature: FloatArray) -> FloatArray:
     )
 
 
+def usual_load(model: RobotModel) -> FloatArray:
+    """Return the most torque that each joint holds and accelerates, over poses, (n,) [N m]."""
+    random = np.random.default_rng(0)
+    lower, upper = model.limits.position_min, model.limits.position_max
+    poses = random.uniform(lower, upper, (_POSES, model.n))
+    inertia = np.array([np.diag(model.mass_matrix(q)) for q in poses])
+    held = np.abs(model.gravity_torque(poses))
+    return np.max(held + inertia * model.limits.acceleration, axis=0)
+
+
 def check_elements(plant: Plant, inertia: FloatArray, period: float) -> None:
     """Refuse presliding springs that are too stiff for the step or for the gear they act on.
 

@@ -16,6 +16,7 @@ from limo_driver.physics import (
     JointElasticity,
     PreslidingHysteresis,
     Sensors,
+    Simulation,
     TemperatureDependentFriction,
 )
 from limo_driver.types import ImpedanceCommand, PositionCommand
@@ -186,3 +187,23 @@ def test_an_arm_without_limits_of_torque_is_named_and_not_run(tmp_path):
     )
     with pytest.raises(ConfigError, match=r"joint 1 \(joint1\) has no limit of torque.* the URDF"):
         MujocoRobot(robot=str(path))
+
+
+def test_an_arm_of_mjcf_without_limits_of_torque_follows(tmp_path):
+    path = tmp_path / "unlimited.xml"
+    path.write_text(
+        """<mujoco><worldbody><body><joint name="shoulder" axis="0 1 0" range="-150 150"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.4" size="0.05" mass="4"/>
+        <body pos="0 0 0.4">
+        <joint name="elbow" axis="0 1 0" range="-150 150" actuatorfrcrange="-40 40"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.04" mass="2"/>
+        </body></body></worldbody>
+        <actuator><motor joint="shoulder"/></actuator></mujoco>"""
+    )
+    simulation = Simulation(str(path))
+    assert np.isinf(simulation.model.limits.torque[0])
+    turn = 0.02 * (1.0 - np.cos(2.0 * np.pi * np.arange(1000) / 1000))
+    run = play(simulation, 0.5 + np.column_stack([turn, turn]))
+    assert np.abs(run.position - run.target).max() < 1e-3
+    torque = simulation.predict(run.true_motion)
+    np.testing.assert_allclose(run.true_torque[10:], torque[10:], atol=0.5)
