@@ -129,7 +129,7 @@ def other_links(problem: RegressionProblem, solution: Solution, member: int) -> 
     rest = tuple(i for i in solution.members if i != member)
     gain = solution.search.gain
     reference = gain((*rest, member))
-    return tuple(
+    told = (
         candidate.joints[0]
         for i, candidate in enumerate(problem.candidates)
         if candidate.effect == LINK_INERTIA
@@ -140,6 +140,7 @@ def other_links(problem: RegressionProblem, solution: Solution, member: int) -> 
             or gain((*rest, member, i)) > reference + CONTRIBUTION.tellable
         )
     )
+    return tuple(dict.fromkeys(told))  # a link has a candidate of each size
 
 
 def margin(

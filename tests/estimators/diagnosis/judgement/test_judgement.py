@@ -15,6 +15,7 @@ from estimators.diagnosis.judgement.judgement import (
     acts_most,
     harmed,
     identical,
+    other_links,
     remaining_residual,
     remarks,
 )
@@ -54,6 +55,15 @@ def test_a_fit_harms_where_one_joint_is_predicted_clearly_worse(error, joints):
 )
 def test_what_no_recording_tells_apart_is_named_together(effect, joint, same):
     assert identical(problem_of(effect, (joint,)), 0) == same
+
+
+def test_a_link_that_errs_in_several_ways_is_told_once():
+    places = [("payload", (2,)), ("link_inertia", (1,)), ("link_inertia", (0,))]
+    places += [("link_inertia", (1,)), ("viscous_friction", (1,)), ("link_inertia", (2,))]
+    candidates = [SimpleNamespace(effect=effect, joints=joints) for effect, joints in places]
+    search = SimpleNamespace(gain=lambda _members: 0.0)
+    solution = SimpleNamespace(search=search, members=(0,))
+    assert other_links(SimpleNamespace(candidates=candidates), solution, 0) == (1, 0)
 
 
 def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_beside_little():
