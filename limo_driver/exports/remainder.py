@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.physics import Backlash, PreslidingHysteresis, SensorEffect, spoken
+from limo_driver.physics import Armature, Backlash, PreslidingHysteresis, SensorEffect, spoken
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -47,7 +47,8 @@ def remainders(simulation: Simulation, split: EffectSplit, motion: Motion) -> tu
     """
     whole = simulation.predict(motion)
     found: list[Remainder] = []
-    pairs = [(effect, None) for effect in split.left] + list(split.stand_ins)
+    left = [x for x in split.left if not (isinstance(x, Armature) and x.inertia == 0)]
+    pairs = [(effect, None) for effect in left] + list(split.stand_ins)
     for effect, instead in pairs:
         others = [x for x in simulation.effects if x is not effect]
         changed = replace(simulation, effects=(*others, *([instead] if instead else [])))

@@ -133,6 +133,14 @@ def test_what_is_not_expressible_is_said_with_its_size(model, tmp_path):
     assert 'frictionloss="1"' in text
 
 
+def test_an_armature_that_is_none_is_expressed_by_leaving_it_out(model, tmp_path):
+    effects = (Armature(joint=1, inertia=0.1), Armature(joint=2, inertia=0.0))
+    simulation = replace(Simulation.load(model), effects=effects)
+    left = [item.place for item in limo.export(simulation, "urdf", tmp_path / "out").remainder]
+    assert "armature, joint 1" in left
+    assert "armature, joint 2" not in left
+
+
 def test_a_urdf_has_friction_damping_inertias_and_payload(tmp_path):
     simulation = found_on(Simulation("iiwa14"))
     written = limo.export(simulation, "urdf", tmp_path / "out")
