@@ -6,7 +6,7 @@ of the gear its torque was measured; which parameters of the arm its motion says
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -48,6 +48,7 @@ _LEGEND: Final = (
 _LOST: Final = 1e-3  # of the samples, that nobody needs to be told of
 _LISTED: Final = 10
 _MOVES: Final = 0.05  # [rad], range of a joint whose friction shows
+_CRAWLS: Final = 0.1  # of the mean speed, below which friction is that of rest
 _STILL: Final = 2e-3  # [rad], range of one that never moves
 
 
@@ -246,14 +247,12 @@ def side_in(simulation: Simulation, recording: Recording, bandwidth: float | Non
         recording: T samples of n joints.
         bandwidth: Of the filter on motion [Hz]; if not given, 10, or what the recording can bear.
     """
-    n = simulation.model.n
-    friction = np.zeros(n)
-    speed = np.abs(recording.motion(bandwidth_for([recording], bandwidth)).velocity).mean(axis=0)
-    for effect in simulation.effects:
-        if effect.rubs and effect.joints:
-            j = effect.joints[0] - 1
-            friction[j] += abs(getattr(effect, "tau_c", 0.0) or 0.0)
-            friction[j] += abs(getattr(effect, "f_v", 0.0) or 0.0) * speed[j]
+    without = replace(simulation, effects=tuple(x for x in simulation.effects if not x.rubs))
+    torque = simulation.predict(recording, bandwidth) - without.predict(recording, bandwidth)
+    velocity = recording.motion(bandwidth_for([recording], bandwidth)).velocity
+    moving = np.abs(velocity) > _CRAWLS * np.abs(velocity).mean(axis=0)
+    along = np.sum(torque * np.sign(velocity), axis=0, where=moving)  # whatever its law
+    friction = along / np.maximum(np.sum(moving, axis=0), 1)
     return gear_side(friction, simulation.model, np.ptp(recording.position, axis=0) > _MOVES)
 
 

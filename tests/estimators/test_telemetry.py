@@ -3,8 +3,9 @@ import re
 import numpy as np
 import pytest
 
-from estimators.telemetry import channels_of, resolution, sampling_of, telemetry_of
+from estimators.telemetry import channels_of, resolution, sampling_of, side_in, telemetry_of
 from limo_driver.model import RobotModel
+from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
 from limo_driver.recordings.recording import Recording
 
 RATE = 200.0
@@ -39,6 +40,21 @@ def test_friction_says_on_which_side_of_the_gear(arm, share, said):
     found = telemetry_of(recorded(arm, share * arm.limits.torque), arm)
     assert said in found.side
     assert "% of what the drives can do" in found.side
+
+
+def test_friction_counts_whatever_its_law(arm):
+    recording = recorded(arm, 0.06 * arm.limits.torque, still=(6,))
+    slides = 0.06 * arm.limits.torque
+    effects = [
+        CoulombFriction(joint=j, tau_c=most, v_eps=0.01)
+        if j % 2
+        else PreslidingHysteresis(joint=j, stiffness=(400 * most, 50 * most), width=(1e-3, 0.012))
+        for j, most in enumerate(slides.tolist(), start=1)
+    ]
+    said = side_in(Simulation("iiwa14", tuple(effects)), recording)
+    assert "motor side" in said
+    (share,) = re.findall(r"friction is ([\d.]+)%", said)
+    assert float(share) == pytest.approx(6.0, abs=0.2)  # elements slip a little after reversals
 
 
 def test_a_joint_that_rests_is_named_and_its_parameters_are_unknown(arm):
