@@ -31,6 +31,7 @@ OPTIONS: Final = {
     "sign": "--sign",
     "simulation": "--sim",
     "store": "--store",
+    "topic": "--topic",
     "trajectory": "--trajectory",
     "trust": "--trust",
 }

@@ -281,7 +281,7 @@ class _Found:
         if len(alike) > 1:
             raise RecordingError(
                 f"joint states of several topics could be meant: {'; '.join(map(str, alike))}; "
-                "choose one (`--topic` of `limo inspect` and `limo convert`, which keep it)",
+                "choose one by `topic` where it is inspected or converted",
                 path=source,
             )
         return alike[0]
