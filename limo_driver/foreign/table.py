@@ -131,7 +131,7 @@ def said_of_shape(shape: tuple[int, ...], rows: int) -> str:
     """Say what an array is that has another number of rows than most."""
     if len(shape) == _MATRIX and shape[1] == rows:
         return f"an array of shape {shape}, expected {shape[::-1]}: a row is a sample"
-    other = len(shape) == 1 and shape[0] != rows
+    other = len(shape) in {1, _MATRIX} and shape[0] != rows
     return f"an array of shape {shape}" + (f" beside {rows} rows" if other else "")
 
 

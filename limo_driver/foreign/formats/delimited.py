@@ -166,6 +166,8 @@ class DelimitedText:
 
     def _unreadable(self, error: Exception) -> RecordingError:
         reason = str(error).splitlines()[0]
+        if reason.startswith("Could not skip initial"):  # the names, which pyarrow is told
+            reason = "it ends in its first line"
         return RecordingError(f"cannot be read as delimited text: {reason}", path=self._path)
 
 

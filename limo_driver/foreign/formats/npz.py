@@ -43,7 +43,7 @@ def read_npz(path: Path) -> LogTable:
             arrays = {member.name: member.read(rows) for member in members if member.rows == rows}
             labels = {member.name: member.labels() for member in members if member.is_labels}
             aside = {
-                member.name: said_of_shape(member.shape, rows) if member.shape else ""
+                member.name: member.said(rows) if member.shape else ""
                 for member in members
                 if member.rows != rows and not member.is_labels
             }
@@ -129,6 +129,14 @@ class _Member:
         self._whole = None
         self._by_columns = by_columns and len(self.shape) == _MATRIX
         self._next = 0
+
+    def said(self, rows: int) -> str:
+        """Say what it is instead of rows of numbers, as many as most have."""
+        if self._kind.hasobject:
+            return "objects of Python"
+        if self._kind.kind in "US":
+            return "texts"
+        return said_of_shape(self.shape, rows)
 
     def labels(self) -> NDArray[Any]:
         return self._from_bytes(self.shape[0])

@@ -132,7 +132,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
         RecordingError: It has no positions of the robot's joints, or goes on in another unit.
     """
     if not table.rows:
-        raise RecordingError("holds no rows", path=table.source or None)
+        raise RecordingError("holds no rows of numbers", path=table.source or None)
     table = table.without_empty().first(_LOOKED_AT)
     part = recorded_part(table, model)
     model = part.model

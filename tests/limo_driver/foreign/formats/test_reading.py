@@ -123,6 +123,7 @@ def test_many_rows_that_are_cut_off_are_refused(tmp_path):
 
 DAMAGED = [
     ("log.csv", b"", "holds no rows"),
+    ("log.csv", b"t,q0,q1,ta", "ends in its first line"),
     ("log.csv", b"\x00\x01\xff\xfe" * 50, "is no text"),
     ("log.csv", b"t,t\n0,1\n", "more than one column t"),
     ("log.csv", b"t,q0\n" + b"0,1\n" * 90 + b"x,1\n", "column t holds text in 1 of 91.* row 90"),
@@ -159,6 +160,16 @@ def test_arrays_of_numpy(tmp_path):
     np.testing.assert_array_equal(read.columns["q[2]"], POSITION[:, 2])
     assert read.unread.keys() == {"note", "i"}
     assert read.unread["i"] == "an array of shape (500, 5000)"
+
+
+def test_why_arrays_of_numpy_are_not_read_is_said(tmp_path):
+    short, texts = np.zeros((len(TIME) - 5, 3)), POSITION.astype(str)
+    odd = np.array([{}, 1], dtype=object)
+    np.savez(tmp_path / "log.npz", t=TIME, q=POSITION, tau=short, dq=texts, odd=odd)
+    unread = read_table(tmp_path / "log.npz").unread
+    assert unread["tau"] == f"an array of shape {short.shape} beside {len(TIME)} rows"
+    assert unread["dq"] == "texts"
+    assert unread["odd"] == "objects of Python"
 
 
 @pytest.mark.parametrize("kind", [np.str_, np.bytes_])
