@@ -24,23 +24,28 @@ _POSES = 50
 
 def effective_inertia(model: RobotModel, armature: FloatArray) -> FloatArray:
     """Return the least inertia that a torque on one joint alone moves, over poses, (n,) [kg m²]."""
-    random = np.random.default_rng(0)
-    lower, upper = model.limits.position_min, model.limits.position_max
-    poses = random.uniform(lower, upper, (_POSES, model.n))
     return np.min(
-        [1.0 / np.diag(np.linalg.inv(model.mass_matrix(q) + np.diag(armature))) for q in poses],
+        [
+            1.0 / np.diag(np.linalg.inv(model.mass_matrix(q) + np.diag(armature)))
+            for q in _poses(model)
+        ],
         axis=0,
     )
 
 
 def usual_load(model: RobotModel) -> FloatArray:
     """Return the most torque that each joint holds and accelerates, over poses, (n,) [N m]."""
-    random = np.random.default_rng(0)
-    lower, upper = model.limits.position_min, model.limits.position_max
-    poses = random.uniform(lower, upper, (_POSES, model.n))
+    poses = _poses(model)
     inertia = np.array([np.diag(model.mass_matrix(q)) for q in poses])
     held = np.abs(model.gravity_torque(poses))
     return np.max(held + inertia * model.limits.acceleration, axis=0)
+
+
+def _poses(model: RobotModel) -> FloatArray:
+    """Return the same poses each time, anywhere within the limits, (_POSES, n) [rad]."""
+    random = np.random.default_rng(0)
+    limits = model.limits
+    return random.uniform(limits.position_min, limits.position_max, (_POSES, model.n))
 
 
 def check_elements(plant: Plant, inertia: FloatArray, period: float) -> None:

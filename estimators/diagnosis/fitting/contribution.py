@@ -31,11 +31,16 @@ def without(problem: RegressionProblem, solution: Solution, member: int) -> Post
 
 def coefficients(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
     """Return the fitted coefficients (c,) of a member of a set."""
+    return solution.fitted.mean[own_coefficients(problem, solution, member)]
+
+
+def own_coefficients(problem: RegressionProblem, solution: Solution, member: int) -> slice:
+    """Return where the coefficients of a member of a set stand among all that are fitted."""
     at = problem.nuisance.prior.index.size
     for i in solution.members:
         size = problem.candidates[i].prior.index.size
         if i == member:
-            return solution.fitted.mean[at : at + size]
+            return slice(at, at + size)
         at += size
     raise KeyError(member)
 

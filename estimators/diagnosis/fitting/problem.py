@@ -249,6 +249,11 @@ def improve(problem: RegressionProblem, solution: Solution) -> Simulation:
     return _entered(problem, solution)[0]
 
 
+def simulated(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return what the simulation of a fit leaves, (K, n) [N m]."""
+    return problem.observed.beside(improve(problem, solution)).residual
+
+
 def impossible(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
     """Return the members whose fitted values no such effect can have, as a gain below -1."""
     return _entered(problem, solution)[1]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import TINY, coefficients, surely_better
-from estimators.diagnosis.fitting.problem import improve
+from estimators.diagnosis.fitting.problem import simulated
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.wording import LINK_INERTIA
@@ -83,7 +83,7 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
     unit, lever = candidates[load].prior.deviation[:2].tolist()  # [kg], [kg m]
     if mass <= 0.0 or float(np.linalg.norm(moment)) > REACH * mass * lever / unit:
         return solution
-    ahead, behind = (_simulated(problem, item) for item in (new, solution))
+    ahead, behind = (simulated(problem, item) for item in (new, solution))
     return solution if _surely_worse(problem, ahead, behind) else new
 
 
@@ -111,11 +111,6 @@ def _is_of_sensor(candidate: Candidate) -> bool:
     """
     hypothesis = candidate.hypothesis
     return hypothesis is not None and any(isinstance(e, SensorEffect) for e in hypothesis.terms)
-
-
-def _simulated(problem: RegressionProblem, solution: Solution) -> FloatArray:
-    """Return what the simulation of a fit leaves, (K, n) [N m]."""
-    return problem.observed.beside(improve(problem, solution)).residual
 
 
 def _surely_worse(problem: RegressionProblem, ahead: FloatArray, behind: FloatArray) -> bool:

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TINY, material, relieves, sure, without
+from estimators.diagnosis.fitting.contribution import (
+    TINY,
+    material,
+    own_coefficients,
+    relieves,
+    sure,
+    without,
+)
 from estimators.diagnosis.fitting.lateness import has_long, long_after
 from estimators.diagnosis.fitting.laws import likeliest
 from estimators.diagnosis.fitting.problem import (
@@ -17,6 +24,7 @@ from estimators.diagnosis.fitting.problem import (
     impossible,
     improve,
     search_on,
+    simulated,
 )
 from estimators.diagnosis.fitting.refinement import Setting, replaced
 from estimators.diagnosis.fitting.simplicity import loaded, simplified
@@ -37,6 +45,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.stages import Progress
     from estimators.regression.evidence import Posterior
     from limo_driver.physics import Hypothesis
+    from limo_driver.types import FloatArray
 
 
 def solve(
@@ -192,51 +201,54 @@ def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
     offset, is not. Of two that deviate together, the one that is missed least. Where none does so
     by itself, a search around the set mends it.
     """
-    if not solution.members or _excess(problem, solution) <= 0.0:
+    if not solution.members:
         return None
-    whole = _deviation(problem, solution, solution.fitted)
-    cures = [
-        member
+    left = simulated(problem, solution)
+    if not _errs_too_much(problem, solution, left):
+        return None
+    most = (1.0 - SOLVING.blamed) * _deviation(problem, solution, solution, left)
+    gain = {
+        member: _less(problem, solution, (member,)).gain
         for member in solution.members
-        if _deviation(problem, solution, _taken_out(problem, solution, member))
-        < (1.0 - SOLVING.blamed) * whole
-    ]
-    gain = {member: _less(problem, solution, (member,)).gain for member in cures}
+        if _deviation_without(problem, solution, member) < most
+    }
     return max(gain, key=lambda member: gain[member], default=None)
 
 
-def _excess(problem: RegressionProblem, solution: Solution) -> float:
-    """Return by how much the simulation of a fit errs more than it may at the worst joint.
+def _errs_too_much(problem: RegressionProblem, solution: Solution, left: FloatArray) -> bool:
+    """Say whether the simulation of a fit errs more at some joint than it may.
 
-    It may err as the given one does, or somewhat more than the fit says, relative to the former.
+    It may err as the given one does, or somewhat more than the fit says.
     """
-    observed, rows = problem.observed, problem.split.fitted
-    given = np.maximum(rmse(observed.residual, rows), TINY)
+    rows = problem.split.fitted
+    given = np.maximum(rmse(problem.observed.residual, rows), TINY)
     linear = rmse(problem.left(solution.fitted), rows)
-    simulated = rmse(observed.beside(improve(problem, solution)).residual, rows)
-    allowed = np.maximum(given, SOLVING.followed * linear)
-    return float(np.max((simulated - allowed) / given))
+    return bool((rmse(left, rows) > np.maximum(given, SOLVING.followed * linear)).any())
 
 
-def _taken_out(problem: RegressionProblem, solution: Solution, member: int) -> Posterior:
-    """Return a fit with all coefficients of a member zero, and the others as they are."""
-    at = problem.nuisance.prior.index.size
-    mean = solution.fitted.mean.copy()
-    for other in solution.members:
-        size = problem.candidates[other].prior.index.size
-        if other == member:
-            mean[at : at + size] = 0.0
-        at += size
-    return replace(solution.fitted, mean=mean)
+def _deviation(
+    problem: RegressionProblem, whole: Solution, solution: Solution, left: FloatArray
+) -> float:
+    """Return how far a simulation is from its fit [errors that the whole set leaves, summed up].
 
-
-def _deviation(problem: RegressionProblem, solution: Solution, fit: Posterior) -> float:
-    """Return how far the simulation of a fit is from what the fit says [errors left, summed up]."""
-    observed, rows = problem.observed, problem.split.fitted
-    simulated = observed.beside(improve(problem, replace(solution, fitted=fit))).residual
-    scale = np.maximum(rmse(problem.left(solution.fitted), rows), TINY)
-    off = rmse(simulated - problem.left(fit) - problem.sensed(fit), rows)
+    Args:
+        problem: What is fitted.
+        whole: The set that the errors are of.
+        solution: The fit.
+        left: What the simulation of it leaves, (K, n) [N m].
+    """
+    rows, fit = problem.split.fitted, solution.fitted
+    scale = np.maximum(rmse(problem.left(whole.fitted), rows), TINY)
+    off = rmse(left - problem.left(fit) - problem.sensed(fit), rows)
     return float(np.sum((off / scale) ** 2))
+
+
+def _deviation_without(problem: RegressionProblem, solution: Solution, member: int) -> float:
+    """Return the deviation of a fit with a member at zero, and the others as they are."""
+    mean = solution.fitted.mean.copy()
+    mean[own_coefficients(problem, solution, member)] = 0.0
+    bare = replace(solution, fitted=replace(solution.fitted, mean=mean))
+    return _deviation(problem, solution, bare, simulated(problem, bare))
 
 
 def _less(problem: RegressionProblem, solution: Solution, some: Collection[int]) -> Solution:
@@ -342,9 +354,8 @@ def curved(problem: RegressionProblem, solution: Solution) -> bool:
     """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
     fit = solution.fitted
     linear = problem.left(fit) + problem.sensed(fit)
-    improved = problem.observed.beside(improve(problem, solution))
     moving = problem.observed.moving
-    off, rest = rmse(improved.residual - linear, moving), rmse(linear, moving)
+    off, rest = rmse(simulated(problem, solution) - linear, moving), rmse(linear, moving)
     return bool((off > SOLVING.curved * rest).any())
 
 

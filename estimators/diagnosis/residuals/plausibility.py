@@ -291,7 +291,7 @@ def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
 
 def _without_friction(torque: FloatArray, velocity: FloatArray) -> FloatArray:
     """Return what dry and viscous friction of any size leave of a torque, (K,) [N m]."""
-    columns = np.stack([np.ones_like(velocity), np.sign(velocity), velocity], axis=1)
+    columns = np.column_stack([np.ones_like(velocity), dry_and_viscous(velocity)])
     return torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
 
 
