@@ -579,9 +579,7 @@ def test_topics_that_could_both_be_meant_are_named(tmp_path):
         ("/right/joint_states", list(NAMES), range(7)),
     ]
     path = bag(tmp_path / "bag", [(t, n, list(c)) for t, n, c in both])
-    with pytest.raises(
-        RecordingError, match=r"meant: 500 messages .* on /left.* on /right.*topic"
-    ):
+    with pytest.raises(RecordingError, match=r"meant: 500 messages .* on /left.* on /right.*topic"):
         read_table(path, joints=NAMES)
     assert read_table(path, topic="/left/joint_states", joints=NAMES).rows == TIME.size
 
