@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.drives.checks.steps import odd_steps
+from estimators.drives.checks.stuck import AT_REST, stuck
 from estimators.drives.simulation.free_run import commands_of
 from limo_driver.errors import RecordingError
 
@@ -17,16 +19,16 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _MOVES: Final = 0.05  # [rad], range of a joint that can be judged
-_DEGREES: Final = (50.0, 66.0)  # range of commands over that of positions; 57.3 are degrees
-_TURNS: Final = 4 * np.pi  # [rad], range that no joint behind a position servo has
+_DEGREES: Final = (50.0, 75.0)  # of what is in degrees, over rad: 57.3 but for what servos lag
+_TURNS: Final = 4 * np.pi  # [rad], that no joint behind a position servo reaches or spans
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
+_MOST_NORMALISED: Final = 100.5
 _FURTHER: Final = 1.3  # times as far as its command, that no servo moves where both are alike
 _STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
 _ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
 _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
 _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
-_AT_REST: Final = 0.002  # [rad] that a joint moves less than where it rests
 _LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
 _FOLLOWED: Final = 0.1  # [rad] of error, below which a joint follows its command
 _LEAP: Final = 1.6  # times the pace of the rows around, at which joints reach a row
@@ -73,15 +75,20 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
 
 def _unit_mistake(recording: Recording) -> str:
     """Say which unit commands and positions alike seem to have, if it is not rad."""
-    told, does = np.ptp(commands_of(recording), axis=0), np.ptp(recording.position, axis=0)
+    told, does = (_reach(each) for each in (commands_of(recording), recording.position))
     beyond = np.flatnonzero(np.minimum(told, does) > _TURNS)
     if not beyond.size:
         return _at_one(recording)
     j = int(beyond[0])
     return (
-        f"position_{j + 1} and command_{j + 1} span {does[j]:.3g} and {told[j]:.3g}; expected "
+        f"position_{j + 1} and command_{j + 1} reach {does[j]:.3g} and {told[j]:.3g}; expected "
         "rad; are both in degrees, or normalised, as -100 to 100?"
     )
+
+
+def _reach(values: FloatArray) -> FloatArray:
+    """Return how far joints go from zero, or from one end to the other, (n,)."""
+    return np.maximum(np.ptp(values, axis=0), np.abs(values).max(axis=0))
 
 
 def _at_one(recording: Recording) -> str:
@@ -125,15 +132,22 @@ def _scale_mistake(recording: Recording) -> str:
     command, position = commands_of(recording), recording.position
     told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
     judged = np.flatnonzero((does > _MOVES) & (told > 0))
-    for j in judged.tolist():
-        factor = float(told[j] / does[j])
-        degrees = _DEGREES[0] < factor < _DEGREES[1]
-        if factor > _NORMALISED:
-            what = "in degrees" if degrees else "normalised, as -100 to 100"
-            return (
-                f"command_{j + 1} spans {told[j]:.3g} while position_{j + 1} spans {does[j]:.3g} "
-                f"rad; expected set-points in rad; are the commands {what}?"
-            )
+    beyond = judged[told[judged] > _NORMALISED * does[judged]]
+    if beyond.size:
+        j = int(beyond[0])
+        unit = _unit(told[beyond], does[beyond], command)
+        return (
+            f"command_{j + 1} spans {told[j]:.3g} while position_{j + 1} spans {does[j]:.3g} "
+            f"rad; expected set-points in rad; are the commands {unit}?"
+        )
+    far = np.flatnonzero((told > _MOVES) & (does > _NORMALISED * told))
+    if far.size and _correlation(command[:, far[0]], position[:, far[0]]) > _ALIKE:
+        j = int(far[0])
+        unit = _unit(does[far], told[far], position)
+        return (
+            f"position_{j + 1} spans {does[j]:.3g} while command_{j + 1} spans {told[j]:.3g} rad; "
+            f"expected positions in rad; are the positions {unit}?"
+        )
     for j in judged.tolist():
         slope = _slope(command[:, j], position[:, j])
         if slope > _FURTHER:
@@ -144,6 +158,22 @@ def _scale_mistake(recording: Recording) -> str:
                 f"set-points in rad, which no servo exceeds; are the commands {what}?"
             )
     return ""
+
+
+def _unit(other: FloatArray, rad: FloatArray, values: FloatArray) -> str:
+    """Return the unit that joints speak for: one of degrees is the same for all of them.
+
+    Args:
+        other: Range of each judged joint in that unit.
+        rad: Likewise in rad; those that move little lag by too much of it.
+        values: All of them in that unit, (T, n); normalised ones end at 100.
+    """
+    normalised = "normalised, as -100 to 100"
+    factors = (other / rad)[rad >= 0.5 * rad.max()]
+    if not _DEGREES[0] < float(factors.min()) <= float(factors.max()) < _DEGREES[1]:
+        return normalised
+    beyond = float(np.abs(values).max()) > _MOST_NORMALISED
+    return "in degrees" if beyond else f"in degrees, or {normalised}"
 
 
 def _mistake(recording: Recording) -> str:
@@ -175,6 +205,8 @@ def _mistake(recording: Recording) -> str:
 
 def _odd(recording: Recording, name: str) -> Iterator[str]:
     """Yield what a joint did that no servo in order does."""
+    if steps := odd_steps(recording):
+        yield f"{steps} ({name})"
     for text in recording.warnings:
         if _GAP.match(text):
             yield f"rows are missing: {text} ({name})"
@@ -185,7 +217,18 @@ def _odd(recording: Recording, name: str) -> Iterator[str]:
             f"{recording.time[rows[0]]:.1f} s)"
         )
     for j in range(recording.n):
-        yield from _not_following(recording, j, name)
+        yield from list(_not_following(recording, j, name)) or _held(recording, j, name)
+
+
+def _held(recording: Recording, j: int, name: str) -> Iterator[str]:
+    """Yield that a joint is stuck though its command hardly swings, if it is."""
+    command, position = commands_of(recording)[:, j], recording.position[:, j]
+    since, swing = stuck(recording.time, command, position)
+    if swing > 0.0:
+        yield (
+            f"joint {j + 1} is stalled: it rests while its command moves {swing:.2f} rad, more "
+            f"than friction lets it elsewhere ({name}, {since:.1f} s)"
+        )
 
 
 def _leaps(recording: Recording) -> list[int]:
@@ -222,7 +265,7 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
         asked, did = command[part], position[part]
         error, moved = np.abs(asked - did), float(np.ptp(did))
         where = f"{name}, {time[start]:.1f} s"
-        if moved < _AT_REST and float(error.min()) > span:
+        if moved < AT_REST and float(error.min()) > span:
             if _left(command[: start + 1], position[: start + 1]):
                 yield (
                     f"joint {j + 1} moved away from its command and rests {error.mean():.2f} rad "
@@ -234,7 +277,7 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
                 )
             return
         told = float(np.ptp(asked[: rows // 2]))  # later ones may not have come into force
-        if moved < _AT_REST and told > span:
+        if moved < AT_REST and told > span:
             yield (
                 f"joint {j + 1} is stalled: it rests while its command moves {told:.2f} rad "
                 f"({where})"

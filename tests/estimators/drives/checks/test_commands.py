@@ -31,7 +31,8 @@ def deltas(command):
 @pytest.mark.parametrize(
     ("mistake", "message"),
     [
-        (np.rad2deg, "are the commands in degrees?"),
+        (lambda c: np.rad2deg(2.0 * c), "are the commands normalised, as -100 to 100?"),
+        (np.rad2deg, "are the commands in degrees, or normalised, as -100 to 100?"),
         (lambda c: 100.0 * c / np.abs(c).max(), "are the commands normalised, as -100 to 100?"),
         (lambda c: 0.5 * c, "are the commands normalised, as -1 to 1?"),
         (deltas, "are the commands deltas?"),
@@ -60,6 +61,27 @@ def test_a_servo_that_rests_near_where_its_command_swings_is_told():
     (said,) = check_commands([recorded(TIME, command, position)])
 
     assert said.startswith("joint 2 is stalled: it rests while its command moves 0.")
+
+
+@pytest.mark.parametrize("since", [0, 500])
+def test_a_servo_that_is_stuck_while_its_command_swings_little_is_told(since):
+    command = np.stack([COMMAND[:, 0], 0.08 * np.sin(2.0 * TIME)], axis=1)
+    position = followed(command)
+    position[since:, 1] = position[since, 1]
+
+    (said,) = check_commands([recorded(TIME, command, position)])
+
+    assert said.startswith("joint 2 is stalled: it rests while its command moves 0.16 rad")
+
+
+def test_friction_that_holds_a_joint_at_each_reversal_is_no_stall():
+    command = np.stack([COMMAND[:, 0], 0.2 * np.sin(0.8 * TIME)], axis=1)
+    position, at = followed(command), 0.0
+    for k, wanted in enumerate(position[:, 1]):  # within 0.06 rad of its command, it rests
+        at = float(np.clip(at, wanted - 0.06, wanted + 0.06))
+        position[k, 1] = at
+
+    assert check_commands([recorded(TIME, command, position)]) == ()
 
 
 def test_a_stalled_servo_is_told():
@@ -124,6 +146,51 @@ def test_values_in_another_unit_throughout_are_refused(scale):
 
     with pytest.raises(RecordingError, match="are both in degrees, or normalised"):
         check_commands([recorded(TIME, told, followed(told))])
+
+
+@pytest.mark.parametrize(
+    ("scales", "unit"),
+    [
+        ((200.0 / 3.5, 200.0 / 3.4), "in degrees, or normalised, as -100 to 100"),
+        ((200.0 / 3.5, 200.0 / 5.6), "normalised, as -100 to 100"),
+    ],
+)
+def test_normalised_commands_are_not_taken_for_degrees(scales, unit):
+    """Joints of 200 degrees have nearly as many hundredths of their half range."""
+    with pytest.raises(RecordingError, match=f"are the commands {unit}\\?"):
+        check_commands([recorded(TIME, np.array(scales) * COMMAND, followed(COMMAND))])
+
+
+def test_positions_alone_in_another_unit_are_refused():
+    with pytest.raises(RecordingError, match="are the positions in degrees, or normalised"):
+        check_commands([recorded(TIME, COMMAND, np.rad2deg(followed(COMMAND)))])
+
+
+def test_a_rest_far_from_zero_is_in_another_unit():
+    told = 20.0 + 5.0 * COMMAND
+
+    with pytest.raises(RecordingError, match="are both in degrees, or normalised"):
+        check_commands([recorded(TIME, told, followed(told))])
+
+
+TICK = 2.0 * np.pi / 4096
+
+
+def test_steps_of_no_encoder_are_told():
+    """Normalised by each joint's own range, and far from its ends."""
+    position = TICK * np.round(followed(COMMAND) / TICK) / np.array([1.9, 1.7])
+
+    (said,) = check_commands([recorded(TIME, COMMAND / np.array([1.9, 1.7]), position)])
+
+    assert said.startswith("position_1 comes in steps of 0.000807, position_2 of 0.000902")
+    assert "are positions and commands normalised, as -1 to 1?" in said
+
+
+@pytest.mark.parametrize("tick", [TICK, 2.0 * np.pi / 65536, 1e-4])
+def test_steps_of_an_encoder_or_of_digits_are_not(tick):
+    position = tick * np.round(followed(COMMAND) / tick)
+
+    assert check_commands([recorded(TIME, COMMAND, position)]) == ()
 
 
 def test_values_from_minus_one_to_one_throughout_are_refused():
