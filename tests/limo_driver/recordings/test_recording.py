@@ -247,7 +247,9 @@ def test_many_turns_are_told_and_refused_of_a_joint_that_does_not_turn(tmp_path)
     assert told == [
         f"position_2 reaches {reach:.4g} rad, {reach / 2 / np.pi:.3g} turns; is it in degrees?"
     ]
-    with pytest.raises(RecordingError, match=r"position_2 spans .*is it in degrees or normalised, as -100 to 100"):
+    with pytest.raises(
+        RecordingError, match=r"position_2 spans .*is it in degrees or normalised, as -100 to 100"
+    ):
         recording.check_robot(arm_of(recording.n, "revolute", tmp_path))
     recording.check_robot(arm_of(recording.n, "continuous", tmp_path))
 
