@@ -21,15 +21,13 @@ from estimators.joint_physics.column_scan import (
     WIDTHS,
 )
 from estimators.joint_physics.columns import SETTLED
-from estimators.joint_physics.variance_terms import LANES
+from estimators.joint_physics.variance_terms import GROUP, LANES, NEXT, NOTHING, ORDER, padded
 from estimators.neural.lstm import Lstm, LstmFcl
 from estimators.neural.mlp import Mlp
 from estimators.simulation_only import SimulationOnly
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.neural import Network
 
 
@@ -68,23 +66,25 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
     fitted, columns = model.fitted, model.columns
     calibration, base = fitted.calibration, columns.base
     packed = fitted.prediction
-    whole = -(-(columns.count + 1) // LANES) * LANES  # and after all columns a zero at least
+    friction = columns.friction
+    others = np.setdiff1d(np.arange(columns.count), friction)
+    whole = padded(others.size, LANES)
     weights = np.zeros((columns.n, whole))
-    ends = np.cumsum(packed.sizes)
-    for own, end, count in zip(weights, ends, packed.sizes, strict=True):
-        own[packed.kept[end - count : end]] = packed.weights[end - count : end]
+    weights[:, : others.size] = fitted.weights[:, others]
+    kept = np.split(packed.kept, np.cumsum(packed.sizes)[:-1])
+    kept_others = [np.searchsorted(others, own[friction.size :]) for own in kept]
     tables = {
         "base": base,
         "width": WIDTHS,
         "speed": SPEEDS,
         "sharp": SHARP,
         "size": packed.sizes,
-        "kept": packed.kept,
-        "less": packed.less,
-        "differences": _last_taken_off(packed.less, packed.sizes, columns.count),
+        "kept": np.concatenate(kept_others),
+        "order": ORDER,
+        "next": NEXT,
+        "friction_weight": fitted.weights[:, friction].transpose(0, 2, 1),
         "weight": weights,
         "root_size": packed.root_sizes,
-        "root": packed.roots,
         "certain": calibration.certain,
         "unsure": calibration.unsure,
         "fading": calibration.fading,
@@ -101,30 +101,24 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
             "STATES": STATES,
             "HARMONICS": HARMONICS,
             "WAVES": 2 * FRICTION_HARMONICS,
-            "PLACE": fitted.unknown.place,
-            "COLUMNS": columns.count,
+            "FAMILIES": GROUP,
+            "NOTHING_BETWEEN": NOTHING,
+            "OTHERS": others.size,
             "WHOLE": whole,
-            "DIRECTIONS": -(-columns.n * (SPEEDS.size + SHARP.size) // LANES) * LANES,
+            "DIRECTIONS": padded(columns.n * (SPEEDS.size + SHARP.size), LANES),
             "LANES": LANES,
-            "WIDEST": int(packed.sizes.max()) + 2 * LANES,
+            "WIDEST": padded(int(packed.sizes.max()), LANES) + LANES,
             "SETTLED": SETTLED,
             "STEP_TIME": columns.step_time,
             "DIFFERENCE": DIFFERENCE,
             "COS_DIFFERENCE": np.cos(DIFFERENCE),
             "SIN_DIFFERENCE": np.sin(DIFFERENCE),
         },
-        "".join(table(name, values) for name, values in tables.items()),
+        "".join(table(name, values) for name, values in tables.items())
+        + table("root", packed.roots, aligned=LANES * packed.roots.itemsize),
         ("joint_physics.c",),
         tuple(columns.init().ravel()),
     )
-
-
-def _last_taken_off(
-    less: NDArray[np.int64], sizes: NDArray[np.int64], count: int
-) -> NDArray[np.int64]:
-    """Return how many terms of each joint there are up to the last of which a column is taken."""
-    own = np.split(less, np.cumsum(sizes)[:-1])
-    return np.array([1 + int(np.flatnonzero(x < count).max(initial=-1)) for x in own])
 
 
 @learned.register

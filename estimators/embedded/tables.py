@@ -24,12 +24,19 @@ def number(value: float) -> str:
     return repr(float(value))
 
 
-def table(name: str, values: ArrayLike) -> str:
-    """Return the definition of a constant array of doubles, floats or ints, of any shape."""
+def table(name: str, values: ArrayLike, aligned: int | None = None) -> str:
+    """Return the definition of a constant array of doubles, floats or ints, of any shape.
+
+    Args:
+        name: Of the array.
+        values: Its entries.
+        aligned: To so many bytes, if more than their type needs.
+    """
     array = np.asarray(values)
     kind = array.dtype.str[1:]
     sizes = "".join(f"[{size}]" for size in array.shape)
-    return f"static const {_TYPES[kind]} {name}{sizes} = {_entries(array, kind)};\n"
+    where = f"_Alignas({aligned}) " if aligned else ""
+    return f"static {where}const {_TYPES[kind]} {name}{sizes} = {_entries(array, kind)};\n"
 
 
 def defines(values: Mapping[str, float | bool]) -> str:

@@ -154,6 +154,13 @@ class JointColumns:
         return np.array(starts)[:, None] + np.arange(WIDTHS.size)
 
     @cached_property
+    def friction(self) -> NDArray[np.int64]:
+        """Columns of friction: constant, with load, with each wave; (families, states and dq)."""
+        speed = np.full(len(self.stops), STATES)  # after the states of its family, but one
+        speed[0] = self.of_family("viscous").start - self.stops[0, 0]
+        return np.column_stack([self.stops[:, :1] + np.arange(STATES), self.stops[:, 0] + speed])
+
+    @cached_property
     def _arm(self) -> Arm:
         """Constants of the rigid body for the compiled scan."""
         chain = RegressorChain.of(self.body)

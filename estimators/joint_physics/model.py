@@ -38,7 +38,7 @@ class FittedPhysics:
 
     weights: FloatArray  # (n, K)
     root: FloatArray  # (n, K, K), R with covariance Rᵀ R of the weights
-    stops: NDArray[np.int64]  # columns of the stops, (families, widths)
+    friction: NDArray[np.int64]  # its columns, (families, states and dq)
     calibration: Calibration
     unknown: UnknownMemory  # what nobody knows of the torque before the joints turned
     record: Mapping[str, Any] = field(default_factory=dict)  # data and errors, as JSON
@@ -62,7 +62,7 @@ class FittedPhysics:
         return cls(
             weights,
             np.stack([found.posterior.root for found in fits]),
-            columns.stops,
+            columns.friction,
             calibrate(sums, fits),
             UnknownMemory.of(columns, weights, moments, simulation),
             {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse},
@@ -71,7 +71,7 @@ class FittedPhysics:
     @cached_property
     def prediction(self) -> Prediction:
         """The same for compiled code."""
-        return Prediction.of(self.weights, self.root, self.stops)
+        return Prediction.of(self.weights, self.root, self.friction)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.joint_physics.variance_terms import GROUP, LANES, terms_of
+from estimators.joint_physics.variance_terms import GROUP, LANES, NOTHING, terms_of
 from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 class Prediction:
     """Weights of n joints and roots of their covariances, packed to be read in order.
 
-    A column that was zero in all data has neither weight nor root, and is left out. Roots are of
+    A column that was zero in all data has neither weight nor root, and is left out, but for those
+    of friction. Roots are of
     single precision: half as much goes through the cache for each state, and of standard deviations
     nobody reads the seventh digit. See `variance_terms` for what they are roots of.
     """
@@ -29,19 +30,19 @@ class Prediction:
     less: NDArray[np.int64]  # the column taken off each in its term; K, where none is
     sizes: NDArray[np.int64]  # (n,), how many columns count
     weights: FloatArray  # of the columns that count
-    roots: NDArray[np.float32]  # groups of four columns
+    roots: NDArray[np.float32]  # groups of columns
     root_sizes: NDArray[np.int64]  # (n,), how many numbers of `roots` are of a joint
 
     @classmethod
-    def of(cls, weights: FloatArray, root: FloatArray, stops: NDArray[np.int64]) -> Prediction:
+    def of(cls, weights: FloatArray, root: FloatArray, friction: NDArray[np.int64]) -> Prediction:
         """Pack them.
 
         Args:
             weights: (n, K).
             root: R with covariance Rᵀ R of the weights, (n, K, K).
-            stops: Columns of the stops, (families, widths), the narrowest first.
+            friction: Columns of friction, (families, states and dq).
         """
-        terms = [terms_of(R, stops) for R in root]
+        terms = [terms_of(R, friction) for R in root]
         return cls(
             np.concatenate([own.kept for own in terms]),
             np.concatenate([own.less for own in terms]),
@@ -98,12 +99,15 @@ def _predict(
             for k in range(size):
                 value = row[columns_of[k]]
                 total += value * w[k]
-                x[k] = value - (row[off[k]] if off[k] < row.size else 0.0)
+                if off[k] < row.size:
+                    change = value - row[off[k]]
+                    value = change if abs(change) > NOTHING * abs(value) else 0.0
+                x[k] = value
             torque[t, j] = total
             x[size : size + GROUP] = 0.0
             _multiply(root, x, size, y)
             square = 0.0
-            for k in range(size):
+            for k in range((size + LANES - 1) // LANES * LANES):
                 square += np.float64(y[k]) * np.float64(y[k])
             leverage[t, j] = square
         first += size
@@ -114,16 +118,19 @@ def _predict(
 def _multiply(
     root: NDArray[np.float32], x: NDArray[np.float32], size: int, y: NDArray[np.float32]
 ) -> None:
-    """Write y = L x of a lower triangular L of this size, which stands in groups of columns."""
+    """Write y = L x of a lower triangular L of this size, as it is packed, with zeros above."""
     y[:] = 0.0
+    rows = (size + LANES - 1) // LANES * LANES
     for k in range(0, size, GROUP):
-        height = (size - k + LANES - 1) // LANES * LANES
-        group, root = root[: GROUP * height], root[GROUP * height :]
-        x0, x1, x2, x3 = x[k], x[k + 1], x[k + 2], x[k + 3]
-        if x0 == 0.0 and x1 == 0.0 and x2 == 0.0 and x3 == 0.0:
+        top = (rows - size + k) // LANES * LANES
+        block, root = root[: GROUP * (rows - top)], root[GROUP * (rows - top) :]
+        x0, x1, x2, x3, x4, x5 = x[k], x[k + 1], x[k + 2], x[k + 3], x[k + 4], x[k + 5]
+        if x0 == 0.0 and x1 == 0.0 and x2 == 0.0 and x3 == 0.0 and x4 == 0.0 and x5 == 0.0:
             continue
-        L0, L1 = group[:height], group[height : 2 * height]
-        L2, L3 = group[2 * height : 3 * height], group[3 * height :]
-        part = y[k : k + height]
-        for i in range(height):
-            part[i] += (L0[i] * x0 + L1[i] * x1) + (L2[i] * x2 + L3[i] * x3)
+        for v in range(0, rows - top, LANES):
+            L, part = block[GROUP * v : GROUP * (v + LANES)], y[top + v : top + v + LANES]
+            for i in range(LANES):
+                first = L[i] * x0 + L[LANES + i] * x1
+                second = L[2 * LANES + i] * x2 + L[3 * LANES + i] * x3
+                third = L[4 * LANES + i] * x4 + L[5 * LANES + i] * x5
+                part[i] += (first + second) + third

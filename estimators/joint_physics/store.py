@@ -70,9 +70,9 @@ def load(folder: Path | str) -> JointPhysics:
     record = opened.record("held_out")
     moments = _moments(tensors, place, n)
     unknown = UnknownMemory.of(model.columns, found["weights"], moments, opened.simulation)
-    stops = model.columns.stops
+    friction = model.columns.friction
     model.fitted_ = FittedPhysics(
-        found["weights"], found["root"], stops, calibration, unknown, record
+        found["weights"], found["root"], friction, calibration, unknown, record
     )
     return model
 

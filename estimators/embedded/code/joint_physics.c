@@ -104,32 +104,11 @@ static void fill_rigid(const poses *at, double rigid[BASE][N])
     }
 }
 
-static inline double *append(double *x, const double states[STATES], double factor)
+/* Write the columns of a joint but those of friction, (OTHERS,). */
+static void fill_others(int j, const double rigid[BASE][N], double v, double a,
+                        const double wave[2 * HARMONICS], const double load[N],
+                        const double slope[N][N], const double torque[N], double x[WHOLE])
 {
-    for (int i = 0; i < STATES; ++i) {
-        x[i] = factor * states[i];
-    }
-    return x + STATES;
-}
-
-/* Write all columns of a joint, (COLUMNS,). */
-static void fill_columns(int j, const double rigid[BASE][N], double v, double a,
-                         double c, double s, const double stops[STOPS],
-                         const double directions[SPEEDS + SHARPS], const double load[N],
-                         const double slope[N][N], const double torque[N], double x[COLUMNS])
-{
-    double states[STATES], wave[2 * HARMONICS];
-    const double own = load[j];
-    for (int i = 0; i < STOPS; ++i) {
-        states[i] = stops[i];
-    }
-    memcpy(states + STOPS, directions, (SPEEDS + SHARPS) * sizeof *directions);
-    wave[0] = s;
-    wave[1] = c;
-    for (int i = 2; i < 2 * HARMONICS; i += 2) {
-        wave[i] = wave[i - 2] * c + wave[i - 1] * s;
-        wave[i + 1] = wave[i - 1] * c - wave[i - 2] * s;
-    }
     for (int i = 0; i < BASE; ++i) {
         *x++ = rigid[i][j];
     }
@@ -140,44 +119,67 @@ static void fill_columns(int j, const double rigid[BASE][N], double v, double a,
         x[N + m] = slope[m][j];
         x[2 * N + m] = slope[m][j] * load[m];
     }
-    x = append(x + 3 * N, states, 1.0);
-    *x++ = v;
+    x += 3 * N;
     *x++ = v * fabs(v);
     *x++ = copysign(sqrt(fabs(v)), v);
-    x = append(x, states, fabs(own));
-    *x++ = fabs(own) * v;
-    for (int i = 0; i < 2 * HARMONICS; ++i) {
-        *x++ = wave[i];
-    }
-    for (int i = 0; i < WAVES; ++i) {
-        x = append(x, states, wave[i]);
-        *x++ = wave[i] * v;
+    memcpy(x, wave, 2 * HARMONICS * sizeof *x);
+}
+
+/* Write sines and cosines of an angle and its multiples. */
+static inline void fill_waves(double c, double s, double wave[2 * HARMONICS])
+{
+    wave[0] = s;
+    wave[1] = c;
+    for (int i = 2; i < 2 * HARMONICS; i += 2) {
+        wave[i] = wave[i - 2] * c + wave[i - 1] * s;
+        wave[i + 1] = wave[i - 1] * c - wave[i - 2] * s;
     }
 }
 
-/* Return |R x|^2. R is lower triangular and stands in groups of four columns, each from the group's
- * first row down; rows and columns are filled up with zeros. Most often, half of x is zero. */
+/* Write the terms of friction: each state, less the next, with the factor of each family. */
+static void fill_friction(const double states[STATES + 1], const double factor[FAMILIES],
+                          float seen[WIDEST])
+{
+    for (int i = 0; i <= STATES; ++i, seen += FAMILIES) {
+        const int own = order[i];
+        double z = states[own];
+        if (next[own] != own) {
+            const double change = z - states[next[own]];
+            z = fabs(change) > NOTHING_BETWEEN * fabs(z) ? change : 0.0;
+        }
+        for (int k = 0; k < FAMILIES; ++k) {
+            seen[k] = (float)(factor[k] * z);
+        }
+    }
+}
+
+/* Return |R x|^2. R is lower triangular and stands in groups of columns, each from the vector of the
+ * group's first row down; rows and columns are filled up with zeros. Most often, half of x is zero. */
 AS_WRITTEN static double leverage_of(const float *restrict x, const float *restrict R, int rows)
 {
 #ifdef __clang__
 #pragma STDC FP_CONTRACT OFF
 #endif
-    float y[WIDEST] = {0.0F};
+    _Alignas(4 * LANES) float y[WIDEST] = {0.0F};
+    const int end = (rows + LANES - 1) / LANES * LANES;
     double sum[LANES] = {0.0}, total = 0.0;
-    for (int k = 0; k < rows; k += 4) {
-        const int below = (rows - k + LANES - 1) / LANES * LANES;
-        const float x0 = x[k], x1 = x[k + 1], x2 = x[k + 2], x3 = x[k + 3];
-        const float *R1 = R + below, *R2 = R1 + below, *R3 = R2 + below;
-        if (x0 == 0.0F && x1 == 0.0F && x2 == 0.0F && x3 == 0.0F) {
-            R = R3 + below;
+    for (int k = 0; k < rows; k += FAMILIES) {
+        const int top = (end - rows + k) / LANES * LANES;
+        const float x0 = x[k], x1 = x[k + 1], x2 = x[k + 2], x3 = x[k + 3], x4 = x[k + 4],
+                    x5 = x[k + 5];
+        if (x0 == 0.0F && x1 == 0.0F && x2 == 0.0F && x3 == 0.0F && x4 == 0.0F && x5 == 0.0F) {
+            R += FAMILIES * (end - top);
             continue;
         }
-        for (int i = 0; i < below; ++i) {
-            y[k + i] += (R[i] * x0 + R1[i] * x1) + (R2[i] * x2 + R3[i] * x3);
+        for (int i = top; i < end; i += LANES, R += FAMILIES * LANES) {
+            for (int l = 0; l < LANES; ++l) {
+                y[i + l] += ((R[l] * x0 + R[LANES + l] * x1) +
+                             (R[2 * LANES + l] * x2 + R[3 * LANES + l] * x3)) +
+                            (R[4 * LANES + l] * x4 + R[5 * LANES + l] * x5);
+            }
         }
-        R = R3 + below;
     }
-    for (int i = 0; i < rows; i += LANES) {
+    for (int i = 0; i < end; i += LANES) {
         for (int l = 0; l < LANES; ++l) {
             sum[l] += (double)y[i + l] * (double)y[i + l];
         }
@@ -209,7 +211,7 @@ static inline double cube(double x)
 }
 
 /* Return the variance of what nobody knows of the stops before the joint turned. */
-static double forgotten(int j, const double x[COLUMNS], double range, double load)
+static double forgotten(int j, const double factor[FAMILIES], double range)
 {
     double u[STOPS], total = 0.0;
     int first = 0;
@@ -218,9 +220,9 @@ static double forgotten(int j, const double x[COLUMNS], double range, double loa
     }
     for (int i = first; i < STOPS; ++i) {
         const double r = range / width[i];
-        double h = height[j][0][i] + fabs(load) * height[j][1][i];
-        for (int k = 0; k < WAVES; ++k) {
-            h += x[PLACE + k] * height[j][2 + k][i];
+        double h = 0.0;
+        for (int k = 0; k < FAMILIES; ++k) {
+            h += factor[k] * height[j][k][i];
         }
         u[i] = h * (r >= 1.0 ? sqrt(0.5 * cube(2.0 - r))
                              : sqrt(0.5 * (cube(1.0 - r) + 1.0) + 1.5 * r * (1.0 - r) * (1.0 - r)));
@@ -233,17 +235,28 @@ static double forgotten(int j, const double x[COLUMNS], double range, double loa
     return fmax(total, 0.0);
 }
 
-/* Write the terms of a joint; vectors that gather are slower than plain loads. */
-ONE_BY_ONE static void pick(const double x[WHOLE], const int *columns, const int *off,
-                            int taken_off, int size, float seen[WIDEST])
+/* Pick columns; vectors that gather are slower than plain loads. */
+ONE_BY_ONE static void pick(const double x[WHOLE], const int *columns, int count, float *seen)
 {
-    int k = 0;
-    for (; k < taken_off; ++k) {
-        seen[k] = (float)(x[columns[k]] - x[off[k]]);
-    }
-    for (; k < size; ++k) {
+    for (int k = 0; k < count; ++k) {
         seen[k] = (float)x[columns[k]];
     }
+}
+
+/* Return what was learned of friction: the sum over families of factor times weights times states. */
+static double friction_of(const double weights[STATES + 1][FAMILIES],
+                          const double states[STATES + 1], const double factor[FAMILIES])
+{
+    double sum[FAMILIES] = {0.0}, total = 0.0;
+    for (int i = 0; i <= STATES; ++i) {
+        for (int k = 0; k < FAMILIES; ++k) {
+            sum[k] += weights[i][k] * states[i];
+        }
+    }
+    for (int k = 0; k < FAMILIES; ++k) {
+        total += factor[k] * sum[k];
+    }
+    return total;
 }
 
 /* Write the directions of all joints, smoothed over speeds and over a step of the filter. */
@@ -281,24 +294,33 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
     }
     fill_rigid(at, rigid);
     fill_directions(v, a, directions);
-    for (int j = 0, next = 0; j < N; ++j) {
+    const int *columns = kept;
+    for (int j = 0; j < N; ++j) {
         double *own = memory->joints + (STOPS + 3) * j;
-        const int *columns = kept + next, *off = less + next;
+        double states[STATES + 1], wave[2 * HARMONICS], factor[FAMILIES] = {1.0, fabs(load[j])};
+        const int others = size[j] - FAMILIES * (STATES + 1);
         remember(own, q[j]);
-        fill_columns(j, (const double(*)[N])rigid, v[j], a[j], at->c[j][0], at->s[j][0], own,
-                     directions[j], load, (const double(*)[N])slope, estimate->simulation, x);
-        pick(x, columns, off, differences[j], size[j], seen);
+        memcpy(states, own, STOPS * sizeof *states);
+        memcpy(states + STOPS, directions[j], sizeof directions[j]);
+        states[STATES] = v[j];
+        fill_waves(at->c[j][0], at->s[j][0], wave);
+        memcpy(factor + 2, wave, WAVES * sizeof *wave);
+        fill_others(j, (const double(*)[N])rigid, v[j], a[j], wave, load,
+                    (const double(*)[N])slope, estimate->simulation, x);
+        fill_friction(states, factor, seen);
+        pick(x, columns, others, seen + FAMILIES * (STATES + 1));
         for (int k = size[j]; k < WIDEST; ++k) {
             seen[k] = 0.0F;
         }
-        const double learned = product(x, weight[j]);
+        const double learned =
+            product(x, weight[j]) + friction_of(friction_weight[j], states, factor);
         const double range = own[STOPS + 2] - own[STOPS + 1];
         const double leverage = leverage_of(seen, R, size[j]);
-        const double unknown = forgotten(j, x, range, load[j]);
+        const double unknown = forgotten(j, factor, range);
         estimate->learned[j] = learned / (1.0 + fading[j] * leverage);
         estimate->deviation[j] = sqrt(certain[j] + unsure[j] * leverage + unknown);
         estimate->outside[j] = leverage > farthest[j] || !(range > SETTLED);
-        next += size[j];
+        columns += others;
         R += root_size[j];
     }
 }
