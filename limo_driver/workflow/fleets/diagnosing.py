@@ -11,13 +11,14 @@ from limo_driver.workflow.fleets.sources import matched, rows_of
 from limo_driver.workflow.inputs import simulation_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from estimators.fleet.outcome import FleetOutcome
     from estimators.fleet.result import FleetDiagnosis
     from estimators.fleet.row import FleetRow
     from estimators.fleet.store import FleetStore
     from limo_driver.physics import Simulation
+    from limo_driver.workflow.fleets.job import FleetJob
 
 
 def diagnose_fleet(
@@ -66,7 +67,7 @@ def diagnose_fleet(
     from estimators.fleet.saving import save_fleet
     from estimators.fleet.store import FleetStore, digest_of
     from limo_driver.outputs import only_writer, require_folder
-    from limo_driver.workflow.executors.running import check_place, executor_of, run_all
+    from limo_driver.workflow.executors.running import check_place
     from limo_driver.workflow.fleets.job import FleetJob
 
     known, folder = simulation_of(simulation), Path(out)
@@ -84,8 +85,7 @@ def diagnose_fleet(
         left = [row for row in rows if row.recording not in ended]
         if progress is not None:
             progress(None, len(ended), len(rows))
-        executor = executor_of(FleetJob(known, bandwidth), workers, on) if left else None
-        for row, outcome in run_all(executor, left) if executor else ():
+        for row, outcome in _outcomes(FleetJob(known, bandwidth), left, workers, on):
             done = _kept(store, row, outcome)
             ended[row.recording] = done
             if progress is not None:
@@ -101,6 +101,27 @@ def diagnose_fleet(
             f"{place}: fits none of {len(rows)} recordings; {first.recording}: {first.error}"
         )
     return fleet
+
+
+def _outcomes(
+    job: FleetJob, rows: Sequence[FleetRow], workers: int | None, on: str
+) -> Iterator[tuple[FleetRow, FleetOutcome | str]]:
+    """Diagnose rows, and give each as it ends.
+
+    The first ones that cannot be read are told before any worker begins, which takes many seconds:
+    a simulation that fits none of them needs no worker.
+    """
+    from limo_driver.workflow.executors.running import executor_of, run_all
+
+    first = 0
+    for row in rows:
+        refused = job.refused(row)
+        if refused is None:
+            break
+        first += 1
+        yield row, refused
+    if first < len(rows):
+        yield from run_all(executor_of(job, workers, on), rows[first:])
 
 
 def _kept(store: FleetStore, row: FleetRow, outcome: FleetOutcome | str) -> FleetRow:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from estimators.fleet.outcome import FleetOutcome
     from estimators.fleet.row import FleetRow
     from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
 
 # As `benchmarks/fleet/cost.py` finds them, of seven joints and Parquet.
 _BASE: Final = 0.45e9  # [bytes] of a process that diagnoses
@@ -49,9 +50,24 @@ class FleetJob:
         """Return how much memory a diagnosis takes at most [bytes], by its recording's size."""
         return _BASE + min(_BY_SIZE * row.bytes, _LARGEST) + _READ * row.bytes
 
+    def refused(self, row: FleetRow) -> FleetOutcome | None:
+        """Return how a recording ended that cannot be read as one of this arm; None, if it can."""
+        from estimators.fleet.outcome import FleetOutcome
+
+        start = perf_counter()
+        found = attempted(
+            lambda: self._read(row), lambda line: FleetOutcome(perf_counter() - start, line)
+        )
+        return found if isinstance(found, FleetOutcome) else None
+
     def _diagnosed(self, row: FleetRow, start: float) -> FleetOutcome:
         from estimators.fleet.outcome import outcome_of
         from limo_driver.workflow.diagnosing import diagnose
+
+        found = diagnose(self.simulation, self._read(row), bandwidth=self.bandwidth)
+        return outcome_of(found, perf_counter() - start)
+
+    def _read(self, row: FleetRow) -> Recording:
         from limo_driver.workflow.fleets.sources import at_hand
         from limo_driver.workflow.reading import read
 
@@ -60,6 +76,4 @@ class FleetJob:
                 recording = read(path, self.simulation.model)
             except LimoError as error:  # the row names the recording, and not where its copy lay
                 raise LimoError(str(error).removeprefix(f"{path}: ")) from error
-            recording = replace(recording, source=str(row.recording))
-            found = diagnose(self.simulation, recording, bandwidth=self.bandwidth)
-            return outcome_of(found, perf_counter() - start)
+            return replace(recording, source=str(row.recording))

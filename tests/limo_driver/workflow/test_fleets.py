@@ -282,8 +282,13 @@ def test_a_link_to_nothing_is_a_row_that_says_so(tmp_path):
     assert row.error == "cannot be read: No such file or directory"
 
 
-@pytest.mark.slow("starts processes that import: ten seconds")
-def test_a_simulation_that_fits_no_recording_is_named(fleet, tmp_path):
+def test_a_simulation_that_fits_no_recording_is_named_before_any_worker(
+    fleet, tmp_path, monkeypatch
+):
+    def start(*_):
+        raise AssertionError
+
+    monkeypatch.setattr("limo_driver.workflow.executors.running.executor_of", start)
     limo.Simulation("iiwa14").save(tmp_path / "iiwa.yaml")
     with pytest.raises(ConfigError, match=r"iiwa.yaml: fits none of 2 recordings; .*has 2 joints"):
         limo.diagnose_fleet(f"{fleet}/a/*", tmp_path / "iiwa.yaml", tmp_path / "out", workers=1)
