@@ -30,7 +30,8 @@ class ServiceSettings(Declared):
         rate: Of the joint states [Hz]; measured if None.
         delay: By which estimates are late [s]; less hears more noise.
         history: Of states from which a new model's memory is made [s].
-        bound: Most that the learned part may add [N m]; a tenth of the joint's limit if None.
+        bound: Most that the learned part may add [N m]; a tenth of the joint's limit if None,
+            which an arm without torque limits cannot be served with.
         contact_torque: External torque that is a contact [N m]; one value, or one for each joint.
         contact_duration: For which it has to last [s]; likewise.
 
@@ -53,10 +54,21 @@ class ServiceSettings(Declared):
     contact_duration: float | tuple[float, ...] = _above_zero("s", "for which it has to last", 0.15)
 
     def bounds(self, limits: JointLimits) -> FloatArray:
-        """Return the largest torque that a learned part may add, (n,) [N m]."""
-        if self.bound is None:
-            return _PART_OF_LIMIT * limits.torque
-        return np.full(limits.torque.shape, self.bound)
+        """Return the largest torque that a learned part may add, (n,) [N m].
+
+        Raises:
+            ConfigError: It is a part of a limit that a joint does not have.
+        """
+        if self.bound is not None:
+            return np.full(limits.torque.shape, self.bound)
+        stated = np.isfinite(limits.torque) & (limits.torque > 0.0)
+        if not stated.all():
+            without = ", ".join(str(j + 1) for j in np.flatnonzero(~stated))
+            raise ConfigError(
+                f"no torque limit is stated of joint {without}, of which a tenth bounds what a "
+                "model has learned; expected one in the robot's description, or `bound` [N m]"
+            )
+        return _PART_OF_LIMIT * limits.torque
 
     def contact(self, n: int) -> tuple[FloatArray, FloatArray]:
         """Return the torque [N m] and the duration [s] that are a contact, (n,) each.

@@ -11,6 +11,7 @@ from typing import Final
 OPTIONS: Final = {
     "Surroundings.self_collision": "--no-self-collision",
     "arms": "--arm",
+    "bound": "--bound",
     "config": "--zenoh-config",
     "connect": "--connect",
     "contact_duration": "--contact-for",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Final
@@ -15,6 +16,7 @@ from backends.can.simulator.cia402_drive import Cia402Drive
 from backends.can.simulator.damiao_drive import DamiaoDrive
 from backends.can.simulator.faults import FROM_DRIVES, TO_DRIVES, rewired
 from backends.can.simulator.scenario import BusScenario
+from limo_driver.errors import ConfigError
 from limo_driver.processes.closing import Closing
 
 if TYPE_CHECKING:
@@ -197,4 +199,9 @@ class Station(Closing):
         if isinstance(joint, Cia402Joint):
             return Cia402Drive(number, joint, port, send, self._config.temperature)
         limit = float(self._config.model.limits.torque[number - 1])
+        if not 0.0 < limit < math.inf:
+            raise ConfigError(
+                f"no torque limit of joint {number} is stated in {self._config.robot}, from which "
+                "a simulated Damiao motor has the range of its torque (register 23)"
+            )
         return DamiaoDrive(joint, limit, port, send)

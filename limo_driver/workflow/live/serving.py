@@ -118,6 +118,7 @@ def serve(
                 name: _models(own, model, simulation, trusted, key) for name, own in stores.items()
             }
             _check_contacts(chosen, served)
+            _check_bounds(chosen, served)
             presence.check()  # rather than after the rehearsal
             bulletins.enter(ServicePhase.COMPILING, COMPILING)
             for models in served.values():
@@ -337,6 +338,15 @@ def _check_contacts(settings: ServiceSettings, served: Mapping[str, ServedModels
                     f"`{name_of}` has {size} values, expected one, or one for each of the {n} "
                     f"joints of {name}"
                 )
+
+
+def _check_bounds(settings: ServiceSettings, served: Mapping[str, ServedModels]) -> None:
+    """Refuse an arm that states no torque limit, where that is what bounds its models."""
+    for name, models in served.items():
+        try:
+            settings.bounds(models.physics.model.limits)
+        except ConfigError as error:
+            raise ConfigError(f"{name}: {error}") from None
 
 
 def _keep(arm: Any, log: Path, settings: RetrainingSettings) -> None:  # noqa: ANN401  # ArmServer

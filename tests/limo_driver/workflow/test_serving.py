@@ -126,3 +126,17 @@ def test_what_cannot_be_served_is_refused(options, message, ends, tmp_path, monk
     usual = {"arms": "a", "store": "models", "simulation": BELIEVED, "config": ends[0]}
     with pytest.raises(ConfigError, match=message), limo.serve(**usual | options):
         pass
+
+
+def test_an_arm_without_a_torque_limit_is_served_with_a_bound(ends, tmp_path, two_links_urdf):
+    """A tenth of no limit would be no bound, or one of 0."""
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(two_links_urdf.read_text().replace('effort="50"', 'effort="0"', 1))
+    serve = partial(
+        limo.serve, "a", store=tmp_path / "models", simulation=limo.Simulation(str(urdf)),
+        config=ends[0],
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match=r"a: no torque limit .* joint 1, .*`bound`"), serve():
+        pass
+    with serve(settings=ServiceSettings(bound=2.0)) as service:
+        assert service.phases == {"a": ServicePhase.WAITING}

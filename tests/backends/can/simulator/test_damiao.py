@@ -1,5 +1,8 @@
 """Damiao's frames, and the simulated motor behind them."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from bus_master import Master
 from hypothesis import given
@@ -8,7 +11,7 @@ from hypothesis import strategies as st
 from backends.can.config import ArmConfig
 from backends.can.damiao import codec as damiao
 from backends.can.damiao.codec import MitCommand, Ranges, Reply, Status
-from limo_driver.errors import WireFormatError
+from limo_driver.errors import ConfigError, WireFormatError
 
 RANGES = Ranges(12.5, 30.0, 10.0)
 JOINTS = """
@@ -103,6 +106,14 @@ def command(motors, node=1, **values):
     given = {"position": 0.0, "velocity": 0.0, "stiffness": 0.0, "damping": 0.0, "torque": 0.0}
     ranges = motors.station.drives[node - 1].ranges
     return damiao.encode_command(MitCommand(**{**given, **values}), ranges)
+
+
+def test_a_joint_without_a_torque_limit_gives_a_simulated_motor_no_range(arm_yaml, monkeypatch):
+    config = ArmConfig.load(arm_yaml("convention: damiao", JOINTS))
+    limits = replace(config.model.limits, torque=np.array([50.0, np.inf]))
+    monkeypatch.setattr(config.model, "limits", limits)
+    with pytest.raises(ConfigError, match=r"no torque limit of joint 2 is stated in .*two_links"):
+        Master(config, position=[0.4, -0.3])
 
 
 def test_a_motor_says_nothing_until_it_is_spoken_to(motors):
