@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 BUILT_IN = ("iiwa14",)
+_MOST_OF_OTHERS = 2.0  # times the sum of the others, that a principal moment is still a rounding
 
 
 def beside(robot: str, folder: Path) -> str:
@@ -108,6 +109,7 @@ class RobotModel(ArmDynamics, Displayed):
             for j, link in enumerate(self.link_names)
         }
         _check_masses(self.inertials, chain.link_joints, self.urdf)
+        rounded = self._with_real_bodies()
         self._override(inertials or {})
         given = self.description.gravity if gravity is None else gravity
         self.pin_model.gravity.linear = self.pin_tree.gravity.linear = _gravity(given)
@@ -134,7 +136,7 @@ class RobotModel(ArmDynamics, Displayed):
             self.limits.position_max,
             self.sliding,
         )
-        told = (*self.description.notes, *locked, *slides, *unstated, *doubts)
+        told = (*self.description.notes, *locked, *slides, *unstated, *rounded, *doubts)
         self.notes: tuple[str, ...] = told
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
@@ -287,6 +289,20 @@ class RobotModel(ArmDynamics, Displayed):
         path = Path(os.path.relpath(self.urdf.resolve(), folder.resolve())).as_posix()
         return joined_reference(path, self.chosen)
 
+    def _with_real_bodies(self) -> tuple[str, ...]:
+        """Put the nearest rigid body in the place of each that is nearly one; return what to say.
+
+        Makers' files have such, of roundings and of tensors about another point.
+        """
+        nearly = {name: body for name, body in self.inertials.items() if not body.is_possible()}
+        self._override({name: body.nearest_consistent() for name, body in nearly.items()})
+        return tuple(
+            f"link {name} has the principal moments of inertia {_principal(body)} kg m², of which "
+            "one is above the sum of the others; the nearest body that exists is taken, with "
+            f"{_principal(self.inertials[name])}"
+            for name, body in nearly.items()
+        )
+
     def _override(self, inertials: Mapping[str, Inertial]) -> None:
         for link, inertial in inertials.items():
             if link not in self.link_names:
@@ -318,15 +334,18 @@ def _check_masses(
                 f"link {link}, which joint {joint} moves, has no mass; state its <inertial>",
                 path=path,
             )
-        principal = np.linalg.eigvalsh(body.tensor())
-        if principal.min() <= 0.0 or not body.is_possible():
-            told = ", ".join(f"{moment:.4g}" for moment in principal.tolist())
+        smallest, middle, largest = np.linalg.eigvalsh(body.tensor()).tolist()
+        if smallest <= 0.0 or largest > _MOST_OF_OTHERS * (smallest + middle):
             raise ConfigError(
                 f"link {link}, which joint {joint} moves, has the principal moments of inertia "
-                f"{told} kg m²; expected those of a body: above 0, and none above the sum of the "
-                "others",
+                f"{_principal(body)} kg m²; expected those of a body: above 0, and none above the "
+                "sum of the others",
                 path=path,
             )
+
+
+def _principal(body: Inertial) -> str:
+    return ", ".join(f"{moment:.4g}" for moment in np.linalg.eigvalsh(body.tensor()).tolist())
 
 
 def _gravity(gravity: Sequence[float]) -> FloatArray:

@@ -33,7 +33,7 @@ def command(
     Columns or topics are matched to the robot's joints by name, else by number; units are read
     from names, limits, velocities and gravity. Where two readings fit, the question stands under
     `undecided:` in the mapping, which cannot be used before it is answered: state what is meant,
-    and delete the question.
+    and delete the question. A mapping that is there and reads otherwise is not written over.
 
     Then it says what the recording is worth: sampling, quantisation, dropouts, on which side of the
     gear the torque was measured, and which parameters the motion says nothing about.
@@ -50,15 +50,22 @@ def command(
 
     require_file(out, [log] if log.is_file() else [])
     found = inspect(log, robot, topic=topic, episode=episode)
-    found.mapping.save(out)
+    kept = _is_another(out, found)
+    if not kept:
+        found.mapping.save(out)
     if as_json:
-        _print_json(found, out)
+        _print_json(found, out, kept=kept)
     else:
-        _show(found, out)
-        _show_next(found, log, robot, out)
+        _show(found, out, kept=kept)
+        _show_next(found, log, robot, out, kept=kept)
 
 
-def _print_json(found: Inspection, out: Path) -> None:
+def _is_another(out: Path, found: Inspection) -> bool:
+    """Say whether a mapping is there that reads otherwise: somebody has answered in it."""
+    return out.exists() and out.read_text(encoding="utf-8") != found.mapping.as_file
+
+
+def _print_json(found: Inspection, out: Path, *, kept: bool) -> None:
     import json
 
     from limo_driver.console.terminal import terminal
@@ -69,6 +76,7 @@ def _print_json(found: Inspection, out: Path) -> None:
     }
     values = {
         "mapping": str(out),
+        "kept": kept,
         "kind": found.table.kind,
         "rows": found.table.rows,
         "taken": taken,
@@ -79,23 +87,29 @@ def _print_json(found: Inspection, out: Path) -> None:
     terminal().print_json(json.dumps(values))
 
 
-def _show(found: Inspection, out: Path) -> None:
+def _show(found: Inspection, out: Path, *, kept: bool) -> None:
     from limo_driver.console.terminal import terminal
 
     console = terminal(soft_wrap=True)
     for line in str(found).splitlines():
         console.print(line)
-    console.print(f"wrote {out}")
+    if kept:
+        console.print(
+            f"kept {out}, which is there and reads otherwise; "
+            "to see what is proposed now, give --out another file"
+        )
+    else:
+        console.print(f"wrote {out}")
 
 
-def _show_next(found: Inspection, log: Path, robot: str, out: Path) -> None:
+def _show_next(found: Inspection, log: Path, robot: str, out: Path, *, kept: bool) -> None:
     """Say what to do with the mapping."""
     from limo_driver.console.terminal import terminal
 
     console = terminal(soft_wrap=True)
-    if open_ones := len(found.questions):
+    if (open_ones := len(found.questions)) and not kept:
         what = "the question" if open_ones == 1 else f"each of the {open_ones} questions"
         console.print(f"next: answer {what} under `undecided:` there, and delete it", style="bold")
-    elif found.recording is not None:
+    elif kept or found.recording is not None:
         words = ["limo", "diagnose", str(log), "--robot", robot, "--mapping", str(out)]
         console.print(f"next: {shlex.join(words)} --out diagnosis", style="bold")

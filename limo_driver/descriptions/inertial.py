@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _ROUNDING = 1e-9  # of the largest second moment
+_THIN = 1e-4  # of the largest second moment, that a body which was none gets at least
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,21 @@ class Inertial:
         largest = float(np.abs(moments).max())
         massive = self.mass > 0 or (self.mass == 0 and largest == 0)
         return bool(massive and moments.min() >= -_ROUNDING * largest)
+
+    def nearest_consistent(self) -> Inertial:
+        """Return the rigid body of the same mass and centre whose inertia is nearest.
+
+        A principal moment above the sum of the others asks for less than no extent along its axis;
+        the body gets next to none there, as a thin plate has.
+        """
+        tensor = self.tensor()
+        covariance = 0.5 * np.trace(tensor) * np.eye(3) - tensor
+        moments, axes = np.linalg.eigh(covariance)
+        moments = np.maximum(moments, _THIN * moments.max())
+        covariance = (axes * moments) @ axes.T
+        tensor = np.trace(covariance) * np.eye(3) - covariance
+        xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()
+        return replace(self, inertia=(xx, xy, xz, yy, yz, zz))
 
     def joined(self, other: Inertial) -> Inertial:
         """Return both bodies as one; both in the frame of the same link."""

@@ -224,6 +224,12 @@ class LogMapping(Declared, Displayed):
         Raises:
             ConfigError: It cannot be written.
         """
+        with whole(path) as draft:
+            draft.write_text(self.as_file, encoding="utf-8")
+
+    @property
+    def as_file(self) -> str:
+        """The text that `save` writes."""
         known = {"robot": self.robot, "topic": self.topic, "joints": list(self.joints)}
         content: dict[str, Any] = {key: value for key, value in known.items() if value != "-"}
         for part in ("time", *_QUANTITIES):
@@ -232,8 +238,7 @@ class LogMapping(Declared, Displayed):
         content |= {"left_out": list(self.left_out), "undecided": list(self.undecided)}
         text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=96)
         head = "# value = sign * factor * (column - zero), in the unit; lists go joint by joint.\n"
-        with whole(path) as draft:
-            draft.write_text(head + text, encoding="utf-8")
+        return head + text
 
     def columns(
         self,

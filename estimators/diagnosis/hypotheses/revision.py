@@ -64,19 +64,63 @@ def reviser(place: int, parameters: Sequence[Parameter]) -> Enter:
     return enter
 
 
+def sharpener(place: int, sizes: Sequence[Parameter], sharp: Parameter, width: float) -> Enter:
+    """Return a function that enters coefficients (c,) of sizes that act over another width.
+
+    What is stated and what comes to it become one effect again, over a width between theirs.
+
+    Args:
+        place: Of the effect in the given simulation.
+        sizes: The parameters that change.
+        sharp: The width of the effect's smoothed sign.
+        width: The one over which the change acts, in the unit of the parameter.
+    """
+
+    def enter(improvement: Improvement, c: FloatArray) -> None:
+        effect: Any = improvement.effects[place]
+        given = [getattr(improvement.given.effects[place], known.name) for known in sizes]
+        stated = sum(abs(getattr(effect, known.name)) for known in sizes)
+        more = float(np.abs(c) @ np.abs(given))
+        reviser(place, sizes)(improvement, c)
+        if more > 0.0:
+            own = getattr(effect, sharp.name)
+            between = own * (width / own) ** (more / (stated + more))
+            improvement.effects[place] = improvement.effects[place].with_value(sharp.name, between)
+
+    return enter
+
+
 def derivative(observed: Observations, place: int, name: str) -> Response:
-    """Return the torque of a relative change of 1 of an effect's parameter, to first order."""
-    effect: Any = observed.simulation.effects[place]
+    """Return the torque of a relative change of 1 of a stated parameter, to first order.
+
+    It is taken around the simulation that columns are taken around, so that friction which has
+    become sharper there grows as what it is.
+    """
+    stated: Any = observed.simulation.effects[place]
+    around = next((e for e in observed.reference.effects if e.place == stated.place), stated)
+    return slope(observed, around, name, getattr(stated, name))
+
+
+def slope(observed: Observations, effect: Any, name: str, stated: float) -> Response:  # noqa: ANN401  # of any class
+    """Return the torque of a relative change of 1 of a parameter's stated value, to first order.
+
+    Args:
+        observed: The recordings.
+        effect: With the values around which the derivative is taken.
+        name: Of the parameter.
+        stated: Its value of which the change is a part.
+    """
     value = getattr(effect, name)
     known = next(item for item in effect.parameters() if item.name == name)
     ahead, behind = (
-        float(np.clip(value * (1 + sign * REVISION.step), known.lower, known.upper))
+        float(np.clip(value + sign * REVISION.step * stated, known.lower, known.upper))
         for sign in (1, -1)
     )
     joints, values = difference(
         effect.with_value(name, ahead), effect.with_value(name, behind), observed
     )
-    return Response(joints, values * value / (ahead - behind))
+    unit = value if known.smooths else value**2 / stated if known.inverse else stated
+    return Response(joints, values * unit / (ahead - behind))
 
 
 def mover(link: int, scale: FloatArray) -> Enter:

@@ -186,7 +186,7 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
             f"are far from those of {observed.simulation.model.name}, payload or not. Is it "
             "another arm? Then no finding holds, and limo identify makes a simulation of its own."
         )
-    doubtful, _ = _without_load(RowSample.of(observed))
+    doubtful, _ = _by_load(RowSample.of(observed))
     if doubtful.size > 1:  # fewer than would be beyond doubt another robot
         told = _not_the_load(observed, doubtful)
         warnings.append(f"{told[0].upper()}{told[1:]}, or are their sensors off?")
@@ -269,24 +269,29 @@ def _other_unit(factor: float) -> str:
 def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
     """Yield joint (0-based) and recorded over simulated torque, where one is like the other.
 
-    Friction of any size may be added: where what is beyond it is of the usual size, nothing is
-    another unit.
+    Friction of any size may be added, or be all that is recorded of a gear that holds its load:
+    where what is beyond it is of the usual size, or is none, nothing is another unit.
     """
     for j in range(observed.n):
         use = observed.moving[:, j]
         if use.sum() < MISTAKES.least_moving:
             continue
         y, s = (values[use, j] - values[use, j].mean() for values in _torques(observed))
-        product, energy = abs(float(y @ s)), float(s @ s)
-        if not product > PLAUSIBILITY.alike * np.sqrt(energy * float(y @ y)) > 0:
+        if not _alike(y, s):
             continue
-        beyond = _without_friction(s, observed.slow.velocity[use, j])
-        square = float(beyond @ beyond)
-        told = [product / energy]
-        common = abs(float(y @ beyond))
-        if common > 0.0 and square > PLAUSIBILITY.beyond_friction * energy:
-            told.append(common / square)
+        told = [abs(float(y @ s)) / float(s @ s)]
+        v = observed.slow.velocity[use, j]
+        rest, expected = _without_friction(y, v), _without_friction(s, v)
+        if expected @ expected > PLAUSIBILITY.beyond_friction * (s @ s):
+            if not _alike(rest, expected):
+                continue
+            told.append(abs(float(rest @ expected)) / float(expected @ expected))
         yield j, min(told, key=lambda factor: abs(math.log(factor)))
+
+
+def _alike(y: FloatArray, s: FloatArray) -> bool:
+    """Say whether a torque (K,) follows another in all but its scale."""
+    return abs(float(y @ s)) > PLAUSIBILITY.alike * float(np.linalg.norm(y) * np.linalg.norm(s)) > 0
 
 
 def _without_friction(torque: FloatArray, velocity: FloatArray) -> FloatArray:
@@ -335,8 +340,14 @@ def _size(sample: RowSample) -> float:
 
 
 def _explains(before: RowSample, after: RowSample) -> bool:
-    """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
+    """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole.
+
+    No joint that fits may follow its load no more: of a gear that holds its load by friction,
+    gravity seems taken out, and it is not where another joint shows it.
+    """
     strange = before.misfit > PLAUSIBILITY.strange
+    if ((before.misfit < PLAUSIBILITY.fits) & (after.misfit > PLAUSIBILITY.foreign)).any():
+        return False
     mended = (
         strange
         & (after.misfit < PLAUSIBILITY.fits)
@@ -347,18 +358,20 @@ def _explains(before: RowSample, after: RowSample) -> bool:
 
 def _strange_load(observed: Observations, sample: RowSample) -> str:
     """Say that most torques are not the load of this arm, with or without a payload."""
-    foreign, expected = _without_load(sample)
-    few = foreign.size < 2  # noqa: PLR2004  # one link may well be wrong
-    if few or 2 * foreign.size <= expected:  # and so may some sensors
+    foreign, following = _by_load(sample)
+    if foreign.size < 2 or following.size > 1:  # noqa: PLR2004  # one of each may be by chance
         return ""
     return f"{_not_the_load(observed, foreign)}, or torque of another motion?"
 
 
-def _without_load(sample: RowSample) -> tuple[NDArray[np.int64], int]:
-    """Return joints (0-based) whose torque does not follow their load, and how many should."""
+def _by_load(sample: RowSample) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the joints (0-based) whose torque does not follow their load, and those that do.
+
+    Joints whose load is small beside their torque are neither.
+    """
     expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
-    foreign = (_usual_misfit(_BodyFit.of(sample)) > PLAUSIBILITY.foreign) & expected
-    return np.flatnonzero(foreign), int(expected.sum())
+    foreign = _usual_misfit(_BodyFit.of(sample)) > PLAUSIBILITY.foreign
+    return np.flatnonzero(foreign & expected), np.flatnonzero(~foreign & expected)
 
 
 def _not_the_load(observed: Observations, joints: NDArray[np.int64]) -> str:

@@ -16,6 +16,8 @@ from estimators.diagnosis.hypotheses.revision import (
     mover,
     relative_inertia,
     reviser,
+    sharpener,
+    slope,
 )
 from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.diagnosis.settings.selection import CANDIDATES
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Hypothesis, Simulation
+    from limo_driver.physics import Effect, Hypothesis, Simulation
     from limo_driver.types import FloatArray
 
 
@@ -163,31 +165,55 @@ def _revisions(
     """Yield every effect of the simulation, with its parameters free.
 
     They may change by all that they are, or by what makes a plausible torque, if that is more: a
-    gain or an offset that is nearly zero in the simulation may be anything on the arm.
+    gain or an offset that is nearly zero in the simulation may be anything on the arm. How sharp a
+    sign is, is guessed: a change of dry friction may be as sharp as it is stated, or other than so.
     """
     for place, effect in enumerate(observed.simulation.effects):
+        parameters = effect.parameters()
         sizes = [
             known
-            for known in effect.parameters()
+            for known in parameters
             if known.is_size and not known.smooths and getattr(effect, known.name)
         ]
         if not sizes:
             continue
         parts = [derivative(observed, place, known.name) for known in sizes]
-        joints, values = stacked(parts, columns.rows)
-        relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
-        deviation = np.maximum(
-            CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), CANDIDATES.tiny)
-        )
-        named = tuple(joint - 1 for joint in effect.joints)
-        yield Candidate(
-            effect.name,
-            named,
-            "wrong_parameter",
-            Prior.free(columns.add(joints, values), deviation),
-            reviser(place, sizes),
-            rarity=CANDIDATES.deviating,
-        )
+        yield _revised(effect, parts, reviser(place, sizes), columns, level)
+        for sharp in (known for known in parameters if known.smooths):
+            for times in CANDIDATES.sharper:
+                width = float(
+                    np.clip(times * getattr(effect, sharp.name), sharp.lower, sharp.upper)
+                )
+                other = effect.with_value(sharp.name, width)
+                parts = [
+                    slope(observed, other, known.name, getattr(effect, known.name))
+                    for known in sizes
+                ]
+                enter = sharpener(place, sizes, sharp, width)
+                yield _revised(effect, parts, enter, columns, level)
+
+
+def _revised(
+    effect: Effect,
+    parts: Sequence[Response],
+    enter: Enter,
+    columns: ColumnTable,
+    level: FloatArray,
+) -> Candidate:
+    """Return an effect of the simulation with c parameters free, which act as `parts` say."""
+    joints, values = stacked(parts, columns.rows)
+    relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
+    deviation = np.maximum(
+        CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), CANDIDATES.tiny)
+    )
+    return Candidate(
+        effect.name,
+        tuple(joint - 1 for joint in effect.joints),
+        "wrong_parameter",
+        Prior.free(columns.add(joints, values), deviation),
+        enter,
+        rarity=CANDIDATES.deviating,
+    )
 
 
 def _bodies(observed: Observations, columns: ColumnTable) -> Iterator[Candidate]:

@@ -405,6 +405,20 @@ def test_friction_that_doubled_is_a_wrong_parameter(doubled):
     assert closure(found)[1] < CLOSED
 
 
+def test_friction_that_grew_sharper_than_it_is_stated_is_a_wrong_parameter(given):
+    """How sharp a sign is, is guessed; a change of friction does not follow the guess."""
+    stated, known = replace(given.effects[1], v_eps=0.03), 1.2
+    given = replace(given, effects=(given.effects[0], stated, *given.effects[2:]))
+    recording = record(given, 2)
+    sharp = np.tanh(recording.motion(10.0).velocity[:, 1] / 0.004)
+    more = np.stack([np.zeros_like(sharp), known * sharp], axis=1)
+    torque = recording.torque + more
+    found = diagnose(given, [Recording.from_arrays(recording.time, recording.position, torque)])
+    assert names(found) == {("coulomb_friction", "wrong_parameter", (2,))}
+    assert found.after.effects[1].tau_c == pytest.approx(stated.tau_c + known, rel=0.05)
+    assert closure(found)[1] < CLOSED
+
+
 def test_the_verdict_reports_the_value_that_the_improved_simulation_has(doubled):
     _, found = doubled
     reported = found.verdict.findings[0].parameters["tau_c"]

@@ -325,6 +325,20 @@ def test_bad_descriptions_end_in_one_line(file, name, text, said):
     assert str(path) in str(refused.value)
 
 
+def test_the_nearest_body_is_taken_for_what_is_nearly_one(file):
+    """As makers round them: one principal moment is a little above the sum of the others."""
+    inertia = 'ixx="0.002" iyy="0.0085" izz="0.0107" ixy="0" ixz="0" iyz="0"'
+    path = file(re.sub('ixx="[^>]*"', inertia, URDF, count=1), "arm.urdf")
+    model = RobotModel.load(path)
+    (link,) = [x for x, body in model.inertials.items() if abs(body.inertia[0] - 0.002) < 5e-4]
+    body = model.inertials[link]
+    assert body.is_consistent()
+    np.testing.assert_allclose(np.diag(body.tensor()), (0.0021, 0.0086, 0.0107), atol=6e-5)
+    (note,) = [x for x in model.notes if "principal moments" in x]
+    assert f"link {link} has the principal moments of inertia 0.002, 0.0085, 0.0107 kg m²" in note
+    assert "the nearest body that exists is taken" in note
+
+
 def test_lost_meshes_and_ends_in_degrees_are_said_at_load(file):
     mesh = '<collision><geometry><mesh filename="package://arm/{}.stl"/></geometry></collision>'
     text = URDF.replace("</link>", f"{mesh.format('gone')}{mesh.format('here')}</link>", 1)

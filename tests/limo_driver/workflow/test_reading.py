@@ -92,6 +92,23 @@ def test_what_is_undecided_is_refused_until_it_is_stated(run, tmp_path):
     assert run(*convert, "--mapping", "mapping.yaml")[0] == 0
 
 
+def test_a_mapping_in_which_somebody_answered_is_not_written_over(run, tmp_path):
+    written(degrees(), tmp_path / "log.csv")
+    inspect = ("inspect", "log.csv", "--robot", "iiwa14")
+    mapping = tmp_path / "mapping.yaml"
+    for _ in range(2):  # what is as proposed is written again
+        assert "wrote mapping.yaml" in run(*inspect)[1]
+    answered = mapping.read_text().replace("left_out:", "# as our log has it\nleft_out:")
+    mapping.write_text(answered)
+    status, said, _ = run(*inspect)
+    assert status == 0
+    assert "kept mapping.yaml, which is there and reads otherwise" in said
+    assert "--mapping mapping.yaml" in said
+    assert mapping.read_text() == answered
+    assert json.loads(run(*inspect, "--json")[1])["kept"] is True
+    assert "wrote other.yaml" in run(*inspect, "--out", "other.yaml")[1]
+
+
 def test_findings_as_json(run, tmp_path):
     written(degrees(), tmp_path / "log.csv")
     status, said, _ = run("inspect", "log.csv", "--robot", "iiwa14", "--json")

@@ -163,6 +163,15 @@ def test_two_torque_sensors_that_are_off_are_doubted_not_refused(recording):
     )
 
 
+def test_gears_that_hold_their_load_by_friction_are_doubted_not_refused(recording):
+    """Of a wrist's currents gravity seems taken out; shoulder and elbow show that it is not."""
+    wrist, torque = [4, 5, 6], recording.torque.copy()
+    torque[:, wrist] = 0.1 * np.sign(recording.motion(BANDWIDTH).velocity[:, wrist])
+    notes = notes_on(observe(GIVEN, [replace(recording, torque=torque)], BANDWIDTH))
+    (doubt,) = [note for note in notes if "the load of" in note]
+    assert doubt.startswith("The torques of joints 5, 6 are not the load of iiwa14")
+
+
 def test_noise_instead_of_torque_is_no_torque_without_gravity(recording):
     """Gravity that is put back would fit by itself, being far larger than the noise."""
     noise = np.random.default_rng(0).standard_normal(recording.torque.shape)
