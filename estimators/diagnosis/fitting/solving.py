@@ -122,13 +122,17 @@ def _with(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionP
 
 
 def noise_of_everything(problem: RegressionProblem) -> Noise:
-    """Return the noise that a fit of all candidates at once leaves, by its degrees of freedom."""
+    """Return the noise that a fit of all candidates at once leaves, by its degrees of freedom.
+
+    Not of those that act as another does over another width: with few rows, columns that hardly
+    differ explain noise, and chance gets a name.
+    """
     white = Noise.independent(
         roughness(problem.target, problem.observed.moving, problem.observed.least_noise),
         problem.split.fitted,
     )
     evidence = search_on(problem, white).evidence
-    everything = joined(*(candidate.prior for candidate in problem.candidates))
+    everything = joined(*(item.prior for item in problem.candidates if not item.other_width))
     widest = np.argsort(-everything.deviation, kind="stable")  # of candidates of the same columns
     index, first = np.unique(everything.index[widest], return_index=True)
     fit = evidence.posterior(Prior.free(index, everything.deviation[widest][first]))

@@ -91,14 +91,9 @@ def sharpener(place: int, sizes: Sequence[Parameter], sharp: Parameter, width: f
 
 
 def derivative(observed: Observations, place: int, name: str) -> Response:
-    """Return the torque of a relative change of 1 of a stated parameter, to first order.
-
-    It is taken around the simulation that columns are taken around, so that friction which has
-    become sharper there grows as what it is.
-    """
+    """Return the torque of a relative change of 1 of a stated parameter, to first order."""
     stated: Any = observed.simulation.effects[place]
-    around = next((e for e in observed.reference.effects if e.place == stated.place), stated)
-    return slope(observed, around, name, getattr(stated, name))
+    return slope(observed, stated, name, getattr(stated, name))
 
 
 def slope(observed: Observations, effect: Any, name: str, stated: float) -> Response:  # noqa: ANN401  # of any class
@@ -119,8 +114,7 @@ def slope(observed: Observations, effect: Any, name: str, stated: float) -> Resp
     joints, values = difference(
         effect.with_value(name, ahead), effect.with_value(name, behind), observed
     )
-    unit = value if known.smooths else value**2 / stated if known.inverse else stated
-    return Response(joints, values * unit / (ahead - behind))
+    return Response(joints, values * stated / (ahead - behind))
 
 
 def mover(link: int, scale: FloatArray) -> Enter:

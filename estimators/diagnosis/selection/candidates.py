@@ -58,6 +58,7 @@ class Candidate:
     hypothesis: Hypothesis | None = None
     rarity: float = CANDIDATES.missing  # [nat] it has to bring before it is believed
     variants: int = 1  # with how many of its kind it shares its chance
+    other_width: bool = False  # acts over another width than is stated, which a sibling does
     laws: tuple[LawEvidence, ...] = ()  # of which the hypothesis is the best, once they competed
 
     @property
@@ -184,13 +185,14 @@ def _revisions(
                 width = float(
                     np.clip(times * getattr(effect, sharp.name), sharp.lower, sharp.upper)
                 )
-                other = effect.with_value(sharp.name, width)
+                turned = effect.with_value(sharp.name, width)
                 parts = [
-                    slope(observed, other, known.name, getattr(effect, known.name))
+                    slope(observed, turned, known.name, getattr(effect, known.name))
                     for known in sizes
                 ]
                 enter = sharpener(place, sizes, sharp, width)
-                yield _revised(effect, parts, enter, columns, level)
+                other = _revised(effect, parts, enter, columns, level)
+                yield replace(other, other_width=True)
 
 
 def _revised(

@@ -170,7 +170,7 @@ def _unit(other: FloatArray, rad: FloatArray, values: FloatArray) -> str:
     """
     normalised = "normalised, as -100 to 100"
     factors = (other / rad)[rad >= 0.5 * rad.max()]
-    if not _DEGREES[0] < float(factors.min()) <= float(factors.max()) < _DEGREES[1]:
+    if not _DEGREES[0] < float(factors.min()) < _DEGREES[1]:  # joints move as far, or less
         return normalised
     beyond = float(np.abs(values).max()) > _MOST_NORMALISED
     return "in degrees" if beyond else f"in degrees, or {normalised}"
