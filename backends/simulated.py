@@ -169,13 +169,7 @@ def specification(simulation: Simulation, period: float) -> RobotSpec:
     if not 0 < period < np.inf:
         raise ConfigError(f"period = {period} s has to be positive")
     model = simulation.model
-    for what, limits in (("velocity", model.limits.velocity), ("torque", model.limits.torque)):
-        for j, most in enumerate(limits.tolist()):
-            if not most > 0:
-                raise ConfigError(
-                    f"joint {j + 1} ({model.joint_names[j]}) has no limit of {what}, so the arm "
-                    f"cannot be run: give it one in the {model.description.kind}"
-                )
+    model.check_runnable()
     resolution = simulation.sensors.for_joints("torque_resolution", model.n)
     return RobotSpec(
         model.name,

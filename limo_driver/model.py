@@ -270,6 +270,21 @@ class RobotModel(ArmDynamics, Displayed):
         """
         return read_shapes(self.description, self.pin_model)
 
+    def check_runnable(self) -> None:
+        """Refuse an arm that cannot be run.
+
+        Raises:
+            ConfigError: A joint has no limit of velocity or torque: it could not move, or would be
+                told no torque that carries it.
+        """
+        for what, limits in (("velocity", self.limits.velocity), ("torque", self.limits.torque)):
+            for j, most in enumerate(limits.tolist()):
+                if not most > 0:
+                    raise ConfigError(
+                        f"joint {j + 1} ({self.joint_names[j]}) has no limit of {what}, so the arm "
+                        f"cannot be run: give it one in the {self.description.kind}"
+                    )
+
     def capsules(self) -> tuple[Capsule, ...]:
         """Return the collision capsules; other shapes get one around them.
 

@@ -192,8 +192,12 @@ class ArmConfig(Declared):
 
         Args:
             torque_resolution: Smallest change that its measured torques show, (n,) [N m].
+
+        Raises:
+            ConfigError: A joint has no limit of velocity or torque.
         """
         model = self.model
+        model.check_runnable()
         return RobotSpec(
             model.name,
             model.joint_names,

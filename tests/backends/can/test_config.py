@@ -1,7 +1,9 @@
 """arm.yaml: what is read, and what is refused at which line."""
 
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from backends.can.config import ArmConfig, Bus, Cia402Joint, DamiaoJoint
@@ -128,3 +130,15 @@ def test_what_a_convention_does_not_have_is_refused(tmp_path, entry):
     text = (EXAMPLES / "can_damiao.yaml").read_text() + entry
     with pytest.raises(ConfigError, match=r"line \d+: \w+: is for CiA 402 drives; damiao motors"):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize("what", ["effort", "velocity"])
+def test_an_arm_that_states_no_limit_is_not_run(tmp_path, two_links_urdf, what):
+    """A motor would be told no torque, that of gravity included, and the arm would fall."""
+    text = re.sub(f'{what}="[^"]*"', f'{what}="0"', Path(two_links_urdf).read_text())
+    (tmp_path / "arm.urdf").write_text(text)
+    head = "bus: {interface: virtual, channel: here}\nrobot: arm.urdf\nconvention: damiao\n"
+    arm = read(tmp_path, f"{head}joints:\n  - {{node: 1}}\n  - {{node: 2}}\n")
+    quantity = {"effort": "torque", "velocity": "velocity"}[what]
+    with pytest.raises(ConfigError, match=rf"joint 1 \(\w+\) has no limit of {quantity}"):
+        arm.spec(np.ones(2))
