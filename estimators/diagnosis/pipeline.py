@@ -325,7 +325,10 @@ def _best(judged: JudgedSet, progress: Progress) -> JudgedSet:
 
 
 def _in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
-    """Return what is found around a lateness of all of it, where that predicts no worse."""
+    """Return what is found around a lateness of all of it, where that predicts no worse.
+
+    It counts if it names a delay, or leaves less unknown than before.
+    """
     late = made_late(judged.problem, judged.solution)
     if late is None:
         return judged
@@ -337,7 +340,7 @@ def _in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     if not larger and not worse(nearer.problem, nearer.proven, again.proven, again.remaining):
         again = nearer
     found = {effect for effect, _ in again.places(again.named)}
-    if TimeDelay.name not in found:
+    if TimeDelay.name not in found and not set(again.unknown) < set(judged.unknown):
         return judged
     return judged if worse(again.problem, again.proven, judged.proven, judged.remaining) else again
 
