@@ -62,7 +62,7 @@ def command(
 
 def _is_another(out: Path, found: Inspection) -> bool:
     """Say whether a mapping is there that reads otherwise: somebody has answered in it."""
-    return out.exists() and out.read_text(encoding="utf-8") != found.mapping.as_file
+    return out.exists() and out.read_bytes() != found.mapping.as_file.encode()
 
 
 def _print_json(found: Inspection, out: Path, *, kept: bool) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-_MOST_NORMALISED = 100.5  # what LeRobot makes of the end of a joint, rounded
+MOST_NORMALISED = 100.5  # what LeRobot makes of the end of a joint, rounded
 _BEYOND_EFFORT = 10.0  # times the limit; limits of a URDF are often some factor from the drive's
 _BEYOND_LIMIT = 0.5  # [rad]; limits in a URDF are often a little narrower than the arm's
 
@@ -146,7 +146,7 @@ def check_arm(
     if beyond[j] > _BEYOND_LIMIT:
         low, high = float(position[:, j].min()), float(position[:, j].max())
         unit, other = ("m", "mm") if model.sliding[j] else ("rad", "degrees")
-        if not model.sliding[j] and max(-low, high) <= _MOST_NORMALISED:
+        if not model.sliding[j] and max(-low, high) <= MOST_NORMALISED:
             other = "degrees or normalised, as -100 to 100"
         raise RecordingError(
             f"position_{j + 1} spans {low:.3g} to {high:.3g} {unit}, but joint {j + 1} of "

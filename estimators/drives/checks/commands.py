@@ -11,6 +11,7 @@ from estimators.drives.checks.steps import odd_steps
 from estimators.drives.checks.stuck import AT_REST, stuck
 from estimators.drives.simulation.free_run import commands_of
 from limo_driver.errors import RecordingError
+from limo_driver.recordings.checks import MOST_NORMALISED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -22,7 +23,6 @@ _MOVES: Final = 0.05  # [rad], range of a joint that can be judged
 _DEGREES: Final = (50.0, 75.0)  # of what is in degrees, over rad: 57.3 but for what servos lag
 _TURNS: Final = 4 * np.pi  # [rad], that no joint behind a position servo reaches or spans
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
-_MOST_NORMALISED: Final = 100.5
 _FURTHER: Final = 1.3  # times as far as its command, that no servo moves where both are alike
 _STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
 _ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
@@ -172,7 +172,7 @@ def _unit(other: FloatArray, rad: FloatArray, values: FloatArray) -> str:
     factors = (other / rad)[rad >= 0.5 * rad.max()]
     if not _DEGREES[0] < float(factors.min()) < _DEGREES[1]:  # joints move as far, or less
         return normalised
-    beyond = float(np.abs(values).max()) > _MOST_NORMALISED
+    beyond = float(np.abs(values).max()) > MOST_NORMALISED
     return "in degrees" if beyond else f"in degrees, or {normalised}"
 
 

@@ -18,7 +18,6 @@ _CHANGES: Final = 50  # of a joint's position, fewer of which show no step
 _WHOLE: Final = 0.02  # of a step, by which changes are whole numbers of it
 _SHARE: Final = 0.98  # of the changes, that have to be
 _LIKE: Final = 0.01  # of a step, by which two are alike
-_JOINTS: Final = 2  # of different steps
 
 
 def odd_steps(recording: Recording) -> str:
@@ -28,11 +27,11 @@ def odd_steps(recording: Recording) -> str:
         recording: Of n joints.
     """
     steps = [_step(recording.position[:, j]) for j in range(recording.n)]
-    odd = [j for j, step in enumerate(steps) if step > 0.0 and not _of_a_turn(step)]
-    if any(step > 0.0 and _of_a_turn(step) for step in steps):
+    odd = [j for j, step in enumerate(steps) if step > 0.0]
+    if any(_of_a_turn(steps[j]) for j in odd):
         return ""
     different = [j for j in odd if abs(steps[j] / steps[odd[0]] - 1.0) > _LIKE]
-    if len(different) < _JOINTS - 1:
+    if not different:
         return ""
     j, k = odd[0], different[0]
     return (
@@ -43,7 +42,10 @@ def odd_steps(recording: Recording) -> str:
 
 
 def _step(position: FloatArray) -> float:
-    """Return the step of which all changes of a position are multiples; 0 if there is none."""
+    """Return the step of which all changes of a position are multiples; 0 if there is none.
+
+    By the changes, since `telemetry.resolution`, which goes by the values, needs each some times.
+    """
     changes = np.abs(np.diff(position))
     changes = changes[changes > 0.0]
     if changes.size < _CHANGES:

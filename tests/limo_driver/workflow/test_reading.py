@@ -107,6 +107,8 @@ def test_a_mapping_in_which_somebody_answered_is_not_written_over(run, tmp_path)
     assert mapping.read_text() == answered
     assert json.loads(run(*inspect, "--json")[1])["kept"] is True
     assert "wrote other.yaml" in run(*inspect, "--out", "other.yaml")[1]
+    (tmp_path / "photo.png").write_bytes(b"\x89PNG\xff")  # no text at all
+    assert "kept photo.png" in run(*inspect, "--out", "photo.png")[1]
 
 
 def test_findings_as_json(run, tmp_path):
