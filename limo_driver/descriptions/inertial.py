@@ -63,9 +63,7 @@ class Inertial:
         A principal moment above the sum of the others asks for less than no extent along its axis;
         the body gets next to none there, as a thin plate has.
         """
-        tensor = self.tensor()
-        covariance = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-        moments, axes = np.linalg.eigh(covariance)
+        moments, axes = np.linalg.eigh(self._covariance())
         moments = np.maximum(moments, _THIN * moments.max())
         covariance = (axes * moments) @ axes.T
         tensor = np.trace(covariance) * np.eye(3) - covariance
@@ -95,9 +93,12 @@ class Inertial:
 
     def _second_moments(self) -> FloatArray:
         """Return the principal values of ∫ρ x xᵀ about the centre of mass, (3,) [kg m²]."""
+        return np.linalg.eigvalsh(self._covariance()).astype(np.float64)
+
+    def _covariance(self) -> FloatArray:
+        """Return ∫ρ x xᵀ about the centre of mass, (3, 3) [kg m²]."""
         tensor = self.tensor()
-        covariance = 0.5 * np.trace(tensor) * np.eye(3) - tensor
-        return np.linalg.eigvalsh(covariance).astype(np.float64)
+        return 0.5 * np.trace(tensor) * np.eye(3) - tensor
 
     def _tensor_at(self, point: FloatArray) -> FloatArray:
         """Return the inertia tensor about a point, by Steiner's theorem, (3, 3) [kg m²]."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.descriptions.inertial import Inertial
-    from limo_driver.physics import Parameter
+    from limo_driver.physics import Effect, Parameter
     from limo_driver.types import FloatArray
 
 
@@ -90,31 +90,18 @@ def sharpener(place: int, sizes: Sequence[Parameter], sharp: Parameter, width: f
     return enter
 
 
-def derivative(observed: Observations, place: int, name: str) -> Response:
-    """Return the torque of a relative change of 1 of a stated parameter, to first order."""
-    stated: Any = observed.simulation.effects[place]
-    return slope(observed, stated, name, getattr(stated, name))
-
-
-def slope(observed: Observations, effect: Any, name: str, stated: float) -> Response:  # noqa: ANN401  # of any class
-    """Return the torque of a relative change of 1 of a parameter's stated value, to first order.
-
-    Args:
-        observed: The recordings.
-        effect: With the values around which the derivative is taken.
-        name: Of the parameter.
-        stated: Its value of which the change is a part.
-    """
+def derivative(observed: Observations, effect: Effect, name: str) -> Response:
+    """Return the torque of a relative change of 1 of an effect's parameter, to first order."""
     value = getattr(effect, name)
     known = next(item for item in effect.parameters() if item.name == name)
     ahead, behind = (
-        float(np.clip(value + sign * REVISION.step * stated, known.lower, known.upper))
+        float(np.clip(value + sign * REVISION.step * value, known.lower, known.upper))
         for sign in (1, -1)
     )
     joints, values = difference(
         effect.with_value(name, ahead), effect.with_value(name, behind), observed
     )
-    return Response(joints, values * stated / (ahead - behind))
+    return Response(joints, values * value / (ahead - behind))
 
 
 def mover(link: int, scale: FloatArray) -> Enter:

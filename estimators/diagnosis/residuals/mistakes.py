@@ -137,6 +137,12 @@ def dry_and_viscous(v: FloatArray) -> FloatArray:
     return np.stack([np.sign(v), v / max(float(np.abs(v).max()), MISTAKES.tiny)], axis=1)
 
 
+def without_friction(values: FloatArray, v: FloatArray) -> FloatArray:
+    """Return what a constant and friction leave of values (K, ...), at speeds (K,) [rad/s]."""
+    columns = np.column_stack([np.ones(v.size), dry_and_viscous(v)])
+    return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+
+
 Undo: TypeAlias = Callable[[RowSample], RowSample]
 
 

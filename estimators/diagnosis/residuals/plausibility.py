@@ -7,7 +7,6 @@ mistake explains is left to the diagnosis, unless the torques have nothing to do
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -17,12 +16,13 @@ from estimators.diagnosis.residuals.mistakes import (
     Mistake,
     RowSample,
     constant_joints,
-    dry_and_viscous,
     mistakes,
     stuck,
+    without_friction,
 )
 from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.residuals.torque_unit import other_unit
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
@@ -30,7 +30,7 @@ from limo_driver.physics import GravityDirection, Simulation
 from limo_driver.recordings.bandwidth import lowered
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -95,7 +95,8 @@ def _simulation_of(model: RobotModel) -> Simulation:
 
 def _check_log(observed: Observations) -> tuple[str, str]:
     """Refuse mistakes of logs; say how else the arm is mounted, and what else is strange."""
-    _check_scale(observed)
+    if unit := other_unit(observed):
+        raise _refused(observed, unit)
     if len(observed.recordings) > 1:  # a mistake in one would be half hidden by the others
         for k in range(len(observed.recordings)):
             part = observed.part(k)
@@ -233,75 +234,6 @@ def _check_measured(observed: Observations) -> None:
             f"the torques are {observed.measured[0].tolist()} N m in all rows; expected measured "
             "torque",
         )
-
-
-def _check_scale(observed: Observations) -> None:
-    """Refuse torques of another unit: those that follow the motion, but by another order of size.
-
-    All torques together are judged more strictly than one, since a sensor may be wrong, and a
-    friction known badly.
-    """
-    scale = dict(_scales(observed))
-    wrong = [
-        j for j, factor in scale.items() if not 1 / PLAUSIBILITY.scale < factor < PLAUSIBILITY.scale
-    ]
-    usual = float(np.exp(np.mean(np.log(list(scale.values()))))) if len(scale) > 1 else 1.0
-    if not 1 / PLAUSIBILITY.scale_of_all < usual < PLAUSIBILITY.scale_of_all:
-        raise _refused(
-            observed,
-            f"the torques are {usual:.3g} times what motion and arm make of them; expected N m; "
-            f"are they in {_other_unit(usual)}, or is it another robot?",
-        )
-    if wrong:
-        j = wrong[0]
-        raise _refused(
-            observed,
-            f"torque_{j + 1} is {scale[j]:.3g} times what its motion makes of it; expected N m; is "
-            f"it in {_other_unit(scale[j])}?",
-        )
-
-
-def _other_unit(factor: float) -> str:
-    """Return the units in which a torque would be as many times larger, or smaller, than in N m."""
-    return "N mm or mA" if factor > 1 else "kN m or A"
-
-
-def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
-    """Yield joint (0-based) and recorded over simulated torque, where one is like the other.
-
-    Friction of any size may be added, or be all that is recorded of a gear that holds its load:
-    where what is beyond it is of the usual size, or is none, nothing is another unit.
-    """
-    for j in range(observed.n):
-        use = observed.moving[:, j]
-        if use.sum() < MISTAKES.least_moving:
-            continue
-        y, s = (values[use, j] - values[use, j].mean() for values in _torques(observed))
-        if not _alike(y, s):
-            continue
-        told = [abs(float(y @ s)) / float(s @ s)]
-        v = observed.slow.velocity[use, j]
-        rest, expected = _without_friction(y, v), _without_friction(s, v)
-        if expected @ expected > PLAUSIBILITY.beyond_friction * (s @ s):
-            if not _alike(rest, expected):
-                continue
-            told.append(abs(float(rest @ expected)) / float(expected @ expected))
-        yield j, min(told, key=lambda factor: abs(math.log(factor)))
-
-
-def _alike(y: FloatArray, s: FloatArray) -> bool:
-    """Say whether a torque (K,) follows another in all but its scale."""
-    return abs(float(y @ s)) > PLAUSIBILITY.alike * float(np.linalg.norm(y) * np.linalg.norm(s)) > 0
-
-
-def _without_friction(torque: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return what dry and viscous friction of any size leave of a torque, (K,) [N m]."""
-    columns = np.column_stack([np.ones_like(velocity), dry_and_viscous(velocity)])
-    return torque - columns @ np.linalg.lstsq(columns, torque, rcond=None)[0]
-
-
-def _torques(observed: Observations) -> tuple[FloatArray, FloatArray]:
-    return observed.measured, observed.simulated
 
 
 def found_in(sample: RowSample) -> list[Mistake]:
@@ -466,6 +398,4 @@ def _centred(sample: RowSample, joint: int) -> FloatArray:
 def _beside_friction(sample: RowSample, joint: int, columns: FloatArray) -> FloatArray:
     """Return what no friction of a joint explains of columns (K, p), on its moving rows."""
     use = sample.moving[:, joint]
-    v = sample.motion.velocity[use, joint]
-    friction = np.column_stack([np.ones(v.size), dry_and_viscous(v)])
-    return columns[use] - friction @ np.linalg.lstsq(friction, columns[use])[0]
+    return without_friction(columns[use], sample.motion.velocity[use, joint])

@@ -17,7 +17,6 @@ from estimators.diagnosis.hypotheses.revision import (
     relative_inertia,
     reviser,
     sharpener,
-    slope,
 )
 from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.diagnosis.settings.selection import CANDIDATES
@@ -178,21 +177,19 @@ def _revisions(
         ]
         if not sizes:
             continue
-        parts = [derivative(observed, place, known.name) for known in sizes]
+        parts = [derivative(observed, effect, known.name) for known in sizes]
         yield _revised(effect, parts, reviser(place, sizes), columns, level)
-        for sharp in (known for known in parameters if known.smooths):
-            for times in CANDIDATES.sharper:
-                width = float(
-                    np.clip(times * getattr(effect, sharp.name), sharp.lower, sharp.upper)
-                )
-                turned = effect.with_value(sharp.name, width)
-                parts = [
-                    slope(observed, turned, known.name, getattr(effect, known.name))
-                    for known in sizes
-                ]
-                enter = sharpener(place, sizes, sharp, width)
-                other = _revised(effect, parts, enter, columns, level)
-                yield replace(other, other_width=True)
+        widths = [
+            (known, float(np.clip(times * getattr(effect, known.name), known.lower, known.upper)))
+            for known in parameters
+            if known.smooths
+            for times in CANDIDATES.sharper
+        ]
+        for sharp, width in widths:
+            turned = effect.with_value(sharp.name, width)
+            parts = [derivative(observed, turned, known.name) for known in sizes]
+            enter = sharpener(place, sizes, sharp, width)
+            yield replace(_revised(effect, parts, enter, columns, level), other_width=True)
 
 
 def _revised(

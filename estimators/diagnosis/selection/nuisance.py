@@ -180,7 +180,7 @@ def _parameters(observed: Observations, columns: ColumnTable, stated: Simulation
             value: Any = getattr(effect, known.name)
             if not known.is_size or not value:
                 continue
-            joints, values = derivative(observed, place, known.name)
+            joints, values = derivative(observed, effect, known.name)
             own = observed.simulation.tolerances.friction
             tolerance = TOLERATED.width if known.smooths else own
             named = getattr(known_as, known.name) or value
