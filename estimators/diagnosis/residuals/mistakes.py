@@ -153,6 +153,7 @@ class Mistake:
     said: str
     undo: Undo
     is_of_data: bool = True  # not of how the arm is mounted, which is physics
+    is_of_all: bool = False  # made at each joint or at none
 
 
 def mistakes(n: int) -> Iterator[Mistake]:
@@ -161,6 +162,7 @@ def mistakes(n: int) -> Iterator[Mistake]:
     yield Mistake(
         "all torques have the other sign than expected, which is positive along the axis",
         lambda sample: sample.torques(-one),
+        is_of_all=True,
     )
     for j in range(n):
         yield from _of_joint(j, n)
@@ -174,10 +176,15 @@ def mistakes(n: int) -> Iterator[Mistake]:
             f"position_{i + 1} belongs to joint {j + 1} and position_{j + 1} to joint {i + 1}",
             _positions(exchange),
         )
-    yield Mistake("gravity is taken out of the torques, expected all that is measured", _weighed)
+    yield Mistake(
+        "gravity is taken out of the torques, expected all that is measured",
+        _weighed,
+        is_of_all=True,
+    )
     yield Mistake(
         "the positions of all joints are 57.3 times too small, as if converted from degrees twice",
         _positions(one * _DEGREES),
+        is_of_all=True,
     )
     for axis in range(3):
         for sign in (1.0, -1.0):

@@ -245,15 +245,28 @@ def found_in(sample: RowSample) -> list[Mistake]:
     known = [*mistakes(sample.torque.shape[1]), *stuck(sample)]
     found: list[Mistake] = []
     while len(found) < PLAUSIBILITY.most and sample.misfit.max() > PLAUSIBILITY.strange:
-        undone = [mistake.undo(sample) for mistake in known]
-        best = min(range(len(known)), key=lambda k: _size(undone[k]))
-        if not _explains(sample, undone[best]):
+        undone = [(mistake, mistake.undo(sample)) for mistake in known]
+        mistake, best = min(
+            (pair for pair in undone if not _spoils(pair[0], sample, pair[1])),
+            key=lambda pair: _size(pair[1]),
+        )
+        if not _explains(sample, best):
             break
-        if _size(_without_payload(sample)) < _size(undone[best]):
+        if _size(_without_payload(sample)) < _size(best):
             break  # a load that nobody stated explains more
-        found.append(known[best])
-        sample = undone[best]
+        found.append(mistake)
+        sample = best
     return found
+
+
+def _spoils(mistake: Mistake, before: RowSample, after: RowSample) -> bool:
+    """Say whether a joint that fits speaks against a mistake that would be made at all of them.
+
+    Of a gear that holds its load by friction gravity seems taken out; another joint shows it.
+    """
+    limit = np.maximum(PLAUSIBILITY.strange, PLAUSIBILITY.spoilt * before.misfit)
+    spoilt = (before.misfit < PLAUSIBILITY.fits) & (after.misfit > limit)
+    return mistake.is_of_all and bool(spoilt.any())
 
 
 def _without_payload(sample: RowSample) -> RowSample:
@@ -272,14 +285,8 @@ def _size(sample: RowSample) -> float:
 
 
 def _explains(before: RowSample, after: RowSample) -> bool:
-    """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole.
-
-    No joint that fits may follow its load no more: of a gear that holds its load by friction,
-    gravity seems taken out, and it is not where another joint shows it.
-    """
+    """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
     strange = before.misfit > PLAUSIBILITY.strange
-    if ((before.misfit < PLAUSIBILITY.fits) & (after.misfit > PLAUSIBILITY.foreign)).any():
-        return False
     mended = (
         strange
         & (after.misfit < PLAUSIBILITY.fits)

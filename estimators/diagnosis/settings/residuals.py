@@ -135,6 +135,10 @@ class PlausibilitySettings:
         "lower tries to undo what is physics; higher lets mistakes pass")
     fits: float = setting(0.4, "misfit", "below which a torque belongs to its motion",
         "higher takes poor mending for a mistake; lower lets mistakes pass")
+    spoilt: float = setting(1.5, "times",
+        "the misfit of a joint that fits, above which no mistake of all joints is undone",
+        "higher refuses arms whose wrist holds its load by friction; lower lets mistakes pass",
+        chosen="1.8 to 2.0 at the shoulder of a real arm whose wrist holds its load by friction")
     holding: float = setting(0.02, "rad", "within which an arm that is pushed holds still",
         "higher takes creep for rest; lower refuses soft arms at rest",
         chosen="a stiff arm gives way by 0.002 to 0.006 rad under hands that push with 50 to 160 N")

@@ -93,7 +93,7 @@ def test_a_gain_acts_on_the_torque_that_reaches_it_whatever_it_makes_of_it(given
     """A large gain in the simulation would otherwise be taken for a part of its own input."""
     with_gain = plus(given, TorqueGain(joint=2, gain=-0.6))
     observed = observe(with_gain, with_gain)
-    joints, values = derivative(observed, 2, "gain")
+    joints, values = derivative(observed, with_gain.effects[2], "gain")
     bare = observed.filter(observed.predict(given))
     assert joints == (1,)
     np.testing.assert_allclose(values[0], -0.6 * bare[:, 1], rtol=1e-6, atol=1e-9)

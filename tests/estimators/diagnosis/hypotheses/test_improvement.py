@@ -199,7 +199,7 @@ def test_a_value_at_its_bound_has_a_derivative(rigid, training_recording):
     """A sign as wide as any may be: one step further, there is no such friction."""
     wide = CoulombFriction(joint=1, tau_c=1.0, v_eps=1.0)
     observed = Observations.of(replace(rigid, effects=(wide,)), [training_recording], 10.0)
-    by_width = derivative(observed, 0, "v_eps").values
-    by_size = derivative(observed, 0, "tau_c").values
+    by_width = derivative(observed, wide, "v_eps").values
+    by_size = derivative(observed, wide, "tau_c").values
     # slow motion is linear in the inverse of so wide a sign; taken from one side of it
     assert by_width == pytest.approx(-by_size, rel=0.06, abs=1e-3)

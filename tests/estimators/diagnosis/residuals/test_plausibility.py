@@ -11,7 +11,13 @@ from lanes import sampled
 
 from estimators.diagnosis.fitting.problem import impossible, improve
 from estimators.diagnosis.pipeline import observe
-from estimators.diagnosis.residuals.plausibility import doubtful_encoders, foreign_bodies, notes_on
+from estimators.diagnosis.residuals.mistakes import RowSample
+from estimators.diagnosis.residuals.plausibility import (
+    doubtful_encoders,
+    foreign_bodies,
+    found_in,
+    notes_on,
+)
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
@@ -170,6 +176,18 @@ def test_gears_that_hold_their_load_by_friction_are_doubted_not_refused(recordin
     notes = notes_on(observe(GIVEN, [replace(recording, torque=torque)], BANDWIDTH))
     (doubt,) = [note for note in notes if "the load of" in note]
     assert doubt.startswith("The torques of joints 5, 6 are not the load of iiwa14")
+
+
+def test_a_shoulder_that_mostly_rubs_speaks_against_gravity_taken_out(recording):
+    """Its gravity is small beside its friction, so a second time it only doubles the misfit."""
+    sample = RowSample.of(observe(GIVEN, [recording], BANDWIDTH))
+    torque, wrist, shoulder = sample.torque.copy(), [4, 5, 6], [0, 1, 2, 3]
+    gravity, direction = sample.load.std(axis=0), np.sign(sample.motion.velocity)
+    error = np.random.default_rng(0).standard_normal(torque.shape)
+    rubbing = sample.load + gravity * (3.0 * direction + 0.6 * error)
+    torque[:, shoulder] = rubbing[:, shoulder]
+    torque[:, wrist] = 0.02 * gravity[wrist] * direction[:, wrist]
+    assert found_in(replace(sample, torque=torque)) == []
 
 
 def test_noise_instead_of_torque_is_no_torque_without_gravity(recording):
