@@ -28,6 +28,7 @@ from estimators.diagnosis.fitting.problem import (
 )
 from estimators.diagnosis.fitting.refinement import Setting, replaced
 from estimators.diagnosis.fitting.simplicity import loaded, simplified
+from estimators.diagnosis.fitting.widths import merely_sharper
 from estimators.diagnosis.hypotheses.ripple import ripples
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
@@ -326,10 +327,17 @@ def suspects(
     """Return the effects of which a fit has a value at its limit, and which may be wrong by it.
 
     At some joints (0-based) any of them; anywhere those whose value surely lies beyond its limit.
+    None is of friction that is but sharper: there, a limit is no value that friction has.
     """
     limited = ~np.isnan(solution.search.evidence.at_limit(solution.fitted))
     if not limited.any():
         return set()
+    turned = {
+        problem.candidates[member].place
+        for member in solution.members
+        if merely_sharper(problem, solution, member)
+    }
+    limited &= ~problem.nuisance.of(turned)
     far = limited & _surely_beyond(problem, solution, limited)
     return {
         item.place

@@ -6,8 +6,10 @@ friction, or the inertia of drives, that more than half of these joints have: th
 made. What one joint has and its siblings lack is unusual, and so is friction of a size far beyond
 that of its siblings. Presliding that is over before any row is judged is plain friction. Of any
 joint, a law of friction that predicts better, but little or not for sure, is no finding. Nor is
-plain friction of another value beside a law that was missing: it stood for both before. Nor is what
+plain friction of a lower value beside a law that was missing: it stood for both before. Nor is what
 adds next to nothing to an effect of the same name that is stated: it makes its law more precise.
+Nor is stated friction that is but sharper, of a size that it may have: over which speeds a sign
+turns is guessed.
 
 Sizes are compared as parts of what a drive can do: friction over the limit of its torque, viscous
 friction at the limit of its speed. One joint is unlike its siblings where that is several times the
@@ -21,6 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import coefficients, contribution, convincing
+from estimators.diagnosis.fitting.widths import change_of, merely_sharper
 from estimators.diagnosis.hypotheses.responses import responses
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.selection.base_friction import BASE, rubs, without_friction
@@ -69,8 +72,8 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
     """Return the members of a set that are values to identify, and no findings.
 
     Those that are ordinary, laws of friction that are but the likelier ones, and what only makes a
-    stated law more precise. A value beside a law that is missing is none by that law, whether that
-    is named or not.
+    stated law more precise, or sharper. A lower value beside a law that is missing is none by that
+    law, whether that is named or not; one that is higher stood for nothing before.
 
     Args:
         problem: What was compared.
@@ -82,12 +85,19 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
     surely = [i for i in laws if convincing(problem, solution, i)]
     lacking = {candidates[i].joints for i in surely if _is_missing(candidates[i])}
     findings = [
-        i for i in surely if _is_missing(candidates[i]) or candidates[i].joints not in lacking
+        i
+        for i in surely
+        if _is_missing(candidates[i])
+        or candidates[i].joints not in lacking
+        or _has_grown(problem, solution, i)
     ]
     return tuple(
         i
         for i in members
-        if i in plain or (i in laws and i not in findings) or _is_detail(problem, solution, i)
+        if i in plain
+        or (i in laws and i not in findings)
+        or _is_detail(problem, solution, i)
+        or merely_sharper(problem, solution, i)
     )
 
 
@@ -115,6 +125,11 @@ def _is_detail(problem: RegressionProblem, solution: Solution, member: int) -> b
 def _is_missing(candidate: Candidate) -> bool:
     """Say whether a law of friction is stated nowhere, and more than another value of plain one."""
     return candidate.kind == "missing" or candidate.effect not in BASE
+
+
+def _has_grown(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a stated value is higher than stated."""
+    return float(change_of(problem, solution, member).sum()) > 0.0
 
 
 def _slides_at_once(problem: RegressionProblem, solution: Solution, member: int) -> bool:

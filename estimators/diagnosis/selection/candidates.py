@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -116,10 +117,8 @@ def _usual(simulation: Simulation) -> set[str]:
 
 
 def _counted(found: Sequence[Candidate]) -> list[Candidate]:
-    count: dict[tuple[str, tuple[int, ...]], int] = {}
-    for candidate in found:
-        count[candidate.place] = count.get(candidate.place, 0) + 1
-    return [replace(candidate, variants=count[candidate.place]) for candidate in found]
+    count = Counter((candidate.place, candidate.other_width) for candidate in found)
+    return [replace(item, variants=count[item.place, item.other_width]) for item in found]
 
 
 def entered(

@@ -419,6 +419,17 @@ def test_friction_that_grew_sharper_than_it_is_stated_is_a_wrong_parameter(given
     assert closure(found)[1] < CLOSED
 
 
+@pytest.mark.parametrize("times", [0.1, 0.3, 0.5])
+def test_friction_that_is_but_sharper_than_it_is_stated_is_no_finding(given, times):
+    """Its size is within its tolerance; over which speeds the sign turns was a guess."""
+    stated = tuple(replace(effect, v_eps=0.03) for effect in given.effects[:2])
+    true = tuple(replace(x, tau_c=1.25 * x.tau_c, v_eps=times * x.v_eps) for x in stated)
+    recording = record(replace(given, effects=(*true, *given.effects[2:])), 2)
+    found = diagnose(replace(given, effects=(*stated, *given.effects[2:])), [recording])
+    assert names(found) == set()
+    assert closure(found)[1] < CLOSED
+
+
 def test_the_verdict_reports_the_value_that_the_improved_simulation_has(doubled):
     _, found = doubled
     reported = found.verdict.findings[0].parameters["tau_c"]

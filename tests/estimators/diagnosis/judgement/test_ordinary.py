@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
+from estimators.diagnosis.fitting import widths
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.hypotheses.ripple import ripples as hypotheses_of_ripple
 from estimators.diagnosis.judgement import ordinary as module
@@ -120,33 +121,74 @@ STATED = tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8))
 
 
 @pytest.mark.parametrize(
-    ("places", "unsure", "values"),
+    ("places", "unsure", "change", "values"),
     [
-        ([("presliding_hysteresis", "missing")], [], []),
-        ([("presliding_hysteresis", "missing")], [0], [0]),
-        ([("coulomb_friction", "wrong_parameter")], [], []),
-        ([("coulomb_friction", "wrong_parameter"), ("quadratic_drag", "missing")], [], [0]),
-        ([("coulomb_friction", "wrong_parameter"), ("quadratic_drag", "missing")], [1], [1]),
-        ([("quadratic_drag", "wrong_parameter"), ("stribeck_friction", "missing")], [], []),
-        ([("torque_offset", "missing")], [0], []),
+        ([("presliding_hysteresis", "missing")], [], 1.0, []),
+        ([("presliding_hysteresis", "missing")], [0], 1.0, [0]),
+        ([("coulomb_friction", "wrong_parameter")], [], -0.5, []),
+        ([("coulomb_friction", "wrong_parameter"), ("quadratic_drag", "missing")], [], -0.5, [0]),
+        ([("coulomb_friction", "wrong_parameter"), ("quadratic_drag", "missing")], [], 2.0, []),
+        ([("coulomb_friction", "wrong_parameter"), ("quadratic_drag", "missing")], [1], -0.5, [1]),
+        ([("quadratic_drag", "wrong_parameter"), ("stribeck_friction", "missing")], [], -0.5, []),
+        ([("torque_offset", "missing")], [0], 1.0, []),
     ],
-    ids=["sure", "unsure", "wrong", "re-divided", "beside an unsure one", "law", "no friction"],
+    ids=[
+        "sure",
+        "unsure",
+        "wrong",
+        "re-divided",
+        "grown",
+        "beside an unsure one",
+        "law",
+        "no friction",
+    ],
 )
 def test_a_law_of_stated_friction_is_a_finding_if_sure_and_no_other_stands_for_it(
-    monkeypatch, places, unsure, values
+    monkeypatch, places, unsure, change, values
 ):
-    """Plain friction that stood for a law that was missing has another value beside it."""
+    """Plain friction that stood for a law that was missing has a lower value beside it."""
     monkeypatch.setattr(module, "convincing", lambda *given: given[2] not in unsure)
+    assert list(to_identify(*changed(monkeypatch, places, change))) == values
+
+
+def changed(monkeypatch, places, change, within=0.0, *, other_width=False):
+    """Return what was compared where each place changes, within its tolerance of 15 %, and so."""
+    monkeypatch.setattr(widths, "coefficients", lambda *_given: np.array([change]))
     candidates = [
-        SimpleNamespace(effect=effect, kind=kind, joints=(2,), hypothesis=None)
+        SimpleNamespace(
+            effect=effect,
+            kind=kind,
+            joints=(2,),
+            place=(effect, (2,)),
+            hypothesis=None,
+            other_width=other_width,
+        )
         for effect, kind in places
     ]
     simulation = SimpleNamespace(effects=STATED, model=SimpleNamespace(n=7))
-    problem = SimpleNamespace(
-        observed=SimpleNamespace(simulation=simulation), candidates=candidates
+    nuisance = SimpleNamespace(
+        of=lambda _places: np.array([False, True]),
+        prior=SimpleNamespace(deviation=np.array([0.7, 0.15])),
     )
-    members = range(len(places))
-    found = to_identify(problem, SimpleNamespace(members=members))
+    problem = SimpleNamespace(
+        observed=SimpleNamespace(simulation=simulation),
+        candidates=candidates,
+        nuisance=nuisance,
+        first=None,
+    )
+    fit = SimpleNamespace(mean=np.array([-0.5, within, change]))
+    return problem, SimpleNamespace(members=range(len(places)), fitted=fit)
+
+
+@pytest.mark.parametrize(
+    ("within", "change", "values"),
+    [(-0.9, 1.2, [0]), (-0.1, -0.2, [0]), (0.0, 3.0, []), (-0.3, -0.2, [])],
+)
+def test_friction_that_is_but_sharper_or_softer_is_a_value(monkeypatch, within, change, values):
+    """Three deviations of its tolerance are 45 %: a change beyond that is a finding."""
+    monkeypatch.setattr(module, "convincing", lambda *_given: True)
+    places = [("coulomb_friction", "wrong_parameter")]
+    found = to_identify(*changed(monkeypatch, places, change, within, other_width=True))
     assert list(found) == values
 
 
