@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 VARIANTS = ("absolute", "positive", "negative", "stribeck", "quadratic")
 REFERENCE = 25.0  # [°C]
 PLACES = 14  # of friction over a joint's range
+_ALIKE = 3.0  # places over which friction is alike, since a bearing or a seal is wider than one
 WARMING_TIMES = (0.1, 0.3, 1.0)  # of the length of the recordings
 _CONSTANT = 1e6  # [s], time constant of what does not change
 _WARMING = 0.01  # [rad/s] beyond which motion warms a gear
@@ -193,15 +194,29 @@ class PositionDependentFriction(DryFriction):
         low, high = float(q.min()), float(q.max())
         knots = tuple(np.linspace(low, max(high, low + 1e-3), PLACES).tolist())
         terms = tuple(
-            cls(joint=joint, positions=knots, excess=tuple(hat), v_eps=eps)
-            for hat in np.eye(PLACES)
+            cls(joint=joint, positions=knots, excess=tuple(bump), v_eps=eps)
+            for bump in _BUMPS.tolist()
         )
         yield Hypothesis(
             cls.name,
             (joint - 1,),
             terms,
-            lambda c: (replace(terms[0], excess=tuple(float(x) for x in c)),),
+            lambda c: (replace(terms[0], excess=tuple((_BUMPS @ c).tolist())),),
         )
+
+
+def _bumps() -> FloatArray:
+    """Return heights at all places, (PLACES, PLACES), that make neighbours alike if drawn equally.
+
+    Their product with itself is the covariance exp(-distance / _ALIKE). A place that the motion
+    hardly passes then follows its neighbours; alone, it would be whatever suits a few rows.
+    """
+    place = np.arange(PLACES)
+    values, vectors = np.linalg.eigh(np.exp(-np.abs(place[:, None] - place) / _ALIKE))
+    return vectors * np.sqrt(values) @ vectors.T
+
+
+_BUMPS = _bumps()
 
 
 @dataclass(frozen=True, kw_only=True)
