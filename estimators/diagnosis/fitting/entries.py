@@ -82,7 +82,8 @@ def found_in(
     Args:
         simulation: The improved simulation.
         effect: Identifier.
-        joints: 1-based; of the whole arm all or none.
+        joints: 1-based; of the whole arm all or none. Of what acts on one joint by another, that
+            joint comes first: the same with both exchanged is another effect.
         missing: Whether it was added, rather than changed.
     """
     same = [
@@ -90,6 +91,7 @@ def found_in(
         for item in simulation.effects
         if item.name == effect and set(item.joints) <= set(joints)
     ]
+    same = [item for item in same if item.joints == tuple(joints)] or same
     return (same[-1] if missing else same[0]) if same else None
 
 

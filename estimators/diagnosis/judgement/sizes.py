@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.diagnosis.fitting.entries import found_in
 from limo_driver.parameters import REAL
 from limo_driver.physics.catalogue import every_effect
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.verdict import Finding, Interval
-    from limo_driver.physics import Effect, Simulation
+    from limo_driver.physics import Simulation
 
 
 def unsure(findings: Sequence[Finding], given: Simulation) -> set[tuple[str, tuple[int, ...]]]:
@@ -38,7 +39,9 @@ def unsure(findings: Sequence[Finding], given: Simulation) -> set[tuple[str, tup
 
 def _is_sure(item: Finding, given: Simulation, sized_by: tuple[str, ...]) -> bool:
     """Say whether an interval of the size is known and leaves out nothing, or what was stated."""
-    stated = _stated(item, given) if item.kind == "wrong_parameter" else None
+    stated = None
+    if item.kind == "wrong_parameter":
+        stated = found_in(given, item.effect, item.joints, missing=False)
     known = sized_by
     if stated is not None:
         known = tuple(p.name for p in stated.parameters() if p.kind == REAL)
@@ -48,17 +51,6 @@ def _is_sure(item: Finding, given: Simulation, sized_by: tuple[str, ...]) -> boo
         if (interval := item.parameters.get(name)) is not None and interval.ci95 is not None
     ]
     return not pairs or any(_leaves_out(interval, was) for interval, was in pairs)
-
-
-def _stated(item: Finding, given: Simulation) -> Effect | None:
-    return next(
-        (
-            effect
-            for effect in given.effects
-            if effect.name == item.effect and set(effect.joints) <= set(item.joints)
-        ),
-        None,
-    )
 
 
 def _leaves_out(interval: Interval, was: Any) -> bool:  # noqa: ANN401  # of any parameter

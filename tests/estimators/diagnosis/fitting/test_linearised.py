@@ -19,6 +19,7 @@ from estimators.diagnosis.verdict import BeforeAfter, Finding, Where
 from limo_driver.physics import (
     CoulombFriction,
     GravityDirection,
+    JointCoupling,
     JointElasticity,
     Payload,
     PreslidingHysteresis,
@@ -87,6 +88,13 @@ def test_what_was_added_is_the_last_of_its_kind_and_what_was_changed_the_first(g
     assert found_in(both, "coulomb_friction", (2,), missing=True) is both.effects[2]
     assert found_in(both, "coulomb_friction", (2,), missing=False) is both.effects[1]
     assert found_in(both, "backlash", (2,), missing=True) is None
+
+
+def test_what_a_joint_feels_of_another_is_not_what_the_other_feels_of_it(given):
+    one, other = (JointCoupling(joint=j, other=3 - j, f_v=0.1 * j) for j in (1, 2))
+    both = plus(given, one, other)
+    for effect in (one, other):
+        assert found_in(both, "joint_coupling", effect.joints, missing=True) == effect
 
 
 def test_a_gain_acts_on_the_torque_that_reaches_it_whatever_it_makes_of_it(given):
