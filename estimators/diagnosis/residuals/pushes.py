@@ -142,7 +142,8 @@ class _Scan:
 
         What one joint alone felt is physics of that joint where the joint has just turned or
         stopped, and where it leaves weaker ones of the kind at other times. And what reaches over
-        the start or the end of a motion is what friction does there. While the whole arm rests,
+        the start or the end of the arm's motion is what friction does there; single joints stop and
+        turn at any time, also while the arm is pushed. While the whole arm rests,
         its physics does nothing that recurs.
         """
         joint, *more = push.joints
@@ -150,7 +151,7 @@ class _Scan:
             np.abs(self.observed.slow.time - (push.start + push.end) / 2)
             <= (push.end - push.start) / 2
         )
-        judged = self.judged[within][:, list(push.joints)]
+        judged = self.judged[within].any(axis=1)
         if judged.size and judged.mean() < PUSHES.judged:
             return False
         if more:

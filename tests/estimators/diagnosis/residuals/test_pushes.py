@@ -58,6 +58,22 @@ def test_a_push_that_one_joint_alone_feels_is_found_there() -> None:
     assert (found.start, found.end) == pytest.approx((20.0, 20.8), abs=0.1)
 
 
+def test_a_push_is_found_though_a_joint_that_feels_it_turns_meanwhile() -> None:
+    o = observed()
+    residual, time, velocity = o.residual.copy(), o.slow.time, o.slow.velocity
+    turns = time[1:][(np.diff(np.sign(velocity[:, 2])) != 0) & (time[1:] > 10) & (time[1:] < 50)]
+    away = [np.abs(velocity[np.abs(time - turn) < 1.5, 0]).min() for turn in turns]
+    turn = float(turns[int(np.argmax(away))])  # while joint 1 moves on
+    start, end = turn - 1.2, turn + 0.5
+    within = np.clip((time - start) / (end - start), 0.0, 1.0)
+    residual[:, [0, 2]] += 2.0 * np.sin(np.pi * within)[:, None]
+
+    (found,) = pushes(o, residual)
+
+    assert set(found.joints) == {0, 2}
+    assert (found.start, found.end) == pytest.approx((start, end), abs=0.1)
+
+
 def test_what_recurs_is_no_push() -> None:
     o = observed()
     residual = o.residual.copy()
