@@ -26,8 +26,9 @@ from limo_driver.descriptions.doubts import doubts_about_description
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.descriptions.limits import joint_limits, unstated_limits
 from limo_driver.descriptions.reading import read_description
+from limo_driver.descriptions.rotors import is_nearly_possible, with_drives_apart
 from limo_driver.descriptions.shapes import ArmShapes, Capsule, read_shapes
-from limo_driver.display import Displayed
+from limo_driver.display import Displayed, shortened
 from limo_driver.dynamics import ArmDynamics
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.types import FloatArray, as_numbers
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 BUILT_IN = ("iiwa14",)
-_MOST_OF_OTHERS = 2.0  # times the sum of the others, that a principal moment is still a rounding
 
 
 def beside(robot: str, folder: Path) -> str:
@@ -108,8 +108,12 @@ class RobotModel(ArmDynamics, Displayed):
             link: Inertial.of_pinocchio(self.pin_model.inertias[j + 1])
             for j, link in enumerate(self.link_names)
         }
+        apart, driven = with_drives_apart(
+            self.description, self.pin_tree, self.inertials, chain.link_joints
+        )
+        self.inertials |= apart
         _check_masses(self.inertials, chain.link_joints, self.urdf)
-        rounded = self._with_real_bodies()
+        rounded = self._with_real_bodies(apart)
         self._override(inertials or {})
         given = self.description.gravity if gravity is None else gravity
         self.pin_model.gravity.linear = self.pin_tree.gravity.linear = _gravity(given)
@@ -136,7 +140,7 @@ class RobotModel(ArmDynamics, Displayed):
             self.limits.position_max,
             self.sliding,
         )
-        told = (*self.description.notes, *locked, *slides, *unstated, *rounded, *doubts)
+        told = (*self.description.notes, *locked, *slides, *unstated, *driven, *rounded, *doubts)
         self.notes: tuple[str, ...] = told
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
@@ -275,8 +279,9 @@ class RobotModel(ArmDynamics, Displayed):
 
         Raises:
             ConfigError: A joint has no limit of velocity or torque: it could not move, or would be
-                told no torque that carries it.
+                told no torque that carries it; or it states no range, and would meet its stops.
         """
+        self.check_ranges()
         for what, limits in (("velocity", self.limits.velocity), ("torque", self.limits.torque)):
             for j, most in enumerate(limits.tolist()):
                 if not most > 0:
@@ -284,6 +289,19 @@ class RobotModel(ArmDynamics, Displayed):
                         f"joint {j + 1} ({self.joint_names[j]}) has no limit of {what}, so the arm "
                         f"cannot be run: give it one in the {self.description.kind}"
                     )
+
+    def check_ranges(self) -> None:
+        """Refuse to move an arm whose description leaves ranges out, for which some are made up.
+
+        Raises:
+            ConfigError: A joint has limits of 0 to 0, as exporters leave them.
+        """
+        if unranged := self.description.unranged:
+            raise ConfigError(
+                f"the limits of {shortened(unranged)} are 0 to 0, so nobody knows how far the arm "
+                f"may go: state them in the {self.description.kind}, or the type continuous",
+                path=self.urdf,
+            )
 
     def capsules(self) -> tuple[Capsule, ...]:
         """Return the collision capsules; other shapes get one around them.
@@ -304,18 +322,23 @@ class RobotModel(ArmDynamics, Displayed):
         path = Path(os.path.relpath(self.urdf.resolve(), folder.resolve())).as_posix()
         return joined_reference(path, self.chosen)
 
-    def _with_real_bodies(self) -> tuple[str, ...]:
+    def _with_real_bodies(self, changed: Mapping[str, Inertial]) -> tuple[str, ...]:
         """Put the nearest rigid body in the place of each that is nearly one; return what to say.
 
         Makers' files have such, of roundings and of tensors about another point.
+
+        Args:
+            changed: Links that are not as the file has them, by name; nothing more is said of them.
         """
         nearly = {name: body for name, body in self.inertials.items() if not body.is_possible()}
-        self._override({name: body.nearest_consistent() for name, body in nearly.items()})
+        real = {name: body.nearest_consistent() for name, body in nearly.items()}
+        self._override({**{x: y.nearest_consistent() for x, y in changed.items()}, **real})
         return tuple(
             f"link {name} has the principal moments of inertia {_principal(body)} kg m², of which "
             "one is above the sum of the others; the nearest body that exists is taken, with "
             f"{_principal(self.inertials[name])}"
             for name, body in nearly.items()
+            if name not in changed
         )
 
     def _override(self, inertials: Mapping[str, Inertial]) -> None:
@@ -349,8 +372,7 @@ def _check_masses(
                 f"link {link}, which joint {joint} moves, has no mass; state its <inertial>",
                 path=path,
             )
-        smallest, middle, largest = np.linalg.eigvalsh(body.tensor()).tolist()
-        if smallest <= 0.0 or largest > _MOST_OF_OTHERS * (smallest + middle):
+        if not is_nearly_possible(body):
             raise ConfigError(
                 f"link {link}, which joint {joint} moves, has the principal moments of inertia "
                 f"{_principal(body)} kg m²; expected those of a body: above 0, and none above the "

@@ -70,14 +70,15 @@ class Feasibility:
     against it. Without self-collision the joint frames and the flange are kept off the table.
 
     Raises:
-        ConfigError: The collision shapes cannot be read, or a joint has no limit of velocity.
+        ConfigError: The collision shapes cannot be read, or a joint has no limit of velocity, or
+            limits of 0 to 0.
         InfeasiblePathError: The joint margin leaves a joint no range.
     """
 
     def __init__(self, model: RobotModel, surroundings: Surroundings, workspace: Workspace) -> None:
         self.surroundings, self.workspace = surroundings, workspace
         self.chain = KinematicChain.of(model)
-        _require_velocity(model)
+        _require_limits(model)
         self._slides = np.array(model.sliding)
         room = _SLIDE_MARGIN * (model.limits.position_max - model.limits.position_min)
         margin = np.where(
@@ -286,7 +287,8 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(first) + (f" and {more} more" if more > 0 else "")
 
 
-def _require_velocity(model: RobotModel) -> None:
+def _require_limits(model: RobotModel) -> None:
+    model.check_ranges()
     unknown = np.flatnonzero(model.limits.velocity <= 0)
     if unknown.size:
         raise ConfigError(

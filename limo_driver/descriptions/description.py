@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MARK: Final = "#"  # between the path of a description and the joints that are chosen
 SITE: Final = "site_"  # begins the link that stands for a site of an MJCF file
+ROOM: Final = 1.0  # [m] to either side, of a slide that states no range
 DOWN: Final = (0.0, 0.0, -9.81)  # [m/s²]
 
 
@@ -92,6 +93,7 @@ class RobotDescription:
         hulls: Corners of each mesh that stands as a box in `root`, (K, 3) [m], in the frame of that
             box; by name of the link and number of the shape on it, `hand_0`.
         loops: Names of the joints of each loop that bodies close, which a tree of links cannot.
+        unranged: Joints that move on their own and state no range, for which one was made up.
         places: Where MuJoCo's arrays of positions and of velocities have each joint, by name.
         widths: Of those arrays of positions and velocities.
         notes: What was locked or left aside, and what the file cannot be taken at its word for.
@@ -110,6 +112,7 @@ class RobotDescription:
     locked: dict[str, float] = field(default_factory=dict)
     followers: dict[str, Following] = field(default_factory=dict)
     loops: tuple[frozenset[str], ...] = ()
+    unranged: tuple[str, ...] = ()
     places: dict[str, tuple[int, int]] = field(default_factory=dict)
     widths: tuple[int, int] = (0, 0)
 

@@ -48,11 +48,16 @@ def doubts_about_description(
             f"the limits of {shortened(odd)} reach {largest:g} rad, {largest / (2 * np.pi):.0f} "
             "turns: are they in degrees?"
         )
-    if lost := list(dict.fromkeys(_lost_meshes(description))):
-        yield (
-            f"not there: collision mesh{'es' * (len(lost) > 1)} {shortened(lost, 3)}; without "
-            "them, motion is planned only with `self_collision` switched off"
-        )
+    if lost := lost_meshes(description):
+        yield f"{lost}; without them, motion is planned only with `self_collision` switched off"
+
+
+def lost_meshes(description: RobotDescription) -> str:
+    """Say which meshes of collision shapes are not there; nothing where none lacks."""
+    lost = list(dict.fromkeys(_lost_meshes(description)))
+    if not lost:
+        return ""
+    return f"not there: collision mesh{'es' * (len(lost) > 1)} {shortened(lost, 3)}"
 
 
 def _lost_meshes(description: RobotDescription) -> Iterator[str]:

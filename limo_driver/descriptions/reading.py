@@ -11,6 +11,7 @@ import numpy as np
 
 from limo_driver.descriptions.description import Following, JointDynamics, RobotDescription
 from limo_driver.descriptions.geometry import numbers, rotation_of, rpy_of, turned
+from limo_driver.descriptions.left_out import unranged_notes, with_ground, without_ends
 from limo_driver.descriptions.urdf_checks import check_urdf, end_of
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.display import shortened
@@ -67,7 +68,9 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription
 
 
 def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
+    grounded = with_ground(root)
     check_urdf(root, path)
+    unranged = without_ends(root)
     dynamics: dict[str, JointDynamics] = {}
     for joint in root.findall("joint"):
         stated = joint.find("dynamics")
@@ -76,7 +79,7 @@ def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
                 friction=_number(stated, "friction", path, least=0.0),
                 damping=_number(stated, "damping", path, least=0.0),
             )
-    return RobotDescription(root, path, "URDF", dynamics)
+    return RobotDescription(root, path, "URDF", dynamics, notes=grounded, unranged=unranged)
 
 
 def _number(
@@ -148,7 +151,16 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
         for what, keys in _NOT_FELT.items()
         if any(getattr(found.dynamics.get(name), key, None) for key in keys)
     ]
-    return replace(found, notes=(*found.notes, *notes), locked=places, followers=followers)
+    free = [name for name in found.unranged if name not in places and name not in followers]
+    slides = [name for name in free if movable[name].get("type") == _SLIDING]
+    notes += unranged_notes(free, slides)
+    return replace(
+        found,
+        notes=(*found.notes, *notes),
+        locked=places,
+        followers=followers,
+        unranged=tuple(free),
+    )
 
 
 def _following(

@@ -11,6 +11,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from limo_driver.descriptions.doubts import lost_meshes
 from limo_driver.descriptions.enclosing import box_corners, enclosing_capsule
 from limo_driver.errors import ConfigError
 from limo_driver.types import readonly
@@ -115,8 +116,9 @@ def read_shapes(description: RobotDescription, model: pin.Model) -> ArmShapes:
             package_dirs=[str(folder) for folder in description.path.resolve().parents],
         )
     except ValueError as error:
+        reason = lost_meshes(description) or " ".join(str(error).split())
         raise ConfigError(
-            f"its collision shapes cannot be read: {error}", path=description.path
+            f"its collision shapes cannot be read: {reason}", path=description.path
         ) from None
     for item in geometry.geometryObjects:
         item.geometry = _convex(item.geometry, description.hulls.get(item.name))

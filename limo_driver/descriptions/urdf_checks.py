@@ -21,6 +21,7 @@ _ENDING: Final = ("revolute", "prismatic")  # which have to state where their ra
 _ON_A_FIXED_BASE: Final = (*_MOVABLE, "fixed")
 _FREE: Final = ("floating", "planar")
 _AXES: Final = 3
+_VECTORS: Final = ("xyz", "rpy")  # of several numbers; all else is one
 _NUMBERS: Final = {
     "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
     "joint": ("origin", "axis", "limit"),
@@ -195,7 +196,7 @@ def _check_tree(root: ET.Element, path: Path) -> None:
 
 def _check_element(owner: str, element: ET.Element, path: Path) -> None:
     for name, text in element.attrib.items():
-        for word in text.split():
+        for word in text.split() if name in _VECTORS else [text]:
             try:
                 value = float(word)
             except ValueError:
@@ -203,6 +204,7 @@ def _check_element(owner: str, element: ET.Element, path: Path) -> None:
             if not np.isfinite(value) or (element.tag == "mass" and value < 0.0):
                 expected = "0 or more" if element.tag == "mass" else "a finite number"
                 raise ConfigError(
-                    f"{owner}: {name} of its {element.tag} is {word}, expected {expected}",
+                    f"{owner}: {name} of its {element.tag} is {word.strip() or 'empty'}, "
+                    f"expected {expected}",
                     path=path,
                 )

@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import mujoco
 import numpy as np
 
-from limo_driver.descriptions.description import SITE, JointDynamics
+from limo_driver.descriptions.description import ROOM, SITE, JointDynamics
 from limo_driver.descriptions.geometry import numbers, rpy_of, turned
 from limo_driver.descriptions.mjcf.joints import (
     HINGE,
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 TURNING: Final = {HINGE: "revolute", SLIDE: "prismatic"}
-_ROOM: Final = 1.0  # [m] to either side of a joint that slides, where no range is stated
 _POLYNOMIAL: Final = 5  # coefficients of an equality of joints
 
 
@@ -131,10 +130,10 @@ class ArmWriter:
         ET.SubElement(element, "parent", link=parent)
         ET.SubElement(element, "child", link=name)
         ET.SubElement(element, "axis", xyz=numbers(axis))
-        low, high = model.jnt_range[joint] if limited else (-_ROOM, _ROOM)
+        low, high = model.jnt_range[joint] if limited else (-ROOM, ROOM)
         bounds = {"lower": repr(float(low)), "upper": repr(float(high))}
         if kind == SLIDE and not limited:
-            self.notes.append(f"joint {title} states no range; {_ROOM:g} m to either side is taken")
+            self.notes.append(f"joint {title} states no range; {ROOM:g} m to either side is taken")
         kept = bounds if said != "continuous" else {}
         most = repr(effort(model, joint))
         ET.SubElement(element, "limit", {**kept, "effort": most, "velocity": "0"})

@@ -346,9 +346,12 @@ def test_lost_meshes_and_ends_in_degrees_are_said_at_load(file):
     path = file(text, "arm.urdf")
     (path.parent / "arm").mkdir()
     (path.parent / "arm" / "here.stl").write_bytes(b"")
-    notes = " ".join(RobotModel.load(path).notes)
+    model = RobotModel.load(path)
+    notes = " ".join(model.notes)
     assert "reach 170 rad, 27 turns: are they in degrees?" in notes
     assert "not there: collision mesh package://arm/gone.stl;" in notes
+    with pytest.raises(ConfigError, match=r"not there: collision mesh package://arm/gone\.stl$"):
+        model.capsules()
 
 
 @pytest.mark.parametrize("joints", ["elbow", "hand=x", "elbow=1"])

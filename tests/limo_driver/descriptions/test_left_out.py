@@ -1,0 +1,123 @@
+"""What URDFs leave out: the ground, and ranges of joints."""
+
+import re
+
+import pytest
+
+import limo_driver as limo
+from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
+
+INERTIA = '<inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.01"/>'
+ARM = f"""<robot name="arm">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0.1 0 0.2"/><mass value="2"/>{INERTIA}</inertial></link>
+  <link name="fore"><inertial><origin xyz="0 0 0.1"/><mass value="1"/>{INERTIA}</inertial></link>
+  <link name="left"><inertial><mass value="0.1"/>{INERTIA}</inertial></link>
+  <link name="right"><inertial><mass value="0.1"/>{INERTIA}</inertial></link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="40" velocity="2"/></joint>
+  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>
+    <origin xyz="0 0 0.4"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="40" velocity="2"/></joint>
+  <joint name="finger_left" type="prismatic"><parent link="fore"/><child link="left"/>
+    <axis xyz="1 0 0"/><limit lower="0" upper="0.04" effort="5" velocity="1"/></joint>
+  <joint name="finger_right" type="prismatic"><parent link="fore"/><child link="right"/>
+    <axis xyz="-1 0 0"/><limit lower="0" upper="0.04" effort="5" velocity="1"/>
+    <mimic joint="finger_left"/></joint>
+</robot>
+"""
+WELD = '<joint name="weld" type="fixed"><parent link="world"/><child link="base"/></joint>'
+
+
+@pytest.fixture
+def file(tmp_path):
+    def of(text, name="arm.urdf"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return of
+
+
+def limited(joint, limits):
+    """Return the arm with other limits of a joint."""
+    pattern = f'(name="{joint}".*?)lower="[^"]*" upper="[^"]*"'
+    return re.sub(pattern, rf"\g<1>{limits}", ARM, count=1, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize("limits", ['lower="0" upper="0"', 'lower="0.0" upper="-0"', ""])
+def test_limits_that_an_exporter_left_at_0_are_none(file, limits):
+    """The joint turns on, and stands in no range of 0 to 0 that decides units or is kept to."""
+    model = RobotModel.load(file(limited("shoulder", limits)))
+    assert model.turning == (True, False)
+    assert model.limits.position_min[0] < -3.0
+    (note,) = [note for note in model.notes if "0 to 0" in note]
+    assert note.startswith("the limits of shoulder are 0 to 0, so none are stated")
+    with pytest.raises(ConfigError, match=r"the limits of shoulder are 0 to 0.*in the URDF"):
+        model.check_runnable()
+    with pytest.raises(ConfigError, match=r"the limits of shoulder are 0 to 0.*in the URDF"):
+        limo.plan(model)
+
+
+@pytest.mark.parametrize("limits", ['lower="0" upper="0.1"', 'lower="-0.1" upper="0"'])
+def test_a_range_that_begins_or_ends_at_0_is_one(file, limits):
+    model = RobotModel.load(file(limited("shoulder", limits)))
+    assert model.turning == (False, False)
+    assert not any("0 to 0" in note for note in model.notes)
+    model.check_runnable()
+
+
+def test_a_slide_without_a_range_gets_room_and_a_gripper_without_one_is_none_of_the_arms(file):
+    text = limited("finger_left", 'lower="0" upper="0"')
+    whole = RobotModel.load(file(text))
+    assert whole.joint_names == ("shoulder", "elbow")
+    assert not any("0 to 0" in note for note in whole.notes)
+    whole.check_runnable()
+    chosen = RobotModel.load(f"{file(text)}#shoulder,elbow,finger_left,finger_right=0")
+    assert (chosen.limits.position_min[2], chosen.limits.position_max[2]) == (-1.0, 1.0)
+    assert any("limits of finger_left are 0 to 0" in note for note in chosen.notes)
+
+
+def test_a_follower_without_a_range_does_not_hold_its_leader(file):
+    text = limited("finger_right", 'lower="0" upper="0"')
+    model = RobotModel.load(f"{file(text)}#shoulder,elbow,finger_left")
+    assert model.limits.position_max[2] == pytest.approx(0.04)
+    assert not any("0 to 0" in note for note in model.notes)
+    model.check_runnable()
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        ('lower="" upper="0"', "lower of its limit is empty"),
+        ('lower="0 0" upper="0"', "lower of its limit is 0 0"),
+        ('lower="zero" upper="0"', "lower of its limit is zero"),
+        ('lower="0" upper="nan"', "upper of its limit is nan"),
+    ],
+)
+def test_a_limit_that_is_no_number_is_refused_by_name(file, limits, said):
+    with pytest.raises(ConfigError, match=f"joint 'shoulder': {said}, expected a finite number"):
+        RobotModel.load(file(limited("shoulder", limits)))
+
+
+def test_the_ground_that_a_file_for_drake_leaves_out_is_taken(file):
+    welded = ARM.replace("</robot>", f"{WELD}</robot>")
+    model = RobotModel.load(file(welded))
+    assert model.joint_names == RobotModel.load(file(ARM, "plain.urdf")).joint_names
+    assert len([note for note in model.notes if "link world is not stated" in note]) == 1
+
+
+@pytest.mark.parametrize("weld", [WELD.replace("world", "wall"), WELD.replace("fixed", "floating")])
+def test_another_link_that_is_not_there_is_no_ground(file, weld):
+    with pytest.raises(ConfigError, match=r"is the link 'wall', which is not there|is floating"):
+        RobotModel.load(file(ARM.replace("</robot>", f"{weld}</robot>")))
+
+
+def test_an_export_changes_nothing_of_what_is_left_out(file, tmp_path):
+    text = limited("shoulder", 'lower="0" upper="0"').replace("</robot>", f"{WELD}</robot>")
+    path = file(text)
+    found = limo.export(limo.nominal(str(path)), "urdf", tmp_path / "out")
+    assert found.diff == ""
+    assert found.file.read_text(encoding="utf-8") == text
+    assert found.share < 1e-6
