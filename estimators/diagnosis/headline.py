@@ -124,6 +124,11 @@ def give_or_take(known: Interval) -> str:
     return f"{known.value:.{decimals}f} ± {half:.{decimals}f}"
 
 
+def several(known: Interval) -> str:
+    """Return the numbers of a parameter that has more than one."""
+    return _nested(known.value)
+
+
 def _decimals(half: float) -> int:
     """Return the decimals that show half of an interval to two digits."""
     return min(max(0, 1 - math.floor(math.log10(max(half, _SMALLEST)))), 9)

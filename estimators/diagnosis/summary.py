@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from estimators.diagnosis.headline import give_or_take, headline, place_of, values_of
+from estimators.diagnosis.headline import (
+    give_or_take,
+    headline,
+    place_of,
+    several,
+    values_of,
+)
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.diagnosis.wording import listed, rounded
 from limo_driver.physics import spoken
@@ -33,17 +39,18 @@ def lines_of(verdict: Verdict) -> list[str]:
 def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]]:
     """Return the joints whose ordinary friction was identified, and its values.
 
-    A heading is effect, parameter and unit. A value stands beside half of its 95 % interval; what a
-    joint has none of is empty.
+    A heading is effect, parameter and unit. A value stands beside half of its 95 % interval, values
+    of one parameter (the elements of a law) alone; what a joint has none of is empty.
     """
     joints = sorted({item.joint for item in verdict.identified})
     columns = {("", "", "joint"): [str(joint) for joint in joints]}
     for item in verdict.identified:
         for name, known in item.parameters.items():
-            if isinstance(known.value, float) and known.ci95:
+            if known.ci95:
+                one = isinstance(known.value, float)
                 heading = (spoken(item.effect), name, f"[{known.unit}]")
                 column = columns.setdefault(heading, [""] * len(joints))
-                column[joints.index(item.joint)] = give_or_take(known)
+                column[joints.index(item.joint)] = (give_or_take if one else several)(known)
     return columns
 
 

@@ -73,6 +73,14 @@ def test_ordinary_friction_is_a_line_a_joint_and_a_table_in_the_report():
     ]
 
 
+def test_a_law_of_several_elements_is_identified_by_them():
+    """Maxwell slip has no other parameters, and a line of a joint without values says nothing."""
+    stiffness = Interval((120.0, 30.5), "N m/rad", ((100.0, 140.0), (20.0, 41.0)))
+    law = Identified("presliding_hysteresis", 2, {"stiffness": stiffness})
+    lines = lines_of(replace(VERDICT, identified=(law,)))
+    assert "joint 2  presliding hysteresis: stiffness (120, 30.5) N m/rad" in lines
+
+
 def test_it_says_which_part_of_the_rows_the_errors_count():
     assert "count 69 % to 81 % of the rows held out" in coverage(VERDICT)
     assert coverage(VERDICT) in lines_of(VERDICT)
