@@ -180,9 +180,10 @@ def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float)
         if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
             break
         chosen.append(best.one)
-        problem, fit = reweighted(best.problem, best.fit, tick)
         if best.one.effect in COUNTED:
+            problem, fit = reweighted(best.problem, best.fit, tick)
             break  # all else is better looked for where joints count as described
+        problem, fit = _settled(best.problem, best.fit, tick)
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
     problem = replace(problem, within=np.inf, over=_FINE)
     problem, fit = reweighted(problem, fit_arm(problem, fit.guess, _LAST), tick)
@@ -252,6 +253,19 @@ def reweighted(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProble
     """Return problem and fit with weights that the errors of the fit ask for."""
     problem = replace(problem, weights=Weights.of(fit.errors, tick))
     return problem, fit_arm(problem, fit.guess, _TRY, errors=fit.errors)
+
+
+def _settled(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
+    """Return a fit that has come to its end, along valleys too: what it leaves is asked about next.
+
+    Args:
+        problem: That it is of.
+        fit: With a suspect that has just joined.
+        tick: Step of the encoders [rad].
+    """
+    problem, fit = reweighted(problem, fit, tick)
+    fine = fit_arm(replace(problem, over=_FINE), fit.guess, _LAST, errors=fit.errors)
+    return reweighted(problem, fine, tick)
 
 
 def _tried(problem: ArmProblem, fit: ArmFit, one: Suspect, steps: int) -> ArmFit:

@@ -11,6 +11,7 @@ from estimators.drives.checks.conventions import likeliest_order
 from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
 from estimators.drives.fitting.limits import LIMITS, begun_at, motor_begun_at
 from estimators.drives.fitting.starts import away
+from estimators.drives.fitting.stiction import SHAPES, stiction_begun_at
 from estimators.drives.simulation.columns import UNLIMITED
 from estimators.drives.simulation.plant import most_torque
 
@@ -28,7 +29,6 @@ NEUTRAL: Final = {
     **dict.fromkeys(("v_s", "gear", "delta", "heating", "resisted", "assisted"), 1.0),
 }  # constants that are not 0 where there is nothing
 _START_MASS: Final = 0.05  # of the arm's own
-_FADING: Final = (1.0, 2.0)  # exponents of Stribeck friction: exponential, and as a bell
 _FREED: Final = {
     "kp": "position_servo",
     DAMPING: "viscous_friction",
@@ -161,7 +161,11 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
         for name in guess.names[j]:
             if name in _BESIDE:
                 yield Suspect(_BESIDE[name], j, (), freed=name)
-        for one in (*_of_joints(), *_limits(parts[j], guess, j, stated[j])):
+        for one in (
+            *_stiction(parts[j], guess.rows[j], guess.names[j]),
+            *_of_joints(),
+            *_limits(parts[j], guess, j, stated[j]),
+        ):
             own = replace(one, joint=j)
             if not set(own.names) & set(guess.names[j]):
                 yield own
@@ -170,11 +174,19 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
             yield Suspect("thermal_derating", j, start)
 
 
-def _of_joints() -> Iterator[Suspect]:
-    """Yield what any joint may have, at no joint yet."""
-    for delta in _FADING:
-        start = (("stribeck", 0.05), ("v_s", 0.05))
+def _stiction(
+    parts: Sequence[LoadedJoint], row: FloatArray, names: Sequence[str]
+) -> Iterator[Suspect]:
+    """Yield stiction of either shape, at no joint yet; none where it is fitted already."""
+    if "stribeck" in names:
+        return
+    for delta in SHAPES:
+        start = tuple(stiction_begun_at(parts, row, delta).items())
         yield Suspect("stribeck_friction", None, start, shape=(("delta", delta),))
+
+
+def _of_joints() -> Iterator[Suspect]:
+    """Yield what else any joint may have, at no joint yet."""
     start = (("by_load", 0.1), ("assisted", 1.0))
     yield Suspect("load_dependent_friction", None, start)
     yield Suspect("dead_band", None, (("dead_band", 0.01),))

@@ -17,7 +17,14 @@ from estimators.drives.hypotheses.stated import StatedArm
 from estimators.drives.hypotheses.suspects import Suspect, suspects_of
 from estimators.drives.simulation.loads import ArmChange, ArmLoads
 from estimators.drives.simulation.plant import rows_of
-from limo_driver.physics import Armature, CoulombFriction, Payload, Simulation, ViscousFriction
+from limo_driver.physics import (
+    Armature,
+    CoulombFriction,
+    Payload,
+    Simulation,
+    StribeckFriction,
+    ViscousFriction,
+)
 from limo_driver.physics.simulation_file import Tolerances
 
 FRICTION = 0.25  # [N m]
@@ -174,3 +181,25 @@ def test_a_shape_that_is_not_fitted_comes_and_goes_with_its_suspect(stated, reco
     assert added.names[0] == (*guess.names[0], "stribeck", "v_s")
     np.testing.assert_array_equal(bell.removed(added).rows, guess.rows)
     assert bell.excludes(replace(bell, shape=()))
+
+
+def test_stiction_that_is_fitted_is_no_suspect_again(stated, recordings):
+    loads, guess = ArmLoads(stated.body, recordings[:1]), stated_guess(rows_of(stated))
+    first = next(x for x in suspects_of(loads, guess, guess.rows) if "stribeck" in x.names)
+
+    again = list(suspects_of(loads, first.added(guess), guess.rows))
+
+    assert [x.joint for x in again if "stribeck" in x.names] == [1, 1]
+
+
+def test_stiction_that_is_stated_is_still_a_suspect(stated, recordings):
+    """It may be another amount."""
+    sticky = replace(
+        stated,
+        effects=(*stated.effects, StribeckFriction(joint=1, tau_s=0.1, v_s=0.03)),
+    )
+    loads, guess = ArmLoads(stated.body, recordings[:1]), stated_guess(rows_of(sticky))
+
+    found = list(suspects_of(loads, guess, guess.rows))
+
+    assert [x.joint for x in found if "stribeck" in x.names] == [0, 0, 1, 1]
