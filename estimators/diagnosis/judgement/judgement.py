@@ -11,14 +11,13 @@ from estimators.diagnosis.fitting.contribution import (
     TINY,
     contribution,
     contribution_of_all,
-    convincing,
     left_by_tolerances,
     material,
     own_joints,
     sure,
     without,
 )
-from estimators.diagnosis.judgement.ordinary import to_identify
+from estimators.diagnosis.judgement.ordinary import convinced, ordinary, to_identify
 from estimators.diagnosis.judgement.surrogate import predictable_part
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.residuals.noise import roughness
@@ -182,14 +181,13 @@ def abstained(
     least = np.where(small, JUDGEMENT.most, JUDGEMENT.dominant)
     doubtful = {int(j) for j in unknown if explained[j] < least[j]}
     plain = to_identify(problem, solution)
+    usual = ordinary(problem, solution, solution.members)
+    sure = convinced(problem, solution, [i for i in solution.members if i not in usual])
     stay = tuple(
         member
         for member in solution.members
         if member in plain
-        or (
-            _is_beyond(doubtful, problem, solution, member, remaining)
-            and convincing(problem, solution, member)
-        )
+        or (member in sure and _is_beyond(doubtful, problem, solution, member, remaining))
     )
     return stay, tuple(int(j) for j in unknown)
 

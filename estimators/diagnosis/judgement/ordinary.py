@@ -68,6 +68,33 @@ def ordinary(
     )
 
 
+def convinced(
+    problem: RegressionProblem, solution: Solution, members: Sequence[int]
+) -> tuple[int, ...]:
+    """Return the members that remove enough error, and surely so, to be findings.
+
+    Two laws of a joint's friction that can each stand for the other remove little by themselves,
+    though what both explain is sure: then the likelier one does without the other.
+
+    Args:
+        problem: What was compared.
+        solution: The set, fitted.
+        members: Of the set, as indices of its candidates; all or some.
+    """
+    found = [i for i in members if convincing(problem, solution, i)]
+    unsure = [i for i in members if i not in found and rubs(problem.candidates[i].effect)]
+    for joints in dict.fromkeys(problem.candidates[i].joints for i in unsure):
+        group = [i for i in unsure if problem.candidates[i].joints == joints]
+        if len(group) == 1:
+            continue
+        others = {i: [other for other in group if other != i] for i in group}
+        alone = {i: solution.having(problem.less(solution.members, others[i])) for i in group}
+        best = max(group, key=lambda i: alone[i].gain)
+        if convincing(problem, alone[best], best):
+            found.append(best)
+    return tuple(found)
+
+
 def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
     """Return the members of a set that are values to identify, and no findings.
 
@@ -82,7 +109,7 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
     members, candidates = solution.members, problem.candidates
     plain = ordinary(problem, solution, members)
     laws = [i for i in members if i not in plain and rubs(candidates[i].effect)]
-    surely = [i for i in laws if convincing(problem, solution, i)]
+    surely = convinced(problem, solution, laws)
     lacking = {candidates[i].joints for i in surely if _is_missing(candidates[i])}
     findings = [
         i

@@ -12,7 +12,12 @@ from estimators.diagnosis.fitting import widths
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.hypotheses.ripple import ripples as hypotheses_of_ripple
 from estimators.diagnosis.judgement import ordinary as module
-from estimators.diagnosis.judgement.ordinary import beyond_siblings, ordinary, to_identify
+from estimators.diagnosis.judgement.ordinary import (
+    beyond_siblings,
+    convinced,
+    ordinary,
+    to_identify,
+)
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.stages import quiet
@@ -178,6 +183,36 @@ def changed(monkeypatch, places, change, within=0.0, *, other_width=False):
     )
     fit = SimpleNamespace(mean=np.array([-0.5, within, change]))
     return problem, SimpleNamespace(members=range(len(places)), fitted=fit)
+
+
+@pytest.mark.parametrize(
+    ("effects", "sure"),
+    [
+        (["coulomb_friction", "presliding_hysteresis"], (0,)),
+        (["presliding_hysteresis", "coulomb_friction"], (1,)),
+        (["coulomb_friction"], ()),
+        (["torque_gain", "torque_offset"], ()),
+    ],
+)
+def test_of_two_laws_that_can_each_stand_for_the_other_the_likelier_is_sure(
+    monkeypatch, effects, sure
+):
+    """Without one of them nothing is lost, and without both much is."""
+    candidates = [SimpleNamespace(effect=effect, joints=(2,)) for effect in effects]
+    problem = SimpleNamespace(
+        candidates=candidates, less=lambda members, some: tuple(m for m in members if m not in some)
+    )
+
+    def having(members):
+        likely = [effects[m] == "coulomb_friction" for m in members]
+        return SimpleNamespace(members=members, gain=float(sum(likely)), having=having)
+
+    def alone(_problem, solution, _member):
+        return len(solution.members) < len(effects)
+
+    monkeypatch.setattr(module, "convincing", alone)
+    members = tuple(range(len(effects)))
+    assert convinced(problem, having(members), members) == sure
 
 
 @pytest.mark.parametrize(
