@@ -80,7 +80,8 @@ def _bodies(
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield the nominal parameters (10,) of each body, and what coefficients add to them (10, m).
 
-    A payload is a body of its own, since the simulation has it beside the link that carries it.
+    A payload is a body of its own, since the simulation has it beside the link that carries it. Of
+    one that is stated, only the mass may be another.
     """
     links = [model.inertials[name] for name in model.link_names]
     changes = [np.zeros((PER_LINK, size)) for _ in links]
@@ -93,7 +94,7 @@ def _bodies(
         if candidate.effect == LINK_INERTIA:
             link = int(model.linkage.own[candidate.joints[0]])
             changes[link][:, own] = relative_inertia(links[link])
-        elif candidate.effect == Payload.name:
+        elif candidate.effect == Payload.name and candidate.kind == "missing":
             alone = np.zeros((PER_LINK, size))
             alone[:, own] = np.eye(PER_LINK)
             yield np.zeros(PER_LINK), alone

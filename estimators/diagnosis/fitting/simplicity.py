@@ -76,7 +76,13 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
         return solution
     wrong = solution.members[places.index((LINK_INERTIA, last))]
     rest = tuple(i for i in solution.members if i != wrong)
-    loads = [i for i, item in enumerate(candidates) if item.place == (Payload.name, last)]
+    loads = [
+        i
+        for i, item in enumerate(candidates)
+        if item.place == (Payload.name, last) and item.kind == "missing"  # not a stated one's mass
+    ]
+    if not loads:
+        return solution
     load = max(loads, key=lambda i: solution.search.gain((*rest, i)))
     new = solution.having(tuple(load if i == wrong else i for i in solution.members))
     mass, *moment = coefficients(problem, new, load)[:4].tolist()

@@ -15,17 +15,22 @@ from estimators.diagnosis.stages import quiet
 from estimators.rigid_body.consistent import nearest_body, pseudo_inertia
 from estimators.rigid_body.regressor import parameters_of
 from limo_driver.descriptions.inertial import Inertial
-from limo_driver.physics import Payload
+from limo_driver.physics import Payload, Simulation
 
 CRATE = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.06, 0.0, 0.0, 0.06, 0.0, 0.05))
 ROD = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.09, 0.0, 0.0, 0.09, 0.0, 0.0))
 NOISE = 0.02  # [N m]
 
 
+def laid_out(seen):
+    """Lay out what competes for what a recording shows beside a simulation."""
+    problem = RegressionProblem.of(seen, quiet)
+    return problem, Noise.independent(np.full(7, NOISE), problem.split.fitted)
+
+
 def loaded(body):
     """Fit a payload; return the problem, the solution and what was fitted, (m, m c, I)."""
-    problem = RegressionProblem.of(observed(body), quiet)
-    noise = Noise.independent(np.full(7, NOISE), problem.split.fitted)
+    problem, noise = laid_out(observed(body))
     payload = next(i for i, item in enumerate(problem.candidates) if item.effect == "payload")
     solution = fitted(problem, (payload,), noise)
     return problem, solution, solution.fitted.mean[problem.nuisance.prior.index.size :]
@@ -61,6 +66,16 @@ def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to():
     linear = rmse(problem.left(solution.fitted), rows)
     assert np.all(rmse(off, rows) < 1.1 * linear)
     assert np.any(rmse(shrunk, rows) > 1.5 * linear)
+
+
+def test_a_load_that_is_stated_may_have_another_mass():
+    """A simulation that was improved has the load that was found, and is diagnosed again."""
+    heavier = replace(CRATE, mass=4.0)
+    problem, noise = laid_out(observed(heavier).beside(Simulation("iiwa14", (CRATE,))))
+    kinds = [(item.effect, item.kind) for item in problem.candidates]
+    stated = kinds.index((Payload.name, "wrong_parameter"))
+    solution = fitted(problem, (stated,), noise)
+    assert payload_in(problem, solution).mass == pytest.approx(4.0, rel=0.05)
 
 
 def test_the_nearest_body_is_nearer_than_its_neighbours():
