@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.embedded.body import each_joint, tables
 from estimators.embedded.laws import EffectsCode
 from estimators.embedded.learned import LearnedCode, learned
-from estimators.embedded.tables import defines, table
+from estimators.embedded.tables import SIDE_BY_SIDE, defines, table
 from estimators.embedded.threshold import measured_threshold, normal_threshold
-from estimators.rigid_body.newton_euler import link_parameters
-from estimators.rigid_body.regressor import RegressorChain, parameters_of
+from estimators.rigid_body.regressor import RegressorChain
 from estimators.stream import Stream
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 FALSE_ALARMS: Final = 1.0  # [1/h]
 NAME: Final = "limo"
 _TORQUES: Final = 5  # of the model that are filtered: its own, three parts of it, and measured
-_LANES: Final = 4  # doubles, of which rows of the filter are multiples
 _INCLUDES: Final = f"""#include "{NAME}.h"
 
 #include <math.h>
@@ -171,7 +170,7 @@ class _Code:
             "LIMO_JOINTS": stream.n,
             "LIMO_RATE": float(stream.rate),
             "LIMO_DELAY": float(stream.delay),
-            "LIMO_LANES": -(-stream.n // _LANES) * _LANES,
+            "LIMO_LANES": -(-stream.n // SIDE_BY_SIDE) * SIDE_BY_SIDE,
             "LIMO_TAPS": filtering.taps.shape[1],
             "LIMO_RESTS": MEMORY if isinstance(filtering, RestingDifferentiator) else 0,
             "LIMO_TORQUE_TAPS": stream.smoother.taps.shape[1] if stream.smoother else 1,
@@ -191,7 +190,8 @@ class _Code:
     def source(self) -> str:
         joint_physics = "joint_physics.c" in self.learned.sources
         payloads = [item for item in self.simulation.effects if isinstance(item, Payload)]
-        n, filtering, smoother = self.stream.n, self.stream.differentiator, self.stream.smoother
+        body, n = self.simulation.body, self.stream.n
+        filtering, smoother = self.stream.differentiator, self.stream.smoother
         constants: dict[str, int | float] = {
             "N": n,
             "TAPS": filtering.taps.shape[1],
@@ -213,11 +213,11 @@ class _Code:
                 "ANCHOR_SAMPLES": float(filtering.anchored),
                 "SETTLED_SAMPLES": float(filtering.settled),
             }
-        return "\n".join(
+        text = "\n".join(
             [
                 _INCLUDES,
                 defines(constants | self.learned.defines),
-                self._body(payloads),
+                tables(body, payloads),
                 table("taps", np.ascontiguousarray(filtering.taps.T)),
                 table("torque_taps", smoother.taps[0]) if smoother else "",
                 table("contact_above", self.threshold),
@@ -230,36 +230,7 @@ class _Code:
                 _read("estimator.c"),
             ]
         )
-
-    def _body(self, payloads: list[Payload]) -> str:
-        """Return the tables of the rigid body.
-
-        A rotation about an axis u by q is A + B cos q + C sin q with A = u uᵀ, B = 1 - u uᵀ and
-        C = [u]×.
-        """
-        body = self.simulation.body
-        chain, links = RegressorChain.of(body), link_parameters(body)
-        turns = chain.axis[:, 3:]
-        along = np.einsum("ji,jk->jik", turns, turns)
-        about = np.array([np.cross(np.eye(3), axis).T for axis in turns])
-        rotations = {
-            "still": along,
-            "cosine": np.eye(3) - along,
-            "sine": -about,
-        }
-        tables = {
-            name: (chain.rotation @ own).reshape(-1, 9) for name, own in rotations.items()
-        } | {
-            "translation": chain.translation,
-            "axis": turns,
-            "base_acceleration": -chain.gravity,
-            "link": links,
-        }
-        if payloads:
-            carried = np.zeros_like(links)
-            carried[-1] = np.sum([parameters_of(item.load) for item in payloads], axis=0)
-            tables["payload"] = carried
-        return "".join(table(name, values) for name, values in tables.items())
+        return each_joint(body, text)
 
     def _acting(self) -> str:
         """Return the functions of the effects, and of their laws."""

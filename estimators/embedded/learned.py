@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.embedded.tables import table
+from estimators.embedded.tables import SIDE_BY_SIDE, table
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.column_scan import (
@@ -29,6 +29,7 @@ from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from estimators.neural import Network
+    from limo_driver.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,6 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
     packed = fitted.prediction
     friction = columns.friction
     others = np.setdiff1d(np.arange(columns.count), friction)
-    whole = padded(others.size, LANES)
-    weights = np.zeros((columns.n, whole))
-    weights[:, : others.size] = fitted.weights[:, others]
     kept = np.split(packed.kept, np.cumsum(packed.sizes)[:-1])
     kept_others = [np.searchsorted(others, own[friction.size :]) for own in kept]
     tables = {
@@ -82,15 +80,15 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
         "kept": np.concatenate(kept_others),
         "order": ORDER,
         "next": NEXT,
-        "friction_weight": fitted.weights[:, friction].transpose(0, 2, 1),
-        "weight": weights,
+        "friction_weight": _side_by_side(fitted.weights[:, friction].transpose(0, 2, 1)),
+        "weight": _side_by_side(fitted.weights[:, others]),
         "root_size": packed.root_sizes,
         "certain": calibration.certain,
         "unsure": calibration.unsure,
         "fading": calibration.fading,
         "farthest": calibration.farthest,
-        "height": fitted.unknown.heights,
-        "moment": fitted.unknown.moments,
+        "height": _side_by_side(fitted.unknown.heights.transpose(0, 2, 1)),
+        "moment": _side_by_side(fitted.unknown.moments),
     }
     return LearnedCode(
         {
@@ -104,8 +102,7 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
             "FAMILIES": GROUP,
             "NOTHING_BETWEEN": NOTHING,
             "OTHERS": others.size,
-            "WHOLE": whole,
-            "DIRECTIONS": padded(columns.n * (SPEEDS.size + SHARP.size), LANES),
+            "DIRECTIONS": SPEEDS.size + SHARP.size,
             "LANES": LANES,
             "WIDEST": padded(int(packed.sizes.max()), LANES) + LANES,
             "SETTLED": SETTLED,
@@ -117,8 +114,16 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
         "".join(table(name, values) for name, values in tables.items())
         + table("root", packed.roots, aligned=LANES * packed.roots.itemsize),
         ("joint_physics.c",),
-        tuple(columns.init().ravel()),
+        tuple(_side_by_side(columns.init()).ravel()),
     )
+
+
+def _side_by_side(values: FloatArray) -> FloatArray:
+    """Return values of each joint (n, ...) with the joints last, filled up with zeros."""
+    n = len(values)
+    filled = np.zeros((*values.shape[1:], padded(n, SIDE_BY_SIDE)))
+    filled[..., :n] = np.moveaxis(values, 0, -1)
+    return filled
 
 
 @learned.register

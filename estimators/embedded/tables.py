@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
+SIDE_BY_SIDE: Final = 4  # doubles, of which what stands for each joint is filled up to a multiple
 _WIDTH: Final = 98  # of a line
 _TYPES: Final = {"f8": "double", "f4": "float", "i8": "int"}
 

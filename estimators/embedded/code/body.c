@@ -1,5 +1,5 @@
 /* Rigid body: Newton and Euler's recursion in several poses at once, which the compiler puts into
- * the lanes of its vectors. */
+ * the lanes of its vectors. It is written out joint by joint, without what is zero in the arm. */
 
 typedef struct {
     double x, y, z;
@@ -15,6 +15,11 @@ static inline vec add(vec a, vec b)
     return (vec){a.x + b.x, a.y + b.y, a.z + b.z};
 }
 
+static inline vec minus(vec a, vec b)
+{
+    return (vec){a.x - b.x, a.y - b.y, a.z - b.z};
+}
+
 static inline vec scaled(vec a, double f)
 {
     return (vec){a.x * f, a.y * f, a.z * f};
@@ -25,36 +30,7 @@ static inline vec cross(vec a, vec b)
     return (vec){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
-static inline double dot(vec a, vec b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-/* Columns of a rotation, child to parent. */
-typedef struct {
-    vec x, y, z;
-} rotation;
-
-static inline rotation joint_rotation(int i, double c, double s)
-{
-    const double *A = still[i], *B = cosine[i], *C = sine[i];
-    return (rotation){
-        {A[0] + c * B[0] + s * C[0], A[3] + c * B[3] + s * C[3], A[6] + c * B[6] + s * C[6]},
-        {A[1] + c * B[1] + s * C[1], A[4] + c * B[4] + s * C[4], A[7] + c * B[7] + s * C[7]},
-        {A[2] + c * B[2] + s * C[2], A[5] + c * B[5] + s * C[5], A[8] + c * B[8] + s * C[8]},
-    };
-}
-
-static inline vec to_child(rotation R, vec a)
-{
-    return (vec){dot(R.x, a), dot(R.y, a), dot(R.z, a)};
-}
-
-static inline vec to_parent(rotation R, vec a)
-{
-    return add(add(scaled(R.x, a.x), scaled(R.y, a.y)), scaled(R.z, a.z));
-}
-
+/*: joints */
 static inline vec turned(const double I[6], vec a)
 {
     return (vec){I[0] * a.x + I[1] * a.y + I[3] * a.z, I[1] * a.x + I[2] * a.y + I[4] * a.z,
@@ -87,37 +63,37 @@ static inline void inverse_dynamics(const double link[][10], const poses *at, in
         put(dw, l, (vec){0.0, 0.0, 0.0});
         put(a, l, vec_of(base_acceleration));
     }
-    for (int i = 0; i < N; ++i) {
-        const vec p = vec_of(translation[i]), u = vec_of(axis[i]), mc = vec_of(link[i] + 1);
-        for (int l = 0; l < count; ++l) {
-            const rotation R = joint_rotation(i, at->c[i][l], at->s[i][l]);
-            const vec w0 = lane(w, l), dw0 = lane(dw, l);
-            const vec swung = add(cross(dw0, p), cross(w0, cross(w0, p)));
-            const vec a1 = to_child(R, add(lane(a, l), swung)), w1 = to_child(R, w0);
-            const vec rate = scaled(u, at->v[i][l]);
-            const vec dw1 = add(to_child(R, dw0), add(scaled(u, at->a[i][l]), cross(w1, rate)));
-            const vec w2 = add(w1, rate);
-            put(a, l, a1);
-            put(dw, l, dw1);
-            put(w, l, w2);
-            const vec swing = add(cross(dw1, mc), cross(w2, cross(w2, mc)));
-            const vec turning = add(turned(link[i] + 4, dw1), cross(w2, turned(link[i] + 4, w2)));
-            put(f[i], l, add(scaled(a1, link[i][0]), swing));
-            put(m[i], l, add(turning, cross(mc, a1)));
-        }
+/*: outward */
+    for (int l = 0; l < count; ++l) {
+        const double *own = link[@], c = at->c[@][l], s = at->s[@][l], v = at->v[@][l];
+        const vec mc = vec_of(own + 1), w0 = lane(w, l), dw0 = lane(dw, l);
+        const vec w1 = to_child_@(c, s, w0);
+        const vec swung = add(across_@(dw0), cross(w0, across_@(w0)));
+        const vec a1 = to_child_@(c, s, add(lane(a, l), swung)), w2 = turning_@(w1, v);
+        const vec dw1 = driven_@(to_child_@(c, s, dw0), w1, v, at->a[@][l]);
+        const vec swing = add(cross(dw1, mc), cross(w2, cross(w2, mc)));
+        const vec turn = add(turned(own + 4, dw1), cross(w2, turned(own + 4, w2)));
+        put(a, l, a1);
+        put(dw, l, dw1);
+        put(w, l, w2);
+        put(f[@], l, add(scaled(a1, own[0]), swing));
+        put(m[@], l, add(turn, cross(mc, a1)));
     }
-    for (int i = N - 1; i >= 0; --i) {
-        const vec p = vec_of(translation[i]), u = vec_of(axis[i]);
-        for (int l = 0; l < count; ++l) {
-            torque[i][l] = dot(u, lane(m[i], l));
-        }
-        for (int l = 0; i > 0 && l < count; ++l) {
-            const rotation R = joint_rotation(i, at->c[i][l], at->s[i][l]);
-            const vec force = to_parent(R, lane(f[i], l)), moment = to_parent(R, lane(m[i], l));
-            put(f[i - 1], l, add(lane(f[i - 1], l), force));
-            put(m[i - 1], l, add(lane(m[i - 1], l), add(moment, cross(p, force))));
-        }
+/*: end */
+/*: inward */
+    for (int l = 0; l < count; ++l) {
+        const double c = at->c[@][l], s = at->s[@][l];
+        const vec force = to_parent_@(c, s, lane(f[@], l));
+        const vec moment = minus(to_parent_@(c, s, lane(m[@], l)), across_@(force));
+        put(f[@ - 1], l, add(lane(f[@ - 1], l), force));
+        put(m[@ - 1], l, add(lane(m[@ - 1], l), moment));
     }
+/*: end */
+/*: outward */
+    for (int l = 0; l < count; ++l) {
+        torque[@][l] = along_@(lane(m[@], l));
+    }
+/*: end */
 }
 
 static void pose(poses *at, int l, const double q[N], const double v[N], const double a[N])

@@ -10,6 +10,9 @@
 #define ONE_BY_ONE
 #endif
 
+/* A quantity of each joint, side by side, with zeros after the last. */
+typedef double lanes[LIMO_LANES];
+
 /* In place of fmin and fmax, which are calls, and keep what is around them from vectors. */
 static inline double clipped(double x, double lowest, double highest)
 {
@@ -17,11 +20,11 @@ static inline double clipped(double x, double lowest, double highest)
 }
 
 /* Replace each x by tanh(x): e / (e + 2) with e = exp(2 |x|) - 1, of all at once, in vectors. */
-static void tanh_of(double x[DIRECTIONS])
+static void tanh_of(double x[DIRECTIONS * LIMO_LANES])
 {
     static const double log2_high = 0x1.62e42fee00000p-1, log2_low = 0x1.a39ef35793c76p-33;
-    for (int i = 0; i < DIRECTIONS; ++i) {
-        const double y = clipped(2.0 * fabs(x[i]), 0.0, 44.0); /* beyond, it is 1 to the last digit */
+    for (int i = 0; i < DIRECTIONS * LIMO_LANES; ++i) {
+        const double y = clipped(2.0 * fabs(x[i]), 0.0, 44.0); /* beyond, it is 1 */
         const double shifted = y * 1.4426950408889634 + 0x1.8p52, k = shifted - 0x1.8p52;
         const double r = (y - k * log2_high) - k * log2_low;
         double e = 1.0 / 6227020800.0, power;
@@ -46,115 +49,182 @@ static void tanh_of(double x[DIRECTIONS])
     }
 }
 
-static inline void remember(double memory[STOPS + 3], double q)
+/* Memory: stops; last, lowest and highest position. */
+static void remember(lanes memory[STOPS + 3], const double q[N])
 {
-    double *last = memory + STOPS, *lowest = last + 1, *highest = last + 2;
-    if (isnan(*last)) {
-        *last = *lowest = *highest = q;
+    double *last = memory[STOPS], *lowest = memory[STOPS + 1], *highest = memory[STOPS + 2];
+    lanes step = {0.0};
+    for (int j = 0; j < N; ++j) {
+        if (isnan(last[j])) {
+            last[j] = lowest[j] = highest[j] = q[j];
+        }
+        step[j] = q[j] - last[j];
+        last[j] = q[j];
+        lowest[j] = q[j] < lowest[j] ? q[j] : lowest[j];
+        highest[j] = q[j] > highest[j] ? q[j] : highest[j];
     }
-    const double step = q - *last;
-    *last = q;
-    *lowest = q < *lowest ? q : *lowest;
-    *highest = q > *highest ? q : *highest;
     for (int i = 0; i < STOPS; ++i) {
-        memory[i] = clipped(memory[i] + step / width[i], -1.0, 1.0);
+        for (int l = 0; l < LIMO_LANES; ++l) {
+            memory[i][l] = clipped(memory[i][l] + step[l] / width[i], -1.0, 1.0);
+        }
     }
 }
 
-/* Write the columns of the links' regressor that are independent, (BASE, N). */
-static void fill_rigid(const poses *at, double rigid[BASE][N])
+/* Write the directions of the joints, smoothed over speeds and over a step of the filter. */
+static void fill_directions(const double v[N], const double a[N], lanes x[DIRECTIONS])
 {
-    double z[3][POSES], r[3][POSES], y[10][N];
+    lanes now = {0.0}, change = {0.0};
+    for (int j = 0; j < N; ++j) {
+        now[j] = v[j];
+        change[j] = STEP_TIME * a[j];
+    }
+    for (int l = 0; l < LIMO_LANES; ++l) {
+        for (int i = 0; i < SPEEDS; ++i) {
+            x[i][l] = now[l] / speed[i];
+        }
+        for (int i = 0; i < SHARPS; ++i) {
+            x[SPEEDS + i][l] = now[l] / sqrt(sharp[i] * sharp[i] + change[l] * change[l]);
+        }
+    }
+    tanh_of(x[0]);
+}
+
+static inline double dot(vec a, vec b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+/* Write the columns of a link's regressor that are independent, from the next one on: what its
+ * motion (a, w, dw) takes of joints with axes z, from whose origins it is at r. Return the next. */
+static int fill_link(int i, int next, const lanes z[3], const lanes r[3], vec a, vec w, vec dw,
+                     lanes x[OTHERS])
+{
+    lanes y[10];
+    for (int l = 0; l < LIMO_LANES; ++l) {
+        const vec Z = {z[0][l], z[1][l], z[2][l]}, from = {r[0][l], r[1][l], r[2][l]};
+        const vec arm = cross(Z, from);
+        const vec turn = cross(Z, w), pull = add(scaled(w, dot(arm, w)), scaled(arm, -dot(w, w)));
+        const vec h = add(cross(a, Z), add(cross(arm, dw), pull));
+        y[0][l] = dot(arm, a);
+        y[1][l] = h.x;
+        y[2][l] = h.y;
+        y[3][l] = h.z;
+        y[4][l] = Z.x * dw.x + turn.x * w.x;
+        y[5][l] = Z.x * dw.y + Z.y * dw.x + turn.x * w.y + turn.y * w.x;
+        y[6][l] = Z.y * dw.y + turn.y * w.y;
+        y[7][l] = Z.x * dw.z + Z.z * dw.x + turn.x * w.z + turn.z * w.x;
+        y[8][l] = Z.y * dw.z + Z.z * dw.y + turn.y * w.z + turn.z * w.y;
+        y[9][l] = Z.z * dw.z + turn.z * w.z;
+    }
+    for (; next < BASE && base[next] / 10 == i; ++next) {
+        memcpy(x[next], y[base[next] % 10], sizeof x[next]);
+    }
+    return next;
+}
+
+/* Write the columns of the links' regressor. */
+static void fill_rigid(const poses *at, lanes x[OTHERS])
+{
+    lanes z[3] = {{0.0}}, r[3] = {{0.0}};
     vec w = {0.0, 0.0, 0.0}, dw = {0.0, 0.0, 0.0}, a = vec_of(base_acceleration);
-    memset(rigid, 0, sizeof(double[BASE][N]));
-    for (int i = 0, next = 0; i < N; ++i) {
-        const vec p = vec_of(translation[i]), u = vec_of(axis[i]);
-        const rotation R = joint_rotation(i, at->c[i][0], at->s[i][0]);
-        a = to_child(R, add(a, add(cross(dw, p), cross(w, cross(w, p)))));
-        w = to_child(R, w);
-        const vec rate = scaled(u, at->v[i][0]);
-        dw = add(to_child(R, dw), add(scaled(u, at->a[i][0]), cross(w, rate)));
-        w = add(w, rate);
-        for (int j = 0; j < i; ++j) {
-            put(r, j, to_child(R, add(lane(r, j), p)));
-            put(z, j, to_child(R, lane(z, j)));
+    int next = 0;
+/*: outward */
+    {
+        const double c = at->c[@][0], s = at->s[@][0], v = at->v[@][0];
+        a = to_child_@(c, s, add(a, add(across_@(dw), cross(w, across_@(w)))));
+        w = to_child_@(c, s, w);
+        dw = driven_@(to_child_@(c, s, dw), w, v, at->a[@][0]);
+        w = turning_@(w, v);
+        for (int l = 0; l < LIMO_LANES; ++l) {
+            const vec R = to_child_@(c, s, beyond_@((vec){r[0][l], r[1][l], r[2][l]}));
+            const vec Z = to_child_@(c, s, (vec){z[0][l], z[1][l], z[2][l]});
+            r[0][l] = R.x, r[1][l] = R.y, r[2][l] = R.z;
+            z[0][l] = Z.x, z[1][l] = Z.y, z[2][l] = Z.z;
         }
-        put(z, i, u);
-        put(r, i, (vec){0.0, 0.0, 0.0});
-        for (int j = 0; j <= i; ++j) {
-            const vec Z = lane(z, j), arm = cross(Z, lane(r, j)), turn = cross(Z, w);
-            const vec pull = add(scaled(w, dot(arm, w)), scaled(arm, -dot(w, w)));
-            const vec h = add(cross(a, Z), add(cross(arm, dw), pull));
-            y[0][j] = dot(arm, a);
-            y[1][j] = h.x;
-            y[2][j] = h.y;
-            y[3][j] = h.z;
-            y[4][j] = Z.x * dw.x + turn.x * w.x;
-            y[5][j] = Z.x * dw.y + Z.y * dw.x + turn.x * w.y + turn.y * w.x;
-            y[6][j] = Z.y * dw.y + turn.y * w.y;
-            y[7][j] = Z.x * dw.z + Z.z * dw.x + turn.x * w.z + turn.z * w.x;
-            y[8][j] = Z.y * dw.z + Z.z * dw.y + turn.y * w.z + turn.z * w.y;
-            y[9][j] = Z.z * dw.z + turn.z * w.z;
-        }
-        for (; next < BASE && base[next] / 10 == i; ++next) {
-            for (int j = 0; j <= i; ++j) {
-                rigid[next][j] = y[base[next] % 10][j];
-            }
-        }
+        const vec u = turning_@((vec){0.0, 0.0, 0.0}, 1.0);
+        r[0][@] = r[1][@] = r[2][@] = 0.0;
+        z[0][@] = u.x, z[1][@] = u.y, z[2][@] = u.z;
+        next = fill_link(@, next, (const lanes *)z, (const lanes *)r, a, w, dw, x);
     }
+/*: end */
 }
 
-/* Write the columns of a joint but those of friction, (OTHERS,). */
-static void fill_others(int j, const double rigid[BASE][N], double v, double a,
-                        const double wave[2 * HARMONICS], const double load[N],
-                        const double slope[N][N], const double torque[N], double x[WHOLE])
+/* Write sines and cosines of the angles and their multiples. */
+static void fill_waves(const poses *at, lanes wave[2 * HARMONICS])
 {
-    for (int i = 0; i < BASE; ++i) {
-        *x++ = rigid[i][j];
+    for (int j = 0; j < LIMO_LANES; ++j) {
+        wave[0][j] = j < N ? at->s[j][0] : 0.0;
+        wave[1][j] = j < N ? at->c[j][0] : 0.0;
     }
-    *x++ = a;
-    *x++ = 1.0;
-    for (int m = 0; m < N; ++m) {
-        x[m] = torque[m];
-        x[N + m] = slope[m][j];
-        x[2 * N + m] = slope[m][j] * load[m];
-    }
-    x += 3 * N;
-    *x++ = v * fabs(v);
-    *x++ = copysign(sqrt(fabs(v)), v);
-    memcpy(x, wave, 2 * HARMONICS * sizeof *x);
-}
-
-/* Write sines and cosines of an angle and its multiples. */
-static inline void fill_waves(double c, double s, double wave[2 * HARMONICS])
-{
-    wave[0] = s;
-    wave[1] = c;
     for (int i = 2; i < 2 * HARMONICS; i += 2) {
-        wave[i] = wave[i - 2] * c + wave[i - 1] * s;
-        wave[i + 1] = wave[i - 1] * c - wave[i - 2] * s;
+        for (int l = 0; l < LIMO_LANES; ++l) {
+            wave[i][l] = wave[i - 2][l] * wave[1][l] + wave[i - 1][l] * wave[0][l];
+            wave[i + 1][l] = wave[i - 1][l] * wave[1][l] - wave[i - 2][l] * wave[0][l];
+        }
     }
 }
 
-/* Write the terms of friction: each state, less the next, with the factor of each family. */
-static void fill_friction(const double states[STATES + 1], const double factor[FAMILIES],
+/* Write the columns of all joints but those of friction. */
+static void fill_others(const poses *at, const double torque_at[N][POSES],
+                        const double simulated[N], lanes x[OTHERS])
+{
+    lanes *own = x + BASE;
+    fill_rigid(at, x);
+    memset(own, 0, (OTHERS - BASE) * sizeof *own);
+    for (int j = 0; j < N; ++j) {
+        const double v = at->v[j][0];
+        own[0][j] = at->a[j][0];
+        own[1][j] = 1.0;
+        own[2 + 3 * N][j] = v * fabs(v);
+        own[3 + 3 * N][j] = copysign(sqrt(fabs(v)), v);
+    }
+    for (int m = 0; m < N; ++m) {
+        const double *ahead = torque_at[0] + 2 + 2 * m;
+        double *same = own[2 + m], *slope = own[2 + N + m], *loaded = own[2 + 2 * N + m];
+        for (int j = 0; j < N; ++j, ahead += POSES) {
+            same[j] = simulated[m];
+            slope[j] = (ahead[0] - ahead[1]) * (0.5 / DIFFERENCE);
+            loaded[j] = slope[j] * torque_at[m][0];
+        }
+    }
+    fill_waves(at, own + 4 + 3 * N);
+}
+
+/* Write the states of friction, each less the next. */
+static void fill_terms(const lanes states[STATES + 1], lanes terms[STATES + 1])
+{
+    for (int i = 0; i <= STATES; ++i) {
+        const double *own = states[order[i]], *after = states[next[order[i]]];
+        if (own == after) {
+            memcpy(terms[i], own, sizeof terms[i]);
+            continue;
+        }
+        for (int l = 0; l < LIMO_LANES; ++l) {
+            const double change = own[l] - after[l];
+            terms[i][l] = fabs(change) > NOTHING_BETWEEN * fabs(own[l]) ? change : 0.0;
+        }
+    }
+}
+
+/* Write what stands for friction of a joint: each term with the factor of each family. As many are
+ * written as fill a vector, and those too many written over. */
+static void fill_friction(const lanes terms[STATES + 1], const lanes factors[FAMILIES], int j,
                           float seen[WIDEST])
 {
+    enum { VECTOR = (FAMILIES + 7) / 8 * 8 };
+    double factor[VECTOR] = {0.0};
+    for (int k = 0; k < FAMILIES; ++k) {
+        factor[k] = factors[k][j];
+    }
     for (int i = 0; i <= STATES; ++i, seen += FAMILIES) {
-        const int own = order[i];
-        double z = states[own];
-        if (next[own] != own) {
-            const double change = z - states[next[own]];
-            z = fabs(change) > NOTHING_BETWEEN * fabs(z) ? change : 0.0;
-        }
-        for (int k = 0; k < FAMILIES; ++k) {
-            seen[k] = (float)(factor[k] * z);
+        for (int k = 0; k < VECTOR; ++k) {
+            seen[k] = (float)(factor[k] * terms[i][j]);
         }
     }
 }
 
-/* Return |R x|^2. R is lower triangular and stands in groups of columns, each from the vector of the
- * group's first row down; rows and columns are filled up with zeros. Most often, half of x is zero. */
+/* Return |R x|^2. R is lower triangular and stands in groups of columns, each from the vector of
+ * the group's first row down; rows and columns are filled up with zeros, and x is half zeros. */
 AS_WRITTEN static double leverage_of(const float *restrict x, const float *restrict R, int rows)
 {
 #ifdef __clang__
@@ -162,15 +232,15 @@ AS_WRITTEN static double leverage_of(const float *restrict x, const float *restr
 #endif
     _Alignas(4 * LANES) float y[WIDEST] = {0.0F};
     const int end = (rows + LANES - 1) / LANES * LANES;
-    double sum[LANES] = {0.0}, total = 0.0;
+    double sum[LANES] = {0.0};
     for (int k = 0; k < rows; k += FAMILIES) {
         const int top = (end - rows + k) / LANES * LANES;
-        const float x0 = x[k], x1 = x[k + 1], x2 = x[k + 2], x3 = x[k + 3], x4 = x[k + 4],
-                    x5 = x[k + 5];
-        if (x0 == 0.0F && x1 == 0.0F && x2 == 0.0F && x3 == 0.0F && x4 == 0.0F && x5 == 0.0F) {
+        if (k < FAMILIES * (STATES + 1) && x[k] == 0.0F) { /* of all families: its factor is 1 */
             R += FAMILIES * (end - top);
             continue;
         }
+        const float x0 = x[k], x1 = x[k + 1], x2 = x[k + 2], x3 = x[k + 3], x4 = x[k + 4],
+                    x5 = x[k + 5];
         for (int i = top; i < end; i += LANES, R += FAMILIES * LANES) {
             for (int l = 0; l < LANES; ++l) {
                 y[i + l] += ((R[l] * x0 + R[LANES + l] * x1) +
@@ -184,25 +254,36 @@ AS_WRITTEN static double leverage_of(const float *restrict x, const float *restr
             sum[l] += (double)y[i + l] * (double)y[i + l];
         }
     }
-    for (int l = 0; l < LANES; ++l) {
-        total += sum[l];
-    }
-    return total;
-}
-
-/* Several sums side by side, since each addition waits for the one before. */
-static double product(const double a[WHOLE], const double b[WHOLE])
-{
-    double sum[LANES] = {0.0}, total = 0.0;
-    for (int i = 0; i < WHOLE; i += LANES) {
-        for (int l = 0; l < LANES; ++l) {
-            sum[l] += a[i + l] * b[i + l];
+    for (int half = LANES / 2; half > 0; half /= 2) {
+        for (int l = 0; l < half; ++l) {
+            sum[l] += sum[l + half];
         }
     }
-    for (int l = 0; l < LANES; ++l) {
-        total += sum[l];
+    return sum[0];
+}
+
+/* Write what was learned of all columns but those of friction. Several sums side by side, since
+ * each addition waits for the one before. */
+static void weigh(const lanes x[OTHERS], lanes learned)
+{
+    enum { SUMS = 4 };
+    lanes sum[SUMS] = {{0.0}};
+    int i = 0;
+    for (; i + SUMS <= OTHERS; i += SUMS) {
+        for (int k = 0; k < SUMS; ++k) {
+            for (int l = 0; l < LIMO_LANES; ++l) {
+                sum[k][l] += x[i + k][l] * weight[i + k][l];
+            }
+        }
     }
-    return total;
+    for (; i < OTHERS; ++i) {
+        for (int l = 0; l < LIMO_LANES; ++l) {
+            sum[0][l] += x[i][l] * weight[i][l];
+        }
+    }
+    for (int l = 0; l < LIMO_LANES; ++l) {
+        learned[l] = (sum[0][l] + sum[1][l]) + (sum[2][l] + sum[3][l]);
+    }
 }
 
 static inline double cube(double x)
@@ -210,116 +291,107 @@ static inline double cube(double x)
     return x * x * x;
 }
 
-/* Return the variance of what nobody knows of the stops before the joint turned. */
-static double forgotten(int j, const double factor[FAMILIES], double range)
+/* Write the variance of what nobody knows of the stops before the joints turned, who have turned in
+ * these ranges since. The narrow stops of all joints are known soon. */
+static void fill_forgotten(const lanes factor[FAMILIES], const lanes range, lanes variance)
 {
-    double u[STOPS], total = 0.0;
-    int first = 0;
-    while (first < STOPS && range >= 2.0 * width[first]) {
-        ++first;
+    lanes u[STOPS], total = {0.0};
+    double least = range[0];
+    int first = STOPS;
+    for (int j = 1; j < N; ++j) {
+        least = range[j] < least ? range[j] : least;
+    }
+    while (first > 0 && least < 2.0 * width[first - 1]) {
+        --first;
     }
     for (int i = first; i < STOPS; ++i) {
-        const double r = range / width[i];
-        double h = 0.0;
-        for (int k = 0; k < FAMILIES; ++k) {
-            h += factor[k] * height[j][k][i];
+        for (int l = 0; l < LIMO_LANES; ++l) {
+            const double r = clipped(range[l] / width[i], 0.0, 2.0), rest = 1.0 - r;
+            const double near = 0.5 * (cube(rest) + 1.0) + 1.5 * r * rest * rest;
+            double h = 0.0;
+            for (int k = 0; k < FAMILIES; ++k) {
+                h += factor[k][l] * height[i][k][l];
+            }
+            u[i][l] = h * sqrt(r >= 1.0 ? 0.5 * cube(2.0 - r) : near);
         }
-        u[i] = h * (r >= 1.0 ? sqrt(0.5 * cube(2.0 - r))
-                             : sqrt(0.5 * (cube(1.0 - r) + 1.0) + 1.5 * r * (1.0 - r) * (1.0 - r)));
     }
     for (int i = first; i < STOPS; ++i) {
         for (int k = first; k < STOPS; ++k) {
-            total += u[i] * moment[j][i][k] * u[k];
+            for (int l = 0; l < LIMO_LANES; ++l) {
+                total[l] += u[i][l] * moment[i][k][l] * u[k][l];
+            }
         }
     }
-    return fmax(total, 0.0);
-}
-
-/* Pick columns; vectors that gather are slower than plain loads. */
-ONE_BY_ONE static void pick(const double x[WHOLE], const int *columns, int count, float *seen)
-{
-    for (int k = 0; k < count; ++k) {
-        seen[k] = (float)x[columns[k]];
+    for (int l = 0; l < LIMO_LANES; ++l) {
+        variance[l] = total[l] > 0.0 ? total[l] : 0.0;
     }
 }
 
-/* Return what was learned of friction: the sum over families of factor times weights times states. */
-static double friction_of(const double weights[STATES + 1][FAMILIES],
-                          const double states[STATES + 1], const double factor[FAMILIES])
+/* Pick columns of a joint; vectors that gather are slower than plain loads. */
+ONE_BY_ONE static void pick(const lanes x[OTHERS], int j, const int *columns, int count,
+                            float *seen)
 {
-    double sum[FAMILIES] = {0.0}, total = 0.0;
+    for (int k = 0; k < count; ++k) {
+        seen[k] = (float)x[columns[k]][j];
+    }
+}
+
+/* Add what was learned of friction: over families, factor times weights times states. */
+static void weigh_friction(const lanes states[STATES + 1], const lanes factor[FAMILIES],
+                           lanes learned)
+{
+    lanes sum[FAMILIES] = {{0.0}};
     for (int i = 0; i <= STATES; ++i) {
         for (int k = 0; k < FAMILIES; ++k) {
-            sum[k] += weights[i][k] * states[i];
+            for (int l = 0; l < LIMO_LANES; ++l) {
+                sum[k][l] += friction_weight[i][k][l] * states[i][l];
+            }
         }
     }
     for (int k = 0; k < FAMILIES; ++k) {
-        total += factor[k] * sum[k];
-    }
-    return total;
-}
-
-/* Write the directions of all joints, smoothed over speeds and over a step of the filter. */
-static void fill_directions(const double v[N], const double a[N],
-                            double directions[N][SPEEDS + SHARPS])
-{
-    double x[DIRECTIONS] = {0.0};
-    for (int j = 0; j < N; ++j) {
-        double *own = x + (SPEEDS + SHARPS) * j;
-        const double change = STEP_TIME * a[j];
-        for (int i = 0; i < SPEEDS; ++i) {
-            own[i] = v[j] / speed[i];
-        }
-        for (int i = 0; i < SHARPS; ++i) {
-            own[SPEEDS + i] = v[j] / sqrt(sharp[i] * sharp[i] + change * change);
+        for (int l = 0; l < LIMO_LANES; ++l) {
+            learned[l] += factor[k][l] * sum[k][l];
         }
     }
-    tanh_of(x);
-    memcpy(directions, x, N * sizeof directions[0]);
 }
 
 static void learn(limo_memory *memory, const poses *at, const double torque_at[N][POSES],
                   const double q[N], const double v[N], const double a[N],
                   limo_estimate *estimate)
 {
-    double rigid[BASE][N], slope[N][N], load[N], directions[N][SPEEDS + SHARPS];
-    double x[WHOLE] = {0.0};
-    float seen[WIDEST] = {0.0F};
+    lanes x[OTHERS], states[STATES + 1] = {{0.0}}, terms[STATES + 1], factor[FAMILIES] = {{0.0}};
+    lanes learned, range, unknown, *own = (lanes *)memory->joints;
+    float seen[WIDEST];
     const float *R = root;
-    for (int j = 0; j < N; ++j) {
-        load[j] = torque_at[j][0];
-        for (int m = 0; m < N; ++m) {
-            slope[m][j] = (torque_at[j][2 + 2 * m] - torque_at[j][3 + 2 * m]) / (2.0 * DIFFERENCE);
-        }
-    }
-    fill_rigid(at, rigid);
-    fill_directions(v, a, directions);
     const int *columns = kept;
+    fill_others(at, torque_at, estimate->simulation, x);
+    remember(own, q);
+    memcpy(states, own, STOPS * sizeof *states);
+    fill_directions(v, a, states + STOPS);
     for (int j = 0; j < N; ++j) {
-        double *own = memory->joints + (STOPS + 3) * j;
-        double states[STATES + 1], wave[2 * HARMONICS], factor[FAMILIES] = {1.0, fabs(load[j])};
+        states[STATES][j] = v[j];
+        factor[0][j] = 1.0;
+        factor[1][j] = fabs(torque_at[j][0]);
+    }
+    memcpy(factor + 2, x + OTHERS - 2 * HARMONICS, WAVES * sizeof *factor);
+    weigh((const lanes *)x, learned);
+    weigh_friction((const lanes *)states, (const lanes *)factor, learned);
+    fill_terms((const lanes *)states, terms);
+    for (int l = 0; l < LIMO_LANES; ++l) {
+        range[l] = own[STOPS + 2][l] - own[STOPS + 1][l];
+    }
+    fill_forgotten((const lanes *)factor, range, unknown);
+    for (int j = 0; j < N; ++j) {
         const int others = size[j] - FAMILIES * (STATES + 1);
-        remember(own, q[j]);
-        memcpy(states, own, STOPS * sizeof *states);
-        memcpy(states + STOPS, directions[j], sizeof directions[j]);
-        states[STATES] = v[j];
-        fill_waves(at->c[j][0], at->s[j][0], wave);
-        memcpy(factor + 2, wave, WAVES * sizeof *wave);
-        fill_others(j, (const double(*)[N])rigid, v[j], a[j], wave, load,
-                    (const double(*)[N])slope, estimate->simulation, x);
-        fill_friction(states, factor, seen);
-        pick(x, columns, others, seen + FAMILIES * (STATES + 1));
-        for (int k = size[j]; k < WIDEST; ++k) {
-            seen[k] = 0.0F;
+        fill_friction((const lanes *)terms, (const lanes *)factor, j, seen);
+        pick((const lanes *)x, j, columns, others, seen + FAMILIES * (STATES + 1));
+        for (int k = 0; k < FAMILIES; ++k) { /* the last group is full */
+            seen[size[j] + k] = 0.0F;
         }
-        const double learned =
-            product(x, weight[j]) + friction_of(friction_weight[j], states, factor);
-        const double range = own[STOPS + 2] - own[STOPS + 1];
         const double leverage = leverage_of(seen, R, size[j]);
-        const double unknown = forgotten(j, factor, range);
-        estimate->learned[j] = learned / (1.0 + fading[j] * leverage);
-        estimate->deviation[j] = sqrt(certain[j] + unsure[j] * leverage + unknown);
-        estimate->outside[j] = leverage > farthest[j] || !(range > SETTLED);
+        estimate->learned[j] = learned[j] / (1.0 + fading[j] * leverage);
+        estimate->deviation[j] = sqrt(certain[j] + unsure[j] * leverage + unknown[j]);
+        estimate->outside[j] = leverage > farthest[j] || !(range[j] > SETTLED);
         columns += others;
         R += root_size[j];
     }
