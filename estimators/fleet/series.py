@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
@@ -12,7 +13,7 @@ from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterator, Sequence
+    from collections.abc import Container, Iterator, Mapping, Sequence
     from datetime import datetime
 
     from numpy.typing import NDArray
@@ -35,6 +36,7 @@ class Series:
     days: FloatArray  # (R,) since the first date of the fleet [days]; NaN without a date
     values: FloatArray  # (R,) [unit]
     tolerance: float = 0.0  # that the simulation states of the value [unit]; 0 of anything else
+    recordings: Mapping[str, int] = field(default_factory=dict[str, int])  # of each arm, in all
 
     def compared(self) -> FloatArray:
         """Return the values in which differences count alike, (R,): logarithms of a ratio."""
@@ -51,11 +53,16 @@ class Series:
             self.days[own],
             self.values[own],
             self.tolerance,
+            self.recordings,
         )
 
     def names(self) -> tuple[str, ...]:
         """Return the arms, each once, in order."""
         return tuple(self._rows)
+
+    def told(self, arm: str) -> float:
+        """Return the share of an arm's recordings that have a value."""
+        return self._rows[arm].size / self.recordings.get(arm, self._rows[arm].size)
 
     @cached_property
     def _rows(self) -> dict[str, NDArray[np.intp]]:
@@ -88,6 +95,7 @@ def series_of(rows: Sequence[FleetRow]) -> tuple[Series, ...]:
             found.setdefault((known.name, known.unit, False), []).append(
                 (row.arm, day, known.value)
             )
+    recordings = Counter(row.arm for row in rows if row.verdict is not None)
     return tuple(
         Series(
             *about,
@@ -95,6 +103,7 @@ def series_of(rows: Sequence[FleetRow]) -> tuple[Series, ...]:
             np.array([day for _, day, _ in items]),
             np.array([value for _, _, value in items]),
             tolerances.get(about[0], 0.0),
+            recordings,
         )
         for about, items in found.items()
     )

@@ -91,7 +91,8 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
 
     The scale is the median absolute deviation of the arms' medians, beside the least difference
     that matters, so that arms that agree closely do not make a small difference a large one. What
-    drifts at an arm is said there, and does not make it odd, too.
+    drifts at an arm is said there, and does not make it odd, too. A value within its tolerance that
+    only a few recordings of an arm tell is theirs and not the arm's.
 
     Args:
         series: Of all arms.
@@ -100,7 +101,7 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
     drifting = {(item.arm, item.series.name) for item in drifts}
     found: list[ArmStanding] = []
     for item in series:
-        arms = item.names()
+        arms = [arm for arm in item.names() if not item.tolerance or item.told(arm) >= FLEET.told]
         if len(arms) < FLEET.arms:
             continue
         compared = [float(np.median(item.of(arm).compared())) for arm in arms]

@@ -112,6 +112,15 @@ def test_less_than_a_tolerance_is_nothing_however_clear():
     assert found.odd == found.drifting == ()
 
 
+def test_a_value_that_few_recordings_of_an_arm_tell_is_no_value_of_the_arm():
+    found = tolerated(odd=1.7)
+    own = [row for row in found.rows if row.arm == "arm2"]
+    for told, odd in ((len(own) // 2, ("arm2",)), (len(own) // 2 - 1, ())):
+        silent = {row.key for row in own[told:]}
+        rows = tuple(replace(r, tolerated=()) if r.key in silent else r for r in found.rows)
+        assert FleetDiagnosis("one", rows).odd == odd
+
+
 def test_few_arms_or_dates_say_nothing():
     rows = [row(f"arm{k}", d, (0.1 * 10**k,)) for k in range(3) for d in range(5)]
     found = FleetDiagnosis("one", tuple(rows))
