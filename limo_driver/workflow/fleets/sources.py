@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from errno import EINVAL
 from pathlib import Path
+from stat import S_ISREG
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
@@ -77,7 +79,10 @@ def key_and_size(place: Path | str, shared: str) -> tuple[str, int]:
     from estimators.fleet.store import key_of, key_of_object
 
     if isinstance(place, Path):
-        return key_of(place, shared), place.stat().st_size
+        about = place.stat()
+        if not S_ISREG(about.st_mode):  # to open a pipe waits until somebody writes to it
+            raise OSError(EINVAL, "it is a pipe, a device or a folder, expected a file")
+        return key_of(place, shared), about.st_size
     store, path = _store_of(place)
     return key_of_object(store.ukey(path), shared), store.size(path) or 0
 

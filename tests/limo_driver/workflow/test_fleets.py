@@ -282,6 +282,12 @@ def test_a_link_to_nothing_is_a_row_that_says_so(tmp_path):
     assert row.error == "cannot be read: No such file or directory"
 
 
+def test_a_pipe_is_a_row_that_says_so_and_nobody_waits_for_it(tmp_path):
+    os.mkfifo(tmp_path / "pipe.parquet")
+    (row,) = rows_of(matched(f"{tmp_path}/*"), "")
+    assert row.error == "cannot be read: it is a pipe, a device or a folder, expected a file"
+
+
 def test_a_simulation_that_fits_no_recording_is_named_before_any_worker(
     fleet, tmp_path, monkeypatch
 ):
