@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.chatter import chatter_of
-from limo_driver.errors import LimoError
+from limo_driver.errors import ConfigError, LimoError
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
@@ -77,7 +77,8 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
     side, excitation = "", list[str]()
     if not recording.has_torque:
         told = "no torque: commands and positions identify and diagnose the drives instead"
-        return Telemetry(tuple(sampling_of(recording)), tuple(channels_of(recording)), "", (told,))
+        channels = tuple(channels_of(recording, model.sliding))
+        return Telemetry(tuple(sampling_of(recording)), channels, "", (told,))
     try:
         found = _identified(recording, model)
     except LimoError as error:
@@ -85,9 +86,8 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
     else:
         side = side_in(found.simulation, recording, found.rows.bandwidth)
         excitation = _excitation(found, recording)
-    return Telemetry(
-        tuple(sampling_of(recording)), tuple(channels_of(recording)), side, tuple(excitation)
-    )
+    channels = tuple(channels_of(recording, model.sliding))
+    return Telemetry(tuple(sampling_of(recording)), channels, side, tuple(excitation))
 
 
 def telemetry_in(simulation: Simulation, recording: Recording) -> tuple[str, ...]:
@@ -98,7 +98,8 @@ def telemetry_in(simulation: Simulation, recording: Recording) -> tuple[str, ...
         recording: T samples of n joints.
     """
     side = side_in(simulation, recording)
-    return (*sampling_of(recording), *channels_of(recording), side)
+    sliding = simulation.model.sliding
+    return (*sampling_of(recording), *channels_of(recording, sliding), side)
 
 
 def _identified(recording: Recording, model: RobotModel) -> Identification:
@@ -136,25 +137,35 @@ def sampling_of(recording: Recording) -> list[str]:
     return told
 
 
-def _by_joint(known: Sequence[tuple[int, float]], n: int, unit: str) -> str:
-    """Say the value of each joint, 1-based, or the one that all n have."""
+def _by_joint(known: Sequence[tuple[int, float]], units: Sequence[str]) -> str:
+    """Say the value of each joint, 1-based, or the one that all have, whose units are given."""
     texts = [(j, f"{value:.3g}") for j, value in known]
-    if len(texts) == n and len({text for _, text in texts}) == 1:
-        return f"{texts[0][1]} {unit} on all joints"
-    return ", ".join(f"{text} (joint {j})" for j, text in texts[:_LISTED]) + f" {unit}"
+    if len(texts) == len(units) and len({(text, units[j - 1]) for j, text in texts}) == 1:
+        return f"{texts[0][1]} {units[0]} on all joints"
+    if len({units[j - 1] for j, _ in texts}) == 1:
+        listed = ", ".join(f"{text} (joint {j})" for j, text in texts[:_LISTED])
+        return f"{listed} {units[texts[0][0] - 1]}"
+    return ", ".join(f"{text} {units[j - 1]} (joint {j})" for j, text in texts[:_LISTED])
 
 
-def channels_of(recording: Recording) -> list[str]:
-    """Say how finely and how often each quantity was measured."""
+def channels_of(recording: Recording, sliding: Sequence[bool] = ()) -> list[str]:
+    """Say how finely and how often each quantity was measured.
+
+    Args:
+        recording: T samples of n joints.
+        sliding: Whether each joint slides, (n,); none does if not given.
+    """
     told: list[str] = []
-    for name, unit in (("position", "rad"), ("torque", "N m")):
+    slides = sliding or (False,) * recording.n
+    for name, turning, along in (("position", "rad", "m"), ("torque", "N m", "N")):
         if name == "torque" and not recording.has_torque:
             continue
         values: FloatArray = getattr(recording, name)
         steps = [resolution(column) for column in values.T]
         known = [(j + 1, step) for j, step in enumerate(steps) if step]
+        units = [along if own else turning for own in slides]
         if known:
-            told.append(f"{name} comes in steps of {_by_joint(known, len(steps), unit)}")
+            told.append(f"{name} comes in steps of {_by_joint(known, units)}")
         if name == "torque":
             told += _coarse(values, steps)
             told += _chattering(recording, steps)
@@ -286,10 +297,19 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
         advice = (
             f"about {needed:.0f} s of such motion"
             if needed < _LONGEST
-            else "another motion (`limo excite`) rather than more of this one"
+            else f"another motion ({_planner(found.simulation.model)}) rather than more of this one"
         )
         told.append(f"to know all the others to {_KNOWN:.0%} takes {advice}")
     return told
+
+
+def _planner(model: RobotModel) -> str:
+    """Say what plans a motion of a robot, if anything does."""
+    try:
+        model.check_runnable()
+    except ConfigError:
+        return "`limo excite` plans one where ranges and limits of all joints are stated"
+    return "`limo excite`"
 
 
 def _joints(numbers: Sequence[int]) -> str:

@@ -90,6 +90,7 @@ class RobotDescription:
         plays: Joints that are the play of others, by those.
         locked: Where joints are locked that could move, by name [rad, m].
         followers: Joints that move as others do, by name; those others move on their own.
+        led: Of each locked joint that is where another one is, that other one.
         hulls: Corners of each mesh that stands as a box in `root`, (K, 3) [m], in the frame of that
             box; by name of the link and number of the shape on it, `hand_0`.
         loops: Names of the joints of each loop that bodies close, which a tree of links cannot.
@@ -111,6 +112,7 @@ class RobotDescription:
     plays: dict[str, str] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)
     followers: dict[str, Following] = field(default_factory=dict)
+    led: dict[str, str] = field(default_factory=dict)
     loops: tuple[frozenset[str], ...] = ()
     unranged: tuple[str, ...] = ()
     places: dict[str, tuple[int, int]] = field(default_factory=dict)

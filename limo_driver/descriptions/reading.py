@@ -129,7 +129,7 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
         why = ""
         if name in following:
             why = f", which follows {_leader(movable[name])}{_missing(name, movable, found.root)},"
-        elif movable[name].find("mimic") is not None:
+        elif movable[name].find("mimic") is not None and not _leader(movable[name]):
             why = ", whose <mimic> names no joint,"
         elif name in gripping:
             why = ", at the end of which none turns,"
@@ -159,6 +159,7 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
         notes=(*found.notes, *notes),
         locked=places,
         followers=followers,
+        led={name: item.leader for name, item in following.items() if name in places},
         unranged=tuple(free),
     )
 

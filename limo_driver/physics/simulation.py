@@ -83,6 +83,10 @@ class Simulation(Displayed):
     drives: tuple[JointDrive, ...] = ()
 
     def __post_init__(self) -> None:
+        if isinstance(self.robot, RobotModel):
+            raise ConfigError(
+                f"`robot` is a RobotModel, expected its name or path, as {self.robot.name!r}"
+            )
         self._check_drives()
         for effect in self.effects:
             for joint in _joints_of(effect):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from limo_driver.descriptions.description import split_reference
 from limo_driver.errors import ConfigError
+from limo_driver.foreign.proposals.recorded_joints import with_places
 from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
@@ -42,15 +43,19 @@ def model_of(robot: RobotModel | Path | str) -> RobotModel:
 def model_for(robot: RobotModel | Path | str, recordings: Sequence[Recording]) -> RobotModel:
     """Return a robot with the joints that recordings are of, where these are some of all.
 
+    Its other joints are locked where the first recording that says so has them.
+
     Raises:
         ConfigError: There is no such robot, or it is none.
     """
     model = model_of(robot)
-    of_part = (recording for recording in recordings if recording.n != model.n)
-    if (first := next(of_part, None)) is None or any("=" not in part for part in model.chosen):
-        return model
-    _, chosen = split_reference(first.robot)
-    return model.with_joints(chosen) if chosen and same_robot(first.robot, model.name) else model
+    chosen = [(each, split_reference(each.robot)[1]) for each in recordings]
+    own = [(each, parts) for each, parts in chosen if parts and same_robot(each.robot, model.name)]
+    is_chosen = any("=" not in part for part in model.chosen)
+    of_part = (parts for each, parts in own if each.n != model.n)
+    if not is_chosen and (parts := next(of_part, None)):
+        return model.with_joints(parts)
+    return with_places(model, own[0][1]) if own else model
 
 
 def simulation_of(simulation: Simulation | Path | str) -> Simulation:

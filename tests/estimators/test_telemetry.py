@@ -124,3 +124,28 @@ def test_a_torque_that_swings_at_one_frequency_chatters(arm):
 def test_noise_alone_is_no_chatter(arm):
     loud = recorded(arm, 1.0, noise=20.0)
     assert not any("chatters" in line for line in channels_of(loud))
+
+
+LINK = (
+    '<link name="l{}"><inertial><origin xyz=".01 .02 .2"/><mass value="2"/><inertia ixx=".03" '
+    'ixy="0" ixz="0" iyy=".03" iyz="0" izz=".01"/></inertial></link>'
+)
+HINGE = (
+    '<joint name="j{}" type="revolute"><parent link="l{}"/><child link="l{}"/><origin '
+    'xyz="0 0 .4"/><axis xyz="0 1 0"/><limit lower="-{}" upper="{}" effort="80" velocity="2"/></joint>'
+)
+
+
+@pytest.mark.parametrize(("end", "planned"), [(0, False), (2, True)])
+def test_a_motion_is_advised_that_can_be_planned(tmp_path, end, planned):
+    parts = [LINK.format(j) for j in range(3)]
+    parts += [HINGE.format(j, j, j + 1, end, end) for j in range(2)]
+    path = tmp_path / "cad.urdf"
+    path.write_text(f'<robot name="cad">{"".join(parts)}</robot>', encoding="utf-8")
+    model = RobotModel(path)
+    time = np.arange(0, 10, 1 / RATE)
+    q = 0.02 * np.sin(np.outer(time, [1.0, 1.3]))
+    torque = model.gravity_torque(q) + np.random.default_rng(0).normal(0, 0.3, q.shape)
+    said = telemetry_of(Recording.from_arrays(time, q, torque), model).excitation
+    (advice,) = [line for line in said if "limo excite" in line]
+    assert ("where ranges and limits of all joints are stated" in advice) != planned

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.foreign.columns.units import UNITS
+from limo_driver.foreign.proposals.gravity import Gravity, some_rows, usual
 from limo_driver.foreign.proposals.odd_columns import maybe_in_radians
 from limo_driver.recordings.gate import velocity_factor
 
@@ -18,19 +19,14 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-_ROWS: Final = 1500  # that are looked at
 _ROOM: Final = 0.1  # [m] beyond the limits, likewise of a joint that slides
 _MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
 _FEWEST_ROWS: Final = 10
 _DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
-_ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
+ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
 _SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
 _FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
-_FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
-_OF_TORQUE: Final = 0.3  # of a joint's torque, that gravity has to make to say something of it
-_TORQUE_SCALES: Final = {"N m": 1.0, "N cm": 1e2, "mN m": 1e3}
-_WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
 
 
 @dataclass(frozen=True)
@@ -70,13 +66,13 @@ def position_reading(position: FloatArray, beside: Beside, model: RobotModel) ->
     """
     torque, by_speed = beside.torque, _unit_by_speed(position, beside, model)
     rests_at_zero = _is_noise_about_zero(position[:, ~np.array(model.sliding)])
-    rows = _rows(position, torque)
+    rows = some_rows(position, torque)
     position = position[rows]
     torque = None if torque is None else torque[rows]
     slides = _slides(position, model)
     # as if in rad: nothing else is open of joints that slide
     position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
-    found = _turns(position, _Gravity(model, torque, beside.torque_unit), by_speed)
+    found = _turns(position, Gravity(model, torque, beside.torque_unit), by_speed)
     if found.question and rests_at_zero:  # the same pose in either unit
         found = Reading(("rad",) * model.n, "taken for rad: noise about zero says nothing of it")
     units = tuple(own or unit for own, unit in zip(slides, found.units, strict=True))
@@ -115,7 +111,7 @@ def _unit_by_speed(
     turns = np.flatnonzero(~np.array(model.sliding))
     if beside.time is None or not turns.size:
         return None
-    rows = np.append(True, np.diff(beside.time) > 0) & _usual(position) & np.isfinite(beside.time)
+    rows = np.append(True, np.diff(beside.time) > 0) & usual(position) & np.isfinite(beside.time)
     time, position = beside.time[rows], position[rows][:, turns]
     if time.size < _FEWEST_ROWS:
         return None
@@ -135,7 +131,7 @@ def _unit_of_velocities(
     usual = float(np.median(np.abs([factor for factor in factors if factor] or [0.0])))
     for unit in ("rad", "deg"):
         ratio = usual / UNITS["position"][unit]
-        if _ALIKE[0] < ratio < _ALIKE[1]:
+        if ALIKE[0] < ratio < ALIKE[1]:
             return unit, f"the velocities are {ratio:.3g} times their rate of change in {unit}"
     return None
 
@@ -156,7 +152,7 @@ def _too_fast_in_rad(
     return None
 
 
-def _turns(position: FloatArray, cost: _Gravity, by_speed: tuple[str, str] | None) -> Reading:
+def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None) -> Reading:
     """Say whether positions (T, n) of the joints that turn are in radians or degrees."""
     model = cost.model
     n, slides = model.n, np.array(model.sliding)
@@ -203,7 +199,7 @@ def _unless_mixed(
     units: tuple[str, ...],
     why: str,
     possible: dict[str, np.ndarray],
-    cost: _Gravity,
+    cost: Gravity,
 ) -> Reading:
     """Return a reading; with a question where single joints decidedly fit other units."""
     apart = tuple("rad" if fits else "deg" for fits in possible["rad"])
@@ -225,7 +221,7 @@ def _unless_mixed(
 
 
 def _about_narrow(
-    position: FloatArray, units: tuple[str, ...], fits: np.ndarray, cost: _Gravity
+    position: FloatArray, units: tuple[str, ...], fits: np.ndarray, cost: Gravity
 ) -> str:
     """Return a question about joints that may be in radians where all others are in degrees."""
     if "deg" not in units:
@@ -252,7 +248,7 @@ def _differ(units: tuple[str, ...], model: RobotModel) -> bool:
 
 
 def _flipped(
-    position: FloatArray, units: tuple[str, ...], possible: dict[str, np.ndarray], cost: _Gravity
+    position: FloatArray, units: tuple[str, ...], possible: dict[str, np.ndarray], cost: Gravity
 ) -> tuple[tuple[str, ...], float]:
     """Return units with single joints changed where that explains the torques decidedly better."""
     least = cost.of(position, units)
@@ -266,132 +262,9 @@ def _flipped(
     return units, least
 
 
-def velocity_unit(time: FloatArray, position: FloatArray, velocity: FloatArray) -> Reading:
-    """Say in which unit velocities are, from the rate of change of positions.
-
-    Args:
-        time: (T,) [s].
-        position: (T, n) [rad].
-        velocity: (T, n) as the log has it.
-    """
-    rows = _usual(position) & _usual(velocity) & _usual(time[:, None])
-    time, position, velocity = time[rows], position[rows], velocity[rows]
-    factors = [
-        factor
-        for j in range(position.shape[1])
-        if (factor := velocity_factor(time, position[:, j], velocity[:, j])) is not None
-    ]
-    usual = float(np.median(np.abs(factors))) if factors else math.nan
-    for unit, scale in UNITS["velocity"].items():
-        if unit in {"rad/s", "deg/s", "rpm"} and _ALIKE[0] < usual * scale < _ALIKE[1]:
-            return Reading(
-                (unit,), f"{usual * scale:.3g} times the rate of change of the positions"
-            )
-    return Reading(("rad/s",), f"{usual:.3g} times the rate of change of the positions; not used")
-
-
-def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) -> Reading:
-    """Say in which unit torques are, from the gravity of the arm and from its effort limits.
-
-    Args:
-        position: (T, n) [rad].
-        torque: (T, n) as the log has it.
-        model: The robot.
-    """
-    rows = _rows(position, torque)
-    slopes = _Gravity(model, torque[rows]).slopes(position[rows])
-    if slopes.size:
-        usual = float(np.median(slopes))
-        for unit, scale in _TORQUE_SCALES.items():
-            if 1 / _WITHIN < usual / scale < _WITHIN:
-                return Reading((unit,), f"{usual / scale:.2g} times the gravity torque of the arm")
-        return Reading(
-            ("N m",),
-            f"{usual:.2g} times the gravity torque of the arm",
-            f"torque: it is {usual:.2g} times the gravity torque of the arm in N m: which unit?",
-        )
-    return Reading(("N m",), "assumed: gravity makes too little of it to tell")
-
-
-class _Gravity:
-    """How well the gravity of an arm explains measured torques, for any reading of positions."""
-
-    def __init__(
-        self, model: RobotModel, torque: FloatArray | None, unit: float | None = None
-    ) -> None:
-        self.model, self.torque = model, torque
-        # loads may add to what gravity makes of a torque in a known unit, though not tenfold; it
-        # may well be less, where it was measured before the gear
-        self._most = math.inf if unit is None else _WITHIN / unit
-
-    def of(self, position: FloatArray, units: tuple[str, ...]) -> float:
-        """Return the sum over joints of log(torque that gravity leaves / torque)."""
-        if self.torque is None:
-            return 0.0
-        slides = self.model.sliding
-        scale = np.where(slides, 1.0, [UNITS["position"][unit] for unit in units])
-        load = self.model.gravity_torque(position * scale)
-        left = 0.0
-        for own, gravity, angle in zip(self.torque.T, load.T, position.T, strict=True):
-            total = float(np.var(own))
-            if total > 0 and np.isfinite(own).all():
-                rest = own - _fit(own, gravity, angle, self._most)
-                left += 0.5 * math.log(max(float(np.var(rest)) / total, 1e-6))
-        return left
-
-    def slopes(self, position: FloatArray) -> FloatArray:
-        """Return torque over gravity of the joints whose torque is gravity for the most part."""
-        if self.torque is None:
-            return np.zeros(0)
-        found: list[float] = []
-        for own, load in zip(self.torque.T, self.model.gravity_torque(position).T, strict=True):
-            energy = float(np.var(load))
-            if energy <= 0 or not np.var(own) > 0:
-                continue
-            slope = float(np.mean((own - own.mean()) * (load - load.mean()))) / energy
-            if slope**2 * energy > _OF_TORQUE**2 * float(np.var(own)):
-                found.append(abs(slope))
-        return np.array(found)
-
-
-def _fit(
-    torque: FloatArray, gravity: FloatArray, position: FloatArray, most: float = math.inf
-) -> FloatArray:
-    """Return what gravity, an offset and dry friction make of a torque, (T,).
-
-    Args:
-        torque: In any unit, (T,).
-        gravity: [N m], (T,).
-        position: In any unit, (T,).
-        most: By which gravity may be scaled.
-    """
-    A = np.column_stack([np.ones(torque.size), np.sign(np.gradient(position)), gravity])
-    x = np.linalg.lstsq(A, torque)[0]
-    if abs(x[2]) <= most:
-        return A @ x
-    own = math.copysign(most, x[2]) * gravity
-    return own + A[:, :2] @ np.linalg.lstsq(A[:, :2], torque - own)[0]
-
-
 def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:
     """Say of each joint whether positions (T, n) [rad] are within its limits."""
     limits = model.limits
     low, high = np.nanquantile(position, (0.002, 0.998), axis=0)
     fits = (low > limits.position_min - _MARGIN) & (high < limits.position_max + _MARGIN)
     return fits | np.array(model.turning)
-
-
-def _usual(values: FloatArray) -> np.ndarray:
-    """Mark rows whose values are numbers, and none far beyond those of the others, (T,)."""
-    values = np.where(np.isfinite(values), values, np.nan)
-    low, high = np.nanquantile(values, (0.01, 0.99), axis=0)
-    reach = _FAR * (high - low) + 1e-9
-    return ((values >= low - reach) & (values <= high + reach)).all(axis=1)
-
-
-def _rows(position: FloatArray, torque: FloatArray | None) -> np.ndarray:
-    known = _usual(position)
-    if torque is not None and (known & (whole := _usual(torque))).any():
-        known &= whole
-    rows = np.flatnonzero(known)
-    return rows[:: max(1, rows.size // _ROWS)]

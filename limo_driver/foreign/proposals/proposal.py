@@ -34,11 +34,10 @@ from limo_driver.foreign.mapping import Channels, LogMapping
 from limo_driver.foreign.proposals.motion_units import (
     Beside,
     position_reading,
-    torque_reading,
-    velocity_unit,
 )
 from limo_driver.foreign.proposals.mujoco_arrays import whole_of_mujoco
 from limo_driver.foreign.proposals.odd_columns import other_unit_from
+from limo_driver.foreign.proposals.rates_and_torques import torque_reading, velocity_unit
 from limo_driver.foreign.proposals.recorded_joints import recorded_part
 from limo_driver.foreign.proposals.times import time_columns
 from limo_driver.foreign.proposals.unnamed import unnamed_columns
@@ -332,7 +331,8 @@ def _velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channel
     seconds = time.read(draft.table)[0]
     rising = np.append(True, np.diff(seconds) > 0) & np.isfinite(seconds)
     motion = position.read(draft.table, POSITION)
-    found = velocity_unit(seconds[rising], motion[rising], draft.values(family)[rising])
+    values = draft.values(family)[rising]
+    found = velocity_unit(seconds[rising], motion[rising], values, draft.model.sliding)
     return draft.take(VELOCITY, family, found.units, found.why)
 
 

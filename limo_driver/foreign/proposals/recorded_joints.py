@@ -28,17 +28,19 @@ from limo_driver.foreign.columns.units import UNITS
 from limo_driver.foreign.proposals.mujoco_arrays import columns_of_joints
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from limo_driver.foreign.columns.families import ColumnFamily
     from limo_driver.foreign.mapping import LogMapping
     from limo_driver.foreign.table import LogTable
     from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
 
 _MOVES: Final = 0.02  # [rad, m], by which a joint that rests does not move
 _MATTERS: Final = 0.05  # of the largest gravity torque, that another place of a joint changes
 _POSES: Final = 20
 _ELSEWHERE: Final = 1e-3  # [rad, m], from where a joint would be locked
+_BESIDE: Final = 0.1  # of the range of a gripper that slides, by which its positions may be beyond
 
 
 @dataclass(frozen=True)
@@ -60,18 +62,19 @@ def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
         table: What the log holds.
         model: The robot.
     """
-    if (whole := _placed_by_whole_log(table, model)) is not None:
-        return whole
+    if (whole := _columns_of_whole_log(table, model)) is not None:
+        return _placed(table, model, {name: (column, "rad") for name, column in whole.items()})
+    every = _named(table, model, (POSITION,), (*model.joint_names, *model.description.locked))
     if any("=" not in part for part in model.chosen):
-        return RecordedPart(model)
+        return _placed(table, model, every)
     positions = _named(table, model, (POSITION,))
     torques = _named(table, model, (TORQUE, CURRENT))
     known = positions.keys() & torques.keys() if torques else positions.keys()
     taken = [name for name in model.joint_names if name in known]
     missing = [name for name in model.joint_names if name not in taken]
     if not taken or not missing or _is_cut(taken, missing):
-        return RecordedPart(model)
-    places, questions = dict[str, float](), list[str]()
+        return _placed(table, model, every)
+    places, questions = _places(table, model, every, taken)
     weighing = _weighing(model, taken, missing)
     for name in missing:
         at, question = _place(name, positions.get(name), table, weighs=name in weighing)
@@ -88,51 +91,106 @@ def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
     return RecordedPart(part, told, tuple(questions))
 
 
-def _placed_by_whole_log(table: LogTable, model: RobotModel) -> RecordedPart | None:
-    """Return a robot whose locked joints stand where a log of the whole MJCF model has them.
+def with_places(model: RobotModel, chosen: Sequence[str]) -> RobotModel:
+    """Return a robot whose locked joints are where a choice of joints locks them.
 
-    None where the log is none of the whole model. Places that were stated stay.
+    What was stated for the robot itself stays.
+
+    Args:
+        model: The robot.
+        chosen: After the # of a robot, of which only `name=position` counts here.
     """
+    stated = [part for part in model.chosen if "=" in part]
+    known = model.description.locked.keys() - {_name_in(part) for part in stated}
+    places = [part for part in chosen if "=" in part and _name_in(part) in known]
+    if not places:
+        return model
+    return model.with_joints((*model.joint_names, *stated, *places))
+
+
+def _name_in(part: str) -> str:
+    return part.partition("=")[0].strip()
+
+
+def _columns_of_whole_log(table: LogTable, model: RobotModel) -> dict[str, str] | None:
+    """Return the column of each joint in a log of a whole MJCF model; None if it is none."""
     families = (
         family
         for family in families_of(table.columns, model.joint_names)
         if family.quantity == POSITION and family.rank in (MEASURED, PLAIN)
     )
-    columns = next(filter(None, (columns_of_joints(x, model) for x in families)), None)
-    if columns is None:
-        return None
+    return next(filter(None, (columns_of_joints(x, model) for x in families)), None)
+
+
+def _placed(
+    table: LogTable, model: RobotModel, columns: Mapping[str, tuple[str, str]]
+) -> RecordedPart:
+    """Return a robot whose locked joints stand where a log has them."""
+    places, questions = _places(table, model, columns, model.joint_names)
+    if not places:
+        return RecordedPart(model, questions=tuple(questions))
+    part = with_places(model, [f"{name}={at:.6g}" for name, at in places.items()])
+    told = f"locked where the log has them: {_where(part, [*places])}"
+    return RecordedPart(part, told, tuple(questions))
+
+
+def _places(
+    table: LogTable,
+    model: RobotModel,
+    columns: Mapping[str, tuple[str, str]],
+    recorded: Sequence[str],
+) -> tuple[dict[str, float], list[str]]:
+    """Return where a log has joints that are locked elsewhere, and what is open.
+
+    A gripper is locked where it was, as far as the log says that. Places that were stated stay, and
+    joints that follow others go where those are.
+
+    Args:
+        table: What the log holds.
+        model: The robot.
+        columns: Column of positions and its unit by joint; empty where the log does not say it.
+        recorded: Names of the joints that are not locked.
+    """
+    locked, led = model.description.locked, model.description.led
     stated = [part for part in model.chosen if "=" in part]
-    named = {part.partition("=")[0] for part in stated}
-    values = {
-        name: table.column(columns[name])
-        for name in model.description.locked
-        if name in columns and name not in named
-    }
-    elsewhere = {
-        name: float(np.nanmedian(own))
-        for name, own in values.items()
-        if np.isfinite(own).any()
-        and abs(float(np.nanmedian(own)) - model.description.locked[name]) > _ELSEWHERE
-    }
-    moving = [name for name, own in values.items() if np.nanmax(own) - np.nanmin(own) > _MOVES]
-    weighing = set[str]()
-    if moving:
-        free = model.with_joints((*model.joint_names, *moving, *stated))
-        weighing = _weighing(free, list(model.joint_names), moving)
-    questions = tuple(
+    asked = columns.keys() - led.keys() - {_name_in(part) for part in stated}
+    names = [name for name in locked if name in asked]
+    if not names:
+        return {}, []
+    free = model.with_joints((*model.joint_names, *names, *stated))
+    values: dict[str, FloatArray] = {}
+    for name in names:
+        own = _in_si(table, *columns[name], free, free.joint_names.index(name))
+        if own is not None and np.isfinite(own).any():
+            values[name] = own
+    moves = {name: float(np.nanmax(own) - np.nanmin(own)) for name, own in values.items()}
+    median = {name: float(np.nanmedian(own)) for name, own in values.items()}
+    moving = [name for name in values if moves[name] > _MOVES]
+    weighing = _weighing(free, list(recorded), moving) if moving else set[str]()
+    questions = [
         f"robot: the place of joint {name} changes what gravity asks of the others; it moves by "
-        f"{np.nanmax(values[name]) - np.nanmin(values[name]):.3g} and is not among those that are "
-        f"taken: is it to be taken for locked at {np.nanmedian(values[name]):.3g}?"
+        f"{moves[name]:.3g} and is not among those that are taken: is it to be taken for locked at "
+        f"{median[name]:.3g}?"
         for name in moving
         if name in weighing
+    ]
+    return {k: at for k, at in median.items() if abs(at - locked[k]) > _ELSEWHERE}, questions
+
+
+def _in_si(
+    table: LogTable, column: str, unit: str, model: RobotModel, joint: int
+) -> FloatArray | None:
+    """Return the positions of a joint [rad, m]; None where nothing says in which unit they are."""
+    values = table.column(column).astype(np.float64)
+    if unit or table.is_si:
+        return values * UNITS[POSITION][unit or "rad"]
+    low, high = (
+        float(end[joint]) for end in (model.limits.position_min, model.limits.position_max)
     )
-    if not elsewhere:
-        return RecordedPart(model, questions=questions)
-    places = (f"{name}={at:.6g}" for name, at in elsewhere.items())
-    part = model.with_joints((*model.joint_names, *stated, *places))
-    return RecordedPart(
-        part, f"locked where the log has them: {_where(part, [*elsewhere])}", questions
-    )
+    room = _BESIDE * (high - low)
+    known = values[np.isfinite(values)]
+    within = bool(((low - room <= known) & (known <= high + room)).all())
+    return values if model.sliding[joint] and within else None  # a slide of mm goes farther
 
 
 def mapped_part(mapping: LogMapping, model: RobotModel) -> RobotModel:
@@ -143,21 +201,28 @@ def mapped_part(mapping: LogMapping, model: RobotModel) -> RobotModel:
         model: The robot.
     """
     others = set(model.joint_names) - set(mapping.joints)
-    if not others or not set(mapping.joints) <= set(model.joint_names):
-        return model
     _, chosen = split_reference(mapping.robot)
+    if not others or not set(mapping.joints) <= set(model.joint_names):
+        return with_places(model, chosen)
     locked = [part for part in (*model.chosen, *chosen) if "=" in part]
     return model.with_joints((*mapping.joints, *dict.fromkeys(locked)))
 
 
 def _named(
-    table: LogTable, model: RobotModel, quantities: Sequence[str]
+    table: LogTable, model: RobotModel, quantities: Sequence[str], joints: Sequence[str] = ()
 ) -> dict[str, tuple[str, str]]:
-    """Return the column and stated unit of a quantity by joint, of the family that names most."""
+    """Return the column and stated unit of a quantity by joint, of the family that names most.
+
+    Args:
+        table: What the log holds.
+        model: The robot.
+        quantities: That count as one.
+        joints: Names that are looked for; those of the robot if none are given.
+    """
     known = (name for name, values in table.columns.items() if _has_numbers(values))
     found = [
         family
-        for family in families_of(known, model.joint_names)
+        for family in families_of(known, joints or model.joint_names)
         if family.quantity in quantities
         and family.rank in (MEASURED, PLAIN)
         and _names_joints(family)

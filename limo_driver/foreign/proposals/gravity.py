@@ -1,0 +1,96 @@
+"""What the gravity of an arm explains of measured torques, whatever unit the positions are in."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.foreign.columns.units import UNITS
+
+if TYPE_CHECKING:
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
+_ROWS: Final = 1500  # that are looked at
+_FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
+_OF_TORQUE: Final = 0.3  # of a joint's torque, that gravity has to make to say something of it
+
+
+class Gravity:
+    """How well the gravity of an arm explains measured torques, for any reading of positions."""
+
+    def __init__(
+        self, model: RobotModel, torque: FloatArray | None, unit: float | None = None
+    ) -> None:
+        self.model, self.torque = model, torque
+        # loads may add to what gravity makes of a torque in a known unit, though not tenfold; it
+        # may well be less, where it was measured before the gear
+        self._most = math.inf if unit is None else WITHIN / unit
+
+    def of(self, position: FloatArray, units: tuple[str, ...]) -> float:
+        """Return the sum over joints of log(torque that gravity leaves / torque)."""
+        if self.torque is None:
+            return 0.0
+        slides = self.model.sliding
+        scale = np.where(slides, 1.0, [UNITS["position"][unit] for unit in units])
+        load = self.model.gravity_torque(position * scale)
+        left = 0.0
+        for own, gravity, angle in zip(self.torque.T, load.T, position.T, strict=True):
+            total = float(np.var(own))
+            if total > 0 and np.isfinite(own).all():
+                rest = own - _fit(own, gravity, angle, self._most)
+                left += 0.5 * math.log(max(float(np.var(rest)) / total, 1e-6))
+        return left
+
+    def slopes(self, position: FloatArray) -> FloatArray:
+        """Return torque over gravity of the joints whose torque is gravity for the most part."""
+        if self.torque is None:
+            return np.zeros(0)
+        found: list[float] = []
+        for own, load in zip(self.torque.T, self.model.gravity_torque(position).T, strict=True):
+            energy = float(np.var(load))
+            if energy <= 0 or not np.var(own) > 0:
+                continue
+            slope = float(np.mean((own - own.mean()) * (load - load.mean()))) / energy
+            if slope**2 * energy > _OF_TORQUE**2 * float(np.var(own)):
+                found.append(abs(slope))
+        return np.array(found)
+
+
+def _fit(
+    torque: FloatArray, gravity: FloatArray, position: FloatArray, most: float = math.inf
+) -> FloatArray:
+    """Return what gravity, an offset and dry friction make of a torque, (T,).
+
+    Args:
+        torque: In any unit, (T,).
+        gravity: [N m], (T,).
+        position: In any unit, (T,).
+        most: By which gravity may be scaled.
+    """
+    A = np.column_stack([np.ones(torque.size), np.sign(np.gradient(position)), gravity])
+    x = np.linalg.lstsq(A, torque)[0]
+    if abs(x[2]) <= most:
+        return A @ x
+    own = math.copysign(most, x[2]) * gravity
+    return own + A[:, :2] @ np.linalg.lstsq(A[:, :2], torque - own)[0]
+
+
+def usual(values: FloatArray) -> np.ndarray:
+    """Mark rows whose values are numbers, and none far beyond those of the others, (T,)."""
+    values = np.where(np.isfinite(values), values, np.nan)
+    low, high = np.nanquantile(values, (0.01, 0.99), axis=0)
+    reach = _FAR * (high - low) + 1e-9
+    return ((values >= low - reach) & (values <= high + reach)).all(axis=1)
+
+
+def some_rows(position: FloatArray, torque: FloatArray | None) -> np.ndarray:
+    """Return some of the usual rows, spread over the log, (k,)."""
+    known = usual(position)
+    if torque is not None and (known & (whole := usual(torque))).any():
+        known &= whole
+    rows = np.flatnonzero(known)
+    return rows[:: max(1, rows.size // _ROWS)]
