@@ -132,7 +132,8 @@ LINK = (
 )
 HINGE = (
     '<joint name="j{}" type="revolute"><parent link="l{}"/><child link="l{}"/><origin '
-    'xyz="0 0 .4"/><axis xyz="0 1 0"/><limit lower="-{}" upper="{}" effort="80" velocity="2"/></joint>'
+    'xyz="0 0 .4"/><axis xyz="0 1 0"/><limit lower="-{}" upper="{}" effort="80" '
+    'velocity="2"/></joint>'
 )
 
 
