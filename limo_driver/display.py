@@ -54,6 +54,12 @@ def _text(value: object) -> str:
     return f"{value:.4f}" if isinstance(value, float) else str(value)
 
 
+def spanned(names: Sequence[str]) -> str:
+    """Return the first and the last of names that go together, or both of two."""
+    few = 2
+    return f"{names[0]} … {names[-1]}" if len(names) > few else ", ".join(names)
+
+
 def shortened(names: Sequence[str], most: int = 8) -> str:
     """List names, the first few of many."""
     listed = ", ".join(names[:most]) or "none"

@@ -11,7 +11,8 @@ import typer
 from limo_driver.console.options import ROBOTS
 
 if TYPE_CHECKING:
-    from limo_driver.workflow.inspecting import Inspection
+    from limo_driver.foreign.inspection import Inspection
+    from limo_driver.foreign.kept_mappings import Settled
 
 _MAPPING = Path("mapping.yaml")
 
@@ -26,6 +27,17 @@ def command(
     episode: Annotated[
         int | None, typer.Option(help="Episode of a LeRobotDataset; all if not given.")
     ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            help="Patterns of the columns that count beside the time, with commas between: of two "
+            "arms in one log, 'left_*'."
+        ),
+    ] = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(help="Say what the log is worth as this mapping reads it, and write none."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
     """Say what a log holds, and write how to read it.
@@ -33,7 +45,8 @@ def command(
     Columns or topics are matched to the robot's joints by name, else by number; units are read
     from names, limits, velocities and gravity. Where two readings fit, the question stands under
     `undecided:` in the mapping, which cannot be used before it is answered: state what is meant,
-    and delete the question. A mapping that is there and reads otherwise is not written over.
+    and delete the question. A mapping that is there and reads otherwise is not written over. With
+    --mapping, an answered one is tried.
 
     Then it says what the recording is worth: sampling, quantisation, dropouts, on which side of the
     gear the torque was measured, and which parameters the motion says nothing about.
@@ -43,29 +56,27 @@ def command(
 
     Examples:
         limo inspect log.csv --robot iiwa14
+        limo inspect log.csv --robot iiwa14 --mapping mapping.yaml
         limo convert log.csv --mapping mapping.yaml --out run.parquet
     """
+    from limo_driver.foreign.kept_mappings import Settled, settle
     from limo_driver.outputs import require_file
     from limo_driver.workflow.inspecting import inspect
 
     require_file(out, [log] if log.is_file() else [])
-    found = inspect(log, robot, topic=topic, episode=episode)
-    kept = _is_another(out, found)
-    if not kept:
-        found.mapping.save(out)
-    if as_json:
-        _print_json(found, out, kept=kept)
+    found = inspect(log, robot, topic=topic, episode=episode, columns=columns, mapping=mapping)
+    if mapping is not None:
+        settled = Settled(mapping, found.mapping, True, (f"read as {mapping} says",))
     else:
-        _show(found, out, kept=kept)
-        _show_next(found, log, robot, out, kept=kept)
+        settled = settle(found, out, log.name.partition(".")[0])
+    if as_json:
+        _print_json(found, settled)
+    else:
+        _show(found, settled)
+        _show_next(found, log, robot, settled)
 
 
-def _is_another(out: Path, found: Inspection) -> bool:
-    """Say whether a mapping is there that reads otherwise: somebody has answered in it."""
-    return out.exists() and out.read_bytes() != found.mapping.as_file.encode()
-
-
-def _print_json(found: Inspection, out: Path, *, kept: bool) -> None:
+def _print_json(found: Inspection, settled: Settled) -> None:
     import json
 
     from limo_driver.console.terminal import terminal
@@ -75,8 +86,8 @@ def _print_json(found: Inspection, out: Path, *, kept: bool) -> None:
         for item in found.proposal.taken
     }
     values = {
-        "mapping": str(out),
-        "kept": kept,
+        "mapping": str(settled.path),
+        "kept": settled.is_kept,
         "kind": found.table.kind,
         "rows": found.table.rows,
         "taken": taken,
@@ -87,29 +98,26 @@ def _print_json(found: Inspection, out: Path, *, kept: bool) -> None:
     terminal().print_json(json.dumps(values))
 
 
-def _show(found: Inspection, out: Path, *, kept: bool) -> None:
+def _show(found: Inspection, settled: Settled) -> None:
+    from limo_driver.console.arguments import in_options
     from limo_driver.console.terminal import terminal
 
     console = terminal(soft_wrap=True)
-    for line in str(found).splitlines():
-        console.print(line)
-    if kept:
-        console.print(
-            f"kept {out}, which is there and reads otherwise; "
-            "to see what is proposed now, give --out another file"
-        )
-    else:
-        console.print(f"wrote {out}")
+    for line in (*str(found).splitlines(), *settled.told):
+        console.print(in_options(line))
 
 
-def _show_next(found: Inspection, log: Path, robot: str, out: Path, *, kept: bool) -> None:
+def _show_next(found: Inspection, log: Path, robot: str, settled: Settled) -> None:
     """Say what to do with the mapping."""
     from limo_driver.console.terminal import terminal
 
     console = terminal(soft_wrap=True)
-    if (open_ones := len(found.questions)) and not kept:
+    if open_ones := len(settled.mapping.undecided):
         what = "the question" if open_ones == 1 else f"each of the {open_ones} questions"
-        console.print(f"next: answer {what} under `undecided:` there, and delete it", style="bold")
-    elif kept or found.recording is not None:
-        words = ["limo", "diagnose", str(log), "--robot", robot, "--mapping", str(out)]
+        where = f"in {settled.path}" if settled.is_kept else "there"
+        console.print(
+            f"next: answer {what} under `undecided:` {where}, and delete it", style="bold"
+        )
+    elif settled.is_kept or found.recording is not None:
+        words = ["limo", "diagnose", str(log), "--robot", robot, "--mapping", str(settled.path)]
         console.print(f"next: {shlex.join(words)} --out diagnosis", style="bold")

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-_QUANTITIES: Final = ("position", "velocity", "torque", "command", "temperature")
+QUANTITIES: Final = ("position", "velocity", "torque", "command", "temperature")
 _EVERY: Final = tuple(dict.fromkeys(unit for units in UNITS.values() for unit in units))
 _DECIDE: Final = (
     "state it in a mapping, which `limo inspect` writes, and delete the question under `undecided:`"
@@ -171,7 +171,7 @@ class LogMapping(Declared, Displayed):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for quantity in _QUANTITIES:
+        for quantity in QUANTITIES:
             channels = getattr(self, quantity)
             if channels is None:
                 continue
@@ -190,7 +190,7 @@ class LogMapping(Declared, Displayed):
             raise ConfigError(f"column {repeated[0]} stands for two quantities or joints")
 
     def _columns(self) -> list[str]:
-        every = [getattr(self, quantity) for quantity in _QUANTITIES]
+        every = [getattr(self, quantity) for quantity in QUANTITIES]
         return [name for channels in every if channels is not None for name in channels.columns]
 
     def headline(self) -> str:
@@ -210,7 +210,7 @@ class LogMapping(Declared, Displayed):
         """
         given = read_yaml(Path(path), needs="at least `joints:`, `time:` and `position:`")
         parts: dict[str, Any] = {"time": given["time"].make(TimeColumns)} if "time" in given else {}
-        for quantity in _QUANTITIES:
+        for quantity in QUANTITIES:
             if quantity in given and not given[quantity].is_empty:
                 parts[quantity] = given[quantity].make(Channels)
         return given.make(cls, parts)
@@ -232,7 +232,7 @@ class LogMapping(Declared, Displayed):
         """The text that `save` writes."""
         known = {"robot": self.robot, "topic": self.topic, "joints": list(self.joints)}
         content: dict[str, Any] = {key: value for key, value in known.items() if value != "-"}
-        for part in ("time", *_QUANTITIES):
+        for part in ("time", *QUANTITIES):
             if (value := getattr(self, part)) is not None:
                 content[part] = _entries(value)
         content |= {"left_out": list(self.left_out), "undecided": list(self.undecided)}
@@ -309,7 +309,7 @@ class LogMapping(Declared, Displayed):
 
     def _in_order(self, names: tuple[str, ...]) -> LogMapping:
         order = [self.joints.index(name) for name in names]
-        parts = {q: getattr(self, q) for q in _QUANTITIES if getattr(self, q) is not None}
+        parts = {q: getattr(self, q) for q in QUANTITIES if getattr(self, q) is not None}
         return replace(self, joints=names, **{q: _ordered(c, order) for q, c in parts.items()})
 
 

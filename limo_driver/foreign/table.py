@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,7 +13,7 @@ from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -69,6 +71,29 @@ class LogTable:
         own = {name: values[start:stop].copy() for name, values in self.columns.items()}
         return replace(self, columns=own, first_row=self.first_row + start)
 
+    def only(self, patterns: Sequence[str], beside: Collection[str] = ()) -> LogTable:
+        """Return the table with the columns that match, and those beside them.
+
+        Args:
+            patterns: Such as `left_*`, of the whole name of a column or of a part between dots and
+                brackets.
+            beside: Names of columns that are kept in any case.
+
+        Raises:
+            RecordingError: No column matches one of them.
+        """
+        kept = set(beside)
+        for pattern in patterns:
+            found = {name for name in self.columns if _matches(name, pattern)}
+            if not found:
+                raise RecordingError(
+                    f"`columns`: none matches {pattern!r}; it has {shortened(list(self.columns))}",
+                    path=self.source or None,
+                )
+            kept |= found
+        columns = {name: values for name, values in self.columns.items() if name in kept}
+        return replace(self, columns=columns)
+
     def without_empty(self) -> LogTable:
         """Return the table without columns that have no number in any row; they are unread."""
         empty = [
@@ -92,6 +117,10 @@ class LogTable:
         if name in self.unread:
             what = f"column {name} holds {self.unread[name]}, expected numbers"
         raise RecordingError(what, path=self.source or None)
+
+
+def _matches(name: str, pattern: str) -> bool:
+    return any(fnmatchcase(part, pattern) for part in (name, *re.split(r"[.\[\]]", name)))
 
 
 def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") -> LogTable:

@@ -5,19 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.errors import LimoError
+from limo_driver.display import spanned
+from limo_driver.errors import ConfigError, LimoError
+from limo_driver.foreign.columns.names import TIME, read_name
 from limo_driver.foreign.inspection import Inspection
-from limo_driver.foreign.proposals.proposal import propose, without_questions
+from limo_driver.foreign.mapping import QUANTITIES
+from limo_driver.foreign.proposals.proposal import Proposal, Taken, propose, without_questions
+from limo_driver.foreign.proposals.recorded_joints import mapped_part
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.inputs import model_of
-from limo_driver.workflow.reading import table_of_log
+from limo_driver.workflow.reading import mapping_of, table_of_log
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.foreign.proposals.proposal import Proposal
+    from limo_driver.foreign.mapping import LogMapping
+    from limo_driver.foreign.table import LogTable
     from limo_driver.model import RobotModel
 
 
@@ -27,6 +32,8 @@ def inspect(
     *,
     topic: str | None = None,
     episode: int | None = None,
+    columns: str | None = None,
+    mapping: LogMapping | Path | str | None = None,
 ) -> Inspection:
     """Say what a log of a robot holds, and propose how to read it.
 
@@ -36,13 +43,18 @@ def inspect(
         robot: Whose log it is: a model, a built-in name, or the path of its description.
         topic: Of the joint states of a bag, where there are several.
         episode: Of a LeRobotDataset; all of them, with gaps between, if not given.
+        columns: Patterns of the columns that count beside the time, with commas between: of two
+            arms in one log, `left_*` are those of one.
+        mapping: How it is read, or the file that says so; one is proposed if not given.
 
     Returns:
         What was found; its `mapping` can be saved, changed and given to `limo.read`, once its
         `questions` are answered.
 
     Raises:
-        RecordingError: The log cannot be read, or has no positions of the robot's joints.
+        ConfigError: The mapping cannot be read, or is of other joints.
+        RecordingError: The log cannot be read, or has no positions of the robot's joints, or no
+            column that is chosen or mapped.
 
     Example:
         >>> q = np.sin(0.01 * np.arange(500))[:, None] * np.ones(7)
@@ -50,17 +62,22 @@ def inspect(
         >>> print(limo.inspect(log, "iiwa14"))
     """
     model = model_of(robot)
-    table = table_of_log(log, model, topic=topic, episode=episode)
-    proposal = propose(table, model)
+    used = mapping_of(mapping)
+    if used is not None and columns is not None:
+        raise ConfigError("`columns` and `mapping` are both given, and a mapping names its columns")
+    table = table_of_log(log, model, used, topic, episode)
+    proposal = _proposed(table, model, columns) if used is None else _stated(model, used)
     model = proposal.model
     if topic is not None:
         proposal = replace(proposal, mapping=replace(proposal.mapping, topic=topic))
     recording, refused = None, ""
     try:
-        columns = without_questions(proposal).columns(table, model)
-        recording = Recording.from_columns(columns, table.source)
+        read = without_questions(proposal).columns(table, model)
+        recording = Recording.from_columns(read, table.source)
         recording.check_robot(model)
     except LimoError as error:
+        if used is not None:
+            raise
         refused = str(error).removeprefix(f"{table.source}: ")
     told: tuple[str, ...] = ()
     said = (proposal.told,) if proposal.told else ()
@@ -69,6 +86,30 @@ def inspect(
         if refused:
             proposal = _asking(proposal, refused)
     return Inspection(table, proposal, recording, refused, told, (*said, *model.notes))
+
+
+def _proposed(table: LogTable, model: RobotModel, columns: str | None) -> Proposal:
+    if columns is None:
+        return propose(table, model)
+    times = [name for name in table.columns if read_name(name).quantity == TIME]
+    patterns = [pattern.strip() for pattern in columns.split(",") if pattern.strip()]
+    chosen = table.only(patterns, times)
+    found = propose(chosen, model)
+    left = (name for name in table.columns if name not in chosen.columns)
+    mapping = replace(found.mapping, left_out=(*found.mapping.left_out, *left))
+    return replace(found, mapping=mapping)
+
+
+def _stated(model: RobotModel, mapping: LogMapping) -> Proposal:
+    """Return what a mapping says as if it had been proposed."""
+    why = "the mapping says so"
+    time = mapping.time
+    rows = [Taken("time", spanned(time.columns), ", ".join(time.unit) if time.columns else "", why)]
+    for quantity in QUANTITIES:
+        if (part := getattr(mapping, quantity)) is not None:
+            unit = ", ".join(dict.fromkeys(part.unit))
+            rows.append(Taken(quantity, spanned(part.columns), unit, why))
+    return Proposal(mapping, tuple(rows), mapped_part(mapping, model))
 
 
 def _asking(proposal: Proposal, refused: str) -> Proposal:

@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from limo_driver.display import shortened
+from limo_driver.display import spanned
 from limo_driver.foreign.columns.names import COMMANDED, DERIVED, MEASURED, PLAIN, TIME, read_name
 
 if TYPE_CHECKING:
@@ -42,9 +42,7 @@ class ColumnFamily:
     def __str__(self) -> str:
         """Name its columns, and whether they are measured."""
         said = _SAID[self.rank]
-        columns = self.columns
-        listed = f"{columns[0]} … {columns[-1]}" if len(columns) > 2 else shortened(list(columns))  # noqa: PLR2004
-        return f"{listed}{f' ({said})' if said else ''}"
+        return f"{spanned(self.columns)}{f' ({said})' if said else ''}"
 
 
 def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[ColumnFamily]:

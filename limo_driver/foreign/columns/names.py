@@ -133,6 +133,19 @@ def strange_words(name: Name, own: Iterable[str]) -> tuple[str, ...]:
     return () if name.joint is None or set(own) & set(said) else tuple(said)
 
 
+def own_word(name: Name, others: Iterable[Name]) -> str:
+    """Return a word of a name that says whose it is and that no other has; nothing if none does.
+
+    Args:
+        name: Of a column, such as `left_q0`.
+        others: Of columns of the same quantity.
+    """
+    known = _QUANTITY.keys() | _RANK.keys() | WRITTEN.keys()
+    elsewhere = {word for other in others for word in other.family}
+    own = (word for word in name.family if word not in known and word not in elsewhere)
+    return next((word for word in own if word.isalpha() and len(word) > 1), "")
+
+
 def _joint_in(
     words: tuple[str, ...], joints: Sequence[str]
 ) -> tuple[str | int | None, tuple[str, ...]]:

@@ -24,6 +24,7 @@ from limo_driver.foreign.columns.names import (
     TEMPERATURE,
     TORQUE,
     VELOCITY,
+    own_word,
     read_name,
     strange_words,
     words_of,
@@ -190,7 +191,9 @@ def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | No
     others = [o for o in others if not np.array_equal(draft.values(o), values, equal_nan=True)]
     if others and quantity in {POSITION, TORQUE, CURRENT}:
         listed = " or ".join(map(str, (first, *others)))
-        draft.questions.append(f"{quantity}: {listed}? both fit the names")
+        word = own_word(first.names[0], [other.names[0] for other in others])
+        choice = f"; an inspection with `columns` as '*{word}*' is of the first" if word else ""
+        draft.questions.append(f"{quantity}: {listed}? both fit the names{choice}")
     if others and quantity in {VELOCITY, TEMPERATURE}:
         return None
     if rank > worst:

@@ -1,0 +1,166 @@
+"""`limo inspect`: one of two arms, mappings that are there already, and mappings that are tried."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from logged import measured, numbered, written
+
+import limo_driver as limo
+from limo_driver.cli import main
+from limo_driver.errors import ConfigError, RecordingError
+
+TIME, POSITION, _, TORQUE = (values[:1500] for values in measured())
+_, OTHER, _, ITS = (values[1500:] for values in measured())
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run a limo command in this process, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+
+    def of(*arguments):
+        monkeypatch.setattr(sys, "argv", ["limo", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return (ended.value.code or 0, *capsys.readouterr())
+
+    return of
+
+
+def one_arm():
+    return {
+        "t_ms": 1e3 * TIME,
+        **numbered("q{}", np.rad2deg(POSITION)),
+        **numbered("tau{}", TORQUE),
+    }
+
+
+def two_arms():
+    left = numbered("left_q{}", POSITION) | numbered("left_tau{}", TORQUE)
+    right = numbered("right_q{}", OTHER) | numbered("right_tau{}", ITS)
+    return {"t": TIME, **left, **right}
+
+
+INSPECT = ("inspect", "log.csv", "--robot", "iiwa14")
+
+
+def test_a_pattern_chooses_one_of_two_arms(run, tmp_path):
+    written(two_arms(), tmp_path / "log.csv")
+    asked = run(*INSPECT)[1]
+    assert "an inspection with --columns as '*left*' is of the first" in asked
+    assert "next: answer each of the 2 questions" in asked
+    status, said, _ = run(*INSPECT, "--columns", "right_*")
+    assert status == 0
+    assert "wrote mapping.yaml" in said  # over the one in which nobody had answered
+    assert "left out: left_q0" in said
+    recording = limo.read(tmp_path / "log.csv", "iiwa14", tmp_path / "mapping.yaml")
+    np.testing.assert_allclose(recording.position, OTHER, atol=1e-7)
+    kept = run(*INSPECT, "--columns", "left_*")[1]
+    assert "kept mapping.yaml, which is there and reads otherwise (position has columns" in kept
+    assert "right_q0 … right_q6, not left_q0 … left_q6" in kept
+
+
+def test_a_part_of_a_name_can_be_meant():
+    log = {"t": TIME, "position[right]": POSITION[:, 0]}
+    log |= {f"position.{side}_joint{j + 1}": POSITION[:, j] for side in "ab" for j in range(7)}
+    found = limo.inspect(log, "iiwa14", columns="b_*")
+    assert found.mapping.position.columns[0] == "position.b_joint1"
+    assert {"position.a_joint1", "position[right]"} <= set(found.mapping.left_out)
+    assert len(limo.inspect(log, "iiwa14", columns="a_joint[1-3],a_*,t").mapping.left_out) == 8
+
+
+def test_a_pattern_that_no_column_matches_is_refused_with_what_is_there(run, tmp_path):
+    written(two_arms(), tmp_path / "log.csv")
+    status, _, errors = run(*INSPECT, "--columns", "left_*,up_*")
+    assert status == 2
+    assert "--columns: none matches 'up_*'; it has t, left_q0" in errors
+    with pytest.raises(RecordingError, match="none matches"):
+        limo.inspect(two_arms(), "iiwa14", columns="middle*")
+
+
+def test_two_readings_of_one_arm_are_asked_without_a_pattern():
+    log = {"t": TIME, "q": POSITION, "theta": POSITION + 0.01, "tau": TORQUE}
+    assert not any("`columns`" in question for question in limo.inspect(log, "iiwa14").questions)
+
+
+def test_an_answered_mapping_is_tried(run, tmp_path):
+    written(one_arm(), tmp_path / "log.csv")
+    run(*INSPECT)
+    before = (tmp_path / "mapping.yaml").read_bytes()
+    status, said, _ = run(*INSPECT, "--mapping", "mapping.yaml")
+    assert status == 0
+    assert "deg  the mapping says so" in said
+    assert "telemetry: sampled at 250 Hz" in said
+    assert "next: limo diagnose log.csv --robot iiwa14 --mapping mapping.yaml" in said
+    assert (tmp_path / "mapping.yaml").read_bytes() == before
+    assert json.loads(run(*INSPECT, "--mapping", "mapping.yaml", "--json")[1])["kept"] is True
+    text = before.decode().replace("unit: deg", "unit: rad")
+    (tmp_path / "mapping.yaml").write_text(text)
+    status, _, errors = run(*INSPECT, "--mapping", "mapping.yaml")
+    assert status == 2
+    assert "is it in degrees" in errors
+    signs = before.decode().replace("unit: N m", "unit: N m\n  sign: -1")
+    (tmp_path / "mapping.yaml").write_text(signs)
+    assert (
+        "undecided: read as proposed it is refused" in run(*INSPECT, "--mapping", "mapping.yaml")[1]
+    )
+
+
+def test_a_mapping_that_names_its_columns_takes_no_pattern():
+    mapping = limo.inspect(one_arm(), "iiwa14").mapping
+    with pytest.raises(ConfigError, match="`columns` and `mapping` are both given"):
+        limo.inspect(one_arm(), "iiwa14", columns="q*", mapping=mapping)
+    with pytest.raises(RecordingError, match="has no column 't_ms'"):
+        limo.inspect(two_arms(), "iiwa14", mapping=mapping)
+
+
+def of_other_columns():
+    return limo.inspect(two_arms(), "iiwa14", columns="left_*").mapping.as_file
+
+
+def of_other_joints():
+    return limo.inspect(one_arm(), "iiwa14").mapping.as_file.replace("joint7", "j7")
+
+
+@pytest.mark.parametrize(
+    ("there", "why"),
+    [
+        (of_other_columns, "it reads t, left_q0"),
+        (of_other_joints, "of the joints j7"),
+        (lambda: "robot: [", ""),
+        (lambda: "topics: {a: b}", ""),
+    ],
+    ids=["other columns", "other joints", "damaged", "something else"],
+)
+def test_a_mapping_of_something_else_is_neither_proposed_nor_written_over(
+    run, tmp_path, there, why
+):
+    written(one_arm(), tmp_path / "log.csv")
+    mapping = tmp_path / "mapping.yaml"
+    mapping.write_text(there())
+    before = mapping.read_bytes()
+    for _ in range(2):
+        status, said, _ = run(*INSPECT)
+        assert status == 0
+        assert "kept mapping.yaml, which is no mapping of this log: " in said
+        assert why in said
+        assert "wrote log.mapping.yaml" in said
+        assert "--mapping log.mapping.yaml --out diagnosis" in said
+    assert mapping.read_bytes() == before
+    (tmp_path / "log.mapping.yaml").write_bytes(before)
+    status, _, errors = run(*INSPECT)
+    assert status == 2
+    assert "name another file by --out" in errors
+
+
+def test_answers_that_are_open_still_are_asked_for_again(run, tmp_path):
+    written(two_arms(), tmp_path / "log.csv")
+    run(*INSPECT)
+    text = (tmp_path / "mapping.yaml").read_text().replace("unit: rad", "unit: [rad]")
+    (tmp_path / "mapping.yaml").write_text(text)  # somebody has begun
+    said = run(*INSPECT)[1]
+    assert "kept mapping.yaml" in said
+    assert "next: answer each of the 2 questions under `undecided:` in mapping.yaml" in said
+    assert (tmp_path / "mapping.yaml").read_text() == text
