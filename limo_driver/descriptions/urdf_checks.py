@@ -23,7 +23,10 @@ _FREE: Final = ("floating", "planar")
 _AXES: Final = 3
 _VECTORS: Final = ("xyz", "rpy")  # of several numbers; all else is one
 _NUMBERS: Final = {
-    "link": ("inertial/mass", "inertial/inertia", "inertial/origin"),
+    "link": (
+        *("inertial/mass", "inertial/inertia", "inertial/origin"),
+        *("visual/origin", "collision/origin"),
+    ),
     "joint": ("origin", "axis", "limit"),
 }
 _MACROS: Final = ("${", "$(")
@@ -166,13 +169,13 @@ def _check_tree(root: ET.Element, path: Path) -> None:
             )
         above[child] = (name, end_of(joint, "parent"))
         axis = joint.find("axis")
-        if axis is not None and joint.get("type") in _MOVABLE:
-            words = axis.get("xyz", "1 0 0").split()
-            if len(words) != _AXES or not any(map(float, words)):
-                raise ConfigError(
-                    f"joint {name!r}: its axis is {axis.get('xyz')}, expected a direction",
-                    path=path,
-                )
+        if axis is None or joint.get("type") not in _MOVABLE:
+            continue
+        if not any(map(float, axis.get("xyz", "1 0 0").split())):
+            raise ConfigError(
+                f"joint {name!r}: its axis is {axis.get('xyz')}, expected a direction",
+                path=path,
+            )
     for start in above:
         seen, link = {start}, above[start][1]
         while link in above and link not in seen:
@@ -196,6 +199,12 @@ def _check_tree(root: ET.Element, path: Path) -> None:
 
 def _check_element(owner: str, element: ET.Element, path: Path) -> None:
     for name, text in element.attrib.items():
+        if name in _VECTORS and len(text.split()) != _AXES:
+            said = text.strip() or "empty"
+            raise ConfigError(
+                f"{owner}: {name} of its {element.tag} is {said}, expected {_AXES} numbers",
+                path=path,
+            )
         for word in text.split() if name in _VECTORS else [text]:
             try:
                 value = float(word)

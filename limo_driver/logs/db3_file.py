@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _ZSTD = b"\x28\xb5\x2f\xfd"  # begins what is packed, a message or the whole file
 _SQLITE = b"SQLite format 3\x00"
+_HEADER = 100  # bytes of a SQLite file
 _LARGEST = 1 << 28  # bytes of one message when unpacked; a damaged length may ask for anything
 
 
@@ -50,8 +51,10 @@ def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
             }
             rows = bag.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
         except sqlite3.DatabaseError as error:
-            raise RecordingError(f"is no bag of ROS 2: {error}", path=path) from None
-        count = 0
+            damaged = "malformed" in str(error) or _is_cut_off(file)
+            what = "is damaged or cut off" if damaged else "is no bag of ROS 2"
+            raise RecordingError(f"{what}: {error}", path=path) from None
+        count = -1
         try:
             for count, (key, stamp, data) in enumerate(rows):  # told below
                 if key in topics:
@@ -61,7 +64,7 @@ def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
                     yield LoggedMessage(name, kind, payload, stamp, stamp, count, text)
         except (sqlite3.DatabaseError, zstandard.ZstdError) as error:
             if tell is not None:
-                tell(f"is damaged after {count} messages and was read up to there: {error}")
+                tell(f"is damaged after {count + 1} messages and was read up to there: {error}")
 
 
 def _definitions(bag: sqlite3.Connection) -> dict[str, bytes]:
@@ -69,10 +72,16 @@ def _definitions(bag: sqlite3.Connection) -> dict[str, bytes]:
     tables = {str(name) for (name,) in bag.execute("SELECT name FROM sqlite_master")}
     if "message_definitions" not in tables:
         return {}
-    rows = bag.execute(
-        "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-    )
-    return {str(kind): str(text).encode() for kind, encoding, text in rows if encoding == ENCODING}
+    found: dict[str, bytes] = {}
+    try:
+        for kind, encoding, text in bag.execute(
+            "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        ):
+            if encoding == ENCODING:
+                found[str(kind)] = str(text).encode()
+    except sqlite3.DatabaseError:  # of a file that was cut off, at whose end they stand
+        return found
+    return found
 
 
 def _opened(file: Path, path: Path) -> sqlite3.Connection:
@@ -80,9 +89,21 @@ def _opened(file: Path, path: Path) -> sqlite3.Connection:
     unmerged = file.with_name(file.name + "-wal").exists()
     how = "mode=ro" if unmerged else "mode=ro&immutable=1"
     try:
-        return sqlite3.connect(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
+        bag = sqlite3.connect(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
+        if _is_cut_off(file):  # of which SQLite otherwise refuses what is there, too
+            bag.execute("PRAGMA writable_schema=ON")
     except sqlite3.Error as error:
         raise RecordingError(f"cannot be read: {error}", path=path) from None
+    return bag
+
+
+def _is_cut_off(file: Path) -> bool:
+    """Say whether a file lacks pages that its header counts."""
+    with file.open("rb") as content:
+        head = content.read(_HEADER)
+    size, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+    size = 1 << 16 if size == 1 else size
+    return len(head) < _HEADER or file.stat().st_size < size * pages
 
 
 @contextmanager

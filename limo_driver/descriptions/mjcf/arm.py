@@ -51,7 +51,7 @@ def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
     check_assets(files)
     model = compile_mjcf(path)
     root = _arm(model, path, joints)
-    writer = ArmWriter(model, root)
+    writer = ArmWriter(model, root, path)
     writer.write(root)
     coupled = writer.couple()
     return RobotDescription(

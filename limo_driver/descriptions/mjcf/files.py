@@ -31,20 +31,21 @@ def check_includes(path: Path) -> tuple[Path, ...]:
         ConfigError: One lies outside the folder of the first, or declares entities.
     """
     folder = path.resolve().parent
-    found, waiting = [path], [path]
+    found, waiting = [path], [(path, folder)]
     while waiting:
-        current = waiting.pop()
-        for element in read_xml(current).iter("include"):
-            file = folder / str(element.get("file"))
+        current, beside = waiting.pop()
+        root = read_xml(current)
+        for element in (*root.iter("include"), *root.iter("model")):
+            if (name := element.get("file")) is None:
+                continue
+            file = beside / name
             if not file.resolve().is_relative_to(folder):
-                raise ConfigError(
-                    f"includes {element.get('file')}, which is outside its folder", path=current
-                )
+                raise ConfigError(f"includes {name}, which is outside its folder", path=current)
             if not file.is_file():
-                raise ConfigError(f"includes {element.get('file')}, which is not there", path=path)
+                raise ConfigError(f"includes {name}, which is not there", path=path)
             if file not in found:
                 found.append(file)
-                waiting.append(file)
+                waiting.append((file, beside if element.tag == "include" else file.parent))
     return tuple(found)
 
 

@@ -39,8 +39,8 @@ _POLYNOMIAL: Final = 5  # coefficients of an equality of joints
 class ArmWriter:
     """Writes one tree of bodies as links and joints."""
 
-    def __init__(self, model: Any, root: int) -> None:  # noqa: ANN401
-        self.model = model
+    def __init__(self, model: Any, root: int, path: Path) -> None:  # noqa: ANN401
+        self.model, self.path = model, path
         self.robot = ET.Element("robot", name=Path(body_name(model, root)).stem)
         self.dynamics: dict[str, JointDynamics] = {}
         self.shifts: dict[str, FloatArray] = {}
@@ -57,7 +57,10 @@ class ArmWriter:
             joints.remove(play)
         if len(joints) > 1:
             named = ", ".join(joint_name(self.model, j) for j in joints)
-            raise ConfigError(f"body {name} has {len(joints)} joints, {named}; expected one a body")
+            raise ConfigError(
+                f"body {name} has {len(joints)} joints, {named}; expected one a body",
+                path=self.path,
+            )
         joint = joints[0] if joints else None
         anchor = np.zeros(3) if joint is None else np.array(self.model.jnt_pos[joint])
         self.shifts[name] = anchor

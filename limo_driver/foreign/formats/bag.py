@@ -81,7 +81,7 @@ def read_bags(
             found.add(message)
         notes += [f"{path} {text}" for text in told]
     source = ", ".join(map(str, paths))
-    kept = found.meant(joints, source)
+    kept = found.meant(joints, source, notes)
     columns, more = kept.columns(source)
     beside = found.beside(kept, joints)
     if beside is not None:
@@ -257,11 +257,11 @@ class _Found:
         stamp = message.log_time_ns if found.stamp_ns is None else found.stamp_ns
         group.add(stamp, np.array([found.values[name] for name in group.held]))
 
-    def meant(self, joints: Sequence[str], source: str) -> _Group:
-        """Return the group that has the robot's joints."""
+    def meant(self, joints: Sequence[str], source: str, notes: Sequence[str] = ()) -> _Group:
+        """Return the group that has the robot's joints; notes say what was wrong with the files."""
         groups = [g for g in self.groups.values() if self.topic in {None, g.topic}]
         if not groups:
-            raise RecordingError(self._nothing(), path=source)
+            raise RecordingError("; ".join((self._nothing(), *notes)), path=source)
         counts = {id(group): group.joints_of(POSITION, joints) for group in groups}
         best = max(counts.values())
         alike = [group for group in groups if counts[id(group)] == best]

@@ -270,6 +270,7 @@ MOVING = (
     "</worldbody></mujoco>"
 )
 HINGE = '<body name="leg"><joint name="knee"/><geom size="1"/></body>'
+TWO_AXES = HINGE.replace("<geom", '<joint name="roll" axis="1 0 0"/><geom')
 REFUSED = [
     ("arm.urdf", BOMB, "declares the entity 'a'"),
     ("arm.urdf", OUTSIDE, "declares the entity 'e'"),
@@ -277,6 +278,17 @@ REFUSED = [
     ("arm.xml", "<mujoco>" + "<a>" * 50_000 + "</a>" * 50_000 + "</mujoco>", "deeper than 500"),
     ("arm.xml", '<mujoco><include file="../../etc/passwd"/></mujoco>', "outside its folder"),
     ("arm.xml", '<mujoco><include file="none.xml"/></mujoco>', "none.xml, which is not there"),
+    (
+        "arm.xml",
+        '<mujoco><asset><model name="m" file="../../etc/arm.xml"/></asset><worldbody>'
+        '<attach model="m" prefix="p_"/></worldbody></mujoco>',
+        "includes ../../etc/arm.xml, which is outside its folder",
+    ),
+    (
+        "arm.xml",
+        f"<mujoco><worldbody>{TWO_AXES}</worldbody></mujoco>",
+        "body leg has 2 joints, knee, roll; expected one a body",
+    ),
     ("arm.xml", "<mujoco><worldbody>", "is no XML"),
     ("arm.xml", "<html/>", "is neither URDF nor MJCF: its outermost element is <html>"),
     ("arm.xml", "<mujoco><worldbody/></mujoco>", "has no hinge joint"),
@@ -310,10 +322,32 @@ REFUSED = [
     ("arm.urdf", re.sub("<parent link=[^>]*>", '<parent link="no"/>', URDF), "parent is the link"),
     ("arm.urdf", re.sub("<limit[^>]*>", "", URDF), "states no <limit>"),
     ("arm.urdf", re.sub('lower="[^"]*"', 'lower="9"', URDF), "limits go from 9 to"),
+    (
+        "arm.urdf",
+        re.sub('<origin xyz="[^"]*"', '<origin xyz="0 0"', URDF, count=1),
+        "xyz of its origin is 0 0, expected 3 numbers",
+    ),
     ("arm.urdf", URDF.replace('"2"', '"${m}"'), r"has macros \(\${m}\): it is a xacro"),
     ("arm.urdf", re.sub('ixx="[^"]*"', 'ixx="-1"', URDF), "principal moments of inertia -1, "),
     ("arm.urdf", re.sub('ixx="[^"]*"', 'ixx="70"', URDF), "none above the sum of the others"),
 ]
+
+
+def test_an_arm_that_is_attached_is_read_from_beside_its_file_or_below(tmp_path):
+    (tmp_path / "parts").mkdir()
+    arm = f"<mujoco><worldbody>{HINGE}</worldbody></mujoco>"
+    (tmp_path / "parts" / "arm.xml").write_text(arm, encoding="utf-8")
+    cell = tmp_path / "cell.xml"
+    cell.write_text(
+        '<mujoco><asset><model name="m" file="parts/arm.xml"/></asset><worldbody>'
+        '<attach model="m" body="leg" prefix="p_"/></worldbody></mujoco>',
+        encoding="utf-8",
+    )
+    assert RobotModel.load(cell).joint_names == ("p_knee",)
+    declared = f'<!DOCTYPE x [<!ENTITY a "aaaa">]>{arm}'
+    (tmp_path / "parts" / "arm.xml").write_text(declared, encoding="utf-8")
+    with pytest.raises(ConfigError, match="declares the entity"):
+        RobotModel.load(cell)
 
 
 @pytest.mark.parametrize(("name", "text", "said"), REFUSED)
