@@ -25,7 +25,7 @@ def urdf(*joints, axis="0 1 0"):
         (urdf("aa"), "links a carry one another in a circle"),
         (urdf("ab", "cb"), "link b is moved by two joints, ab and cb; expected a tree"),
         (urdf("ab", axis="0 0 0"), "joint 'ab': its axis is 0 0 0, expected a direction"),
-        (urdf("ab", axis="1 0"), "joint 'ab': its axis is 1 0, expected a direction"),
+        (urdf("ab", axis="1 0"), "joint 'ab': xyz of its axis is 1 0, expected 3 numbers"),
     ],
 )
 def test_what_is_no_tree_is_refused(tmp_path, text, expected):
