@@ -1,14 +1,16 @@
 """Joint state in, estimate out, over Zenoh between processes, beside a bare echo in the same run.
 
     python benchmarks/service/service_latency.py --model model/ --minutes 10
-    python benchmarks/service/service_latency.py --model model/ --rates 1000,100,25 --minutes 1
+    python benchmarks/service/service_latency.py --model model/ --rates 1000,100,30 --minutes 1
+    python benchmarks/service/service_latency.py --model slow/ --rates 10 --delay 0.5 --minutes 1
     nice -n -1 python benchmarks/service/service_latency.py --model model/ --busy 1 --minutes 2
 
 One process publishes joint states and takes the time until their estimates come back from `limo
 serve`, in another process. Half a cycle later it sends as many bytes to a third process, which does
 nothing but send them back: the bar is a ratio to that. All share this machine's cores. With
 `--busy`, so do processes that compute without end at the least priority. Each rate has a service
-of its own, since one serves the rate with which it began.
+of its own, since one serves the rate with which it began. States as slow as 10 Hz take a delay of
+three of them at least, and a model of at most 4 Hz of bandwidth (`limo train --bandwidth 2`).
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from service_processes import (
     ARM,
+    DELAY,
     RATE,
     Answers,
     Driver,
@@ -57,6 +60,7 @@ def main() -> None:
     parser.add_argument("--model", type=Path, required=True, help="model folder of limo train")
     parser.add_argument("--minutes", type=float, default=10.0, help="at each rate")
     parser.add_argument("--rates", default=f"{RATE:g}", help="of the states [Hz], in turn")
+    parser.add_argument("--delay", type=float, default=DELAY, help="of the service [s]")
     parser.add_argument("--busy", type=int, default=0, help="processes that compute, at nice 19")
     parser.add_argument("--fifo", action="store_true", help="service and echo under SCHED_FIFO")
     parser.add_argument("--echo", metavar="CONFIG", help=argparse.SUPPRESS)
@@ -83,7 +87,7 @@ def at_rate(given: argparse.Namespace, rate: float) -> None:
         model = ("--model", str(given.model))
         fifo = ("--fifo",) if given.fifo else ()
         commands = [
-            serve(there, *model, *fifo),
+            serve(there, *model, *fifo, "--delay", str(given.delay)),
             [sys.executable, __file__, *model, *fifo, "--echo", str(there)],
             *[[sys.executable, "-c", BUSY]] * given.busy,
         ]

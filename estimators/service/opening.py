@@ -11,9 +11,11 @@ from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.inference.live_model import LiveModel
 from estimators.service.inference.rate import RateFinder
+from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
 from limo_driver.errors import LimoError
 from limo_driver.network.messages import Level
+from limo_driver.recordings.bandwidth import bandwidth_at
 from limo_driver.recordings.causal_differentiation import RATE_TOLERANCE
 from limo_driver.types import readonly
 
@@ -71,7 +73,8 @@ class Opening:
         arm = ServedArm(
             self._arm, tuple(simulation.model.joint_names), rate, settings.history, bound
         )
-        stream = Stream(simulation, rate, settings.delay)
+        physics = SimulationOnly(simulation, bandwidth_at(rate))
+        stream = Stream(physics, rate, settings.delay)
         warm_up(stream)
         service = ArmService(
             arm,

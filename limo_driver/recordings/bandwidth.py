@@ -27,7 +27,11 @@ def bandwidth_for(recordings: Iterable[Recording], asked: float | None = None) -
     """
     if asked is not None:
         return asked
-    rate = min((one.slowest_rate for one in recordings), default=float("inf"))
+    return bandwidth_at(min((one.slowest_rate for one in recordings), default=float("inf")))
+
+
+def bandwidth_at(rate: float) -> float:
+    """Return the usual 10 Hz, or as much as samples at a rate [Hz] can bear."""
     if rate * HIGHEST_BANDWIDTH >= BANDWIDTH:
         return BANDWIDTH
     bearable = SAFE_BANDWIDTH * rate
