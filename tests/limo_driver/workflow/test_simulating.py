@@ -1,5 +1,6 @@
 """Many simulated runs side by side are the runs that each is by itself."""
 
+import sys
 import threading
 import time
 from concurrent.futures import CancelledError
@@ -33,6 +34,20 @@ def test_side_by_side_they_are_what_each_is_alone(workers):
         np.testing.assert_array_equal(one.torque, other.torque)
         np.testing.assert_array_equal(one.position, other.position)
     assert not np.array_equal(found[0].torque, found[1].torque)
+
+
+def test_threads_switch_as_before_afterwards(monkeypatch):
+    before, meanwhile = sys.getswitchinterval(), list[float]()
+
+    def one_run(_backend, _motion, **_):
+        meanwhile.append(sys.getswitchinterval())
+        raise ConfigError("none")
+
+    monkeypatch.setattr("limo_driver.workflow.live.running.run", one_run)
+    with pytest.raises(ConfigError, match="none"):
+        limo.simulate(ARM, [motion(0.02)], [1, 2], workers=2)
+    assert min(meanwhile) < before
+    assert sys.getswitchinterval() == before
 
 
 def test_what_goes_wrong_in_one_ends_the_others(monkeypatch):
