@@ -18,7 +18,7 @@ from estimators.drives.checks.timing import check_timing
 from estimators.drives.fitting.identification import identify_drives, with_servos
 from estimators.drives.hypotheses.search import leaving_out, search
 from estimators.drives.hypotheses.stated import is_stated, proven, stated_arm, with_intervals
-from estimators.drives.judgement.evidence import DriveEvidence
+from estimators.drives.judgement.evidence import DriveEvidence, Fold
 from estimators.drives.judgement.held_out import position_errors, resolution_of, split
 from estimators.drives.judgement.verdict import verdict_of
 from estimators.drives.judgement.wording import about_counting, about_scale, not_shown, sags
@@ -170,6 +170,16 @@ def _beside_stated(
         searched = leaving_out(searched, doubtful, tick)
         final = with_intervals(given, searched)
     proof = proven(given, seen, searched, tick)
+    pairs = ((seen, unseen), (unseen, seen))
+    arms = [proven(given, own, searched, tick, held=True) for own, _ in pairs]
     return DriveEvidence(
-        proof.identified, final.identified, tuple(recordings), tuple(unseen), shared=(proof, final)
+        proof.identified,
+        final.identified,
+        tuple(recordings),
+        tuple(unseen),
+        shared=(proof, final),
+        exchanged=tuple(
+            Fold(arm.identified, tuple(other), arm)
+            for arm, (_, other) in zip(arms, pairs, strict=True)
+        ),
     )

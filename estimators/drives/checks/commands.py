@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.drives.checks.frames import dropped_frames
+from estimators.drives.checks.led import led_away
 from estimators.drives.checks.steps import odd_steps
 from estimators.drives.checks.stuck import AT_REST, stuck
 from estimators.drives.simulation.free_run import commands_of
@@ -31,11 +33,8 @@ _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
 _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
 _LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
 _FOLLOWED: Final = 0.1  # [rad] of error, below which a joint follows its command
-_LEAP: Final = 1.6  # times the pace of the rows around, at which joints reach a row
-_STEADY: Final = 4.0  # times what paces before and behind a leap differ by, that it has to exceed
-_TICKS: Final = 4.0  # of an encoder, that joints together have to move in a row
-_LEAPS: Final = 3  # rows, from which on frames are missing
 _SAME: Final = 1e-6  # [rad], mean distance of commands that are the positions themselves
+_AHEAD: Final = 3  # rows, by which positions may have been recorded as commands before
 
 
 def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -116,14 +115,16 @@ def _no_commands(recording: Recording) -> str:
             "no command changes while the joints move; expected the set-point in force at each "
             "row; was the arm led by hand, or its torque disabled?"
         )
-    apart = np.abs(command - position)[:, moves].mean(axis=0)
-    same = np.flatnonzero(moves)[apart < _SAME]
-    if same.size:
-        j = int(same[0]) + 1
-        return (
-            f"command_{j} is position_{j} itself; expected the set-point in force at each row; "
-            "were positions recorded twice?"
-        )
+    for ahead in range(min(_AHEAD + 1, len(position) // 2)):
+        told, did = command[: len(command) - ahead, moves], position[ahead:, moves]
+        same = np.flatnonzero(moves)[np.abs(told - did).mean(axis=0) < _SAME]
+        if same.size:
+            j = int(same[0]) + 1
+            later = f"of {ahead} row{'s' * (ahead > 1)} later" if ahead else "itself"
+            return (
+                f"command_{j} is position_{j} {later}; expected the set-point in force at each "
+                "row; were positions recorded as commands?"
+            )
     return ""
 
 
@@ -210,14 +211,24 @@ def _odd(recording: Recording, name: str) -> Iterator[str]:
     for text in recording.warnings:
         if _GAP.match(text):
             yield f"rows are missing: {text} ({name})"
-    if len(rows := _leaps(recording)) >= _LEAPS:
-        yield (
-            f"in {len(rows)} rows joints move much further than in the rows around; "
-            f"were frames dropped and the others stamped evenly? ({name}, first at "
-            f"{recording.time[rows[0]]:.1f} s)"
-        )
+    yield from dropped_frames(recording, name)
     for j in range(recording.n):
-        yield from list(_not_following(recording, j, name)) or _held(recording, j, name)
+        yield from (
+            list(_not_following(recording, j, name))
+            or list(_led(recording, j, name))
+            or _held(recording, j, name)
+        )
+
+
+def _led(recording: Recording, j: int, name: str) -> Iterator[str]:
+    """Yield that a joint moves away from all that it was told, if it does."""
+    command, position = commands_of(recording)[:, j], recording.position[:, j]
+    since, far = led_away(recording.time, command, position)
+    if far > 0.0:
+        yield (
+            f"joint {j + 1} moves {far:.2f} rad away from all commands of the last seconds; was "
+            f"its torque disabled, or the arm led by hand? ({name}, {since:.1f} s)"
+        )
 
 
 def _held(recording: Recording, j: int, name: str) -> Iterator[str]:
@@ -229,30 +240,6 @@ def _held(recording: Recording, j: int, name: str) -> Iterator[str]:
             f"joint {j + 1} is stalled: it rests while its command moves {swing:.2f} rad, more "
             f"than friction lets it elsewhere ({name}, {since:.1f} s)"
         )
-
-
-def _leaps(recording: Recording) -> list[int]:
-    """Return rows to which all joints leap, from a steady pace to the same one.
-
-    No motor does that, nor a row that is read late: the next one would be short. Paces of all
-    joints together are one vector; its change in a row is told in units of the encoders' steps.
-    """
-    step = np.diff(recording.position, axis=0)
-    size = np.where(step == 0.0, np.inf, np.abs(step))
-    ticks = np.percentile(size, 1, axis=0, method="lower")
-    tick = float(np.median(ticks[np.isfinite(ticks)])) if np.isfinite(ticks).any() else 0.0
-    period = np.diff(recording.time)[:, None]
-    pace = step / period
-    before, here, after = pace[:-2], pace[1:-1], pace[2:]
-    mean = 0.5 * (before + after)
-    length = np.linalg.norm(mean, axis=1)
-    least = tick / period[1:-1, 0]
-    fast = length > _TICKS * least
-    length = np.where(fast, length, 1.0)
-    times = (here * mean).sum(axis=1) / length**2
-    uneven = np.maximum(np.linalg.norm(before - after, axis=1) - 2.0 * least, 0.0) / length
-    leap = (times > _LEAP) & (times - 1.0 > _STEADY * uneven) & (uneven < 1.0)
-    return (np.flatnonzero(leap & fast) + 1).tolist()
 
 
 def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:

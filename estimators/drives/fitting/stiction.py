@@ -2,7 +2,8 @@
 
 As stiction grows, the instants at which a joint breaks away move, and where it comes to rest with
 them: an error as a function of how much there is has many hollows. A fit goes down the one that it
-begins in, and one that begins with little ends with too little. So each of a grid is tried first.
+begins in, and one that begins with little ends with too little. So each of a grid is tried first,
+with less dry friction, too: a fit without stiction has raised it in its place.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 SHAPES: Final = (1.0, 2.0)  # exponents of the fading: exponential, and as a bell
 _AMOUNTS: Final = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)  # of the dry friction, tried
 _FADES: Final = (0.015, 0.02, 0.03, 0.06, 0.12)  # [rad/s] at which it fades, tried
+_DRY: Final = (1.0, 0.85)  # of the fitted dry friction that is left, tried
 _LEAST: Final = 0.005  # [rad] of lag that a joint of no dry friction is taken to have
 
 
@@ -38,9 +40,12 @@ def stiction_begun_at(
         shape: Exponent of the fading.
 
     Returns:
-        Constants by name.
+        Constants by name, dry friction among them.
     """
     dry = max(value_in(row, COULOMB), _LEAST * value_in(row, "kp"))
-    tried = [{"stribeck": share * dry, "v_s": pace} for share, pace in product(_AMOUNTS, _FADES)]
+    tried = [
+        {"stribeck": share * dry, "v_s": pace, COULOMB: left * value_in(row, COULOMB)}
+        for share, pace, left in product(_AMOUNTS, _FADES, _DRY)
+    ]
     base = with_values(row, {"delta": shape})
     return tried[int(np.argmin([away(parts, with_values(base, one)) for one in tried]))]

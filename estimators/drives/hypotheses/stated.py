@@ -24,6 +24,7 @@ from limo_driver.physics import EncoderOffset, Payload, PositionServo
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from estimators.drives.fitting.arm import ArmGuess
     from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
@@ -125,7 +126,12 @@ def _apart(
 
 
 def proven(
-    simulation: Simulation, recordings: Sequence[Recording], found: Searched, tick: float
+    simulation: Simulation,
+    recordings: Sequence[Recording],
+    found: Searched,
+    tick: float,
+    *,
+    held: bool = False,
 ) -> StatedArm:
     """Fit what was found to some of the recordings alone.
 
@@ -134,12 +140,29 @@ def proven(
         recordings: Of the arm, with commands.
         found: In all of them.
         tick: Step of the encoders [rad].
+        held: Whether what was found keeps its values, and all else is fitted anew. An error that
+            has many hollows along an amount has others in a part of the motion.
     """
     problem = replace(
         found.problem, loads=ArmLoads(simulation.body, recordings, rows_of(simulation))
     )
-    fit = fit_arm(problem, found.fit.guess, _REFITTED)
+    guess = _holding(found) if held else found.fit.guess
+    fit = fit_arm(problem, guess, _REFITTED)
     return stated_arm(simulation, found, reweighted(problem, fit, tick)[1])
+
+
+def _holding(found: Searched) -> ArmGuess:
+    """Return the guess of which all is fitted but the values of what was found."""
+    guess = found.fit.guess
+    own = [one for one in found.suspects if not one.shared]
+    known = {(one.joint, name) for one in own for name in (*one.names, one.freed)}
+    names = tuple(
+        tuple(name for name in names if (j, name) not in known)
+        for j, names in enumerate(guess.names)
+    )
+    common = {name for one in found.suspects if one.shared for name in one.names}
+    shared = tuple(name for name in guess.shared if name not in common)
+    return replace(guess, names=names, shared=shared)
 
 
 def with_intervals(simulation: Simulation, found: Searched) -> StatedArm:

@@ -181,8 +181,10 @@ def _stiction(
     if "stribeck" in names:
         return
     for delta in SHAPES:
-        start = tuple(stiction_begun_at(parts, row, delta).items())
-        yield Suspect("stribeck_friction", None, start, shape=(("delta", delta),))
+        start = dict(stiction_begun_at(parts, row, delta))
+        bent = ((COULOMB, start.pop(COULOMB)),)
+        own = tuple(start.items())
+        yield Suspect("stribeck_friction", None, own, shape=(("delta", delta),), bent=bent)
 
 
 def _of_joints() -> Iterator[Suspect]:

@@ -62,13 +62,16 @@ def findings_of(
 ) -> tuple[Finding, ...]:
     """Return what differs from what is stated, and what each takes of the held-out error."""
     proof, final = evidence.proof, evidence.final
-    parts, nominal = evidence.parts(given), rows_of(given)
+    folds, nominal = evidence.folds, rows_of(given)
+    parts = [fold.parts(given) for fold in folds]
     served = {drive.joint for drive in stated.drives}
     period = max(1.0 / r.rate for r in evidence.recordings)
     found = [*evidence.of_the_arm(given)]
     for j, fit in enumerate(final.fits):
-        best = proof.fits[j].row
-        squared = errors(parts[j], best) ** 2
+        held_out = [
+            (own[j], fold.identified.fits[j].row) for own, fold in zip(parts, folds, strict=True)
+        ]
+        squared = np.concatenate([errors(own, row) ** 2 for own, row in held_out])
         full = float(squared.mean())
         for effect, units in KINDS.items():
             extra = effect in final.extras[j]
@@ -77,9 +80,10 @@ def findings_of(
             shown = effect in proof.extras[j] and is_known(fit, {size: ""})
             if not (shown if extra else wrong):
                 continue
-            without = errors(parts[j], _without(best, nominal[j], effect, units)) ** 2
+            less = [(own, _without(row, nominal[j], effect, units)) for own, row in held_out]
+            without = np.concatenate([errors(own, row) ** 2 for own, row in less])
             lost = float(without.mean()) - full
-            confidence = removes(squared, without)
+            confidence = removes(squared, without, len(folds))
             if confidence < CONFIDENT:
                 continue
             n = given.model.n

@@ -22,7 +22,7 @@ CONFIDENT: Final = 0.95  # share of resampled held-out motion in which a finding
 _SEEN: Final = 0.1  # of a joint's squared held-out error, that a finding has to remove at least
 _MANY: Final = 4  # recordings, from which on whole ones are held out
 _REST: Final = 0.1  # [s] before and after a cut, in which a joint moves little
-_BLOCKS, _DRAWN = 20, 1000  # of held-out motion, and resamples of them
+_BLOCKS, _DRAWN = 20, 1000  # of what is held out at once, and resamples of them
 
 
 def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
@@ -77,16 +77,17 @@ def rms_of_rows(
     return step, torque
 
 
-def removes(squared: FloatArray, without: FloatArray) -> float:
+def removes(squared: FloatArray, without: FloatArray, folds: int = 1) -> float:
     """Return in which share of resampled motion a finding removes a tenth of the error, or more.
 
     Args:
         squared: Errors of the held-out rows with it, (K,) [rad²].
         without: The same without it.
+        folds: Parts of the motion among the rows, that were held out in turn.
     """
-    gain = without - squared - _SEEN * without
-    blocks = np.array([block.sum() for block in np.array_split(gain, _BLOCKS)])
-    drawn = np.random.default_rng(0).integers(0, _BLOCKS, (_DRAWN, _BLOCKS))
+    many, gain = _BLOCKS * folds, without - squared - _SEEN * without
+    blocks = np.array([block.sum() for block in np.array_split(gain, many)])
+    drawn = np.random.default_rng(0).integers(0, many, (_DRAWN, many))
     return min(0.99, float(np.mean(blocks[drawn].sum(axis=1) > 0.0)))
 
 

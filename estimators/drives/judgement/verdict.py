@@ -72,7 +72,7 @@ def verdict_of(
         rms_of_rows(parts, constants)
         for parts, constants in (
             (as_given, list(rows_of(given))),
-            (evidence.parts(given), [fit.row for fit in evidence.proof.fits]),
+            (evidence.first.parts(given), [fit.row for fit in evidence.proof.fits]),
         )
     )
     return Verdict(

@@ -162,6 +162,19 @@ class _Gate:
                 finite &= np.isfinite(values).all(axis=1)
         return ~finite[self.rows]
 
+    def empty(self) -> str:
+        """Name the columns that a fit needs and that hold no number at all."""
+        columns = self.columns
+        kinds = {"position": columns.position, "torque": columns.torque}
+        if columns.command is not None:
+            kinds["command"] = columns.command
+        named = [
+            f"{kind}_{j + 1}"
+            for kind, values in kinds.items()
+            for j in np.flatnonzero(~np.isfinite(values).any(axis=0)).tolist()
+        ]
+        return f"; no number in {', '.join(named)}" if named else ""
+
     def impossible(self) -> Mask:
         bad = np.zeros(self.rows.size, dtype=bool)
         for quantity, values in self.columns.quantities().items():
@@ -293,7 +306,8 @@ class _Gate:
             reasons = "; ".join(f"{sum(map(len, r))} rows: {k}" for k, r in self._reasons.items())
             raise RecordingError(
                 f"has {self.rows.size} usable rows of {total}, expected at least {FEWEST_SAMPLES}"
-                + (f"; left out: {reasons}" if reasons else ""),
+                + (f"; left out: {reasons}" if reasons else "")
+                + self.empty(),
                 rows=[row for item in self.left_out() for row in item.rows],
             )
         duration = float(np.ptp(self.time))

@@ -227,7 +227,11 @@ def refuse(change, message, tmp_path, T=400):
         (lambda c: c | {"torque_1": c["torque_1"] * 1e7}, "torque_1 is beyond ±1e\\+06.*N mm"),
         (
             lambda c: c | {f"torque_{j}": np.full(400, np.nan) for j in (1, 2, 3)},
-            "has 0 usable rows of 400",
+            "has 0 usable rows of 400.*; no number in torque_1, torque_2, torque_3",
+        ),
+        (
+            lambda c: c | {"position_2": np.full(400, np.nan)},
+            "has 0 usable rows of 400.*; no number in position_2",
         ),
         (lambda c: c | {"torque_1": [str(v) for v in c["torque_1"]]}, "torque_1 holds string"),
         (lambda c: {k: v[:15] for k, v in c.items()}, "has 15 usable rows of 15"),

@@ -40,6 +40,7 @@ def deltas(command):
         (np.negative, "has one of them the other sign?"),
         (np.zeros_like, "no command changes while the joints move"),
         (followed, "command_1 is position_1 itself"),
+        (lambda c: np.roll(followed(c), -1, axis=0), "command_1 is position_1 of 1 row later"),
     ],
 )
 def test_a_mistake_is_refused_by_name(mistake, message):
@@ -137,6 +138,57 @@ def test_dropped_frames_are_told():
     (said,) = check_commands([recorded(TIME[kept], COMMAND[kept], followed(COMMAND)[kept])])
 
     assert said.startswith("rows are missing: 2 gaps; the longest, 0.62 s, after 13.98 s")
+
+
+def test_single_rows_that_are_missing_are_told():
+    kept = np.ones(TIME.size, dtype=bool)
+    kept[[100, 300, 500, 700]] = False
+    uneven = TIME + 0.3 / 50.0 * np.random.default_rng(0).uniform(-1.0, 1.0, TIME.size)
+
+    (said,) = check_commands([recorded(TIME[kept], COMMAND[kept], followed(COMMAND)[kept])])
+    unsaid = check_commands([recorded(uneven[kept], COMMAND[kept], followed(COMMAND)[kept])])
+
+    assert said.startswith("rows are missing: 4 times the next one came two periods later or more")
+    assert said.endswith("first at 2.0 s)")
+    assert not any("rows are missing" in text for text in unsaid)
+
+
+def test_many_frames_that_were_dropped_at_once_are_told():
+    kept = np.ones(TIME.size, dtype=bool)
+    kept[540:600] = False
+    rows = int(kept.sum())
+
+    (said,) = check_commands([recorded(TIME[:rows], COMMAND[kept], followed(COMMAND)[kept])])
+
+    assert said.startswith("joints and their commands jump within one row")
+    assert said.endswith("(recording 1, 10.8 s)")
+
+
+def test_a_command_that_steps_is_no_dropped_frame():
+    command = COMMAND + np.where(TIME > 10.0, 0.8, 0.0)[:, None]
+
+    assert check_commands([recorded(TIME, command, followed(command))]) == ()
+
+
+def test_an_arm_led_by_hand_is_told():
+    command = np.array([1.0, 0.1]) * COMMAND
+    position = followed(command)
+    position[:, 1] += 0.8 * np.sin(np.pi * np.clip((TIME - 8.0) / 4.0, 0.0, 1.0))
+
+    (said,) = check_commands([recorded(TIME, command, position)])
+
+    assert said.startswith("joint 2 moves 0.")
+    assert "was its torque disabled, or the arm led by hand? (recording 1, " in said
+
+
+def test_a_servo_that_sags_far_from_its_command_is_not_led():
+    command = COMMAND + np.array([0.0, 0.6]) * (TIME > 6.0)[:, None]
+    position = followed(COMMAND)
+    position[:, 1] *= 0.6
+
+    assert not any(
+        "led by hand" in said for said in check_commands([recorded(TIME, command, position)])
+    )
 
 
 @pytest.mark.parametrize("scale", [100.0, 57.3])

@@ -53,3 +53,13 @@ def test_a_joint_without_dry_friction_is_tried_with_little_stiction(stated):
     found = stiction_begun_at(parts, bare, 1.0)
 
     assert found["stribeck"] > 0.0
+
+
+def test_dry_friction_that_was_raised_in_its_place_is_lowered(stated):
+    loads = ArmLoads(stated.body, [recording_of(stated, 2.0)], rows_of(stated))
+    parts = loads.parts(ArmChange.none(2))[1]
+    raised = with_values(rows_of(stated)[1], {COULOMB: 1.2 * FRICTION})
+
+    found = stiction_begun_at(parts, raised, 2.0)
+
+    assert found[COULOMB] == pytest.approx(FRICTION, rel=0.03)

@@ -43,3 +43,15 @@ def test_confidence_is_how_often_a_finding_removes_a_tenth():
     assert removes(0.95 * without, without) == 0.0
     assert removes(without, without) == 0.0
     assert removes(once, without) < 0.3
+
+
+def test_what_one_part_alone_shows_is_surer_on_all_parts():
+    rng = np.random.default_rng(1)
+    without = rng.normal(size=8000) ** 2
+    shown = without.copy()
+    shown[:4000] *= np.repeat(np.where(np.arange(20) % 2, 1.6, 0.1), 200)
+    shown[4000:] *= 0.5
+
+    first = removes(shown[:4000], without[:4000])
+
+    assert 0.5 < first < removes(shown, without, 2)
