@@ -35,7 +35,7 @@ def dropped_frames(recording: Recording, name: str) -> Iterator[str]:
         name: Of the recording, as it is told.
     """
     time = recording.time
-    if (late := _late(time)).size >= _FEW:
+    if (late := _late(recording)).size >= _FEW:
         yield (
             f"rows are missing: {late.size} times the next one came two periods later or more "
             f"({name}, first at {time[late[0]]:.1f} s)"
@@ -53,16 +53,18 @@ def dropped_frames(recording: Recording, name: str) -> Iterator[str]:
         )
 
 
-def _late(time: FloatArray) -> NDArray[np.intp]:
-    """Return the rows behind which one or two are missing, by even times (T,) [s] of the others.
+def _late(recording: Recording) -> NDArray[np.intp]:
+    """Return the rows behind which one or two are missing, by even times of the others.
 
-    More of them are a gap, which is told as one.
+    More of them are a gap, which is told as one; rows that were left out are not missing.
     """
-    steps = np.diff(time)
+    steps = np.diff(recording.time)
     period = float(np.median(steps))
     if float(np.percentile(np.abs(steps - period), 90)) > _EVEN * period:
         return np.array([], dtype=np.intp)
-    return np.flatnonzero(steps > _LATE * period)
+    left_out = [row for item in recording.left_out for row in item.rows]
+    given = np.setdiff1d(np.arange(len(recording) + len(left_out)), left_out)
+    return np.flatnonzero((steps > _LATE * period) & (np.diff(given) == 1))
 
 
 def _jump(recording: Recording) -> int | None:

@@ -18,6 +18,7 @@ _CHANGES: Final = 50  # of a joint's position, fewer of which show no step
 _WHOLE: Final = 0.02  # of a step, by which changes are whole numbers of it
 _SHARE: Final = 0.98  # of the changes, that have to be
 _LIKE: Final = 0.01  # of a step, by which two are alike
+_FINEST: Final = 1e-6  # [rad], a step of no encoder: finer ones are of numbers of 32 bits
 
 
 def odd_steps(recording: Recording) -> str:
@@ -55,7 +56,7 @@ def _step(position: FloatArray) -> float:
     step = float(np.median(near))
     times = changes / step
     off = np.abs(times - np.round(times)) / np.maximum(np.round(times), 1.0)
-    return step if float((off < _WHOLE).mean()) > _SHARE else 0.0
+    return step if step > _FINEST and float((off < _WHOLE).mean()) > _SHARE else 0.0
 
 
 def _of_a_turn(step: float) -> bool:

@@ -153,6 +153,26 @@ def test_single_rows_that_are_missing_are_told():
     assert not any("rows are missing" in text for text in unsaid)
 
 
+def test_rows_that_were_left_out_are_not_missing():
+    position = followed(COMMAND)
+    position[[200, 400, 600, 800], 0] += 0.9
+
+    recording = recorded(TIME, COMMAND, position)
+
+    assert sum(len(item.rows) for item in recording.left_out) == 4
+    assert check_commands([recording]) == ()
+
+
+def test_steps_of_numbers_are_no_encoders():
+    """As numbers of 32 bits have them, of a joint without encoder that comes to rest."""
+    steps, resting = np.array([3.33e-8, 8.4e-9]), TIME > 10.0
+    command = COMMAND[np.minimum(np.arange(TIME.size), 500)]
+    position = steps * np.round(followed(command) / steps)
+    position += resting[:, None] * steps * np.random.default_rng(0).integers(0, 3, position.shape)
+
+    assert check_commands([recorded(TIME, command, position)]) == ()
+
+
 def test_many_frames_that_were_dropped_at_once_are_told():
     kept = np.ones(TIME.size, dtype=bool)
     kept[540:600] = False
