@@ -165,6 +165,8 @@ class _Gate:
     def empty(self) -> str:
         """Name the columns that a fit needs and that hold no number at all."""
         columns = self.columns
+        if not columns.time.size:
+            return ""
         kinds = {"position": columns.position, "torque": columns.torque}
         if columns.command is not None:
             kinds["command"] = columns.command

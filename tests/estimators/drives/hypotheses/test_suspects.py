@@ -179,7 +179,9 @@ def test_a_shape_that_is_not_fitted_comes_and_goes_with_its_suspect(stated, reco
 
     assert value_in(added.rows[0], "delta") == 2.0
     assert added.names[0] == (*guess.names[0], "stribeck", "v_s")
-    np.testing.assert_array_equal(bell.removed(added).rows, guess.rows)
+    left = guess.rows.copy()
+    left[0] = with_values(left[0], dict(bell.bent))  # which a fit without it bends back
+    np.testing.assert_array_equal(bell.removed(added).rows, left)
     assert bell.excludes(replace(bell, shape=()))
 
 
