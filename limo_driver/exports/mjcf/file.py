@@ -35,6 +35,7 @@ _TURNED: Final = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "diaginertia"
 FIRMNESS: Final = ("0.999 0.999", "0.9999 0.9999")
 _QUICK_STEPS: Final = 2
 # What each attribute of a joint says; those of a constraint are there for its friction.
+_MAKING: Final = frozenset({"attach", "replicate"})  # elements that make others with new names
 _SAYS: Final = {
     "frictionloss": ("friction",),
     "solimpfriction": ("friction",),
@@ -129,6 +130,14 @@ def _found(texts: Sequence[XmlText], tag: str, name: str, into: Path) -> tuple[X
             return text, element
     if (nameless := _by_number(texts, tag, name, into)) is not None:
         return texts[0], nameless
+    tags = {element.tag for text in texts for element in text.root.walk()}
+    if made := sorted(tags & _MAKING):
+        raise ConfigError(
+            f"{tag} {name} has to change, but it is made by <{made[0]}>, and no file has it by "
+            "that name: let MuJoCo write the whole model to a file of its own first (compile() and "
+            "to_xml() of its MjSpec), and take that for the robot",
+            path=into,
+        )
     raise ConfigError(
         f"{tag} {name} has to change, but the file gives it no name: state one, "
         f'<{tag} name="{name}" ...>',

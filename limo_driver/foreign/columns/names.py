@@ -26,7 +26,7 @@ _SAYS: Final = {
     POSITION: "q qpos pos position positions angle angles theta jpos",
     VELOCITY: "dq qd qdot qvel vel velocity velocities speed speeds omega jvel dtheta",
     ACCELERATION: "ddq qdd qddot qacc acc accel acceleration accelerations",
-    TORQUE: "tau torque torques effort efforts trq moment moments mom tq qfrc",
+    TORQUE: "tau torque torques effort efforts eff trq moment moments mom tq qfrc",
     CURRENT: "current currents cur curr i iq",
     TEMPERATURE: "temp temperature temperatures",
 }

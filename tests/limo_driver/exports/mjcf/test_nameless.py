@@ -45,3 +45,25 @@ def test_where_that_is_unsure_a_name_is_asked_for(tmp_path):
     (tmp_path / "arm.xml").write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=r"gives it no name: state one, <(body|joint) name="):
         limo.export(found_in(tmp_path / "arm.xml"), "mjcf", tmp_path / "out")
+
+
+def test_what_is_made_by_attaching_is_to_be_written_out_first(tmp_path):
+    named = ARM.replace("<joint axis", '<joint name="{}" axis')
+    first, second, last = named.split("{}")
+    (tmp_path / "part.xml").write_text(f"{first}yaw{second}tilt{last}", encoding="utf-8")
+    cell = tmp_path / "cell.xml"
+    cell.write_text(
+        '<mujoco><asset><model name="part" file="part.xml"/></asset><worldbody>'
+        '<attach model="part" prefix="left_"/></worldbody></mujoco>',
+        encoding="utf-8",
+    )
+    rubbing = Simulation(str(cell), (CoulombFriction(joint=1, tau_c=0.1),))
+    with pytest.raises(ConfigError, match=r"left_yaw .* is made by <attach>.*to_xml\(\)"):
+        limo.export(rubbing, "mjcf", tmp_path / "out")
+    spec = mujoco.MjSpec.from_file(str(cell))
+    spec.compile()
+    whole = tmp_path / "whole.xml"
+    whole.write_text(spec.to_xml(), encoding="utf-8")
+    exported = limo.export(replace(rubbing, robot=str(whole)), "mjcf", tmp_path / "out")
+    model = mujoco.MjModel.from_xml_path(str(exported.file))
+    assert model.joint("left_yaw").frictionloss == pytest.approx(0.1)

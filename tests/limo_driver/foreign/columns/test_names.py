@@ -39,6 +39,7 @@ KNOWN = [
     ("motor_4_temperature", TEMPERATURE, PLAIN, 4, ""),
     ("observation.state.shoulder_pan.pos", POSITION, MEASURED, "shoulder_pan", ""),
     ("effort.joint_a2", TORQUE, PLAIN, "joint_a2", ""),
+    ("joint_a2_eff", TORQUE, PLAIN, "joint_a2", ""),
     ("joint_a1", NOTHING, PLAIN, "joint_a1", ""),
     ("A3", NOTHING, PLAIN, 3, ""),
     ("pos_A3", POSITION, PLAIN, 3, ""),
