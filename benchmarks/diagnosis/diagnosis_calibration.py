@@ -22,10 +22,13 @@ from estimators.diagnosis.judgement.findings import Signs, features
 PULL = 0.3  # of weights towards zero; there are few wrong names to learn from
 
 
-def fit(folders: Annotated[list[Path], typer.Argument(help="Folders of diagnosed cases.")]) -> None:
+def fit(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of diagnosed cases.")],
+    name: Annotated[str, typer.Option(help="Folder inside each case with the results.")] = "out",
+) -> None:
     """Print weights of the confidence and the factor of the intervals."""
     cases = [
-        judge(path.parent) for f in folders for path in sorted(f.glob("*/out"))
+        judge(path.parent, name) for f in folders for path in sorted(f.glob(f"*/{name}"))
         if (path / "result.json").exists()
     ]  # fmt: skip
     said = [(f, any(names(f, e) for e in c.effects)) for c in cases for f in c.findings]

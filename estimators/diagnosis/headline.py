@@ -42,13 +42,15 @@ _FRICTION: Final = frozenset(
 _UNNUMBERED: Final = frozenset({"text", "joint"})  # units of what is no quantity
 _SMALLEST: Final = 1e-12  # half width of an interval below which it has none
 _PUSHES: Final = 2  # whose times are said
+_SURE: Final = 0.5  # confidence of a name that is worth a place beside others
 
 
 def headline(verdict: Verdict) -> str:
     """Say what was found, where, how much, and how sure the values are.
 
     Effects of one kind are said together; where all of it does not fit into two lines, values are
-    left out first, and then what explains least.
+    left out first, and then what explains least. Names that are rather wrong than right are left to
+    the list of findings, if there are others.
     """
     n = len(verdict.fit.noise_floor)
     if verdict.verdict == "consistent":
@@ -155,10 +157,11 @@ def _unit(unit: str) -> str:
 def _groups(verdict: Verdict) -> list[list[Finding]]:
     """Return findings that are said together, in order of their first; pushes last."""
     groups: dict[tuple[str, str], list[Finding]] = {}
-    for item in verdict.findings:
-        if item.effect != UNKNOWN:
-            family = "friction" if _is_friction(item) else item.effect
-            groups.setdefault((family, item.kind), []).append(item)
+    named = [item for item in verdict.findings if item.effect != UNKNOWN]
+    sure = [item for item in named if item.confidence >= _SURE]
+    for item in sure or named:
+        family = "friction" if _is_friction(item) else item.effect
+        groups.setdefault((family, item.kind), []).append(item)
     return sorted(groups.values(), key=lambda group: group[0].effect == CONTACT)
 
 

@@ -52,6 +52,12 @@ def test_many_findings_are_grouped_with_values_and_what_is_unknown():
     )
 
 
+def test_a_name_that_is_rather_wrong_than_right_stands_in_the_headline_only_where_it_is_alone():
+    doubtful = replace(finding("torque_offset", (2,)), confidence=0.1)
+    assert "offset" not in headline(verdict(PAYLOAD, doubtful))
+    assert headline(verdict(doubtful)) == "Torque offset at joint 2."
+
+
 def test_ordinary_friction_that_was_not_stated_is_said_to_be_identified():
     identified = tuple(Identified("coulomb_friction", joint) for joint in (1, 2))
     assert headline(replace(verdict(said="consistent"), identified=identified)) == (
