@@ -79,7 +79,7 @@ PARTS: dict[str, Change] = {
     "bodies: as they are fitted, possible or not; no load in place of a link": Change(
         {},
         {
-            f"{FITTING}.problem.with_possible_bodies": lambda _model, _members, fit: fit.mean,
+            f"{FITTING}.problem.with_possible_bodies": lambda *given: given[3].mean,
             f"{FITTING}.solving.loaded": lambda _problem, solution: solution,
         },
     ),

@@ -18,7 +18,8 @@ from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.fitting import SOLVING
-from estimators.regression.evidence import REACH, Evidence, Posterior
+from estimators.diagnosis.settings.residuals import NOISE
+from estimators.regression.evidence import REACH, Evidence, Posterior, Prior
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
 
@@ -128,6 +129,21 @@ class RegressionProblem:
             left = 1.0 - freedom / max(len(A), 1)
             factor[joint] = 1.0 / np.sqrt(max(left, SOLVING.least_left))
         return factor
+
+    def torques(self, fitted: Posterior, prior: Prior) -> FloatArray:
+        """Return products (m, m) of the torques of fitted coefficients, beside their prior.
+
+        In squares of the error that the fit leaves at each joint, on all rows: where motion is
+        slow, an error that hardly changes costs next to nothing under the noise of a fit.
+        """
+        left = np.maximum(rmse(self.left(fitted), self.observed.moving), NOISE.tiny)
+        columns = self.columns.only(fitted.index)
+        total = np.diag(np.maximum(prior.deviation, NOISE.tiny) ** -2.0)
+        for joint in range(columns.joints):
+            values, at = columns.of_joint(joint)
+            A = values[self.split.fitted[:, joint]] / left[joint]
+            total[np.ix_(at, at)] += A.T @ A
+        return total
 
     def products(self, noise: Noise) -> NormalEquations:
         """Return sums over the rows meant for fits; what was summed last is kept."""
@@ -262,7 +278,13 @@ def impossible(problem: RegressionProblem, solution: Solution) -> tuple[int, ...
 def _entered(problem: RegressionProblem, solution: Solution) -> tuple[Simulation, tuple[int, ...]]:
     improvement = Improvement(problem.observed.simulation)
     members = [problem.candidates[member] for member in solution.members]
-    mean = with_possible_bodies(problem.observed.simulation.model, members, solution.fitted)
+    mean = with_possible_bodies(
+        problem.observed.simulation.model,
+        members,
+        problem.nuisance.prior,
+        solution.fitted,
+        lambda prior: problem.torques(solution.fitted, prior),
+    )
     at = problem.nuisance.prior.index.size
     problem.nuisance.enter(improvement, mean[:at])
     refused: list[int] = []

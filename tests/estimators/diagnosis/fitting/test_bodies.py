@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
-from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, improve
+from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, improve, simulated
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.stages import quiet
@@ -66,6 +66,18 @@ def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to():
     linear = rmse(problem.left(solution.fitted), rows)
     assert np.all(rmse(off, rows) < 1.1 * linear)
     assert np.any(rmse(shrunk, rows) > 1.5 * linear)
+
+
+def test_gravity_gives_no_way_to_an_inertia_where_slow_errors_are_thought_likely():
+    problem, _ = laid_out(observed(ROD))
+    walk = np.cumsum(np.random.default_rng(1).normal(size=problem.target.shape), axis=0)
+    noise = Noise.of(NOISE * walk, problem.split.fitted, problem.observed.segment)
+    payload = next(i for i, item in enumerate(problem.candidates) if item.effect == "payload")
+    solution = fitted(problem, (payload,), noise)
+    assert not exists(solution.fitted.mean[problem.nuisance.prior.index.size :])
+    rows = problem.split.held_out
+    linear, drawn = problem.left(solution.fitted), simulated(problem, solution)
+    assert np.all(rmse(drawn, rows) < 1.1 * rmse(linear, rows))
 
 
 def test_a_load_that_is_stated_may_have_another_mass():

@@ -18,6 +18,7 @@ from estimators.diagnosis.residuals.plausibility import (
     found_in,
     notes_on,
 )
+from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
@@ -379,13 +380,14 @@ def test_an_explanation_out_of_range_is_left_out_and_told():
     bodies = PER_LINK * GIVEN.model.n
     offset = SimpleNamespace(
         effect=EncoderOffset.name,
-        prior=SimpleNamespace(index=np.zeros(1)),
+        prior=Prior.free(np.zeros(1, np.int64), np.ones(1)),
         enter=lambda improvement, c: improvement.add(EncoderOffset(joint=2, offset=float(c[0]))),
     )
     problem = SimpleNamespace(
         observed=SimpleNamespace(simulation=GIVEN),
         nuisance=SimpleNamespace(
-            prior=SimpleNamespace(index=np.zeros(bodies)), enter=lambda _improvement, _c: None
+            prior=Prior.free(np.arange(bodies), np.ones(bodies)),
+            enter=lambda _improvement, _c: None,
         ),
         candidates=[offset],
     )
