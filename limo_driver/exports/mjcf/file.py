@@ -34,8 +34,8 @@ _TURNED: Final = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "diaginertia"
 # if nothing is said. It may not answer quicker than in two steps.
 FIRMNESS: Final = ("0.999 0.999", "0.9999 0.9999")
 _QUICK_STEPS: Final = 2
-# What each attribute of a joint says; those of a constraint are there for its friction.
 _MAKING: Final = frozenset({"attach", "replicate"})  # elements that make others with new names
+# What each attribute of a joint says; those of a constraint are there for its friction.
 _SAYS: Final = {
     "frictionloss": ("friction",),
     "solimpfriction": ("friction",),

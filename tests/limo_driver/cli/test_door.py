@@ -1,7 +1,6 @@
 """A stranger's door: a log and a description in, what is missing and a better description out."""
 
 import json
-import sys
 from dataclasses import replace
 
 import mujoco
@@ -10,24 +9,9 @@ import pytest
 from logged import numbered, written
 from mjcf_arms import arm_of
 
-from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, Payload, Simulation, ViscousFriction
 from limo_driver.types import Motion
 from limo_driver.workflow.exporting import format_for
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run a limo command in this process, in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-
-    def of(*arguments):
-        monkeypatch.setattr(sys, "argv", ["limo", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return (ended.value.code or 0, *capsys.readouterr())
-
-    return of
 
 
 def test_neither_or_both_of_simulation_and_robot_are_refused(run):

@@ -1,32 +1,16 @@
 """`limo inspect`: one of two arms, mappings that are there already, and mappings that are tried."""
 
 import json
-import sys
 
 import numpy as np
 import pytest
 from logged import measured, numbered, written
 
 import limo_driver as limo
-from limo_driver.cli import main
 from limo_driver.errors import ConfigError, RecordingError
 
 TIME, POSITION, _, TORQUE = (values[:1500] for values in measured())
 _, OTHER, _, ITS = (values[1500:] for values in measured())
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run a limo command in this process, in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-
-    def of(*arguments):
-        monkeypatch.setattr(sys, "argv", ["limo", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return (ended.value.code or 0, *capsys.readouterr())
-
-    return of
 
 
 def one_arm():

@@ -1,7 +1,6 @@
 """`limo.read` and `limo inspect`: somebody else's log, from the file to the recording."""
 
 import json
-import sys
 
 import numpy as np
 import pyarrow as pa
@@ -10,25 +9,10 @@ import pytest
 from logged import arm, measured, numbered, written
 
 import limo_driver as limo
-from limo_driver.cli import main
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.recorder import read_header
 
 TIME, POSITION, VELOCITY, TORQUE = measured()
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run a limo command in this process, in a folder of its own."""
-    monkeypatch.chdir(tmp_path)
-
-    def of(*arguments):
-        monkeypatch.setattr(sys, "argv", ["limo", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        return (ended.value.code or 0, *capsys.readouterr())
-
-    return of
 
 
 def degrees():
