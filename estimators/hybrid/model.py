@@ -181,9 +181,9 @@ def train(
     sample of each sequence.
     """
     from estimators.hybrid.training.data import prepare
-    from estimators.hybrid.training.fit import find_device, fit_prepared
+    from estimators.hybrid.training.fit import device_for, fit_prepared
 
-    find_device(settings.device)  # refused before the inputs are computed, which takes a while
+    device_for(settings)  # refused before the inputs are computed, which takes a while
     data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
     fitted = fit_prepared(data, settings, on_epoch)
     record = {

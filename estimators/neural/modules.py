@@ -101,6 +101,9 @@ class LstmModule(Module):
         names = ("input_weight", "recurrent_weight", "gate_bias")
         V, W, bias = (self.get_parameter(cell_name(name, i))[g] for name in names)
         weights = [V.T, W.T, bias, torch.zeros_like(bias)]
+        if x.is_cuda:  # cuDNN takes no gradient of weights that do not lie in one piece, in order
+            pieces = torch.cat([w.reshape(-1) for w in weights]).split([w.numel() for w in weights])
+            weights = [piece.view(w.shape) for piece, w in zip(pieces, weights, strict=True)]
         y, h, c = torch.lstm(x, memory, weights, True, 1, 0.0, self.training, False, True)
         return y, (h.detach(), c.detach())
 

@@ -64,7 +64,7 @@ def fit_prepared(
         RecordingError: No stretch is as long as a sequence.
         DivergedError: The loss is no longer finite.
     """
-    device = find_device(settings.device)
+    device = device_for(settings)
     features = settings.features_for(data.targets.shape[1])
     with _reproducible(settings.seed, device):
         network, history = _fit(data, features, settings, device, on_epoch)
@@ -96,6 +96,18 @@ def _left_out(carried: CarryOver) -> dict[str, Any]:
     if np.isnan(carried.rmse).any():
         return {}
     return {"rmse": {"left_out": {"hybrid": carried.rmse.tolist()}}}
+
+
+def device_for(settings: TrainingSettings) -> torch.device:
+    """Return where to train a network; `auto` leaves one without memory to the CPU.
+
+    Its steps are so small that a GPU mostly waits for the next: an H100 took 12 times as long.
+
+    Raises:
+        ConfigError: The device is not there.
+    """
+    alone = settings.device == "auto" and not NETWORKS[settings.model].recurrent
+    return find_device("cpu" if alone else settings.device)
 
 
 def find_device(name: str) -> torch.device:

@@ -57,7 +57,8 @@ class TrainingSettings(Declared):
         split: How motion is held out: blocks, sequences, recordings.
         carried: Sequences that a recurrent memory is carried through; 1: the paper's.
         keep: Weights that are the best on held-out motion, or the last ones (the paper's).
-        device: cpu, cuda, or auto: a GPU where PyTorch sees one.
+        device: cpu, cuda, or auto: a GPU where PyTorch sees one, but for an mlp7, which a CPU
+            trains sooner.
 
     Raises:
         ConfigError: A setting names nothing known or cannot be; the message says which.
@@ -114,7 +115,12 @@ class TrainingSettings(Declared):
         of=KEEPS,
         default="best",
     )
-    device: str = parameter("", "auto: a GPU where PyTorch sees one", of=DEVICES, default="auto")
+    device: str = parameter(
+        "",
+        "auto: a GPU where PyTorch sees one, but for an mlp7",
+        of=DEVICES,
+        default="auto",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -93,7 +93,7 @@ def command(  # one argument for each option
         ),
     ] = 3,
     device: Annotated[
-        str, typer.Option(help="cpu, cuda, or auto: a GPU where PyTorch sees one.")
+        str, typer.Option(help="cpu, cuda, or auto: a GPU if there is one, but for an mlp7.")
     ] = "auto",
     mapping: MappingOption = None,
     sweep: Annotated[

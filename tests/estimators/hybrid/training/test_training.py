@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+import torch
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.features import feature_set
 from estimators.hybrid.model import train
 from estimators.hybrid.training.carry_over import carry_over
 from estimators.hybrid.training.data import TrainingData, prepare
+from estimators.hybrid.training.fit import device_for
 from estimators.hybrid.training.settings import TrainingSettings, paper_settings, usual_settings
 from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural import NETWORKS, Mlp, Network
@@ -268,6 +270,33 @@ def test_a_gpu_that_is_not_there_is_refused(
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     with pytest.raises(ConfigError, match="no CUDA device"):
         train(rigid, [training_recording], replace(QUICK, device="cuda"))
+
+
+@pytest.mark.parametrize(
+    ("model", "device", "type_"),
+    [("mlp7", "auto", "cpu"), ("mlp7", "cuda", "cuda"), ("lstm-fcl", "auto", "cuda")],
+)
+def test_a_gpu_trains_what_it_trains_sooner_or_what_it_is_told_to(
+    model: str, device: str, type_: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    assert device_for(replace(QUICK, model=model, device=device)).type == type_
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch sees no GPU")
+@pytest.mark.parametrize("model", NETWORKS)
+def test_a_gpu_trains_as_a_cpu_does(
+    rigid: Simulation, training_recording: Recording, model: str
+) -> None:
+    losses: dict[str, list[float]] = {"cpu": [], "cuda": []}
+    for device, found in losses.items():
+        settings = replace(QUICK, model=model, device=device, sequence_length=20, folds=1)
+
+        def on_epoch(epoch: Epoch, found: list[float] = found) -> None:
+            found.append(epoch.training_loss)
+
+        train(rigid, [training_recording], settings, on_epoch)
+    assert losses["cuda"] == pytest.approx(losses["cpu"], rel=1e-2)
 
 
 def test_a_recording_shorter_than_a_sequence_is_refused(
