@@ -50,6 +50,20 @@ def physics(rigid: Simulation, record: Callable[[int, float], Recording]) -> Joi
     return JointPhysics(rigid).fit([record(0, 40.0)])
 
 
+@pytest.fixture(scope="module")
+def built_rigid(rigid: Simulation, tmp_path_factory: pytest.TempPathFactory) -> CModel:
+    return CModel.of(rigid, tmp_path_factory.mktemp("rigid"), RATE)
+
+
+@pytest.fixture(scope="module", params=COMPILERS)
+def built_physics(
+    physics: JointPhysics,
+    tmp_path_factory: pytest.TempPathFactory,
+    request: pytest.FixtureRequest,
+) -> CModel:
+    return CModel.of(physics, tmp_path_factory.mktemp("physics"), RATE, request.param)
+
+
 def network(kind: str, features: str, rigid: Simulation, learned_from: Recording) -> HybridModel:
     settings = TrainingSettings(
         model=kind, features=features, epochs=1, sequence_length=20, rate=50.0, hidden=6, folds=2
@@ -81,12 +95,10 @@ def compare(model: LiveEstimator | Simulation, found: CEstimates, moved: Recordi
     np.testing.assert_array_equal(found["outside"] > 0, late.outside)
 
 
-@pytest.mark.parametrize("compiler", COMPILERS)
 def test_joint_physics_equals_its_stream(
-    physics: JointPhysics, moved: Recording, tmp_path: Path, compiler: str
+    physics: JointPhysics, built_physics: CModel, moved: Recording
 ) -> None:
-    built = CModel.of(physics, tmp_path, RATE, compiler)
-    compare(physics, built.stream(moved.time, moved.position, moved.torque), moved)
+    compare(physics, built_physics.stream(moved.time, moved.position, moved.torque), moved)
 
 
 @pytest.mark.parametrize(("kind", "features"), NETWORKS, ids=[kind for kind, _ in NETWORKS])
@@ -104,7 +116,7 @@ def test_networks_equal_their_streams(
 
 
 def test_a_bare_simulation_knows_no_errors_and_no_contact(
-    rigid: Simulation, moved: Recording, tmp_path: Path
+    rigid: Simulation, built_rigid: CModel, moved: Recording
 ) -> None:
     """And it rests where its stream does: with an encoder's noise, through a gap and a start."""
     position = np.array(moved.position)
@@ -117,7 +129,7 @@ def test_a_bare_simulation_knows_no_errors_and_no_contact(
     )
     assert np.mean(values[1, 5100:] == 0.0) > 0.98
     assert stream.smoother is not None
-    found = CModel.of(rigid, tmp_path, RATE).stream(moved.time, moved.position, moved.torque)
+    found = built_rigid.stream(moved.time, moved.position, moved.torque)
     compare(rigid, found, moved)
     friction = found["friction"][6200:7000]  # the gap is over
     assert np.abs(friction).max() < 1e-3  # of 1 N m
@@ -126,21 +138,18 @@ def test_a_bare_simulation_knows_no_errors_and_no_contact(
 
 
 def test_without_torque_there_is_no_external_one(
-    physics: JointPhysics, moved: Recording, tmp_path: Path
+    physics: JointPhysics, built_physics: CModel, moved: Recording
 ) -> None:
-    found = CModel.of(physics, tmp_path, RATE).stream(moved.time, moved.position)
+    found = built_physics.stream(moved.time, moved.position)
     late = Stream(physics, RATE).predict(moved)
     assert worst(found["torque"], late) < SINGLE
     assert np.isnan(found["external"]).all()
     assert not found["contact"].any()
 
 
-def test_bad_input_is_refused_and_changes_nothing(
-    rigid: Simulation, moved: Recording, tmp_path: Path
-) -> None:
-    built = CModel.of(rigid, tmp_path, RATE)
+def test_bad_input_is_refused_and_changes_nothing(built_rigid: CModel, moved: Recording) -> None:
     time, position, torque = moved.time[:300], moved.position[:300], moved.torque[:300]
-    undisturbed = built.stream(time, position, torque)
+    undisturbed = built_rigid.stream(time, position, torque)
     bad = {100: NOT_FINITE, 150: TIME_STOOD, 200: NOT_FINITE, 250: NOT_FINITE}
     rows = np.sort(np.concatenate([np.arange(300), list(bad)]))
     at = {int(np.flatnonzero(rows == row)[1]): status for row, status in bad.items()}
@@ -148,19 +157,19 @@ def test_bad_input_is_refused_and_changes_nothing(
     first, _, third, fourth = at
     position[first, 1], torque[third, 0] = np.inf, np.nan
     position[fourth, 1] = 1e200  # squares of its derivatives overflow
-    found = built.stream(time, position, torque)
+    found = built_rigid.stream(time, position, torque)
     assert {int(t): int(found.status[t]) for t in np.flatnonzero(found.status)} == at
     good = found.status == OK
     np.testing.assert_array_equal(found["torque"][good], undisturbed["torque"])
 
 
 def test_a_wild_time_costs_a_start_and_not_all_that_follow(
-    rigid: Simulation, moved: Recording, tmp_path: Path
+    rigid: Simulation, built_rigid: CModel, moved: Recording
 ) -> None:
     time, position, torque = moved.time[:400].copy(), moved.position[:400], moved.torque[:400]
     time[200] = 1e9  # far ahead, so that each later one is far back
     time[300] -= 1.0  # far back, and the next far ahead
-    found = CModel.of(rigid, tmp_path, RATE).stream(time, position, torque)
+    found = built_rigid.stream(time, position, torque)
     stream = Stream(rigid, RATE)
     late, _ = stream.advance(stream.init(), time, position, torque)
     assert (found.status == OK).all()
