@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from scipy.signal import welch
 
 from estimators.base import DEVIATIONS
 from estimators.model_folder import provenance
+from estimators.spectra import median_density
 from limo_driver.display import Displayed
 from limo_driver.outputs import require_folder, whole
 from limo_driver.recordings.differentiation import ORDER
@@ -263,9 +263,7 @@ def noise_floor(
 
 def _white_level(torque: FloatArray, rate: float) -> FloatArray:
     """Return the density of the noise of torques (T, n), (n,) [N² m²/Hz]; NaN if it is not flat."""
-    frequency, density = welch(
-        torque, rate, "blackmanharris", _SEGMENT, detrend="linear", axis=0, average="median"
-    )
+    frequency, density = median_density(torque, rate, _SEGMENT)
     part = frequency / (rate / 2)  # of the Nyquist frequency
     middle = (1.0 + _NOISE_FROM) / 2
     lower, upper = (part > _NOISE_FROM) & (part < middle), part >= middle

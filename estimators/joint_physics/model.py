@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from estimators.base import Estimate
 from estimators.joint_physics.calibration import Calibration, calibrate
@@ -113,6 +114,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         """The values besides the motion that determine memory: no weight is among them."""
         return type(self), self.simulation, self.bandwidth
 
+    @threadpool_limits.wrap(limits=1, user_api="blas")  # its matrices are small; more only wait
     def fit(self, recordings: Sequence[Recording]) -> Self:
         """Fit the weights to the simulation's residual of the filtered torque.
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from estimators.rigid_body.base_parameters import BaseParameters, find_base_parameters
 from estimators.rigid_body.consistent import (
@@ -107,6 +108,7 @@ class Identification(Displayed):
         }
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # its matrices are small; more only wait
 def identify(
     model: RobotModel,
     recordings: Sequence[Recording],

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import fminbound
-from scipy.signal import correlate, correlation_lags
 
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.settings.residuals import REPEATS, ROWS
@@ -112,6 +111,8 @@ def _known(
 
 def _delay(observed: Observations, rows: NDArray[np.int64], others: NDArray[np.int64]) -> float:
     """Return how much later the motion is in the second recording's time, to a row [s]."""
+    from scipy.signal import correlate, correlation_lags  # slow to import; few have a repeat
+
     time, speed = observed.slow.time, observed.slow.velocity
     period = observed.row_period
     parts = []
