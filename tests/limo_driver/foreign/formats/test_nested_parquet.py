@@ -114,3 +114,11 @@ def test_text_among_such_numbers_is_refused_with_its_row(tmp_path):
     rows = [{"t": t, "q0": "lost" if k == 7 else "1.5"} for k, t in enumerate(TIME.tolist())]
     with pytest.raises(RecordingError, match=r"q0 holds text in 1 of 500 cells; row 7 is 'lost'"):
         table_of(tmp_path / "log.parquet", rows)
+
+
+def test_lists_in_parquet_are_columns(tmp_path):
+    table = pa.table({"t": TIME, "state": list(POSITION), "odd": [[0.0]] * 499 + [[0.0, 1.0]]})
+    pq.write_table(table, tmp_path / "log.parquet")
+    read = read_table(tmp_path / "log.parquet")
+    np.testing.assert_array_equal(read.columns["state[6]"], POSITION[:, 6])
+    assert "different lengths" in read.unread["odd"]
