@@ -35,7 +35,7 @@ class ArmDynamics(ABC):
     _data: Any  # of `pin_model`
     _flange: int  # frame
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of joints."""
         return int(self.pin_model.nv)

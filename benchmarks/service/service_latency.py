@@ -6,11 +6,12 @@
     nice -n -1 python benchmarks/service/service_latency.py --model model/ --busy 1 --minutes 2
 
 One process publishes joint states and takes the time until their estimates come back from `limo
-serve`, in another process. Half a cycle later it sends as many bytes to a third process, which does
-nothing but send them back: the bar is a ratio to that. All share this machine's cores. With
-`--busy`, so do processes that compute without end at the least priority. Each rate has a service
-of its own, since one serves the rate with which it began. States as slow as 10 Hz take a delay of
-three of them at least, and a model of at most 4 Hz of bandwidth (`limo train --bandwidth 2`).
+serve`, in another process. Half a cycle later it sends the same state, encoded in the same way, to
+a third process, which does nothing but send its bytes back: the bar is a ratio to that. All share
+this machine's cores. With `--busy`, so do processes that compute without end at the least priority.
+Each rate has a service of its own, since one serves the rate with which it began. States as slow as
+10 Hz take a delay of three of them at least, and a model of at most 4 Hz of bandwidth (`limo train
+--bandwidth 2`).
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import zenoh
 from service_processes import (
     ARM,
     DELAY,
@@ -39,13 +40,10 @@ from service_processes import (
 )
 from zenoh.handlers import Callback
 
-from limo_driver.network.messages import Attachment
+from limo_driver.network.messages import Attachment, JointStateCodec
 from limo_driver.network.readiness import wait_until_serving
 from limo_driver.network.streaming import declare_stream, open_session
 from limo_driver.robot.realtime import PRIORITY
-
-if TYPE_CHECKING:
-    import zenoh
 
 BARS = (1.3, 2.0)  # ratios to the echo: of p50, of p99
 BUSY = "import os; os.nice(19)\nwhile True: sum(i * i for i in range(100_000))"
@@ -99,11 +97,14 @@ def measure(session: zenoh.Session, motion: Motion, minutes: float, rate: float)
     """Drive for some minutes, and print how long estimates and echoes took."""
     estimates, echoes = Answers(session), Answers(session, ECHO_OUT)
     publisher, sent = declare_stream(session, ECHO_IN), []
-    payload = bytes(60 + 24 * len(motion.names) + sum(len(name) + 8 for name in motion.names))
+    codec, source = JointStateCodec(motion.names, ARM), zenoh.SourceInfo(publisher.id, 0)
+    still = np.zeros(len(motion.names))
 
     def send(k: int) -> None:
-        sent.append(time.perf_counter())
-        publisher.put(payload, attachment=Attachment(k, 0).encode())
+        position = motion.at(np.array([k / rate]))[0]
+        sent.append(time.perf_counter())  # encoding counts, as it does where a driver publishes
+        payload = codec.encode(round(1e9 * k / rate), position, still, still)
+        publisher.put(payload, attachment=Attachment(k, 0).encode(), source_info=source)
 
     wait_until_serving(session, ARM, until="waiting", timeout=START)
     wait_for(lambda: bool(publisher.matching_status.matching), START, "echo")

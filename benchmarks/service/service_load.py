@@ -11,7 +11,8 @@ a recording, over and over, as retraining does. `memory` measures the resident m
 serve` and gives its slope with an interval; --hours are of simulated time, as fast as the service
 answers. `arms` serves more and more arms, each by a process of its own under one supervisor, at
 --rate, until the 99th percentile doubles; their drivers share one process, which is burdened as
-well, so the service alone would bear more.
+well, so the service alone would bear more. What it takes of a core for each answer says how many
+arms would fill one, also where other programs use the machine.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -143,6 +144,11 @@ class Served:
     def __exit__(self, *_: object) -> None:
         self._open.close()
 
+    @property
+    def answered(self) -> int:
+        """How many estimates came back so far, of all arms."""
+        return sum(len(answers.sequences) for answers in self.answers)
+
     def measure(self, minutes: float) -> np.ndarray:
         """Return the round trips of some minutes [ms], of all arms; NaN is an answer lost."""
         begun = [len(driver.sent) for driver in self.drivers]
@@ -234,6 +240,20 @@ def memory(process: int) -> float:
     sys.exit(f"process {process} ended")
 
 
+def processor_time(process: int) -> float:
+    """Return what a process and those that it began have had of the cores [s]."""
+    ticks, parents = dict[int, int](), dict[int, int]()
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):  # it has ended
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            parents[int(folder.name)] = int(fields[1])
+            ticks[int(folder.name)] = int(fields[11]) + int(fields[12])
+    own = {process}
+    while more := {child for child, parent in parents.items() if parent in own} - own:
+        own |= more
+    return sum(ticks[each] for each in own) / os.sysconf("SC_CLK_TCK")
+
+
 def trend(values: np.ndarray) -> tuple[float, float]:
     """Return the slope of values a second apart [1/h] and half its interval, from block means."""
     blocks = np.array_split(values, BLOCKS)
@@ -254,8 +274,13 @@ def with_more_arms(model: Path, counts: list[int], minutes: float, rate: float) 
     single = np.nan
     for count in counts:
         with Served(model, count, rate=rate) as served:
-            p99 = show(f"{count} arms", served.measure(minutes))
+            before, answered = processor_time(served.process.pid), served.answered
+            took = served.measure(minutes)
+            busy = processor_time(served.process.pid) - before
+            each = busy / (served.answered - answered)
+            p99 = show(f"{count} arms", took)
             sent = sum(len(driver.sent) for driver in served.drivers)
+        print(f"  processor time: {1e6 * each:.0f} µs an answer, {1 / each / rate:.1f} arms a core")
         single = p99 if np.isnan(single) else single
         print(f"  p99 to that of the first: {p99 / single:.2f}   ({sent} states sent in all)")
         if p99 > ARMS_BAR * single:

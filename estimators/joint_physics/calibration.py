@@ -37,6 +37,7 @@ import numpy as np
 
 from estimators.base import DEVIATIONS
 from estimators.regression.empirical_bayes import LEAST_NOISE
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,17 +81,44 @@ class Calibration:
         """How fast learned torque fades with leverage, (n,) [1/(N² m²)]."""
         return self.unsure / (_ELSEWHERE * self.usual)
 
-    def std(self, leverage: FloatArray, unknown: FloatArray) -> FloatArray:
-        """Return standard deviations [N m] of leverages, and of variances by memory, (T, n)."""
-        return np.sqrt(self.certain + self.unsure * leverage + unknown)
+    @cached_property
+    def rows(self) -> FloatArray:
+        """What turns torque and leverage into an estimate, for compiled code, (4, n).
 
-    def faded(self, learned: FloatArray, leverage: FloatArray) -> FloatArray:
-        """Return learned torque, faded by its leverage, (T, n) [N m]."""
-        return learned / (1.0 + self.fading * leverage)
+        The variance where weights are known, what of a leverage is variance, how fast learned
+        torque fades with it, and the leverage from which on motion is outside.
+        """
+        return np.array([self.certain, self.unsure, self.fading, self.farthest])
 
-    def outside(self, leverage: FloatArray) -> NDArray[np.bool_]:
-        """Return which motion is outside what was judged, (T, n)."""
-        return leverage > self.farthest
+
+@compiled(reads=("rows", "leverage", "turned"), nogil=True)
+def judge(
+    rows: FloatArray,
+    leverage: FloatArray,
+    turned: FloatArray,
+    settled: float,
+    learned: FloatArray,
+    std: FloatArray,
+    outside: NDArray[np.bool_],
+) -> None:
+    """Fade the learned torque of T samples, and say how sure it is, in place.
+
+    Args:
+        rows: Of a `Calibration`.
+        leverage: (T, n) [N² m²].
+        turned: Range that each joint has turned in so far, (T, n) [rad].
+        settled: That it has to have turned in [rad], or else is outside.
+        learned: (T, n) [N m].
+        std: (T, n), variance by what nobody knows of memory [N² m²]; becomes the deviation [N m].
+        outside: (T, n), written.
+    """
+    certain, unsure, fading, farthest = rows[0], rows[1], rows[2], rows[3]
+    for t in range(leverage.shape[0]):
+        for j in range(leverage.shape[1]):
+            own = leverage[t, j]
+            std[t, j] = np.sqrt(certain[j] + unsure[j] * own + std[t, j])
+            learned[t, j] /= 1.0 + fading[j] * own
+            outside[t, j] = own > farthest[j] or not turned[t, j] > settled
 
 
 def calibrate(sums: MotionEquations, fits: Sequence[RegionalFit]) -> Calibration:

@@ -175,6 +175,11 @@ class JointColumns:
         ).independent
         return independent[independent < PER_LINK * self.n]
 
+    @cached_property
+    def constants(self) -> tuple[Arm, NDArray[np.int64], float, int, float]:
+        """What compiled code wants to know of them: see `estimation`."""
+        return self._arm, self.base, self.step_time, self.count, SETTLED
+
     @property
     def step_time(self) -> float:
         """Time that a filtered step of the velocity takes to half its height [s]."""

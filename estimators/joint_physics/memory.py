@@ -69,7 +69,7 @@ class UnknownMemory:
             about: Range turned in so far [rad] and load [N m], (2, T, n).
         """
         found = np.empty(about.shape[1:])
-        _variance(columns, about, self.heights, self.moments, self.place, found)
+        fill_variance(columns, about, self.heights, self.moments, self.place, found)
         return found
 
 
@@ -98,7 +98,7 @@ def _simulated(simulation: Simulation, n: int) -> FloatArray:
 
 
 @compiled(reads=("columns", "about", "heights", "moments"), nogil=True)
-def _variance(
+def fill_variance(
     columns: FloatArray,
     about: FloatArray,
     heights: FloatArray,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 from estimators.base import Estimate
 from estimators.joint_physics.calibration import Calibration, calibrate
 from estimators.joint_physics.columns import JointColumns
+from estimators.joint_physics.estimation import estimate
 from estimators.joint_physics.memory import UnknownMemory, moments_of
 from estimators.joint_physics.normal_equations import MotionEquations
 from estimators.joint_physics.prediction import Prediction
@@ -31,6 +32,13 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion
+
+    Whole: TypeAlias = NDArray[np.int64]
+    # fields of a `Prediction`, those of an `UnknownMemory`, and `rows` of a `Calibration`
+    Constants: TypeAlias = tuple[
+        Whole, Whole, Whole, FloatArray, NDArray[np.float32], Whole,
+        FloatArray, FloatArray, int, FloatArray,
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,23 @@ class FittedPhysics:
     def prediction(self) -> Prediction:
         """The same for compiled code."""
         return Prediction.of(self.weights, self.root, self.friction)
+
+    @cached_property
+    def constants(self) -> Constants:
+        """Everything that `estimate` takes of it, in order."""
+        own, unknown = self.prediction, self.unknown
+        return (
+            own.kept,
+            own.less,
+            own.sizes,
+            own.weights,
+            own.roots,
+            own.root_sizes,
+            unknown.heights,
+            unknown.moments,
+            unknown.place,
+            self.calibration.rows,
+        )
 
 
 @dataclass(frozen=True)
@@ -137,16 +162,23 @@ class JointPhysics(ResidualModel[FittedPhysics]):
     def _advance(
         self, state: JointPhysicsState, motion: Motion
     ) -> tuple[Estimate, JointPhysicsState]:
-        fitted = self.fitted
         torque, simulation = self.simulation.advance(state.simulation, motion)
-        rows, columns = self.columns.advance(state.columns, motion, torque)
-        learned, leverage = fitted.prediction.of_columns(rows.columns)
-        outside = fitted.calibration.outside(leverage) | ~rows.settled
-        unknown = fitted.unknown.variance(rows.columns, rows.about)
-        std = fitted.calibration.std(leverage, unknown)
-        faded = fitted.calibration.faded(learned, leverage)
-        estimate = Estimate(torque, faded, std, outside)
-        return estimate, JointPhysicsState(simulation, columns)
+        columns = state.columns.copy()
+        learned, std = np.empty_like(torque), np.empty_like(torque)
+        outside = np.empty(torque.shape, np.bool_)
+        estimate(
+            columns,
+            np.ascontiguousarray(motion.position),
+            np.ascontiguousarray(motion.velocity),
+            np.ascontiguousarray(motion.acceleration),
+            np.ascontiguousarray(torque),
+            *self.columns.constants,
+            *self.fitted.constants,
+            learned,
+            std,
+            outside,
+        )
+        return Estimate(torque, learned, std, outside), JointPhysicsState(simulation, columns)
 
 
 def _fit_joint(sums: MotionEquations, columns: JointColumns, joint: int) -> RegionalFit:

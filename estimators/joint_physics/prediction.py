@@ -56,7 +56,7 @@ class Prediction:
         """Return x · w [N m] and the leverage x Rᵀ R xᵀ [N² m²] of columns (n, T, K), (T, n)."""
         n, T, _ = columns.shape
         torque, leverage = np.empty((T, n)), np.empty((T, n))
-        _predict(
+        predict(
             columns,
             self.kept,
             self.less,
@@ -75,7 +75,7 @@ class Prediction:
     nogil=True,
     fastmath={"reassoc", "contract"},
 )  # sums in several lanes
-def _predict(
+def predict(
     columns: FloatArray,
     kept: NDArray[np.int64],
     less: NDArray[np.int64],

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from limo_driver.compiled import compiled
 from limo_driver.errors import DivergedError
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _ROWS: Final = 1000  # copied at once, so that whoever answers the next state need not wait
+_UNKNOWN: Final = np.empty(0)  # torque that was not measured
 
 
 @dataclass(frozen=True)
@@ -107,15 +108,35 @@ def bounded(estimate: LiveEstimate, bound: FloatArray) -> Answer:
     Raises:
         DivergedError: The torque is not finite.
     """
-    learned = np.minimum(np.maximum(estimate.learned, -bound), bound)  # np.clip is slow on few
-    torque = estimate.simulation + learned
-    if not isfinite(torque.sum()):
-        raise DivergedError(f"the torque is {torque} N m")
-    measured = np.full(torque.shape, np.nan) if estimate.measured is None else estimate.measured
-    return Answer(
-        torque,
-        estimate.std,
-        measured - torque,
-        estimate.outside,
-        bool((learned != estimate.learned).any()),
+    torque, external = np.empty_like(bound), np.empty_like(bound)
+    measured = _UNKNOWN if estimate.measured is None else estimate.measured
+    finite, clipped = _bound(
+        estimate.simulation, estimate.learned, measured, bound, torque, external
     )
+    if not finite:
+        raise DivergedError(f"the torque is {torque} N m")
+    return Answer(torque, estimate.std, external, estimate.outside, clipped)
+
+
+@compiled(reads=("simulation", "learned", "measured", "bound"))
+def _bound(
+    simulation: FloatArray,
+    learned: FloatArray,
+    measured: FloatArray,
+    bound: FloatArray,
+    torque: FloatArray,
+    external: FloatArray,
+) -> tuple[bool, bool]:
+    """Write torque and external torque, (n,); say whether all is finite, and any was clipped.
+
+    `measured` is of no joint where no torque was measured.
+    """
+    finite, clipped = True, False
+    for j in range(bound.size):
+        value, most = learned[j], bound[j]
+        if value > most or value < -most:
+            value, clipped = np.copysign(most, value), True
+        torque[j] = simulation[j] + value
+        external[j] = measured[j] - torque[j] if measured.size else np.nan
+        finite = finite and np.isfinite(torque[j])
+    return finite, clipped

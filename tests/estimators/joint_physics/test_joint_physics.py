@@ -135,6 +135,21 @@ def test_packed_weights_predict_what_whole_matrices_do(
     assert fitted.prediction.sizes[1] < fitted.prediction.sizes[0] < model.columns.count + 1
 
 
+def test_the_estimate_is_made_of_its_parts_to_the_bit(
+    model: JointPhysics, test_recording: Recording
+) -> None:
+    fitted, motion = model.fitted, test_recording.motion(BANDWIDTH)[:200]
+    torque, _ = model.simulation.advance(model.simulation.init(), motion)
+    rows, _ = model.columns.advance(model.columns.init(), motion, torque)
+    learned, leverage = fitted.prediction.of_columns(rows.columns)
+    unknown = fitted.unknown.variance(rows.columns, rows.about)
+    certain, unsure, fading, farthest = fitted.calibration.rows
+    whole, _ = model.advance(model.init(), motion)
+    np.testing.assert_array_equal(whole.learned, learned / (1.0 + fading * leverage))
+    np.testing.assert_array_equal(whole.std, np.sqrt(certain + unsure * leverage + unknown))
+    np.testing.assert_array_equal(whole.outside, (leverage > farthest) | ~rows.settled)
+
+
 def test_parts_of_the_motion_that_disagree_widen_the_covariance() -> None:
     random = np.random.default_rng(2)
     x = random.standard_normal((500, 3))

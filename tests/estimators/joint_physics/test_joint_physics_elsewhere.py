@@ -11,7 +11,7 @@ from wandering import wander
 
 from estimators.evaluation import evaluate
 from estimators.joint_physics import JointPhysics
-from estimators.joint_physics.calibration import Calibration
+from estimators.joint_physics.calibration import Calibration, judge
 from estimators.joint_physics.columns import JointColumns
 from estimators.joint_physics.regions import REGIONS, Regions
 from estimators.joint_physics.tolerances import tolerances
@@ -125,11 +125,14 @@ def test_sensors_encoders_and_gears_have_tolerances(rigid: Simulation) -> None:
 def test_learned_torque_fades_and_its_deviation_does_not() -> None:
     one = np.ones(1)
     calibration = Calibration(0.01 * one, 2.0 * one, 3.0 * one, 0.5 * one, one)
-    leverage = np.array([[0.0], [1.0 / 3.0], [1e6]])
-    faded = calibration.faded(np.full((3, 1), 4.0), leverage)
-    np.testing.assert_allclose(faded[:, 0], [4.0, 2.0, 0.0], atol=1e-5)
-    std = calibration.std(leverage, np.zeros((3, 1)))[:, 0]
-    np.testing.assert_allclose(std, np.sqrt([0.02, 2.02, 6e6]), rtol=1e-6)
+    leverage = np.array([[0.0], [1.0 / 3.0], [1e6], [0.0]])
+    turned = np.array([[0.1], [0.1], [0.1], [0.02]])
+    learned, std = np.full((4, 1), 4.0), np.zeros((4, 1))
+    outside = np.empty((4, 1), np.bool_)
+    judge(calibration.rows, leverage, turned, 0.02, learned, std, outside)
+    np.testing.assert_allclose(learned[:, 0], [4.0, 2.0, 0.0, 4.0], atol=1e-5)
+    np.testing.assert_allclose(std[:, 0], np.sqrt([0.02, 2.02, 6e6, 0.02]), rtol=1e-6)
+    assert outside[:, 0].tolist() == [False, False, True, True]  # far off, or hardly turned
 
 
 def test_a_folder_from_before_torque_faded_estimates_as_it_did(
