@@ -28,12 +28,13 @@ WORSE = (
 
 
 def lines_of(verdict: Verdict) -> list[str]:
-    """Return the verdict, its findings, the errors of each joint, and the notes."""
+    """Return the verdict, what makes it doubtful, findings, errors of each joint, and notes."""
     n = len(verdict.fit.noise_floor)
     findings = [line for item in verdict.findings for line in _said(item, n)]
-    notes = (f"note: {note}" for note in verdict.notes)
+    doubts = (f"doubtful: {doubt}" for doubt in verdict.doubts)
+    notes = (f"note: {note}" for note in verdict.notes if note not in verdict.doubts)
     table = [*_table(verdict), *_seen(verdict)]
-    return [headline(verdict), *findings, *_identified(verdict), *table, *notes]
+    return [headline(verdict), *doubts, *findings, *_identified(verdict), *table, *notes]
 
 
 def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]]:

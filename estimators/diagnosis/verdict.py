@@ -198,6 +198,7 @@ class Verdict:
     notes: tuple[str, ...] = ()  # what a reader should know of data and priors, one sentence each
     identified: tuple[Identified, ...] = ()  # ordinary friction that was not stated, by joint
     holds: Holds | None = None  # None where no torque was recorded
+    doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
 
     def as_values(self) -> dict[str, Any]:
         """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""

@@ -11,7 +11,7 @@ from estimators.diagnosis.judgement.holding import held_by
 from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
-from estimators.diagnosis.residuals.plausibility import notes_on
+from estimators.diagnosis.residuals.plausibility import doubts_on, notes_on
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import OBSERVABLE
@@ -116,6 +116,8 @@ def conclude(
         summary = "explained"
     else:
         summary = "partly_explained" if found else "unexplained"
+    # of all rows, and beside the given simulation, as the recordings came in
+    given = problem.observed.undisturbed(None).beside(problem.observed.simulation)
     _, share = left_at(unknown, alone, after, remaining.floor)
     where = next((item.where for item in findings if item.effect == UNKNOWN), Where())
     return Verdict(
@@ -126,9 +128,8 @@ def conclude(
         next_motion=None,
         fit=fit_of(problem, proven, alone, remaining.floor),
         rows=rows_of(problem),
-        # of all rows, and beside the given simulation, as the recordings came in
         notes=(
-            *notes_on(problem.observed.undisturbed(None).beside(problem.observed.simulation)),
+            *notes_on(given),
             *repeats.notes(problem.observed, proven),
             *(
                 [unnamed_note([problem.candidates[i] for i in stand_ins])]
@@ -139,6 +140,7 @@ def conclude(
         ),
         identified=identified_of(problem, plain),
         holds=held_by(problem, solution),
+        doubts=doubts_on(given),
     )
 
 

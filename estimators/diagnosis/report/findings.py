@@ -65,8 +65,16 @@ def overview(diagnosis: Diagnosis, charts: Charts, between: str = "") -> str:
         badge=(VERDICTS[verdict.verdict], verdict.verdict),
     )
     to_do = put(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
-    told = errors(verdict, charts) + cards(verdict, names) + notes(verdict.notes)
-    return f"{head}{to_do}{between}{told}"
+    rest = [note for note in verdict.notes if note not in verdict.doubts]
+    told = errors(verdict, charts) + cards(verdict, names) + notes(rest)
+    return f"{head}{doubted(verdict.doubts)}{to_do}{between}{told}"
+
+
+def doubted(said: Sequence[str]) -> str:
+    """Return what makes all of a diagnosis doubtful, above what to do with it."""
+    if not said:
+        return ""
+    return f'<aside class="doubted"><h2>Is this right?</h2>{listed(said)}</aside>'
 
 
 def errors(verdict: Verdict, charts: Charts) -> str:

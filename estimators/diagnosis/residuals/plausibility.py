@@ -16,6 +16,7 @@ from estimators.diagnosis.residuals.mistakes import (
     Mistake,
     RowSample,
     constant_joints,
+    dry_and_viscous,
     mistakes,
     stuck,
     without_friction,
@@ -163,7 +164,10 @@ def _stuck_in(observed: Observations) -> tuple[str, ...]:
 
 
 def notes_on(observed: Observations) -> tuple[str, ...]:
-    """Return notes on the recordings for the verdict, one sentence each."""
+    """Return notes on the recordings for the verdict, one sentence each; those of `doubts_on`, too.
+
+    A joint that moves too little, has no torque, or was recorded too slowly is no doubt.
+    """
     warnings = [
         f"{recording.source or 'A recording'}: {warning}."
         for recording in observed.recordings
@@ -171,26 +175,13 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
     ]
     if (slow := lowered(observed.recordings, observed.bandwidth)) is not None:
         warnings.append(slow)
-    warnings += [
-        f"{doubt} Then nothing said of other joints holds, either." for doubt in _stuck_in(observed)
-    ]
+    warnings += doubts_on(observed)
     if holds_still(observed):
         warnings.append(
             "The arm holds still in all rows, where friction holds any torque: pushes alone are "
             "looked for, and nothing else is said of it."
         )
         return tuple(warnings)
-    if foreign := foreign_bodies(observed):
-        joints = ", ".join(str(j + 1) for j in foreign)
-        warnings.append(
-            f"The torques of joints {joints} are those of a rigid body, but several bodies of it "
-            f"are far from those of {observed.simulation.model.name}, payload or not. Is it "
-            "another arm? Then no finding holds, and limo identify makes a simulation of its own."
-        )
-    doubtful, _ = _by_load(RowSample.of(observed))
-    if doubtful.size > 1:  # fewer than would be beyond doubt another robot
-        told = _not_the_load(observed, doubtful)
-        warnings.append(f"{told[0].upper()}{told[1:]}, or are their sensors off?")
     if silent := without_torque(observed):
         warnings += [
             f"Joint {j + 1} is left out: its torque is {observed.measured[0, j]:.4g} N m in all "
@@ -205,6 +196,29 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
         *warnings,
         f"Nothing is said of the torque of joints that move too little to compare it: {joints}.",
     )
+
+
+def doubts_on(observed: Observations) -> tuple[str, ...]:
+    """Return what makes all of a diagnosis doubtful, one sentence each."""
+    doubts = [
+        f"{doubt} Then nothing said of other joints holds, either." for doubt in _stuck_in(observed)
+    ]
+    if holds_still(observed):
+        return tuple(doubts)
+    if foreign := foreign_bodies(observed):
+        joints = ", ".join(str(j + 1) for j in foreign)
+        doubts.append(
+            f"The torques of joints {joints} are those of a rigid body, but several bodies of it "
+            f"are far from those of {observed.simulation.model.name}, payload or not. Is it "
+            "another arm? Then no finding holds, and limo identify makes a simulation of its own."
+        )
+    sample = RowSample.of(observed)
+    doubtful, _ = _by_load(sample)
+    if doubtful.size > 1:  # fewer than would be beyond doubt another robot
+        told = _not_the_load(observed, doubtful)
+        parts = _parts_of_load(sample, doubtful)
+        doubts.append(f"{told[0].upper()}{told[1:]}, or are their sensors off?{parts}")
+    return tuple(doubts)
 
 
 def _refused(observed: Observations, what: str) -> RecordingError:
@@ -319,6 +333,25 @@ def _not_the_load(observed: Observations, joints: NDArray[np.int64]) -> str:
         f"the torques of joints {named} are not the load of {observed.simulation.model.name} on "
         "this motion, with friction or a payload; is it another robot"
     )
+
+
+def _parts_of_load(sample: RowSample, joints: NDArray[np.int64]) -> str:
+    """Say how much of the load each joint (0-based) shows where that, with friction, is its torque.
+
+    Sensors, currents or bodies that are off by a factor look like this, and the factor tells which.
+    """
+    parts: list[str] = []
+    for joint in joints.tolist():
+        use, torque = sample.moving[:, joint], _centred(sample, joint)
+        friction = dry_and_viscous(sample.motion.velocity[use, joint])
+        columns = np.column_stack([sample.load[use, joint], friction, np.ones(torque.size)])
+        found = np.linalg.lstsq(columns, torque, rcond=None)[0]
+        left = float(np.std(torque - columns @ found)) / max(float(np.std(torque)), MISTAKES.tiny)
+        if left < PLAUSIBILITY.fits:
+            parts.append(f"{found[0]:.2f} of it at joint {joint + 1}")
+    if not parts:
+        return ""
+    return f" Beside friction they follow {' and '.join(parts)}."
 
 
 def foreign_bodies(observed: Observations) -> tuple[int, ...]:

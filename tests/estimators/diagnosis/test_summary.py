@@ -48,6 +48,13 @@ def test_it_has_findings_equivalents_table_and_notes():
     assert max(map(len, table[:5])) <= 80
 
 
+def test_what_makes_all_of_it_doubtful_stands_above_the_findings():
+    doubt = "Is it another arm?"
+    lines = lines_of(replace(VERDICT, notes=("A note.", doubt), doubts=(doubt,)))
+    assert lines[1] == f"doubtful: {doubt}"
+    assert [line for line in lines if line.startswith("note: ")] == ["note: A note."]
+
+
 def test_ordinary_friction_is_a_line_a_joint_and_a_table_in_the_report():
     identified = tuple(
         Identified(effect, joint, {name: Interval(1.25 * joint, unit, (1.0 * joint, 1.5 * joint))})

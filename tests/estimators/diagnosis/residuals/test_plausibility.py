@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -14,6 +15,7 @@ from estimators.diagnosis.pipeline import observe
 from estimators.diagnosis.residuals.mistakes import RowSample
 from estimators.diagnosis.residuals.plausibility import (
     doubtful_encoders,
+    doubts_on,
     foreign_bodies,
     found_in,
     notes_on,
@@ -168,6 +170,15 @@ def test_two_torque_sensors_that_are_off_are_doubted_not_refused(recording):
     assert not any(
         "the load of" in note for note in notes_on(observe(GIVEN, [recording], BANDWIDTH))
     )
+
+
+def test_of_sensors_that_are_off_by_a_factor_the_factor_is_told(recording):
+    torque = recording.torque * np.array([1, 1, 1, 0.3, 1, 0.35, 1])
+    (doubt,) = doubts_on(observe(GIVEN, [replace(recording, torque=torque)], BANDWIDTH))
+    told = re.search(r"follow (0\.\d\d) of it at joint 4 and (0\.\d\d) of it at joint 6", doubt)
+    assert told is not None
+    assert [float(part) for part in told.groups()] == pytest.approx([0.3, 0.35], abs=0.02)
+    assert doubts_on(observe(GIVEN, [recording], BANDWIDTH)) == ()
 
 
 def test_gears_that_hold_their_load_by_friction_are_doubted_not_refused(recording):
