@@ -23,7 +23,6 @@ recordings is named by LIMO_DATA, or is ../shared/data.
 from __future__ import annotations
 
 import argparse
-import itertools
 import os
 import time
 import warnings
@@ -52,7 +51,7 @@ from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Sequence
+    from collections.abc import Generator, Sequence
 
     from numpy.typing import NDArray
 
@@ -88,12 +87,11 @@ def main() -> None:
     print(f"{len(seen)} motions fitted, {len(unseen)} held out; mean absolute error [rad]")
     a = report("(a) vendor's MJCF as it is", vendor, unseen)
     begun = time.perf_counter()
-    with counted() as simulations:
+    with counted() as rows:
         ours = identify_drives(vendor, seen, intervals=False).simulation
     spent = time.perf_counter() - begun
     limo = report(f"limo, fitted in {spent:.0f} s", ours, unseen)
-    stretches = sum(len(recording.segments) for recording in seen)
-    evaluations = next(simulations) // (stretches * vendor.model.n)
+    evaluations = sum(rows) // (sum(map(len, seen)) * vendor.model.n)
     print(f"each fit may simulate each joint {evaluations} times, what limo took", flush=True)
     if "pace" in peers:
         by_pace(vendor, seen, unseen, evaluations, limo)
@@ -207,16 +205,16 @@ def _lowest(data: Any, geom: int, corners: FloatArray) -> float:  # noqa: ANN401
 
 
 @contextmanager
-def counted() -> Generator[Iterator[int]]:
-    """Count how often a stretch of one joint is simulated."""
-    count, simulate = itertools.count(), LoadedJoint.simulate
+def counted() -> Generator[list[int]]:
+    """Count the rows of each simulation of one joint."""
+    rows, simulate = list[int](), LoadedJoint.simulate
 
     def simulated(part: LoadedJoint, row: FloatArray) -> FloatArray:
-        next(count)
+        rows.append(part.time.size)
         return simulate(part, row)
 
     with patch.object(LoadedJoint, "simulate", simulated):
-        yield count
+        yield rows
 
 
 # Of the logarithms fitted, at least: of armature [kg m²], below which no free run settles

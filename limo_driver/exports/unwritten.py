@@ -21,6 +21,7 @@ BEYOND_ACTUATORS: Final = {  # of a position servo, with its unit
     "derating": "of the warm motor",
     "speed": "rad/s",
     "acceleration": "rad/s^2",
+    "straight": "(no profile to a repeated command)",
     "resolution": "rad",
 }
 

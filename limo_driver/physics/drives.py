@@ -70,6 +70,13 @@ class PositionServo(JointDrive):
     acceleration: float | None = parameter(
         "rad/s^2", "most acceleration of the profile", lower=0.0, above=True, default=None
     )
+    straight: float = parameter(
+        "1",
+        "1: a command that the next row repeats is followed at once, without the profile",
+        lower=0.0,
+        upper=1.0,
+        default=0.0,
+    )
     torque_limit: float | None = parameter(
         "N m", "most torque", lower=0.0, upper=MOST_TORQUE, default=None
     )

@@ -6,22 +6,28 @@ The judge is motion that the fit has not seen, simulated forward.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.constants import BASE, value_in, with_values
+from estimators.drives.fitting.constants import (
+    BASE,
+    COULOMB,
+    LEAST,
+    BelievedValue,
+    value_in,
+    with_values,
+)
 from estimators.drives.fitting.joint import JointFit, errors, fit_joint, left_out
-from estimators.drives.fitting.limits import begun_at
+from estimators.drives.fitting.limits import LimitStart, begun_at
 from estimators.drives.fitting.starts import LAGS, away, lagging
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from estimators.drives.fitting.constants import BelievedValue
     from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
@@ -33,33 +39,51 @@ class Extra:
     effect: str
     start: Mapping[str, float]  # constants to be fitted, and where from; of a limit, nothing yet
     limit: str = ""  # a constant that is felt where it is reached, and nowhere else
+    shape: Mapping[str, float] = field(default_factory=dict)  # of its law, not fitted
+    # Parts that are left of constants which a fit without it has raised in its place
+    eased: Mapping[str, float] = field(default_factory=dict)
 
-    def begun(self, parts: Sequence[LoadedJoint], row: FloatArray) -> Mapping[str, float]:
+    def begun(self, parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
         """Return constants and where their fit begins; none where nothing speaks for a limit.
 
         Args:
             parts: Recorded stretches.
             row: The constants without it.
         """
+        known = away(parts, row)
         if not self.limit:
-            return self.start
-        best = begun_at(self.limit, parts, row)
-        return best.values if best.away < away(parts, row) else {}
+            return LimitStart(self.start, known, self.easing(row))
+        best = begun_at(self.limit, parts, with_values(row, self.shape))
+        return best if best.away < known else LimitStart({}, known)
+
+    def easing(self, row: FloatArray) -> dict[str, float]:
+        """Return what is left at first of the constants that took its place.
+
+        Args:
+            row: The constants without it.
+        """
+        return {name: part * value_in(row, name) for name, part in self.eased.items()}
 
 
+PROFILE: Final = Extra(
+    "profile_acceleration", {}, "acceleration", {"straight": 1.0}, {"inertia": 0.2}
+)
 EXTRAS: Final = (
     Extra("stribeck_friction", {"stribeck": 0.05, "v_s": 0.05}),
-    Extra("load_dependent_friction", {"by_load": 0.1}),
+    Extra("load_dependent_friction", {"by_load": 0.4}, eased={COULOMB: 0.3}),
     Extra("dead_band", {"dead_band": 0.005}),
     Extra("profile_speed", {}, "speed"),
     Extra("profile_acceleration", {}, "acceleration"),
+    PROFILE,
     Extra("torque_limit", {}, "torque_limit"),
 )
 MOST: Final = 3  # of one joint
-_GAIN: Final = 0.97  # of the error on motion not seen, which an effect has to get below
+GAIN: Final = 0.97  # of the error on motion not seen, which an effect has to get below
 _SURE: Final = 0.4  # of the logarithm of a constant; a deviation beyond says that it is not seen
 _SCREENING: Final = 8  # evaluations
-_PIECE: Final = 10.0  # [s], where there are too few stretches to keep some apart
+_PIECE: Final = 10.0  # [s]
+# The profile of hobby servos: LeRobot sets theirs to 254 times 100 steps/s² of 4096 steps a turn.
+USUAL_PROFILE: Final = BelievedValue(39.0, 0.25)  # [rad/s²]
 
 
 def grown(
@@ -85,31 +109,73 @@ def grown(
     seen, unseen = apart(parts)
     found: list[str] = []
     best = _best(seen, row, names, priors)
-    score = _score(unseen, best.row)
+    score, waiting = _score(unseen, best.row), list(EXTRAS)
     while len(found) < MOST:
         tried = list[tuple[Extra, JointFit]]()
         scores = list[float]()
-        for extra in EXTRAS:
-            if extra.effect in found:
-                continue
+        useful = list[Extra]()  # what gains nothing is not tried again
+        for extra in waiting:
             # a servo that is mostly at a limit looks like another, of less gain
-            begun_with = {name: best.value(name) for name in names if name not in BASE}
+            kept = (*(name for name in names if name not in BASE), *PROFILE.shape)
+            begun_with = {name: best.value(name) for name in kept}
             others = (with_values(row, begun_with),) if extra.limit else ()
             for base in (best.row, *others):
-                if not (start := extra.begun(seen, base)):
+                first = extra.begun(seen, base)
+                if not (start := first.values):
                     continue
-                begun = with_values(base, start)
+                begun = with_values(base, {**extra.shape, **first.bent, **start})
                 fit = fit_joint(seen, begun, (*names, *start), priors, _SCREENING)
                 tried.append((extra, fit))
-                scores.append(_proven(unseen, fit, best.row, list(start), score))
+                own = _score(unseen, fit.row)
+                if own < score and extra not in useful:
+                    useful.append(extra)
+                scores.append(_proven(unseen, fit, best.row, list(start), own, score))
         at = int(np.argmin(scores)) if scores else 0
         if not scores or scores[at] == np.inf:
             break
         extra, best = tried[at]
         score, names = scores[at], best.names
         found.append(extra.effect)
-    final = _best(parts, best.row, best.names, priors)
+        waiting = [one for one in useful if one.effect != extra.effect]
+    final = fit_joint(parts, best.row, best.names, priors)
     return left_out(final, parts, priors) if intervals else final, tuple(found)
+
+
+@dataclass(frozen=True)
+class OfAKind:
+    """A joint with an effect that another servo of its arm has."""
+
+    fit: JointFit
+    found: tuple[str, ...]  # the effects that it has beyond the usual ones
+    ratio: float  # of errors on motion not seen, with it over without
+
+
+def of_a_kind(
+    parts: Sequence[LoadedJoint],
+    fit: JointFit,
+    found: tuple[str, ...],
+    priors: Mapping[str, BelievedValue],
+    *,
+    intervals: bool,
+) -> OfAKind:
+    """Fit a joint with the profile that another servo of its arm has.
+
+    Args:
+        parts: Recorded stretches.
+        fit: Of the joint without it.
+        found: The effects that it has beyond the usual ones.
+        priors: What is believed of some of its constants.
+        intervals: Whether deviations are taken from motion that is left out.
+    """
+    believed, start = {**priors, "acceleration": USUAL_PROFILE}, PROFILE.easing(fit.row)
+    begun = with_values(fit.row, {**PROFILE.shape, **start, "acceleration": USUAL_PROFILE.value})
+    seen, unseen = apart(parts)
+    before = fit_joint(seen, fit.row, fit.names, priors, _SCREENING)
+    after = fit_joint(seen, begun, (*fit.names, "acceleration"), believed, _SCREENING)
+    final = fit_joint(parts, after.row, after.names, believed)
+    kept = left_out(final, parts, believed) if intervals else final
+    ratio = _score(unseen, after.row) / max(_score(unseen, before.row), LEAST)
+    return OfAKind(kept, (*found, PROFILE.effect), ratio)
 
 
 def every_joint(
@@ -130,10 +196,12 @@ def every_joint(
 def apart(
     parts: Sequence[LoadedJoint],
 ) -> tuple[list[LoadedJoint], list[LoadedJoint]]:
-    """Return stretches to fit to, and those kept from it: every other one."""
-    if len(parts) < 4:  # noqa: PLR2004  # two of each
-        parts = [piece for part in parts for piece in _pieces(part)]
-    return list(parts[0::2]), list(parts[1::2]) or list(parts)
+    """Return pieces to fit to, and those kept from it: every other one.
+
+    One stretch may be the only fast one, and show alone what limits a servo: each is cut.
+    """
+    pieces = [piece for part in parts for piece in _pieces(part)]
+    return pieces[0::2], pieces[1::2]
 
 
 def _pieces(part: LoadedJoint) -> list[LoadedJoint]:
@@ -163,6 +231,7 @@ def _proven(
     fit: JointFit,
     before: FloatArray,
     names: Sequence[str],
+    own: float,
     score: float,
 ) -> float:
     """Return the error of a fit on motion that it has not seen; infinite if it proves nothing.
@@ -174,13 +243,13 @@ def _proven(
         fit: With the effect.
         before: Constants of the fit without it.
         names: What the effect adds.
-        score: Error without it.
+        own: Error with it [rad].
+        score: Error without it [rad].
     """
     if max(fit.deviation[name] for name in names) > _SURE:
         return np.inf
-    own = _score(parts, fit.row)
     without = with_values(fit.row, {name: value_in(before, name) for name in names})
-    return own if own < _GAIN * min(score, _score(parts, without)) else np.inf
+    return own if own < GAIN * min(score, _score(parts, without)) else np.inf
 
 
 def _score(parts: Sequence[LoadedJoint], row: FloatArray) -> float:

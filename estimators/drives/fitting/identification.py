@@ -7,6 +7,7 @@ Where gravity hardly loads a joint, only their ratios are known.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,7 +22,7 @@ from estimators.drives.fitting.constants import (
     value_in,
     with_values,
 )
-from estimators.drives.fitting.extras import every_joint
+from estimators.drives.fitting.extras import GAIN, PROFILE, OfAKind, every_joint, of_a_kind
 from estimators.drives.fitting.joint import JointFit, errors
 from estimators.drives.fitting.starts import TYPICAL, nearer_start, typical_start, with_gain
 from estimators.drives.simulation.columns import geared
@@ -44,6 +45,8 @@ from limo_driver.physics import (
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.model import RobotModel
@@ -182,6 +185,7 @@ def identify_drives(
         rows[j] = with_gain(rows[j], kind)
     believed = [_believed(rows[j], None) for j in weightless]
     found |= _fitted(parts, rows, weightless, BASE[1:], believed, intervals=intervals)
+    found = _of_a_kind(parts, found, stated, load, scaled, intervals=intervals)
     shown = [fit for fit, _ in found.values()]
     for j in np.flatnonzero(~moved).tolist():
         row = _of_others(rows[j], shown)
@@ -206,6 +210,44 @@ def _fitted(
     own = [parts[j] for j in joints]
     done = every_joint(own, rows[list(joints)], names, believed, intervals=intervals)
     return dict(zip(joints, done, strict=True))
+
+
+def _of_a_kind(
+    parts: Sequence[Sequence[LoadedJoint]],
+    found: dict[int, tuple[JointFit, tuple[str, ...]]],
+    stated: FloatArray,
+    load: FloatArray,
+    scaled: NDArray[np.bool_],
+    *,
+    intervals: bool,
+) -> dict[int, tuple[JointFit, tuple[str, ...]]]:
+    """Return the fits with the profile that some servos show, if all joints together err less.
+
+    Servos of an arm are of one kind more often than not, and few joints move fast enough to show
+    a profile each by itself: all of them have it, or those alone that show it.
+
+    Args:
+        parts: Stretches of each joint.
+        found: Fits and effects, by joint.
+        stated: Constants of each joint, (n, columns).
+        load: Largest torque of gravity on each, (n,) [N m].
+        scaled: Whether that gives the scale of a joint, (n,).
+        intervals: Whether fits that leave motion out tell how sure values are.
+    """
+    has = {j for j, (fit, _) in found.items() if value_in(fit.row, "straight") > 0.0}
+    others = [j for j in found if j not in has and PROFILE.effect not in found[j][1]]
+    if not has or not others:
+        return found
+
+    def tried(j: int) -> OfAKind:
+        believed = _believed(typical_start(stated[j]), float(load[j]) if scaled[j] else None)
+        return of_a_kind(parts[j], *found[j], believed, intervals=intervals)
+
+    with ThreadPoolExecutor() as pool:
+        alike = list(pool.map(tried, others))
+    if len(has) * np.log(GAIN) + np.log([one.ratio for one in alike]).sum() >= 0.0:
+        return found
+    return found | {j: (one.fit, one.found) for j, one in zip(others, alike, strict=True)}
 
 
 def _of_others(row: FloatArray, fits: Sequence[JointFit]) -> FloatArray:
@@ -298,6 +340,7 @@ def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
         torque_limit=_finite(value_in(row, "torque_limit")),
         speed=_finite(value_in(row, "speed")),
         acceleration=_finite(value_in(row, "acceleration")),
+        straight=value_in(row, "straight"),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 LIMITS: Final = ("speed", "acceleration", "torque_limit")
 _SHARES: Final = (0.3, 0.5, 0.7, 0.9)  # of what was done at most, or of a known limit, tried as one
 _LIFTED: Final = (1.0, 1.3, 1.7)  # times the most load that was moved, tried as a torque limit
+_QUICKER: Final = (1.0, 1.3, 1.8, 2.5)  # times the acceleration of a joint, tried as its profile's
+_LIGHTER: Final = (1.0, 0.2)  # times the inertia, which mimics a profile, tried beside one
 _FREE: Final = (1.0, 1.3, 1.8)  # times the fastest motion, tried as a speed without load
 _RARE: Final = 0.995  # quantile of what it did, taken for the most
 
@@ -29,6 +31,7 @@ class LimitStart:
 
     values: Mapping[str, float]
     away: float  # [rad], in the mean
+    bent: Mapping[str, float] = field(default_factory=dict)  # others, which a fit without it bends
 
 
 def begun_at(
@@ -43,12 +46,20 @@ def begun_at(
         parts: Recorded stretches.
         row: The constants without it.
     """
-    limits = [share * most_of(limit, parts, row) for share in _SHARES]
+    most = most_of(limit, parts, row)
+    limits = [share * most for share in _SHARES]
     if limit == "torque_limit":
         limits += [times * _most_load(parts) for times in _LIFTED]
+    if limit == "acceleration":
+        limits += [times * most for times in _QUICKER]
     if np.isfinite(known := value_in(row, limit)):
         limits += [share * known for share in _SHARES]
-    return _nearest(parts, row, [{limit: x} for x in limits if x > 0.0])
+    tried = [{limit: x} for x in limits if x > 0.0]
+    if limit != "acceleration":
+        return _nearest(parts, row, tried)
+    weights = [{"inertia": share * value_in(row, "inertia")} for share in _LIGHTER]
+    found = [replace(_nearest(parts, with_values(row, own), tried), bent=own) for own in weights]
+    return min(found, key=lambda own: own.away)
 
 
 def motor_begun_at(parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:

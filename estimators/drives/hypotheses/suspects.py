@@ -219,6 +219,7 @@ def _limits(
         if start.away >= known:
             continue
         other = () if base is row else tuple((n, value_in(base, n)) for n in names if n != limit)
+        other = (*other, *start.bent.items())
         one = Suspect(_BESIDE.get(limit, limit), j, tuple(start.values.items()), bent=other)
         if limit in names:
             one = replace(one, start=(), bent=(*other, *start.values.items()), freed=limit)

@@ -44,6 +44,7 @@ NAMES: Final = (
     "derating",  # resistance that a stalled motor's winding gains in the end, over its own
     "heating",  # [s], in which it does
     "inside",  # share of the damping that the servo makes, within its torque limit
+    "straight",  # whether a command that is sent again is followed at once, without the profile
 )
 (
     KP,
@@ -82,6 +83,7 @@ NAMES: Final = (
     DERATING,
     HEATING,
     INSIDE,
+    STRAIGHT,
 ) = range(len(NAMES))
 UNLIMITED: Final = (
     "integral_limit",

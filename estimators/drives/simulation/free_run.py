@@ -25,6 +25,7 @@ from estimators.drives.simulation.joint_step import (
     led,
     next_velocity,
     sagged,
+    sent_again,
     slack,
 )
 from estimators.drives.simulation.plant import ServoArm
@@ -203,8 +204,10 @@ def _advance(
             inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
             for j in range(n):
                 begin = now - rows[j, DELAY]
-                wanted, at[j] = commanded(time, command[:, j], at[j], begin, begin + h)
-                target[j], pace[j] = led(rows[j], wanted, target[j], pace[j], h)
+                own, before = command[:, j], at[j]
+                wanted, at[j] = commanded(time, own, before, begin, begin + h)
+                again = sent_again(own, before, at[j])
+                target[j], pace[j] = led(rows[j], wanted, again, target[j], pace[j], h)
                 error[j] = error_of(rows[j], target[j], q[j] + zero[j])
                 integral[j] = integrated(rows[j], integral[j], error[j], h)
             volts[:] = _supplied(rows, error, v)

@@ -39,6 +39,7 @@ from estimators.drives.simulation.columns import (
     SPEED,
     SPRING,
     STALL,
+    STRAIGHT,
     STRIBECK,
     TORQUE_LIMIT,
     V_S,
@@ -78,11 +79,37 @@ def commanded(
 
 
 @compiled(nogil=True)
-def led(row: FloatArray, target: float, at: float, speed: float, h: float) -> tuple[float, float]:
-    """Return set-point [rad] and speed [rad/s] of the profile, a step `h` [s] later."""
+def sent_again(command: FloatArray, before: int, at: int) -> bool:
+    """Say whether a row came into force that has the command of the one before it.
+
+    Args:
+        command: (T,) [rad].
+        before: Row in force until now.
+        at: Row in force from now on.
+    """
+    for k in range(before + 1, at + 1):  # noqa: SIM110  # compiled
+        if command[k] == command[k - 1]:
+            return True
+    return False
+
+
+@compiled(nogil=True)
+def led(
+    row: FloatArray, target: float, again: bool, at: float, speed: float, h: float
+) -> tuple[float, float]:
+    """Return set-point [rad] and speed [rad/s] of the profile, a step later.
+
+    Args:
+        row: The constants of the joint.
+        target: Command [rad].
+        again: Whether it was sent once more.
+        at: Set-point [rad].
+        speed: Of the set-point [rad/s].
+        h: Step [s].
+    """
     away = target - at
     most, rate = row[SPEED], row[ACCELERATION]
-    if most == math.inf and rate == math.inf:
+    if (most == math.inf and rate == math.inf) or (again and row[STRAIGHT] > 0.0):
         return target, 0.0
     wanted = min(most, abs(away) / h)
     if rate < math.inf:
@@ -266,7 +293,10 @@ def _sliding(row: FloatArray, torque: float, velocity: float, load: float) -> fl
     pressed = row[RESISTED] if torque * load > 0.0 else row[ASSISTED]
     friction += row[BY_LOAD] * pressed * abs(load)
     if row[STRIBECK] > 0.0:
-        friction += row[STRIBECK] * math.exp(-((abs(velocity) / row[V_S]) ** row[DELTA]))
+        pace = abs(velocity) / row[V_S]
+        if row[DELTA] != 1.0:  # a power takes as long as the rest of the step
+            pace = pace ** row[DELTA]
+        friction += row[STRIBECK] * math.exp(-pace)
     if abs(torque) <= friction:
         return 0.0
     return torque - math.copysign(friction, torque)

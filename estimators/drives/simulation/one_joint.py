@@ -14,7 +14,7 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from estimators.drives.simulation.columns import DELAY, DERATING, NAMES, geared
-from estimators.drives.simulation.free_run import ROUNDING, commands_of
+from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.joint_step import (
     commanded,
     derated,
@@ -23,6 +23,7 @@ from estimators.drives.simulation.joint_step import (
     integrated,
     led,
     next_velocity,
+    sent_again,
     slack,
 )
 from limo_driver.compiled import compiled
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-FIT_STEP: Final = 0.01  # [s], at most; the whole arm takes shorter ones
+FIT_STEP: Final = 0.01  # [s]; the whole arm takes shorter ones
+LONGER: Final = 0.1  # of it, that steps may be longer: rows come a little late more often than not
 _COLUMNS: Final = len(NAMES)
 
 
@@ -115,12 +117,14 @@ def _advance_one(
     target, pace, delay, heat = command[0], 0.0, row[DELAY], 0.0
     result[0] = start
     for i in range(time.size - 1):
-        steps = max(1, math.ceil((time[i + 1] - time[i]) / FIT_STEP - ROUNDING))
+        steps = max(1, math.ceil((time[i + 1] - time[i]) / FIT_STEP - LONGER))
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):
             begin = time[i] + h * s - delay
+            before = at
             wanted, at = commanded(time, command, at, begin, begin + h)
-            target, pace = led(row, wanted, target, pace, h)
+            again = sent_again(command, before, at)
+            target, pace = led(row, wanted, again, target, pace, h)
             error = error_of(row, target, q)
             integral = integrated(row, integral, error, h)
             part = (s + 0.5) / steps

@@ -14,7 +14,6 @@ import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from estimators.drives.simulation.columns import DELAY, DERATING, INERTIA, NAMES, geared
-from estimators.drives.simulation.free_run import ROUNDING
 from estimators.drives.simulation.joint_step import (
     commanded,
     derated,
@@ -23,9 +22,10 @@ from estimators.drives.simulation.joint_step import (
     integrated,
     led,
     next_velocity,
+    sent_again,
     slack,
 )
-from estimators.drives.simulation.one_joint import FIT_STEP
+from estimators.drives.simulation.one_joint import FIT_STEP, LONGER
 from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
@@ -100,12 +100,14 @@ def _each_row(
         v = velocity[i] if abs(velocity[i]) > _STILL else 0.0
         ahead = slack(row, load[i] + inertia[i] * acceleration[i])
         q = position[i] + ahead
-        steps = max(1, math.ceil((time[i + 1] - time[i]) / FIT_STEP - ROUNDING))
+        steps = max(1, math.ceil((time[i + 1] - time[i]) / FIT_STEP - LONGER))
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):
             begin = time[i] + h * s - delay
+            before = at
             wanted, at = commanded(time, command, at, begin, begin + h)
-            target, pace = led(row, wanted, target, pace, h)
+            again = sent_again(command, before, at)
+            target, pace = led(row, wanted, again, target, pace, h)
             error = error_of(row, target, q)
             integral = integrated(row, integral, error, h)
             volts = supply[i]

@@ -64,6 +64,26 @@ def test_gains_and_friction_are_found_in_newton_metres(found):
     assert found.scaled == (True, True)
 
 
+@pytest.mark.slow("fits many effects to fast motion")
+def test_a_profile_that_repeated_commands_leave_is_found(arm):
+    given = Simulation.load(arm)
+    servos = tuple(replace(drive, acceleration=12.0, straight=1.0) for drive in given.drives)
+    own = replace(given, drives=servos)
+    time = np.arange(1500) / 50.0
+    phase = 2 * np.pi * (0.2 * time + 0.5 * 2.3 * time**2 / 30.0)  # up to 2.5 Hz
+    command = np.stack([-0.4 + 0.15 * np.sin(phase), 0.3 * np.sin(0.7 * time)], axis=1)
+    command[700:950, 0] = -0.4 + 0.15 * np.sign(np.sin(4.0 * time[700:950]))
+    start = recorded(time, command, np.tile(command[0], (time.size, 1)))
+    position = STEP * np.round(free_run(own, start) / STEP)
+
+    found = identify_drives(Simulation(str(arm)), [recorded(time, command, position)])
+
+    shoulder, _ = found.simulation.drives
+    assert "profile_acceleration" in found.extras[0]
+    assert shoulder.straight == 1.0
+    assert shoulder.acceleration == pytest.approx(12.0, rel=0.25)  # fits take longer steps
+
+
 def test_its_page_has_the_constants_of_each_joint(found):
     text = drives_page(found, "sim.yaml").html()
     check_page(text)

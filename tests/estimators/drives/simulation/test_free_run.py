@@ -164,6 +164,29 @@ def test_a_profile_limits_the_speed(arm):
     assert moved[-1] == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.parametrize("repeated", [True, False])
+def test_a_command_that_is_repeated_leaves_the_profile(arm, repeated):
+    led = tuple(replace(drive, acceleration=4.0, straight=1.0) for drive in arm.drives)
+    limited = tuple(replace(drive, straight=0.0) for drive in led)
+    time = np.arange(100) / 50.0
+    command = np.zeros((time.size, 2))
+    command[20:, 0] = 0.4
+    if not repeated:
+        command[20:, 0] += 1e-6 * np.arange(80)  # another one in each row
+    recording = recorded(time, command, np.zeros_like(command))
+
+    free, own, slow = (
+        free_run(replace(arm, drives=drives), recording)[:, 0]
+        for drives in (arm.drives, led, limited)
+    )
+
+    assert free[30] - slow[30] > 0.1
+    if repeated:  # a row later than at once
+        assert own[24:60] == pytest.approx(free[23:59], abs=0.02)
+    else:
+        assert own == pytest.approx(slow, abs=1e-5)
+
+
 def test_a_motor_at_its_voltage_gets_no_faster(arm):
     motor = DcMotor(joint=2, kt=0.01, resistance=2.0, supply=6.0, gear=345.0)
     fast = held(replace(arm, drives=(*arm.drives, motor)), [0.0, 2.5])[:, 1]
