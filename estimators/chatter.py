@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.spectra import mean_density
-
 if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
 
@@ -51,16 +49,18 @@ def chatter_of(
         bandwidth: Of motion [Hz].
         steps: In which each joint's torque comes, (n,) [N m]; 0 where it has none.
     """
+    from scipy.signal import welch
+
     longest = max(recording.segments, key=lambda rows: rows.stop - rows.start)
     rate = recording[longest].rate if longest.stop - longest.start > 1 else 0.0
     many = longest.stop - longest.start
     if rate < _FEWEST_RATES * bandwidth or many < _FEWEST_PIECES * _PIECE:
         return ()
     found = list[Chatter]()
-    frequency, densities = mean_density(recording.torque[longest], rate, _PIECE)
-    above = frequency > _ABOVE * bandwidth
     for j, torque in enumerate(recording.torque[longest].T):
-        power = densities[above, j] * (frequency[1] - frequency[0])
+        frequency, density = welch(torque, rate, nperseg=_PIECE, detrend="linear")
+        above = frequency > _ABOVE * bandwidth
+        power = density[above] * (frequency[1] - frequency[0])
         total = float(power.sum())
         if not total:
             continue

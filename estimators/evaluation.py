@@ -11,7 +11,6 @@ import numpy as np
 
 from estimators.base import DEVIATIONS
 from estimators.model_folder import provenance
-from estimators.spectra import median_density
 from limo_driver.display import Displayed
 from limo_driver.outputs import require_folder, whole
 from limo_driver.recordings.differentiation import ORDER
@@ -263,7 +262,11 @@ def noise_floor(
 
 def _white_level(torque: FloatArray, rate: float) -> FloatArray:
     """Return the density of the noise of torques (T, n), (n,) [N² m²/Hz]; NaN if it is not flat."""
-    frequency, density = median_density(torque, rate, _SEGMENT)
+    from scipy.signal import welch  # takes as long to import as the rest of the command
+
+    frequency, density = welch(
+        torque, rate, "blackmanharris", _SEGMENT, detrend="linear", axis=0, average="median"
+    )
     part = frequency / (rate / 2)  # of the Nyquist frequency
     middle = (1.0 + _NOISE_FROM) / 2
     lower, upper = (part > _NOISE_FROM) & (part < middle), part >= middle
