@@ -118,6 +118,7 @@ def conclude(
         summary = "partly_explained" if found else "unexplained"
     # of all rows, and beside the given simulation, as the recordings came in
     given = problem.observed.undisturbed(None).beside(problem.observed.simulation)
+    doubts = doubts_on(given)
     _, share = left_at(unknown, alone, after, remaining.floor)
     where = next((item.where for item in findings if item.effect == UNKNOWN), Where())
     return Verdict(
@@ -129,7 +130,7 @@ def conclude(
         fit=fit_of(problem, proven, alone, remaining.floor),
         rows=rows_of(problem),
         notes=(
-            *notes_on(given),
+            *notes_on(given, doubts),
             *repeats.notes(problem.observed, proven),
             *(
                 [unnamed_note([problem.candidates[i] for i in stand_ins])]
@@ -140,7 +141,7 @@ def conclude(
         ),
         identified=identified_of(problem, plain),
         holds=held_by(problem, solution),
-        doubts=doubts_on(given),
+        doubts=doubts,
     )
 
 

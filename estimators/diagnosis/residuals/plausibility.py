@@ -163,10 +163,14 @@ def _stuck_in(observed: Observations) -> tuple[str, ...]:
     )
 
 
-def notes_on(observed: Observations) -> tuple[str, ...]:
+def notes_on(observed: Observations, doubts: Sequence[str] | None = None) -> tuple[str, ...]:
     """Return notes on the recordings for the verdict, one sentence each; those of `doubts_on`, too.
 
     A joint that moves too little, has no torque, or was recorded too slowly is no doubt.
+
+    Args:
+        observed: The recordings beside the given simulation.
+        doubts: What `doubts_on` says of them, where that is known: it takes a fit of all bodies.
     """
     warnings = [
         f"{recording.source or 'A recording'}: {warning}."
@@ -175,7 +179,7 @@ def notes_on(observed: Observations) -> tuple[str, ...]:
     ]
     if (slow := lowered(observed.recordings, observed.bandwidth)) is not None:
         warnings.append(slow)
-    warnings += doubts_on(observed)
+    warnings += doubts_on(observed) if doubts is None else doubts
     if holds_still(observed):
         warnings.append(
             "The arm holds still in all rows, where friction holds any torque: pushes alone are "
