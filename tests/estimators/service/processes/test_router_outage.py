@@ -27,7 +27,7 @@ pytestmark = pytest.mark.slow("starts fifteen processes: a minute")
 ARMS = tuple(f"arm{k}" for k in range(8))
 DOWN = 7.0  # [s] without a router, longer than silence takes to be told
 AGAIN = 9.0  # [s] in which clients have to find it: Zenoh waits up to 4 s between two tries
-LOST = 0.05  # of all other states, on a machine that tests share
+LOST = 0.05  # of the states after an outage, beside twice what a busy machine lost before it
 
 ROUTER = """
 import sys, time
@@ -92,7 +92,7 @@ def test_an_outage_of_the_router_loses_what_falls_into_it_and_is_told(
         outage = missed.argmax()
         assert outage + 20 in range(before[arm] - 20, before[arm] + 100)
         assert missed[outage] <= (back - killed + AGAIN) * RATE
-        assert missed.sum() - missed[outage] <= LOST * missed.size
+        assert missed[outage + 1 :].mean() <= 2.0 * missed[:outage].mean() + LOST
 
 
 @contextmanager
