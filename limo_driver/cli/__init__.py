@@ -27,16 +27,16 @@ def main() -> None:
     os.environ.setdefault("MUJOCO_GL", "disable")
     with Stopping(INTERRUPTED):
         from limo_driver.console.arguments import in_options
-        from limo_driver.console.command_line import add_commands, app
+        from limo_driver.console.command_line import command_line
         from limo_driver.console.compilation_line import compilation_line
         from limo_driver.errors import LimoError, ServiceNotReadyError
 
         # A program that reads figures from stdout need not read about compilation.
         silent = "--json" in sys.argv and not sys.stderr.isatty()
         try:
-            add_commands()
+            line = command_line()
             with compilation_line(silent=silent):
-                app(prog_name="limo")  # `python -c` would call it -c
+                line(prog_name="limo")  # `python -c` would call it -c
         except LimoError as error:
             sys.stderr.write(f"limo: {in_options(str(error))}\n")
             sys.exit(NOT_READY if isinstance(error, ServiceNotReadyError) else USAGE_ERROR)

@@ -5,18 +5,20 @@ Imported by `limo_driver.cli.main`, which listens for Ctrl-C before it imports a
 
 from __future__ import annotations
 
+from collections import UserDict
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
 from inspect import cleandoc, getdoc
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+from typer.main import get_command, get_group
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from typing import Any
 
 _COMMANDS = "limo_driver.cli"  # imported by name, as each command is: it imports this module
 _UNWRAPPED = "\b\n"  # before a paragraph that keeps its lines
@@ -55,18 +57,43 @@ def limo(
     """
 
 
-@cache  # a program that calls `main` again would add every command again
-def add_commands() -> None:
-    """Add every command of the folder, with the help that its docstring is."""
-    cli = import_module(_COMMANDS)
-    for module in sorted(iter_modules(cli.__path__), key=lambda item: item.name):
-        command = import_module(f"{cli.__name__}.{module.name}").command
-        name = module.name.replace("_", "-")
-        if isinstance(command, typer.Typer):
-            app.add_typer(command, name=name)
-        else:
-            app.command(name=name)(command)
+@cache  # a program may call `main` again
+def command_line() -> TyperGroup:
+    """Return `limo` with every command of the folder."""
     _describe(app)
+    line = get_command(app)
+    assert isinstance(line, TyperGroup)  # noqa: S101  # `app` has a callback
+    line.commands = _Commands()
+    return line
+
+
+class _Commands(UserDict[str, Any]):
+    """Commands by name, each imported when it is first asked for.
+
+    What typer makes of the signatures of all takes longer than all else that a command begins with.
+    """
+
+    def __init__(self) -> None:
+        folder = import_module(_COMMANDS).__path__
+        modules = sorted(module.name for module in iter_modules(folder))
+        super().__init__({name.replace("_", "-"): None for name in modules})
+
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401  # click's, which typer keeps private
+        if super().__getitem__(name) is None:
+            self[name] = _command(name)
+        return super().__getitem__(name)
+
+
+def _command(name: str) -> object:
+    """Return a command of the folder, with the help that its docstring is."""
+    found = import_module(f"{_COMMANDS}.{name.replace('-', '_')}").command
+    alone = typer.Typer(rich_markup_mode=None)
+    if isinstance(found, typer.Typer):
+        alone.add_typer(found, name=name)
+    else:
+        alone.command(name=name)(found)
+    _describe(alone)
+    return get_group(alone).commands[name]
 
 
 def _describe(group: typer.Typer) -> None:

@@ -8,7 +8,6 @@ from pkgutil import iter_modules
 import pytest
 
 from limo_driver import cli
-from limo_driver.console.command_line import app
 
 COMMANDS = sorted(module.name.replace("_", "-") for module in iter_modules(cli.__path__))
 HEAVY = {"numpy", "torch", "pinocchio", "mujoco", "numba", "scipy", "pyarrow", "matplotlib"}
@@ -40,14 +39,10 @@ def test_the_usage_names_the_command_however_it_is_begun():
     assert ended.stdout.split()[:3] == ["Usage:", "limo", "plan"]
 
 
-def test_commands_are_added_once_however_often_they_are_called(limo):
-    def added():
-        return [command.name for command in app.registered_commands + app.registered_groups]
-
-    limo("--version")
-    assert sorted(added()) == COMMANDS
-    limo("--version")
-    assert sorted(added()) == COMMANDS
+def test_a_command_that_is_mistyped_is_suggested(limo):
+    result = limo("identfy")
+    assert result.returncode == 2
+    assert "No such command 'identfy'. Did you mean 'identify'?" in " ".join(result.stderr.split())
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -58,9 +53,10 @@ def test_every_command_shows_an_example(limo, command):
     assert f"limo {command} " in result.stdout
 
 
-def test_help_imports_nothing_heavy():
+def imported_by(*arguments):
+    """Return the modules that a command line imports, in a process of its own."""
     code = (
-        "import sys; sys.argv = ['limo', '--help']\n"
+        f"import sys; sys.argv = {['limo', *arguments]}\n"
         "from limo_driver.cli import main\n"
         "try: main()\n"
         "except SystemExit: print(*sys.modules, file=sys.stderr)"
@@ -68,9 +64,20 @@ def test_help_imports_nothing_heavy():
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    imported = set(result.stderr.split())
+    return set(result.stderr.split())
+
+
+def test_help_imports_nothing_heavy():
+    imported = imported_by("--help")
     assert "limo_driver.cli" in imported
     assert not imported & HEAVY
+
+
+def test_a_command_imports_no_other():
+    imported = imported_by("plan", "--help")
+    assert {name for name in imported if name.startswith("limo_driver.cli.")} == {
+        "limo_driver.cli.plan"
+    }
 
 
 def test_bad_input_is_one_line_and_status_2(tmp_path):

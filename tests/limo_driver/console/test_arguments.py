@@ -14,7 +14,7 @@ import estimators
 import limo_driver
 import limopa
 from limo_driver.console.arguments import OPTIONS, in_options
-from limo_driver.console.command_line import add_commands, app
+from limo_driver.console.command_line import command_line
 
 COMMAND = re.compile(r"limo [a-z][^`)]*")  # a whole command line, of which options are a part
 SOURCES = [
@@ -32,9 +32,8 @@ def test_arguments_are_called_by_their_options():
 
 
 def test_every_option_exists():
-    add_commands()
     found = set()
-    waiting = [typer.main.get_command(app)]
+    waiting = [command_line()]
     while waiting:
         command = waiting.pop()
         waiting += getattr(command, "commands", {}).values()

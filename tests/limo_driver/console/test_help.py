@@ -6,9 +6,8 @@ import textwrap
 from itertools import pairwise
 
 import pytest
-import typer
 
-from limo_driver.console.command_line import add_commands, app, help_of
+from limo_driver.console.command_line import command_line, help_of
 
 WIDTH = 80
 UNIT = re.compile(r"\[[^\]]+\]")
@@ -17,8 +16,7 @@ EXAMPLES = re.compile(r"^  Examples?:\n((?:      .*\n)+)", flags=re.MULTILINE)
 
 def commands():
     """Return every command by its words, `()` for limo itself."""
-    add_commands()
-    found, waiting = {}, [((), typer.main.get_command(app))]
+    found, waiting = {}, [((), command_line())]
     while waiting:
         words, command = waiting.pop()
         found[words] = command
