@@ -1,7 +1,7 @@
 """The rigid arm of the concealed plant: its numbers, and its dynamics in the world frame.
 
 Everything here is written from the equations of Newton and Euler in world coordinates and shares
-nothing with limo: it is what limo is measured against.
+nothing with limo, which is measured against it, but where machine code is kept.
 
 Source: Luh, Walker, Paul, "On-line computational scheme for mechanical manipulators", 1980; the
 composite bodies are from Walker, Orin, "Efficient dynamic computer simulation", 1982.
@@ -12,7 +12,8 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 N = 7
 URDF = Path(__file__).parents[2] / "limo_driver" / "assets" / "iiwa14.urdf"
@@ -106,7 +107,7 @@ def work() -> Work:
     )  # fmt: skip
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def place(arm, q, w):
     """Write where every link is at `q`."""
     R, o = np.eye(3), np.zeros(3)
@@ -133,7 +134,7 @@ def place(arm, q, w):
         _turn(R, arm.inertia[i], half, w.inertia[i])
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _turn(R, inertia, half, turned):
     """Write R I Rᵀ."""
     for a in range(3):
@@ -150,7 +151,7 @@ def _turn(R, inertia, half, turned):
             turned[b, a] = value
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def inverse_dynamics(arm, v, a, wrench, w, torque):
     """Write the torque of a motion; `place` comes first.
 
@@ -166,7 +167,7 @@ def inverse_dynamics(arm, v, a, wrench, w, torque):
     _transmit(wrench, w, torque)
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _forces(arm, v, a, w):
     """Write the force at, and the moment about the origin of, each link; base to tip."""
     n = v.size
@@ -207,7 +208,7 @@ def _forces(arm, v, a, w):
         )
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _transmit(wrench, w, torque):
     """Write what each joint passes on, tip to base; a push at the flange carries its part."""
     n = torque.size
@@ -228,7 +229,7 @@ def _transmit(wrench, w, torque):
             tx, ty, tz = tx + ry * sz - rz * sy, ty + rz * sx - rx * sz, tz + rx * sy - ry * sx
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def mass_matrix(arm, w, M):
     """Write the joint-space inertia of the placed links, (n, n): composite bodies from the tip."""
     n = M.shape[0]
@@ -273,7 +274,7 @@ def mass_matrix(arm, w, M):
             M[k, j] = M[j, k]
 
 
-@njit(cache=True)
+@compiled()
 def along(arm, w, q, v, a):
     """Return the torque of a whole motion, (T, n) [N m], without contact."""
     torque, wrench = np.empty_like(q), np.zeros(6)

@@ -8,7 +8,8 @@ joint's friction is `level` s + `rest`.
 import numpy as np
 import presliding
 from arm import N
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 GAUSS, TUSTIN, LORENTZ = range(3)  # how the Stribeck excess falls with speed
 NOWHERE = -1
@@ -96,13 +97,13 @@ def rested() -> np.ndarray:
     return memory
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def slope(v, sharpness):
     """Return the sign of `v` over `v` [s/rad]; an implicit step needs it so."""
     return 1 / np.sqrt(np.sqrt(v**4 + sharpness**4))
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def level(d, j, q, v, load, m):
     """Return the height of dry friction of joint `j` [N m].
 
@@ -143,7 +144,7 @@ def level(d, j, q, v, load, m):
     return height
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def rest(d, j, q, v, m):
     """Return what acts besides dry friction [N m]; arguments as in `level`."""
     p = d[j]
@@ -162,7 +163,7 @@ def rest(d, j, q, v, m):
     return value + presliding.torque(p, m[j])
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def advance(d, j, dq, v, dt, m):
     """Let joint `j` remember that it moved by `dq` [rad] at `v` [rad/s] in `dt` [s]."""
     p = d[j]
@@ -175,7 +176,7 @@ def advance(d, j, dq, v, dt, m):
             m[j].rested *= np.exp(-abs(dq) / p.dwell_distance)
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def gear(d, j, deflection):
     """Return the torque of gear `j` [N m] and its slope [N m/rad]."""
     p = d[j]

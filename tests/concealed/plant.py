@@ -3,9 +3,6 @@
 A step is linearly implicit in all that is stiff (the sign of dry friction, gears) and takes the
 rest as it is. What a sensor sees is worked out afterwards, at the middle of each step, from the
 motion that came about: inverse dynamics plus friction, exact whatever the step did.
-
-Functions that call into another file are compiled anew in every process: numba's cache looks at the
-file of the caller only, and would keep an old friction law in place.
 """
 
 from typing import NamedTuple
@@ -14,7 +11,8 @@ import arm as arm_
 import drive as drive_
 import numpy as np
 from arm import Arm, N
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 PERIOD = 1e-3  # [s]
 _ITERATIONS = 4
@@ -66,7 +64,7 @@ def simulate(
     return response
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def _simulate(arm, d, control, reference, wrench, m, w, out):
     q = reference.position[0].copy()  # of the links
     v = np.zeros(N)
@@ -124,7 +122,7 @@ def _simulate(arm, d, control, reference, wrench, m, w, out):
             v[j] = new_v[j]
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def _felt(d, j, q, v, a, load, m):
     """Return what the sensor feels besides the load of the links [N m]."""
     s = v[j] * drive_.slope(v[j], d[j].sharpness)
@@ -138,7 +136,7 @@ def _felt(d, j, q, v, a, load, m):
     return torque
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def _step(d, command, motor, speed, q, v, load, bias, M, m, new_speed, new_v):
     """Write the velocities after one step.
 
@@ -200,7 +198,7 @@ def _step(d, command, motor, speed, q, v, load, bias, M, m, new_speed, new_v):
             break
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def _solve(A, b):
     """Solve A x = b in place, A symmetric and positive (Cholesky)."""
     n = b.size

@@ -8,7 +8,8 @@ Hysteresis", 1991 (Preisach).
 """
 
 import numpy as np
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 NONE, LUGRE, BOUC_WEN, PREISACH = range(4)
 LAWS = {"lugre": LUGRE, "bouc_wen": BOUC_WEN, "preisach": PREISACH}
@@ -45,7 +46,7 @@ def draw(law: str, sliding: float, width: float, random: np.random.Generator) ->
     return fields
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def advance(p, dq, v, m):
     """Move a joint by `dq` [rad] at `v` [rad/s]; `m` is its memory."""
     u = dq / p.width
@@ -67,7 +68,7 @@ def advance(p, dq, v, m):
                 m.relay[r] = -1.0
 
 
-@njit(cache=True, fastmath=True)
+@compiled(fastmath=True)
 def torque(p, m):
     """Return the torque of a joint [N m]."""
     if p.law == NONE:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import arm as arm_
 import numpy as np
 from arm import Arm, Work
-from numba import njit
+
+from limo_driver.compiled import compiled
 
 N = 4
 PERIOD = 0.25e-3  # [s] of a step
@@ -113,7 +114,7 @@ def play(arm: Arm, servos: np.ndarray, command: np.ndarray, every: float, rate: 
     return Played(rows * PERIOD, command[rows // steps], told[rows])
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def _play(arm, servos, command, steps, w, told):
     q, v = command[0].copy(), np.zeros(N)  # of the links
     m, u = command[0].copy(), np.zeros(N)  # of the motors
@@ -169,7 +170,7 @@ def _play(arm, servos, command, steps, w, told):
             told[t, j] = tick * np.floor(seen / tick + 0.5)
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def _led(s, asked, goal, glide, j):
     """Return the set-point that glides to what is asked, as fast as it can still brake."""
     tick, left = LOOK * PERIOD, asked - goal[j]
@@ -186,7 +187,7 @@ def _led(s, asked, goal, glide, j):
     return goal[j]
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def _volts(servos, share, u):
     """Return the voltage at the motors over that of a supply without load.
 
@@ -201,7 +202,7 @@ def _volts(servos, share, u):
     return (1.0 + saved) / (1.0 + drawn)
 
 
-@njit(fastmath=True)
+@compiled(fastmath=True)
 def _solve(A, b):
     """Solve A x = b in place by elimination; A is small, symmetric and positive."""
     n = b.size
