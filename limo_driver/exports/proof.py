@@ -4,7 +4,6 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -60,17 +59,19 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
     velocities = np.array([model.jnt_dofadr[there[name]] for name in joints])
     torque = np.zeros_like(motion.position)
     plays = _plays(model)
-    for k in range(len(torque)):
-        data.qpos[positions] = motion.position[k]
-        data.qvel[velocities] = motion.velocity[k]
-        data.qacc[velocities] = motion.acceleration[k]
-        data.qpos[plays.position] = plays.low + plays.width / 2
+    # bound once, with ends of plays that are there: what is done for each row is as long as MuJoCo
+    qpos, qvel, qacc, needed = data.qpos, data.qvel, data.qacc, data.qfrc_inverse
+    qpos[plays.position] = middle = plays.low + plays.width / 2
+    rows = zip(motion.position, motion.velocity, motion.acceleration, torque, strict=True)
+    for position, velocity, acceleration, found in rows:
+        qpos[positions], qvel[velocities], qacc[velocities] = position, velocity, acceleration
         mujoco.mj_inverse(model, data)
         if plays.position.size:  # once more, with the teeth where the load presses them
-            pressed = data.qfrc_inverse[plays.velocity] > 0
-            data.qpos[plays.position] = plays.low + np.where(pressed, 0.0, plays.width)
+            pressed = needed[plays.velocity] > 0
+            qpos[plays.position] = plays.low + np.where(pressed, 0.0, plays.width)
             mujoco.mj_inverse(model, data)
-        torque[k] = data.qfrc_inverse[velocities]
+            qpos[plays.position] = middle
+        found[:] = needed[velocities]
     return torque + _torque_of_motors(model, data, positions, velocities, motion)
 
 
@@ -122,17 +123,20 @@ def _torque_of_motors(  # noqa: ANN202
     model.actuator_gainprm[~passive] = model.actuator_biasprm[~passive] = 0.0
     model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
     steps = np.diff(motion.time, append=2 * motion.time[-1] - motion.time[-2])
-    rows = (motion.position, motion.velocity, motion.acceleration, steps)
-    for k, (q, v, a, step) in enumerate(zip(*rows, strict=True)):
-        parts = math.ceil(float(step) / _FINE)
-        model.opt.timestep = float(step) / parts
-        for part in range(parts):
-            since = part * model.opt.timestep
-            data.qpos[positions] = q + v * since + 0.5 * a * since**2
-            data.qvel[velocities] = v + a * since
-            mujoco.mj_step(model, data)
-            if part == 0:
-                torque[k] = -data.qfrc_actuator[velocities]
+    parts = np.ceil(steps / _FINE).astype(int)
+    row, fine = np.repeat(np.arange(len(steps)), parts), np.repeat(steps / parts, parts)
+    first = np.cumsum(parts) - parts
+    since = ((np.arange(len(row)) - first[row]) * fine)[:, None]
+    rate = motion.velocity[row] + motion.acceleration[row] * since
+    place = motion.position[row] + motion.velocity[row] * since
+    place += 0.5 * motion.acceleration[row] * since**2
+    option, qpos, qvel, given = model.opt, data.qpos, data.qvel, data.qfrc_actuator
+    held = np.zeros_like(rate)
+    for q, v, step, found in zip(place, rate, fine.tolist(), held, strict=True):
+        option.timestep, qpos[positions], qvel[velocities] = step, q, v
+        mujoco.mj_step(model, data)
+        found[:] = given[velocities]
+    torque -= held[first]
     return torque
 
 

@@ -122,16 +122,16 @@ def test_two_loads_have_names_of_their_own(arm, tmp_path):
     assert masses(one.file) == pytest.approx({**masses(file), "payload": 0.2})
 
 
-@pytest.mark.parametrize(
-    "said", ["{}", '{"payload": 3}', '{"payload": {"on": "l2", "mass": "x"}}', "{]}", "[1]"]
-)
-def test_a_comment_that_makes_no_sense_names_no_body(arm, tmp_path, said):
+def test_a_comment_that_makes_no_sense_names_no_body(arm, tmp_path):
     kind, file = arm
     first = limo.export(Simulation(str(file), (HEAVY,)), kind, tmp_path / "1").file
     head, tail = first.read_text().split("<!-- limo added: ")
-    first.write_text(f"{head}<!-- limo added: {said}{tail[tail.index(' -->') :]}", encoding="utf-8")
-    again = limo.export(Simulation(str(first)), kind, tmp_path / "2")
-    assert masses(again.file) == pytest.approx(masses(first))
+    tail = tail[tail.index(" -->") :]
+    said = ["{}", '{"payload": 3}', '{"payload": {"on": "l2", "mass": "x"}}', "{]}", "[1]"]
+    for each in said if kind == "urdf" else said[:1]:  # one reader of all formats
+        first.write_text(f"{head}<!-- limo added: {each}{tail}", encoding="utf-8")
+        again = limo.export(Simulation(str(first)), kind, tmp_path / "2")
+        assert masses(again.file) == pytest.approx(masses(first))
 
 
 def test_only_what_brings_the_link_nearer_is_taken_away():
