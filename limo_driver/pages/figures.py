@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -66,7 +67,8 @@ def dots(
 
 def numbers(values: FloatArray, digits: int = 4) -> list[float | None]:
     """Return plain numbers of few digits, as JSON wants them; what is not finite is None."""
-    return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in values.tolist()]
+    few = f".{digits}g"
+    return [float(format(v, few)) if math.isfinite(v) else None for v in values.tolist()]
 
 
 def joint_motion(trajectory: Trajectory) -> Figure:
