@@ -10,6 +10,7 @@ from wire_rules import POSITION, TORQUE
 from wire_tap import tapped
 
 from limo_driver.errors import CycleTimeoutError, HoldingError, JointLimitError
+from limo_driver.model import RobotModel
 from limo_driver.robot.registry import open_robot
 from limo_driver.types import PositionCommand, TorqueCommand
 
@@ -94,9 +95,11 @@ class TestRange:
     @pytest.mark.parametrize("kind", ["torque", "impedance"])
     def test_is_kept_by_arms_that_are_pushed_towards_its_end(self, backend, joint, kind):
         """Braked when it just can be, and never beyond."""
-        with open_robot(backend, robot="iiwa14", initial_position=START) as robot:
-            limits = robot.spec.limits
-            state, furthest = robot.receive(), -np.inf
+        limits = RobotModel.load("iiwa14").limits
+        start = np.array(START)
+        start[joint] = limits.position_max[joint] - 1.0  # far enough to be fast there
+        with open_robot(backend, robot="iiwa14", initial_position=start) as robot:
+            state, furthest, fastest = robot.receive(), -np.inf, 0.0
             gain = np.array([8.0, 8.0, 4.0, 4.0, 1.0, 1.0, 0.3])
             for _ in range(6000):
                 if state.holding:
@@ -109,7 +112,9 @@ class TestRange:
                     robot.send(impedance(state.position, 0.0, 0.0, push))
                 state = robot.receive()
                 furthest = max(furthest, state.position[joint])
+                fastest = max(fastest, state.velocity[joint] / limits.velocity[joint])
             assert state.holding
+            assert fastest > 0.6
             for _ in range(1500):
                 state = robot.receive()
                 furthest = max(furthest, state.position[joint])

@@ -102,7 +102,7 @@ def test_limited_command_is_returned_and_converges_without_overshoot(robot):
 
 def test_range_is_kept_and_said(robot):
     upper = robot.spec.limits.position_max
-    targets = np.linspace(START, upper + 0.3, 6000)
+    targets = np.linspace(START, upper + 0.3, 3500)
     _, sent = follow(robot, targets)
     check_setpoints(robot, sent)
     assert max((c.position - upper).max() for c in sent) <= 1e-12
