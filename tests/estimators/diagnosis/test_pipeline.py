@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import sampled
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -107,7 +108,7 @@ def plus(simulation, effect):
     return replace(simulation, effects=(*simulation.effects, effect))
 
 
-@pytest.mark.parametrize("seed", range(3))
+@sampled("seed", range(2), "another draw of motion and noise")
 def test_a_simulation_that_is_right_is_consistent(given, seed):
     found = diagnose(given, [record(given, seed)])
     assert found.verdict.verdict == "consistent"
@@ -228,7 +229,7 @@ def test_a_low_bandwidth_makes_no_hysteresis_of_reversals(given):
     assert names(diagnose(given, [record(given, 1, 120.0)], bandwidth=4.0)) == set()
 
 
-@pytest.mark.parametrize("seed", range(2))
+@sampled("seed", range(2), "another draw of motion and noise")
 def test_what_is_off_within_tolerances_is_consistent_and_mended(given, seed):
     """The friction is 15 % larger, one deviation; the improved simulation says so."""
     more = tuple(
@@ -245,6 +246,7 @@ def test_what_is_off_within_tolerances_is_consistent_and_mended(given, seed):
     assert error(found.after, true) < 0.2 * error(given, true)
 
 
+@pytest.mark.slow("searches at both joints what is stated in the other tests: fifteen seconds")
 def test_ordinary_friction_is_identified_and_what_hides_behind_it_is_found(given):
     """A bare robot description is where most users start."""
     slip = PreslidingHysteresis(joint=2, stiffness=(30.0, 10.0), width=(0.01, 0.05))
@@ -299,11 +301,11 @@ def test_no_friction_is_named_where_the_torque_has_none(given):
 def hysteresis(given):
     slip = PreslidingHysteresis(joint=2, stiffness=(30.0, 10.0), width=(0.01, 0.05))
     true = plus(given, slip)
-    return true, record(true, 3), diagnose(given, [record(true, 3)])
+    return true, diagnose(given, [record(true, 3)])
 
 
 def test_hysteresis_is_named_at_its_joint_and_modelled(hysteresis, given):
-    true, _, found = hysteresis
+    true, found = hysteresis
     assert names(found) == {("presliding_hysteresis", "missing", (2,))}
     assert found.verdict.verdict == "explained"
     before, after = closure(found)
@@ -317,21 +319,14 @@ def test_hysteresis_is_named_at_its_joint_and_modelled(hysteresis, given):
     assert stiffness @ width == pytest.approx(0.8, rel=0.1)  # height of its loop [N m]
 
 
-def test_the_same_input_gives_the_same_verdict(hysteresis, given):
-    _, recording, found = hysteresis
-    again = diagnose(given, [recording])
-    assert again.verdict.as_values() == found.verdict.as_values()
-    assert again.after == found.after
-
-
 def test_the_fit_says_how_much_of_the_error_is_gone(hysteresis):
-    fit = hysteresis[2].verdict.fit
+    fit = hysteresis[1].verdict.fit
     low, high = fit.ci95
     assert 0.95 < low <= fit.reducible_error_removed <= high <= 1.0
 
 
 def test_traces_have_the_rows_that_were_compared(hysteresis):
-    traces = hysteresis[2].traces
+    traces = hysteresis[1].traces
     rows = traces.time.size
     assert traces.measured.shape == traces.before.shape == traces.after.shape == (rows, 2)
     assert np.all(np.diff(traces.time) > 0)
@@ -341,7 +336,7 @@ def test_traces_have_the_rows_that_were_compared(hysteresis):
 
 
 def test_the_chosen_explanation_is_the_likeliest(hysteresis):
-    explanations = hysteresis[2].explanations
+    explanations = hysteresis[1].explanations
     assert explanations[0].effects == ("presliding_hysteresis",)
     assert explanations[0].joints == ((2,),)
     evidence = [item.log_evidence for item in explanations]
@@ -419,7 +414,7 @@ def test_friction_that_grew_sharper_than_it_is_stated_is_a_wrong_parameter(given
     assert closure(found)[1] < CLOSED
 
 
-@pytest.mark.parametrize("times", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("times", [0.1, 0.5])
 def test_friction_that_is_but_sharper_than_it_is_stated_is_no_finding(given, times):
     """Its size is within its tolerance; over which speeds the sign turns was a guess."""
     stated = tuple(replace(effect, v_eps=0.03) for effect in given.effects[:2])
@@ -428,6 +423,13 @@ def test_friction_that_is_but_sharper_than_it_is_stated_is_no_finding(given, tim
     found = diagnose(replace(given, effects=(*stated, *given.effects[2:])), [recording])
     assert names(found) == set()
     assert closure(found)[1] < CLOSED
+
+
+def test_the_same_input_gives_the_same_verdict(doubled, given):
+    true, found = doubled
+    again = diagnose(given, [record(true, 2)])
+    assert again.verdict.as_values() == found.verdict.as_values()
+    assert again.after == found.after
 
 
 def test_the_verdict_reports_the_value_that_the_improved_simulation_has(doubled):

@@ -83,7 +83,7 @@ def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(carryi
     assert acts_most(problem, solution, drag, floor) == 5
 
 
-@pytest.mark.parametrize(("offset", "stays"), [(0.004, False), (0.008, False), (0.014, True)])
+@pytest.mark.parametrize(("offset", "stays"), [(0.008, False), (0.014, True)])
 def test_what_sensors_would_take_at_their_limit_is_no_idle_member(offset, stays):
     """No simulation has what sensors add: it would err by an offset that seems to matter little."""
     problem, noise = problem_of(TorqueOffset(joint=3, offset=offset))
@@ -139,7 +139,7 @@ def test_a_last_link_that_lacks_mass_carries_no_load():
     assert loaded(problem, lighter) is lighter
 
 
-@pytest.mark.parametrize(("stated", "suspicious"), [(9.0, False), (12.7, False), (15.0, True)])
+@pytest.mark.parametrize(("stated", "suspicious"), [(12.7, False), (15.0, True)])
 def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(stated, suspicious):
     """Three deviations of a tenth allow 10 N m s/rad to be stated as 14.3 at most."""
     rubbing = ViscousFriction(joint=2, f_v=stated)
