@@ -93,7 +93,7 @@ def folder(tmp_path_factory):
         pytest.param("plan", "limo_driver.console.command_line", marks=STARTS),
         pytest.param("excite", "pinocchio", marks=STARTS),
         pytest.param("controller", "numba", marks=STARTS),
-        pytest.param("doctor", "limo_driver.cli.serve.options", marks=STARTS),
+        pytest.param("serve", "limo_driver.cli.serve.options", marks=STARTS),
         pytest.param("watch", "zenoh", marks=STARTS),
     ],
 )
