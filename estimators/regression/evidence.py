@@ -44,7 +44,7 @@ class Prior:
     index: NDArray[np.int64]  # (c,)
     deviation: FloatArray  # (c,)
     positive: NDArray[np.bool_]  # (c,) coefficients that cannot be negative
-    block: NDArray[np.int64] = field(default_factory=lambda: _NO_BLOCKS)  # (c,), else one each
+    block: NDArray[np.int64] = field(default_factory=lambda: _NO_BLOCKS)  # (c,) rising, or one each
 
     def __post_init__(self) -> None:
         if self.block is _NO_BLOCKS:
@@ -149,9 +149,11 @@ class Evidence:
             for k in np.flatnonzero(others).tolist():  # columns of the set have to be left out
                 result[places[k]] = self.gain(joined(base, some[k]))
             own = np.flatnonzero(wrong.any(axis=1) & ~others)
-            if own.size:
-                fewer = [some[k].of(~some[k].beside(wrong[k])) for k in own.tolist()]
-                result[places[own]] = self._gains(known, base, fewer)
+            result[places[own]] = known.gain  # of one block nothing is left
+            rest = [k for k in own.tolist() if some[k].block[0] != some[k].block[-1]]
+            if rest:
+                fewer = [some[k].of(~some[k].beside(wrong[k])) for k in rest]
+                result[places[rest]] = self._gains(known, base, fewer)
         return result
 
     def _added(

@@ -43,6 +43,7 @@ class Search:
     ) -> None:
         self.candidates, self.evidence, self.base = candidates, evidence, base
         self._known: dict[tuple[int, ...], float] = {(): 0.0}
+        self._prices = [item.rarity + float(np.log(item.variants)) for item in candidates]
 
     def gain(self, members: Iterable[int]) -> float:
         """Return the log evidence of a set, less its rarity."""
@@ -52,8 +53,7 @@ class Search:
         return self._known[key]
 
     def _price(self, members: Iterable[int]) -> float:
-        chosen = [self.candidates[i] for i in members]
-        return sum(item.rarity + float(np.log(item.variants)) for item in chosen)
+        return sum(self._prices[i] for i in members)
 
     def prior(self, members: Sequence[int]) -> Prior:
         """Return the columns of a set, in the order of its members."""
