@@ -34,7 +34,7 @@ BANDWIDTH = 10.0
 
 def hybrid(robot: str, model: str, features: str) -> HybridModel:
     settings = TrainingSettings(
-        model=model, features=features, epochs=1, sequence_length=20, rate=50.0, hidden=4
+        model=model, features=features, epochs=1, sequence_length=20, rate=50.0, hidden=4, folds=2
     )
     return HybridModel(nominal(robot), settings)
 
@@ -120,13 +120,11 @@ def test_fitting_again_forgets_what_was_fitted_before(
     np.testing.assert_array_equal(again.predict(recording), estimator.predict(recording))
 
 
-@pytest.mark.parametrize("joints", [1, 2])
 @pytest.mark.parametrize("name", ESTIMATORS)
-def test_a_robot_of_few_joints(name: str, joints: int, robots: dict[int, str]) -> None:
-    robot = robots[joints]
-    measured = recorded(robot)
-    predicted = ESTIMATORS[name](robot).fit([measured]).predict(measured)
-    assert predicted.shape == (1600, joints)
+def test_a_robot_of_one_joint(name: str, robots: dict[int, str]) -> None:
+    measured = recorded(robots[1])
+    predicted = ESTIMATORS[name](robots[1]).fit([measured]).predict(measured)
+    assert predicted.shape == (1600, 1)
     assert np.isfinite(predicted).all()
 
 

@@ -39,13 +39,13 @@ FILES = {"verdict.json", "sim.yaml", "report.html", "next_motion.parquet"}
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    t = np.arange(5000) / 250.0
+    t = np.arange(2000) / 100.0
     w = 2 * np.pi * np.array([0.31, 0.23, 0.37, 0.29, 0.41, 0.43, 0.47])
     angle = w * t[:, None]
     motion = Motion(
         t, START + 0.05 * np.sin(angle), 0.05 * w * np.cos(angle), -0.05 * w**2 * np.sin(angle)
     )
-    noise = 0.01 * np.random.default_rng(0).standard_normal((5000, 7))
+    noise = 0.01 * np.random.default_rng(0).standard_normal((2000, 7))
     path = tmp_path_factory.mktemp("run") / "run.parquet"
     Recording(t, motion.position, TRUE.predict(motion) + noise).save(path)
     return path
@@ -274,7 +274,7 @@ def _spoilt(path, tmp_path, **columns):
         ({"position_2": lambda q: 57.3 * q + 57}, "position_2 "),
         (
             {f"torque_{j}": lambda tau: np.nan * tau for j in range(1, 8)},
-            "usable rows of 5000",
+            "usable rows of 2000",
         ),
         ({"time": lambda t: t / 100}, "Hz, expected 10 to 5000 Hz"),
     ],
