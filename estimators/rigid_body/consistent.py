@@ -143,36 +143,42 @@ class _Problem:
 
     @classmethod
     def of(cls, data: Quadratic, nominal: FloatArray, links: int, tolerance: float) -> _Problem:
-        nominals = np.stack([pseudo_inertia(nominal[_of(i)]) for i in range(links)])
+        nominals = pseudo_inertia(nominal[: PER_LINK * links].reshape(links, PER_LINK))
         inverse = np.asarray(np.linalg.inv(nominals), dtype=np.float64)
         logdet = float(np.linalg.slogdet(inverse)[1].sum())
         ridge = np.zeros(nominal.size)
         ridge[PER_LINK * links :] = _WEAKEST_PRIOR
         return cls(data, links, 1.0 / tolerance**2, inverse, logdet, ridge)
 
+    def bodies(self, phi: FloatArray) -> FloatArray:
+        """Return the pseudo-inertias (links, 4, 4) of parameters (p,)."""
+        return pseudo_inertia(phi[: PER_LINK * self.links].reshape(self.links, PER_LINK))
+
     def value(self, phi: FloatArray) -> float:
+        J = self.bodies(phi)
+        sign, logdet = np.linalg.slogdet(J)
+        if (sign <= 0).any() or (np.linalg.eigvalsh(J)[:, 0] <= 0).any():
+            return np.inf
         cost = 0.5 * phi @ self.data.gram @ phi - self.data.product @ phi
         cost += 0.5 * self.ridge @ phi**2
         cost -= self.precision * (self.nominal_logdet + 4 * self.links)
-        for i, inverse in enumerate(self.nominal_inverse):
-            J = pseudo_inertia(phi[_of(i)])
-            sign, logdet = np.linalg.slogdet(J)
-            if sign <= 0 or np.linalg.eigvalsh(J)[0] <= 0:
-                return np.inf
-            cost += self.precision * (np.sum(inverse * J) - logdet)
+        cost += self.precision * (np.sum(self.nominal_inverse * J) - logdet.sum())
         return float(cost)
 
     def gradient(self, phi: FloatArray) -> FloatArray:
         gradient = self.data.gram @ phi - self.data.product + self.ridge * phi
-        for i, inverse in enumerate(self.nominal_inverse):
-            slope = inverse - np.linalg.inv(pseudo_inertia(phi[_of(i)]))
-            gradient[_of(i)] += self.precision * np.tensordot(_BASIS, slope, 2)
+        slope = self.nominal_inverse - np.linalg.inv(self.bodies(phi))
+        of_bodies = slope.reshape(self.links, -1) @ _FLAT.T
+        gradient[: PER_LINK * self.links] += self.precision * of_bodies.ravel()
         return gradient
 
     def hessian(self, phi: FloatArray) -> FloatArray:
         hessian = self.data.gram + np.diag(self.ridge)
-        for i in range(self.links):
-            hessian[_of(i), _of(i)] += self.precision * body_metric(phi[_of(i)])
+        size, each = PER_LINK * self.links, np.arange(self.links)
+        metrics = body_metric(phi[:size].reshape(self.links, PER_LINK))
+        blocks = hessian[:size, :size].reshape(self.links, PER_LINK, self.links, PER_LINK)
+        blocks[each, :, each] += self.precision * metrics
+        hessian[:size, :size] = blocks.reshape(size, size)
         return hessian
 
     def covariance(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
@@ -214,27 +220,26 @@ class _Problem:
         Source: Boyd and Vandenberghe, "Convex Optimization", 2004, sec. 11.3 (barrier method).
         """
         phi, stiffer = nominal, self
-        while stiffer.reach(phi, stiffer.step(phi, free)) < _NEAR:
+        while stiffer.reach(phi, stiffer.step(phi, free, stiffer.gradient(phi))) < _NEAR:
             stiffer = replace(stiffer, precision=_STIFFER * stiffer.precision)
         while stiffer.precision > self.precision:
             phi = stiffer.minimise(phi, free, _NEARLY * stiffer.precision)
             stiffer = replace(stiffer, precision=stiffer.precision / _STIFFER)
         return phi
 
-    def step(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
-        """Return Newton's step (p,) in the free parameters."""
+    def step(self, phi: FloatArray, free: NDArray[np.bool_], gradient: FloatArray) -> FloatArray:
+        """Return Newton's step (p,) in the free parameters, down a gradient (p,)."""
         step = np.zeros(phi.size)
         H, scale = self._scaled(phi, free)
-        step[free] = -scale * np.linalg.solve(H, scale * self.gradient(phi)[free])
+        step[free] = -scale * np.linalg.solve(H, scale * gradient[free])
         return step
 
     def reach(self, phi: FloatArray, step: FloatArray) -> float:
         """Return how many such steps lead to where a body ceases to exist."""
-        least = 0.0  # change of a body, relative to itself, in the direction that shrinks most
-        for i in range(self.links):
-            lower = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(phi[_of(i)])))
-            change = lower @ pseudo_inertia(step[_of(i)]) @ lower.T
-            least = min(least, float(np.linalg.eigvalsh(change)[0]))
+        lower = np.linalg.inv(np.linalg.cholesky(self.bodies(phi)))
+        change = lower @ self.bodies(step) @ lower.swapaxes(1, 2)
+        # of a body, relative to itself, in the direction that shrinks most
+        least = float(np.linalg.eigvalsh(change)[:, 0].min())
         return -1.0 / least if least < 0 else np.inf
 
     def minimise(
@@ -243,8 +248,9 @@ class _Problem:
         """Take damped Newton steps in the free parameters until the decrement is small."""
         value = self.value(phi)
         for _ in range(_ITERATIONS):
-            step = self.step(phi, free)
-            decrement = -float(step @ self.gradient(phi))
+            gradient = self.gradient(phi)
+            step = self.step(phi, free, gradient)
+            decrement = -float(step @ gradient)
             if decrement < until:
                 return phi
             length = min(1.0, _SHORT * self.reach(phi, step))
@@ -258,19 +264,15 @@ class _Problem:
         raise DivergedError("the consistent inertias did not converge")
 
 
-def _of(link: int) -> slice:
-    return slice(PER_LINK * link, PER_LINK * (link + 1))
-
-
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:
-    """Return J (4, 4) of (m, m c, I at the joint frame) of one link."""
-    return np.tensordot(parameters, _BASIS, 1)
+    """Return J (..., 4, 4) of (m, m c, I at the joint frame) of links, (..., 10)."""
+    return (parameters @ _FLAT).reshape(*parameters.shape[:-1], 4, 4)
 
 
 def body_metric(parameters: FloatArray) -> FloatArray:
-    """Return the second derivative of D at a body of its own parameters, (10, 10)."""
-    turned = np.linalg.inv(pseudo_inertia(parameters)) @ _BASIS
-    return np.einsum("kab,lba->kl", turned, turned)
+    """Return the second derivative of D at bodies of own parameters (..., 10), (..., 10, 10)."""
+    turned = np.linalg.inv(pseudo_inertia(parameters))[..., None, :, :] @ _BASIS
+    return np.einsum("...kab,...lba->...kl", turned, turned)
 
 
 def _basis() -> FloatArray:
@@ -287,6 +289,7 @@ def _basis() -> FloatArray:
 
 
 _BASIS = _basis()
+_FLAT = _BASIS.reshape(PER_LINK, 16)
 
 
 def thickened(parameters: FloatArray) -> FloatArray:
