@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,7 +28,7 @@ from limo_driver.recordings.gate import (
     inspect_by_joint,
 )
 from limo_driver.recordings.recorded_time import seconds
-from limo_driver.recordings.stretches import Stretches
+from limo_driver.recordings.stretches import STRETCH, STRETCH_SECONDS, Stretches
 from limo_driver.types import FloatArray, readonly
 
 if TYPE_CHECKING:
@@ -357,12 +358,16 @@ class Recording(FilteredSamples, Displayed):
         """Return evenly spread stretches of it; itself, if it has no more samples than that.
 
         Args:
-            rows: Samples that may be kept.
+            rows: Samples that may be kept, at least one stretch of `STRETCH_SECONDS`.
         """
-        stretches = Stretches[NDArray[np.int64]](lambda piece, a, b: piece[a:b], most=rows)
-        stretches.add(np.arange(len(self)), len(self))
-        if not stretches.spread:
+        if len(self) <= rows:
             return self
+        stretch = min(STRETCH, math.ceil(STRETCH_SECONDS * self.rate))
+        stride = math.ceil(math.ceil(len(self) / stretch) / max(rows // stretch, 1))
+        stretches = Stretches[NDArray[np.int64]](
+            lambda piece, a, b: piece[a:b], max(rows, stretch), stretch, stride
+        )
+        stretches.add(np.arange(len(self)), len(self))
         kept = self[np.concatenate(stretches.pieces())]
         warnings = (*self.warnings, stretches.note())
         return replace(kept, warnings=warnings, spread=self.spread or len(self))

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
 Piece = TypeVar("Piece")
 
 MOST: Final = 1_000_000  # rows that are kept; identification takes about 1 kB for each
-STRETCH: Final = 25_000  # rows of a stretch: 25 s at 1 kHz, long beside what a filter loses
+STRETCH_SECONDS: Final = 25.0  # [s] of a stretch, long beside what a filter loses
+STRETCH: Final = 25_000  # rows of one, where its rate is not known yet: that of 1 kHz
 
 
 class Stretches(Generic[Piece]):
@@ -23,13 +24,17 @@ class Stretches(Generic[Piece]):
         cut: Returns rows `start` to `stop` of a piece.
         most: Rows that may be kept.
         rows: Of a stretch.
+        stride: To begin with; where it is known how many rows will come.
     """
 
     def __init__(
-        self, cut: Callable[[Piece, int, int], Piece], most: int = MOST, rows: int = STRETCH
+        self,
+        cut: Callable[[Piece, int, int], Piece],
+        most: int = MOST,
+        rows: int = STRETCH,
+        stride: int = 1,
     ) -> None:
-        self._cut, self._most, self._rows = cut, most, rows
-        self._stride = 1
+        self._cut, self._most, self._rows, self._stride = cut, most, rows, stride
         self._kept: dict[int, list[Piece]] = {}  # by number of the stretch
         self.total = 0  # rows that came
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, LimoError
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.stretches import STRETCH
 from limo_driver.workflow.inputs import recordings_of, simulation_of
 
 if TYPE_CHECKING:
@@ -26,7 +25,10 @@ if TYPE_CHECKING:
 
 _DIAGNOSED: Final = 0.85  # of the work
 _PLANNED: Final = 0.9
-_MOST: Final = 500_000  # samples; a diagnosis takes about 3 kB for each
+# What a diagnosis reads of long recordings: about 3 kB for each sample, and 60 kB for each row of
+# the grid on which it compares. Its time grows with rows, and more of them say little more.
+_MOST_SAMPLES: Final = 500_000
+_MOST_ROWS: Final = 20_000
 
 
 def diagnose(
@@ -82,8 +84,8 @@ def diagnose(
         if budget is not None:
             raise ConfigError("`budget` is for recordings with torque, and these have none")
         return diagnose_drives(known, measured, tell)
-    measured = _within_memory(measured)
     width = bandwidth_for(measured, bandwidth)
+    measured = _within_memory(measured, width)
     found = diagnosed(known, measured, width, forward(tell, _DIAGNOSED), time)
     attempts = Attempts()
     tell("planning the next motion", _DIAGNOSED)
@@ -102,12 +104,16 @@ def diagnose(
     return reduce(Diagnosis.failed, attempts.failures, found)
 
 
-def _within_memory(recordings: tuple[Recording, ...]) -> tuple[Recording, ...]:
-    """Return stretches of recordings that have more samples than memory should hold."""
-    total = sum(map(len, recordings))
-    if total <= _MOST:
+def _within_memory(recordings: tuple[Recording, ...], bandwidth: float) -> tuple[Recording, ...]:
+    """Return stretches of recordings that are longer than memory and time should bear."""
+    from estimators.diagnosis.settings.residuals import ROWS
+
+    samples = sum(map(len, recordings))
+    rows = ROWS.per_bandwidth * bandwidth * sum(len(r) / r.rate for r in recordings)
+    part = min(_MOST_SAMPLES / max(samples, 1), _MOST_ROWS / max(rows, 1.0))
+    if part >= 1.0:
         return recordings
-    return tuple(r.at_most(max(_MOST * len(r) // total, STRETCH)) for r in recordings)
+    return tuple(r.at_most(int(part * len(r))) for r in recordings)
 
 
 def _without_motion(found: Diagnosis, note: str = "") -> Diagnosis:

@@ -73,7 +73,7 @@ def test_a_recording_of_at_most_so_many_samples_says_so():
     assert len(short) <= 100_000
     assert short.spread == 200_000
     assert "of 200000 rows" in short.warnings[-1]
-    assert len(short.segments) == len(short) // 25_000
+    assert len(short.segments) == len(short) // 2_500  # of 25 s
     kept = np.isin(recording.time, short.time)
     assert recording.position[kept].tolist() == short.position.tolist()
 
