@@ -132,6 +132,19 @@ class Evidence:
                 return _Factor(prior, lower, z)
             prior = prior.of(~prior.beside(wrong))
 
+    def coefficients(self, prior: Prior) -> Posterior:
+        """Return the coefficients of a set with which it competes, whatever the nuisance is.
+
+        Those of columns that are left out are zero, and known to be.
+        """
+        known, size = self._factor(prior), prior.index.size
+        kept = np.isin(prior.index, known.prior.index)
+        half = _solved(known.lower, np.diag(known.prior.deviation))
+        mean, covariance = np.zeros(size), np.zeros((size, size))
+        mean[kept] = half.T @ known.z
+        covariance[np.ix_(kept, kept)] = half.T @ half
+        return Posterior(prior.index, mean, covariance)
+
     def gains(self, base: Prior, more: Sequence[Prior]) -> FloatArray:
         """Return the log evidence of a set of columns with each of several others, (len(more),).
 

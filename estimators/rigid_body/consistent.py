@@ -9,6 +9,8 @@ density, is positive definite. The fit minimises
 which is convex in phi. D is ½ |relative change|² near the nominal J0 and infinite where J ceases to
 be positive definite: combinations that the data do not reveal stay at the nominal body, and no
 other constraint is needed. Parameters that cannot be negative are held at zero where they would be.
+Where the extent of a body is known, ∫ρ (r² - |x - c|²) stands beside its pseudo-inertia as one more
+entry of its diagonal: a body whose mass would have to lie elsewhere is as far as one that is none.
 
 As a density, exp(-D / tolerance²) is a Wishart distribution about J0. So the tolerance itself can
 be found from the data: it is the one under which they are most likely (Laplace's approximation).
@@ -33,6 +35,7 @@ from limo_driver.errors import DivergedError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from estimators.rigid_body.extent import Extent
     from limo_driver.types import FloatArray
 
 _ITERATIONS = 200
@@ -45,6 +48,7 @@ _LIGHTEST = 0.05  # [kg], smallest nominal mass taken seriously
 _SMALLEST = 0.01  # [m], smallest nominal radius of gyration taken seriously
 _RELEASE = 1e-6  # gradient at which a parameter held at zero is set free again
 _HARDLY_KNOWN = 10.0  # relative deviation of a nominal body that only has to exist
+_ROUNDING = 1e-12  # [m²] that nothing is divided by less than
 _WEAKEST_PRIOR = 1e-8  # [1/unit²] on joint terms, so that what nothing reveals is zero
 
 
@@ -83,6 +87,7 @@ def fit_consistent(
     positive: NDArray[np.bool_],
     absent: NDArray[np.bool_],
     start: FloatArray | None = None,
+    extent: Extent | None = None,
 ) -> ConsistentFit:
     """Minimise the cost above.
 
@@ -94,11 +99,12 @@ def fit_consistent(
         positive: Joint terms that cannot be negative, (p,).
         absent: Parameters that stay at zero, (p,).
         start: Parameters (p,) near the minimum, of bodies that exist; found if not given.
+        extent: In which the mass of every link has to lie, where that is known.
 
     Raises:
         DivergedError: No minimum was found.
     """
-    problem = _Problem.of(data, nominal, links, tolerance)
+    problem = _Problem.of(data, nominal, links, tolerance, _basis_in(extent))
     held = absent.copy()
     phi = problem.approach(np.where(held, 0.0, nominal), ~held) if start is None else start
     for _ in range(nominal.size):
@@ -113,7 +119,12 @@ def fit_consistent(
     raise DivergedError("the friction parameters found no consistent set of signs")
 
 
-def nearest_body(parameters: FloatArray, metric: FloatArray) -> FloatArray:
+def nearest_body(
+    parameters: FloatArray,
+    metric: FloatArray,
+    extent: Extent | None = None,
+    start: FloatArray | None = None,
+) -> FloatArray:
     """Return the parameters (10,) of the body that exists and is nearest to the ones given.
 
     It keeps off the bound of what exists by a small part of what the metric calls a deviation.
@@ -121,13 +132,18 @@ def nearest_body(parameters: FloatArray, metric: FloatArray) -> FloatArray:
     Args:
         parameters: Of one link, (m, m c, I at the joint frame), (10,).
         metric: Positive definite, such as the inverse of their covariance, (10, 10).
+        extent: In which its mass has to lie, where that is known.
+        start: A body (10,) to begin with, that need not exist; the one given if not given.
 
     Raises:
         DivergedError: No minimum was found.
     """
     none = np.zeros(PER_LINK, dtype=bool)
     data = Quadratic(metric, metric @ parameters, metric)
-    return fit_consistent(data, thickened(parameters), 1, _HARDLY_KNOWN, none, none).parameters
+    near = thickened(parameters if start is None else start)
+    near = near if extent is None else _inside(extent, near)
+    fit = fit_consistent(data, near, 1, _HARDLY_KNOWN, none, none, extent=extent)
+    return fit.parameters
 
 
 @dataclass(frozen=True)
@@ -140,19 +156,27 @@ class _Problem:
     nominal_inverse: FloatArray  # (links, 4, 4)
     nominal_logdet: float  # of those inverses, summed
     ridge: FloatArray  # (p,)
+    basis: FloatArray  # (10, d, d), of what has to be positive definite of each link
 
     @classmethod
-    def of(cls, data: Quadratic, nominal: FloatArray, links: int, tolerance: float) -> _Problem:
-        nominals = pseudo_inertia(nominal[: PER_LINK * links].reshape(links, PER_LINK))
+    def of(
+        cls,
+        data: Quadratic,
+        nominal: FloatArray,
+        links: int,
+        tolerance: float,
+        basis: FloatArray,
+    ) -> _Problem:
+        nominals = _spanned(nominal[: PER_LINK * links].reshape(links, PER_LINK), basis)
         inverse = np.asarray(np.linalg.inv(nominals), dtype=np.float64)
         logdet = float(np.linalg.slogdet(inverse)[1].sum())
         ridge = np.zeros(nominal.size)
         ridge[PER_LINK * links :] = _WEAKEST_PRIOR
-        return cls(data, links, 1.0 / tolerance**2, inverse, logdet, ridge)
+        return cls(data, links, 1.0 / tolerance**2, inverse, logdet, ridge, basis)
 
     def bodies(self, phi: FloatArray) -> FloatArray:
-        """Return the pseudo-inertias (links, 4, 4) of parameters (p,)."""
-        return pseudo_inertia(phi[: PER_LINK * self.links].reshape(self.links, PER_LINK))
+        """Return what has to be positive definite (links, d, d) of parameters (p,)."""
+        return _spanned(phi[: PER_LINK * self.links].reshape(self.links, PER_LINK), self.basis)
 
     def value(self, phi: FloatArray) -> float:
         J = self.bodies(phi)
@@ -161,21 +185,21 @@ class _Problem:
             return np.inf
         cost = 0.5 * phi @ self.data.gram @ phi - self.data.product @ phi
         cost += 0.5 * self.ridge @ phi**2
-        cost -= self.precision * (self.nominal_logdet + 4 * self.links)
+        cost -= self.precision * (self.nominal_logdet + self.basis.shape[1] * self.links)
         cost += self.precision * (np.sum(self.nominal_inverse * J) - logdet.sum())
         return float(cost)
 
     def gradient(self, phi: FloatArray) -> FloatArray:
         gradient = self.data.gram @ phi - self.data.product + self.ridge * phi
         slope = self.nominal_inverse - np.linalg.inv(self.bodies(phi))
-        of_bodies = slope.reshape(self.links, -1) @ _FLAT.T
+        of_bodies = slope.reshape(self.links, -1) @ self.basis.reshape(PER_LINK, -1).T
         gradient[: PER_LINK * self.links] += self.precision * of_bodies.ravel()
         return gradient
 
     def hessian(self, phi: FloatArray) -> FloatArray:
         hessian = self.data.gram + np.diag(self.ridge)
         size, each = PER_LINK * self.links, np.arange(self.links)
-        metrics = body_metric(phi[:size].reshape(self.links, PER_LINK))
+        metrics = body_metric(phi[:size].reshape(self.links, PER_LINK), self.basis)
         blocks = hessian[:size, :size].reshape(self.links, PER_LINK, self.links, PER_LINK)
         blocks[each, :, each] += self.precision * metrics
         hessian[:size, :size] = blocks.reshape(size, size)
@@ -231,7 +255,10 @@ class _Problem:
         """Return Newton's step (p,) in the free parameters, down a gradient (p,)."""
         step = np.zeros(phi.size)
         H, scale = self._scaled(phi, free)
-        step[free] = -scale * np.linalg.solve(H, scale * gradient[free])
+        try:
+            step[free] = -scale * np.linalg.solve(H, scale * gradient[free])
+        except np.linalg.LinAlgError:
+            raise DivergedError("the consistent inertias lost all digits") from None
         return step
 
     def reach(self, phi: FloatArray, step: FloatArray) -> float:
@@ -266,12 +293,18 @@ class _Problem:
 
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:
     """Return J (..., 4, 4) of (m, m c, I at the joint frame) of links, (..., 10)."""
-    return (parameters @ _FLAT).reshape(*parameters.shape[:-1], 4, 4)
+    return _spanned(parameters, _BASIS)
 
 
-def body_metric(parameters: FloatArray) -> FloatArray:
-    """Return the second derivative of D at bodies of own parameters (..., 10), (..., 10, 10)."""
-    turned = np.linalg.inv(pseudo_inertia(parameters))[..., None, :, :] @ _BASIS
+def body_metric(parameters: FloatArray, basis: FloatArray | None = None) -> FloatArray:
+    """Return the second derivative of D at bodies of own parameters (..., 10), (..., 10, 10).
+
+    Args:
+        parameters: Of the bodies.
+        basis: Of what has to be positive definite, (10, d, d); the pseudo-inertia by default.
+    """
+    basis = _BASIS if basis is None else basis
+    turned = np.linalg.inv(_spanned(parameters, basis))[..., None, :, :] @ basis
     return np.einsum("...kab,...lba->...kl", turned, turned)
 
 
@@ -289,7 +322,40 @@ def _basis() -> FloatArray:
 
 
 _BASIS = _basis()
-_FLAT = _BASIS.reshape(PER_LINK, 16)
+
+
+def _spanned(parameters: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return the sums (..., d, d) of a basis (10, d, d) times parameters (..., 10)."""
+    flat = parameters @ basis.reshape(PER_LINK, -1)
+    return flat.reshape(*parameters.shape[:-1], *basis.shape[1:])
+
+
+def _basis_in(extent: Extent | None) -> FloatArray:
+    """Return what has to be positive definite of a body that lies in an extent, (10, d, d)."""
+    if extent is None:
+        return _BASIS
+    basis = np.zeros((PER_LINK, 5, 5))
+    basis[:, :4, :4], basis[:, 4, 4] = _BASIS, extent.slope
+    return basis
+
+
+def _inside(extent: Extent, parameters: FloatArray) -> FloatArray:
+    """Return a body (10,) like the one given, drawn together and in until an extent holds it."""
+    J = pseudo_inertia(parameters)
+    mass, com = float(J[3, 3]), J[:3, 3] / J[3, 3]
+    spread = J[:3, :3] / mass - np.outer(com, com)
+    within = 0.25 * extent.radius**2  # of each part, so that half of what there is stays free
+    away = com - extent.centre
+    nearer = min(1.0, float(np.sqrt(within / max(away @ away, _ROUNDING))))
+    smaller = min(1.0, within / float(np.trace(spread)))
+    return _parameters_of(mass, extent.centre + nearer * away, smaller * mass * spread)
+
+
+def _parameters_of(mass: float, com: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return the parameters (10,) of mass, centre and second moments (3, 3) about it."""
+    moment = spread + mass * np.outer(com, com)
+    I = np.trace(moment) * np.eye(3) - moment  # noqa: E741
+    return np.array([mass, *(mass * com), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
 
 def thickened(parameters: FloatArray) -> FloatArray:
@@ -302,9 +368,7 @@ def thickened(parameters: FloatArray) -> FloatArray:
     com = J[:3, 3] / J[3, 3] if J[3, 3] > 0 else np.zeros(3)
     values, vectors = np.linalg.eigh(J[:3, :3] - J[3, 3] * np.outer(com, com))
     spread = (vectors * np.maximum(values, mass * _SMALLEST**2)) @ vectors.T
-    moment = spread + mass * np.outer(com, com)
-    I = np.trace(moment) * np.eye(3) - moment  # noqa: E741
-    return np.array([mass, *(mass * com), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
+    return _parameters_of(mass, com, spread)
 
 
 def inertial_of(parameters: FloatArray) -> Inertial:

@@ -1,12 +1,16 @@
-"""Bodies: a fit of links and of a payload, drawn to the nearest ones that can exist.
+"""Bodies: a fit of links and of a payload, drawn to the nearest ones that can be.
 
 The torque is linear in mass, first moments and inertia of a body, and a linear fit knows no bounds:
-what little the motion shows of an inertia may come out as one that no body has. It is drawn to the
-body that exists and whose torque is nearest, in units of what the fit leaves at each joint; what
-else was fitted follows to keep that torque, as far as the fit leaves it open. Nearest in the metric
-of the fit would be another body: under noise that is predicted from one row to the next, a slow
-error of several newton metres costs less than a quick one of a tenth, and gravity would give way to
-what little is known of an inertia.
+what little the motion shows of an inertia may come out as one that no body has, and what no body
+explains as one whose mass is where the arm is not. It is drawn to the body that exists, lies within
+the extent of its link, and whose torque is nearest, in units of what the fit leaves at each joint;
+what else was fitted follows to keep that torque, as far as the fit leaves it open. Nearest in the
+metric of the fit would be another body: under noise that is predicted from one row to the next, a
+slow error of several newton metres costs less than a quick one of a tenth, and gravity would give
+way to what little is known of an inertia.
+
+What competes for a name knows no bounds, either. So the name of a body is worth as much less as its
+set loses on the way to the nearest one that can be, in the metric in which it won.
 
 Source: Wensing, Kim and Slotine, "Linear matrix inequalities for physically consistent inertial
 parameter identification", RA-L 2018.
@@ -14,6 +18,8 @@ parameter identification", RA-L 2018.
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
@@ -35,12 +41,40 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.selection.candidates import Candidate
     from estimators.regression.evidence import Posterior, Prior
+    from estimators.rigid_body.extent import Extent, Extents
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
 
+@dataclass(frozen=True)
+class _Body:
+    """A body with the coefficients of a fit that act on it."""
+
+    nominal: FloatArray  # (10,)
+    changes: FloatArray  # (10, m) what coefficients add
+    own: NDArray[np.int64]  # (10,) the coefficients that are drawn with it
+    extent: Extent
+    member: int | None  # place in the set of the candidate that it is, if it is one
+
+    def fitted(self, mean: FloatArray) -> FloatArray:
+        """Return its parameters (10,) under coefficients (m,)."""
+        return self.nominal + self.changes @ mean
+
+    def is_impossible(self, mean: FloatArray) -> bool:
+        """Say whether it is there and cannot be; where the nominal one cannot, nobody knows."""
+        body = self.fitted(mean)
+        if not body.any() or self._can_be(body):
+            return False
+        return not self.nominal.any() or self._can_be(self.nominal)
+
+    def _can_be(self, parameters: FloatArray) -> bool:
+        body = body_of(parameters)
+        return body is not None and body.is_consistent() and self.extent.holds(parameters)
+
+
 def with_possible_bodies(
     model: RobotModel,
+    extents: Extents,
     members: Sequence[Candidate],
     nuisance: Prior,
     fitted: Posterior,
@@ -50,6 +84,7 @@ def with_possible_bodies(
 
     Args:
         model: The nominal bodies; one that is itself impossible is left as it is fitted.
+        extents: In which their mass lies.
         members: The set that was fitted.
         nuisance: Prior of the coefficients that come first.
         fitted: Coefficients of the nuisance, bodies first, then of the set.
@@ -58,17 +93,18 @@ def with_possible_bodies(
     mean, prior = fitted.mean.copy(), joined(nuisance, *(item.prior for item in members))
     known = cache(partial(torques, prior))
     drawn: list[NDArray[np.int64]] = []
-    for nominal, of_body, own in _bodies(model, members, mean.size):
-        body = nominal + of_body @ mean
-        if not body.any() or _exists(body) or (nominal.any() and not _exists(nominal)):
+    for item in _bodies(model, extents, members, mean.size):
+        if not item.is_impossible(mean):
             continue
-        if not _is_free(of_body @ fitted.covariance @ of_body.T):
+        if not _is_free(item.changes @ fitted.covariance @ item.changes.T):
             continue  # held in part, where the nearest cannot be told
-        back = np.linalg.inv(of_body[:, own]).astype(np.float64)
+        own, body = item.own, item.fitted(mean)
+        back = np.linalg.inv(item.changes[:, own]).astype(np.float64)
+        metric = back.T @ known()[np.ix_(own, own)] @ back
         try:
-            nearest = nearest_body(body, back.T @ known()[np.ix_(own, own)] @ back)
+            nearest = nearest_body(body, metric, item.extent)
         except DivergedError:
-            continue  # whoever writes it down makes it a body that exists
+            continue  # whoever writes it down makes it a body that can be
         mean[own] += back @ (nearest - body)
         drawn.append(own)
     if not drawn:
@@ -83,6 +119,37 @@ def with_possible_bodies(
     return np.clip(mean, np.where(prior.positive, 0.0, -most), most)
 
 
+def lost_by_bodies(
+    model: RobotModel, extents: Extents, members: Sequence[Candidate], found: Posterior
+) -> dict[int, float]:
+    """Return what a set loses where one of its bodies is the nearest one that can be [nat].
+
+    Args:
+        model: The nominal bodies.
+        extents: In which their mass lies.
+        members: The set that competed.
+        found: Its coefficients, as they competed.
+
+    Returns:
+        By place in the set, nothing of bodies that can be as they were found: how much likelier the
+        set is than it would be had it competed with one that can.
+    """
+    lost: dict[int, float] = {}
+    for item in _bodies(model, extents, members, found.mean.size):
+        if item.member is None or not item.is_impossible(found.mean):
+            continue
+        spread = item.changes @ found.covariance @ item.changes.T
+        if not _is_free(spread):
+            continue
+        metric, body = np.linalg.inv(spread).astype(np.float64), item.fitted(found.mean)
+        possible = [item.nominal]  # as if it had not competed
+        with suppress(DivergedError):
+            start = item.nominal if item.nominal.any() else None
+            possible.append(nearest_body(body, metric, item.extent, start))
+        lost[item.member] = min(0.5 * float((x - body) @ metric @ (x - body)) for x in possible)
+    return lost
+
+
 def _is_free(spread: FloatArray) -> bool:
     """Say whether a covariance leaves every parameter of a body free, whatever their units."""
     scale = np.sqrt(np.diag(spread))
@@ -92,15 +159,10 @@ def _is_free(spread: FloatArray) -> bool:
     return int(rank) == PER_LINK
 
 
-def _exists(parameters: FloatArray) -> bool:
-    body = body_of(parameters)
-    return body is not None and body.is_consistent()
-
-
 def _bodies(
-    model: RobotModel, members: Sequence[Candidate], size: int
-) -> Iterator[tuple[FloatArray, FloatArray, NDArray[np.int64]]]:
-    """Yield each body's nominal parameters (10,), what coefficients add (10, m), and its own (10,).
+    model: RobotModel, extents: Extents, members: Sequence[Candidate], size: int
+) -> Iterator[_Body]:
+    """Yield the bodies on which coefficients (m,) act, those of a set with or without a nuisance.
 
     A payload is a body of its own, since the simulation has it beside the link that carries it. Of
     one that is stated, only the mass may be another.
@@ -108,18 +170,21 @@ def _bodies(
     links = [model.inertials[name] for name in model.link_names]
     changes = [np.zeros((PER_LINK, size)) for _ in links]
     last = [PER_LINK * link + np.arange(PER_LINK) for link in range(len(links))]
-    for link, body in enumerate(links):
-        changes[link][:, last[link]] = relative_inertia(body)  # bodies come first
+    owner: dict[int, int] = {}
     at = size - sum(candidate.prior.index.size for candidate in members)
-    for candidate in members:
+    for link, body in enumerate(links if at else ()):
+        changes[link][:, last[link]] = relative_inertia(body)  # bodies come first
+    for place, candidate in enumerate(members):
         own = at + np.arange(candidate.prior.index.size)
         if candidate.effect == LINK_INERTIA:
             link = int(model.linkage.own[candidate.joints[0]])
             changes[link][:, own] = relative_inertia(links[link])
-            last[link] = own
+            last[link], owner[link] = own, place
         elif candidate.effect == Payload.name and candidate.kind == "missing":
             alone = np.zeros((PER_LINK, size))
             alone[:, own] = np.eye(PER_LINK)
-            yield np.zeros(PER_LINK), alone, own
+            yield _Body(np.zeros(PER_LINK), alone, own, extents.of(len(links) - 1), place)
         at += own.size
-    yield from zip(map(parameters_of, links), changes, last, strict=True)
+    for link, body in enumerate(links):
+        nominal = parameters_of(body)
+        yield _Body(nominal, changes[link], last[link], extents.of(link), owner.get(link))

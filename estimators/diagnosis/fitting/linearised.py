@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.entries import entries_of, found_in, possible, sides
-from estimators.diagnosis.hypotheses.improvement import Improvement
+from estimators.diagnosis.hypotheses.improvement import Improvement, beyond
 from estimators.diagnosis.hypotheses.responses import difference, stacked
 from estimators.diagnosis.residuals.held_out import block_of, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
@@ -135,13 +135,16 @@ class Linearised:
     def _moved(self, coefficients: FloatArray) -> Simulation:
         given, count = self.observed.simulation, self.known.index.size
         others = _without(given.effects, self.found)
-        improvement = Improvement(replace(given, effects=others))
+        extents = self.observed.extents
+        improvement = Improvement(replace(given, effects=others), extents)
         self.nuisance.enter(improvement, coefficients[:count])
         changed = improvement.simulation()
         found, at = [], count
         for effect in self.found:
             entries = entries_of(effect)
-            found.append(possible(effect, entries, coefficients[at : at + len(entries)]))
+            other = possible(effect, entries, coefficients[at : at + len(entries)])
+            leaves = beyond(extents, other) and not beyond(extents, effect)
+            found.append(effect if leaves else other)
             at += len(entries)
         rest, own = iter(changed.effects), dict(zip(map(id, self.found), found, strict=True))
         return replace(

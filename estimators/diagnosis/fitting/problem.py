@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.bodies import with_possible_bodies
+from estimators.diagnosis.fitting.bodies import lost_by_bodies, with_possible_bodies
 from estimators.diagnosis.fitting.rotation import Rotation
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
@@ -181,6 +181,14 @@ class RegressionProblem:
         other._sums, other._rotations = self._sums, self._rotations  # of one of this class
         return other
 
+    def without_place(self, place: tuple[str, tuple[int, ...]]) -> RegressionProblem:
+        """Return the same, where no set has one effect at some joints (0-based)."""
+        fewer = [
+            replace(item, rarity=np.inf) if item.place == place else item
+            for item in self.candidates
+        ]
+        return self.with_candidates(fewer)
+
     def undisturbed(self, rows: NDArray[np.bool_]) -> RegressionProblem:
         """Return the same, where something pushed on some rows (K,): those count no more."""
         observed = self.observed.undisturbed(rows)
@@ -270,16 +278,27 @@ def simulated(problem: RegressionProblem, solution: Solution) -> FloatArray:
     return problem.observed.beside(improve(problem, solution)).residual
 
 
+def lost_by(problem: RegressionProblem, solution: Solution) -> dict[int, float]:
+    """Return what members lose of the evidence where their bodies are ones that can be [nat]."""
+    observed, search = problem.observed, solution.search
+    members = [problem.candidates[member] for member in solution.members]
+    found = search.evidence.coefficients(search.prior(solution.members))
+    lost = lost_by_bodies(observed.simulation.model, observed.extents, members, found)
+    return {solution.members[place]: nats for place, nats in lost.items()}
+
+
 def impossible(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
     """Return the members whose fitted values no such effect can have, as a gain below -1."""
     return _entered(problem, solution)[1]
 
 
 def _entered(problem: RegressionProblem, solution: Solution) -> tuple[Simulation, tuple[int, ...]]:
-    improvement = Improvement(problem.observed.simulation)
+    observed = problem.observed
+    improvement = Improvement(observed.simulation, observed.extents)
     members = [problem.candidates[member] for member in solution.members]
     mean = with_possible_bodies(
-        problem.observed.simulation.model,
+        observed.simulation.model,
+        observed.extents,
         members,
         problem.nuisance.prior,
         solution.fitted,

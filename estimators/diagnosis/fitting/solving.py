@@ -23,6 +23,7 @@ from estimators.diagnosis.fitting.problem import (
     fitted,
     impossible,
     improve,
+    lost_by,
     search_on,
     simulated,
 )
@@ -74,12 +75,34 @@ def solve(
     solution = _until_it_stays(problem, solution, progress, near)
     limits = solution.search.evidence.at_limit(solution.fitted)
     limits[problem.observed.chain.width :] = np.nan  # bodies come first
-    if np.isnan(limits).all():
-        return problem, solution
-    limited = problem.holding(limits)
-    more = _until_it_stays(limited, solution, progress, near)
-    if set(more.members) != set(solution.members):
-        return limited, more
+    if not np.isnan(limits).all():
+        limited = problem.holding(limits)
+        more = _until_it_stays(limited, solution, progress, near)
+        if set(more.members) != set(solution.members):
+            problem, solution = limited, more
+    return _of_what_can_be(problem, solution, progress, near)
+
+
+def _of_what_can_be(
+    problem: RegressionProblem, solution: Solution, progress: Progress, near: tuple[int, ...] | None
+) -> tuple[RegressionProblem, Solution]:
+    """Return a solution, or the best one without a body that would bring less if it could be.
+
+    Sets compete with any ten parameters for a body. One whose mass is where the arm is not, or that
+    no body has, may stand for what the set lacks.
+    """
+    while lost := lost_by(problem, solution):
+        worst = max(lost, key=lambda member: lost[member])
+        if lost[worst] < CONTRIBUTION.tellable:
+            break
+        place = problem.candidates[worst].place
+        fewer = problem.without_place(place)
+        if near is not None:
+            near = tuple(i for i in near if problem.candidates[i].place != place)
+        other = _until_it_stays(fewer, solution, progress, near)
+        if solution.search.gain(other.members) < solution.gain - lost[worst]:
+            break
+        problem, solution = fewer, other
     return problem, solution
 
 

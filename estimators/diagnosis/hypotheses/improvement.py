@@ -15,17 +15,24 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
+    from estimators.rigid_body.extent import Extent, Extents
     from limo_driver.physics import Effect, Hypothesis, Simulation
     from limo_driver.types import FloatArray
 
+_SHORT = 0.99  # part of the way to where a body would be out of reach, that a change may go
 Enter: TypeAlias = Callable[["Improvement", "FloatArray"], None]  # of fitted coefficients
 
 
 class Improvement:
-    """Collects changes to a simulation."""
+    """Collects changes to a simulation.
 
-    def __init__(self, simulation: Simulation) -> None:
-        self.given = simulation
+    Args:
+        simulation: What is changed.
+        extents: In which the mass of its bodies lies; anywhere if not given.
+    """
+
+    def __init__(self, simulation: Simulation, extents: Extents | None = None) -> None:
+        self.given, self.extents = simulation, extents
         self.effects: list[Effect] = list(simulation.effects)
         self.change = np.zeros(
             (simulation.model.linkage.links, PER_LINK)
@@ -60,12 +67,13 @@ class Improvement:
             self.add(effect)
 
     def simulation(self) -> Simulation:
-        """Return the simulation; bodies that cannot exist are drawn back to the nominal ones."""
+        """Return the simulation; bodies that cannot be are drawn back to the nominal ones."""
         model = self.given.model
         inertials = dict(self.given.inertials)
-        for link, change in zip(model.link_names, self.change, strict=True):
+        for link, (name, change) in enumerate(zip(model.link_names, self.change, strict=True)):
             if change.any():
-                inertials[link] = _body(model.inertials[link], change)
+                extent = self.extents and self.extents.of(link)
+                inertials[name] = _body(model.inertials[name], change, extent)
         return replace(self.given, effects=tuple(self.effects), inertials=inertials)
 
 
@@ -73,12 +81,17 @@ def _within(known: Any) -> tuple[float, float]:  # noqa: ANN401  # Parameter
     return known.lower, known.upper
 
 
-def _body(nominal: Inertial, change: FloatArray) -> Inertial:
+def _body(nominal: Inertial, change: FloatArray, extent: Extent | None) -> Inertial:
     """Return a possible body with the changed mass and centre of mass.
 
     Those are what gravity reveals. The inertia gives way towards the nominal one, with the mass.
+    What would have to be where the arm is not goes no farther than that: all gives way.
     """
-    body = body_of(parameters_of(nominal) + change)
+    own = parameters_of(nominal)
+    if extent and extent.holds(own) and not extent.holds(own + change):
+        at, off = float(extent.slope @ own), float(extent.slope @ change)
+        change = _SHORT * at / -off * change
+    body = body_of(own + change)
     if body is None:
         return nominal
     rigid = np.array(nominal.inertia) * body.mass / nominal.mass
@@ -102,6 +115,14 @@ def body_of(parameters: FloatArray) -> Inertial | None:
     x, y, z = (float(value) for value in c)
     inertia = tuple(float(value) for value in tensor[np.triu_indices(3)])
     return Inertial(m, (x, y, z), inertia)  # pyright: ignore[reportArgumentType]  # six numbers
+
+
+def beyond(extents: Extents, effect: Effect) -> bool:
+    """Say whether an effect is a load that is farther away than one can be."""
+    if not isinstance(effect, Payload):
+        return False
+    last = extents.model.linkage.links - 1
+    return not extents.of(last).holds(parameters_of(effect.load))
 
 
 def payload_of(parameters: FloatArray) -> Payload:

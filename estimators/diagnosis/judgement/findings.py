@@ -25,6 +25,7 @@ import numpy as np
 
 from estimators.diagnosis.fitting.contribution import TINY, coefficients, contribution, material
 from estimators.diagnosis.fitting.laws import sentence_of
+from estimators.diagnosis.fitting.problem import lost_by
 from estimators.diagnosis.judgement.judgement import (
     acts_most,
     equivalents,
@@ -77,13 +78,14 @@ def findings_of(
     """
     shares = shares_of(problem, solution, alone, after, remaining.floor)
     far = beyond_siblings(problem, solution)
+    lost = lost_by(problem, solution)
     found: list[Finding] = []
     for member in named:
         candidate = problem.candidates[member]
         same = equivalents(problem, solution, member)
         gained = contribution(problem, solution, member)
         joint = acts_most(problem, solution, member, remaining.floor)
-        lead = margin(problem, solution, member, same)
+        lead = margin(problem, solution, member, same) - lost.get(member, 0.0)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(
             lead=lead,

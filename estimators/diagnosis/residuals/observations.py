@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import binary_opening, maximum_filter1d
 
 from estimators.diagnosis.settings.residuals import MISTAKES, NOISE, ROWS
+from estimators.rigid_body.extent import Extents
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay
@@ -52,6 +53,7 @@ class Observations:
     recording_of_sample: NDArray[np.int64]  # (T,) which recording each sample is from
     kept: NDArray[np.int64]  # (K,) samples that are rows of the slow grid
     measured: FloatArray  # (K, n) [N m]
+    extents: Extents  # where mass may be, by the simulation that was given
     disturbed: NDArray[np.bool_] | None = None  # (K,) rows on which something pushed
     around: Simulation | None = None  # that columns are taken around, where not the given one
     unmeasured: NDArray[np.bool_] | None = None  # (K, n) torques that are no measurement
@@ -91,6 +93,7 @@ class Observations:
             np.repeat(np.arange(len(parts)), [len(part.sharp) for part in parts]),
             rows,
             np.concatenate([part.measured for part in parts])[rows],
+            Extents(simulation.model),
             unmeasured=np.concatenate([part.unmeasured for part in parts])[rows],
         )
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from estimators.diagnosis.hypotheses import catalogue as hypotheses
-from estimators.diagnosis.hypotheses.improvement import payload_of
+from estimators.diagnosis.hypotheses.improvement import beyond, payload_of
 from estimators.diagnosis.hypotheses.responses import responses, stacked
 from estimators.diagnosis.hypotheses.revision import (
     derivative,
@@ -23,6 +23,7 @@ from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.errors import ConfigError
 from limo_driver.physics import TorqueGain
 from limo_driver.physics.catalogue import description_of
 
@@ -252,6 +253,14 @@ def _payload_prior(model: RobotModel) -> FloatArray:
 
 
 def _loader(improvement: Improvement, c: FloatArray) -> None:
-    """Add a payload; one whose mass is at its bound of 0 is none."""
-    if c[0] > 0:
-        improvement.add(payload_of(c))
+    """Add a payload; one whose mass is at its bound of 0 is none.
+
+    Raises:
+        ConfigError: It would have to be farther away than a load can be.
+    """
+    if c[0] <= 0:
+        return
+    load = payload_of(c)
+    if improvement.extents and beyond(improvement.extents, load):
+        raise ConfigError("a payload has to be within reach of the last link")
+    improvement.add(load)

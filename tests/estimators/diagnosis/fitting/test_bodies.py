@@ -1,4 +1,4 @@
-"""Bodies that come out of a fit can exist, and are as near to it as such bodies are."""
+"""Bodies that come out of a fit can be, and are as near to it as such bodies are."""
 
 from __future__ import annotations
 
@@ -8,18 +8,27 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
-from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, improve, simulated
+from estimators.diagnosis.fitting.problem import (
+    RegressionProblem,
+    fitted,
+    improve,
+    lost_by,
+    simulated,
+)
+from estimators.diagnosis.hypotheses.revision import relative_inertia
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.stages import quiet
+from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.rigid_body.consistent import nearest_body, pseudo_inertia
-from estimators.rigid_body.regressor import parameters_of
+from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.descriptions.inertial import Inertial
-from limo_driver.physics import Payload, Simulation
+from limo_driver.physics import Payload, Simulation, TorqueGain
 
 CRATE = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.06, 0.0, 0.0, 0.06, 0.0, 0.05))
 ROD = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.09, 0.0, 0.0, 0.09, 0.0, 0.0))
 NOISE = 0.02  # [N m]
+LINK = 4  # 0-based
 
 
 def laid_out(seen):
@@ -78,6 +87,36 @@ def test_gravity_gives_no_way_to_an_inertia_where_slow_errors_are_thought_likely
     rows = problem.split.held_out
     linear, drawn = problem.left(solution.fitted), simulated(problem, solution)
     assert np.all(rmse(drawn, rows) < 1.1 * rmse(linear, rows))
+
+
+def feigned():
+    """Fit a link to what the sensor of its joint makes of all that lies beyond."""
+    problem, noise = laid_out(observed(TorqueGain(joint=4, gain=-0.4)))
+    link = next(i for i, x in enumerate(problem.candidates) if x.place == (LINK_INERTIA, (LINK,)))
+    return problem, fitted(problem, (link,), noise)
+
+
+def test_a_body_whose_mass_would_be_out_of_reach_is_drawn_to_where_its_link_is():
+    problem, solution = feigned()
+    observed = problem.observed
+    model, extent = observed.simulation.model, observed.extents.of(LINK)
+    change = relative_inertia(model.inertials[model.link_names[LINK]])
+    nominal = parameters_of(model.inertials[model.link_names[LINK]])
+    count = problem.nuisance.prior.index.size
+    own = slice(PER_LINK * LINK, PER_LINK * (LINK + 1))
+    mean = solution.fitted.mean
+    assert not extent.holds(nominal + change @ (mean[own] + mean[count:]))
+    found = improve(problem, solution).inertials[model.link_names[LINK]]
+    assert found.is_consistent()
+    assert extent.holds(parameters_of(found))
+
+
+def test_what_only_an_impossible_body_explains_hardly_speaks_for_it():
+    problem, solution = feigned()
+    (member,) = solution.members
+    assert lost_by(problem, solution)[member] > 0.4 * solution.gain
+    problem, solution, _ = loaded(CRATE)
+    assert not lost_by(problem, solution)
 
 
 def test_a_load_that_is_stated_may_have_another_mass():
