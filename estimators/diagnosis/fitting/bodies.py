@@ -9,8 +9,10 @@ metric of the fit would be another body: under noise that is predicted from one 
 slow error of several newton metres costs less than a quick one of a tenth, and gravity would give
 way to what little is known of an inertia.
 
-What competes for a name knows no bounds, either. So the name of a body is worth as much less as its
-set loses on the way to the nearest one that can be, in the metric in which it won.
+What competes for a name knows no bounds, either. Where a body wins whose mass would be out of
+reach, its name is worth as much less as its set loses on the way to the nearest one that can be, in
+the metric in which it won. One that is merely no body costs its name nothing: what little motion
+shows of an inertia is impossible as often as not, and says nothing against a load.
 
 Source: Wensing, Kim and Slotine, "Linear matrix inequalities for physically consistent inertial
 parameter identification", RA-L 2018.
@@ -67,6 +69,11 @@ class _Body:
             return False
         return not self.nominal.any() or self._can_be(self.nominal)
 
+    def is_out_of_reach(self, mean: FloatArray) -> bool:
+        """Say whether its mass would be where the arm is not, and the nominal one is not there."""
+        outside = not self.extent.holds(self.fitted(mean))
+        return outside and self.extent.holds(self.nominal)
+
     def _can_be(self, parameters: FloatArray) -> bool:
         body = body_of(parameters)
         return body is not None and body.is_consistent() and self.extent.holds(parameters)
@@ -122,7 +129,7 @@ def with_possible_bodies(
 def lost_by_bodies(
     model: RobotModel, extents: Extents, members: Sequence[Candidate], found: Posterior
 ) -> dict[int, float]:
-    """Return what a set loses where one of its bodies is the nearest one that can be [nat].
+    """Return what a set loses where a body out of reach is the nearest one that can be [nat].
 
     Args:
         model: The nominal bodies.
@@ -131,12 +138,12 @@ def lost_by_bodies(
         found: Its coefficients, as they competed.
 
     Returns:
-        By place in the set, nothing of bodies that can be as they were found: how much likelier the
-        set is than it would be had it competed with one that can.
+        By place in the set, nothing of bodies within reach: how much likelier the set is than it
+        would be had it competed with one that can be.
     """
     lost: dict[int, float] = {}
     for item in _bodies(model, extents, members, found.mean.size):
-        if item.member is None or not item.is_impossible(found.mean):
+        if item.member is None or not item.is_out_of_reach(found.mean):
             continue
         spread = item.changes @ found.covariance @ item.changes.T
         if not _is_free(spread):

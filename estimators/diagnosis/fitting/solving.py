@@ -86,10 +86,10 @@ def solve(
 def _of_what_can_be(
     problem: RegressionProblem, solution: Solution, progress: Progress, near: tuple[int, ...] | None
 ) -> tuple[RegressionProblem, Solution]:
-    """Return a solution, or the best one without a body that would bring less if it could be.
+    """Return a solution, or the best one without a body that would bring less within reach.
 
-    Sets compete with any ten parameters for a body. One whose mass is where the arm is not, or that
-    no body has, may stand for what the set lacks.
+    Sets compete with any ten parameters for a body. One whose mass is where the arm is not may
+    stand for what the set lacks.
     """
     while lost := lost_by(problem, solution):
         worst = max(lost, key=lambda member: lost[member])
