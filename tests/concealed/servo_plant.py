@@ -1,4 +1,4 @@
-"""An arm behind hobby servos, which shares no physics with limo: motors, gears with play, links.
+"""An arm behind hobby servos, which shares no formula with limo: motors, gears with play, links.
 
 Each joint has two bodies: the motor as it is seen at the joint, and the link. The gear between them
 is a spring that begins at the end of its play. The servo looks every millisecond at its own

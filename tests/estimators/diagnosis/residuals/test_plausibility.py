@@ -21,6 +21,7 @@ from estimators.diagnosis.residuals.plausibility import (
     notes_on,
 )
 from estimators.regression.evidence import Prior
+from estimators.rigid_body.extent import Extents
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
@@ -395,7 +396,7 @@ def test_an_explanation_out_of_range_is_left_out_and_told():
         enter=lambda improvement, c: improvement.add(EncoderOffset(joint=2, offset=float(c[0]))),
     )
     problem = SimpleNamespace(
-        observed=SimpleNamespace(simulation=GIVEN),
+        observed=SimpleNamespace(simulation=GIVEN, extents=Extents(GIVEN.model)),
         nuisance=SimpleNamespace(
             prior=Prior.free(np.arange(bodies), np.ones(bodies)),
             enter=lambda _improvement, _c: None,
