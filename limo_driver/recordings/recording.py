@@ -368,6 +368,8 @@ class Recording(FilteredSamples, Displayed):
             lambda piece, a, b: piece[a:b], max(rows, stretch), stretch, stride
         )
         stretches.add(np.arange(len(self)), len(self))
+        if not stretches.spread:  # one stretch holds all of it
+            return self
         kept = self[np.concatenate(stretches.pieces())]
         warnings = (*self.warnings, stretches.note())
         return replace(kept, warnings=warnings, spread=self.spread or len(self))

@@ -37,3 +37,9 @@ def test_of_two_recordings_it_reads_the_same_part():
 def test_ten_minutes_are_read_whole():
     recording = still(600.0, 250.0)
     assert diagnosing._within_memory((recording,), 10.0) == (recording,)
+
+
+def test_recordings_that_are_shorter_than_a_stretch_are_read_whole_however_many():
+    many = tuple(still(20.0, 100.0) for _ in range(60))
+    parts = diagnosing._within_memory(many, 10.0)
+    assert all(part is whole for part, whole in zip(parts, many, strict=True))
