@@ -21,6 +21,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.linalg.lapack import dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
+from estimators.regression.right_signs import RIDGE, gains_beside, of_right_signs
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -30,7 +32,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 REACH = 3.0  # prior deviations of a nuisance parameter; more is a wrong parameter
-_RIDGE = 1e-9
 _NO_BLOCKS = np.zeros(0, dtype=np.int64)
 
 
@@ -62,6 +63,25 @@ class Prior:
     def beside(self, wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Mark the columns (c,) of blocks that have a coefficient of the wrong sign."""
         return np.isin(self.block, self.block[wrong])
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Several sets of columns, one behind the other."""
+
+    together: Prior
+    start: NDArray[np.int64]  # (p + 1,) where each begins, and the last ends
+
+    @classmethod
+    def of_each(cls, priors: Sequence[Prior]) -> Priors:
+        """Return p sets of columns as one table."""
+        start = np.cumsum([0, *(prior.index.size for prior in priors)])
+        return cls(joined(*priors), start)
+
+    def of(self, place: int, kept: NDArray[np.bool_]) -> Prior:
+        """Return one set, of which some columns of the table are kept."""
+        rows = np.arange(self.start[place], self.start[place + 1])
+        return self.together.of(rows[kept[rows]])
 
 
 @dataclass(frozen=True)
@@ -120,17 +140,10 @@ class Evidence:
         return self._factor(prior).gain
 
     def _factor(self, prior: Prior) -> _Factor:
-        while True:
-            at, a = prior.index, prior.deviation
-            M = a[:, None] * self.gram[at[:, None], at] * a
-            M.flat[:: at.size + 1] += 1.0 + _RIDGE
-            lower = np.linalg.cholesky(M)
-            z = _solved(lower, a * self.product[at])
-            mean = _solved(lower, z, trans=1)
-            wrong = prior.positive & (mean < 0)
-            if not wrong.any():
-                return _Factor(prior, lower, z)
-            prior = prior.of(~prior.beside(wrong))
+        rows, lower, z = of_right_signs(
+            self.gram, self.product, prior.index, prior.deviation, prior.positive, prior.block
+        )
+        return _Factor(prior if rows.size == prior.index.size else prior.of(rows), lower, z)
 
     def coefficients(self, prior: Prior) -> Posterior:
         """Return the coefficients of a set with which it competes, whatever the nuisance is.
@@ -145,54 +158,36 @@ class Evidence:
         covariance[np.ix_(kept, kept)] = half.T @ half
         return Posterior(prior.index, mean, covariance)
 
-    def gains(self, base: Prior, more: Sequence[Prior]) -> FloatArray:
-        """Return the log evidence of a set of columns with each of several others, (len(more),).
+    def gains(self, base: Prior, more: Priors, some: NDArray[np.int64]) -> FloatArray:
+        """Return the log evidence of a set of columns with each of several others, (p,).
 
         The set is factorised once, and what each of the others adds is a Schur complement.
+
+        Args:
+            base: The set.
+            more: What may be added.
+            some: Which of them (p,) are, one at a time.
         """
-        return self._gains(self._factor(base), base, more)
-
-    def _gains(self, known: _Factor, base: Prior, more: Sequence[Prior]) -> FloatArray:
-        result = np.full(len(more), known.gain)
-        size = np.array([prior.index.size for prior in more])
-        for count in np.unique(size[size > 0]):
-            places = np.flatnonzero(size == count)
-            some = [more[k] for k in places.tolist()]
-            result[places], wrong, others = self._added(known, some)
-            for k in np.flatnonzero(others).tolist():  # columns of the set have to be left out
-                result[places[k]] = self.gain(joined(base, some[k]))
-            own = np.flatnonzero(wrong.any(axis=1) & ~others)
-            result[places[own]] = known.gain  # of one block nothing is left
-            rest = [k for k in own.tolist() if some[k].block[0] != some[k].block[-1]]
-            if rest:
-                fewer = [some[k].of(~some[k].beside(wrong[k])) for k in rest]
-                result[places[rest]] = self._gains(known, base, fewer)
-        return result
-
-    def _added(
-        self, known: _Factor, more: Sequence[Prior]
-    ) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return what holds with each of p priors of c columns.
-
-        Returns:
-            The evidence (p,), which of their columns have the wrong sign (p, c), and whether
-            columns of the set have it (p,).
-        """
+        known = self._factor(base)
         at, a = known.prior.index, known.prior.deviation
-        index = np.stack([prior.index for prior in more])  # (p, c)
-        scale = np.stack([prior.deviation for prior in more])
-        positive = np.stack([prior.positive for prior in more])
-        across = a[:, None, None] * self.gram[at[:, None, None], index] * scale  # (b, p, c)
-        W = _solved(known.lower, across.reshape(at.size, index.size)).reshape(across.shape)
-        own = scale[:, :, None] * self.gram[index[:, :, None], index[:, None, :]]
-        unit = (1.0 + _RIDGE) * np.eye(index.shape[1])
-        S = own * scale[:, None, :] - np.einsum("bpc,bpd->pcd", W, W) + unit
-        r = scale * self.product[index] - np.einsum("bpc,b->pc", W, known.z)
-        mean = np.linalg.solve(S, r[:, :, None])[:, :, 0]
-        gain = known.gain + 0.5 * np.sum(r * mean, axis=1) - 0.5 * np.linalg.slogdet(S)[1]
-        before = _solved(known.lower, known.z[:, None] - np.einsum("bpc,pc->bp", W, mean), trans=1)
-        wrong = positive & (mean < 0)
-        return gain, wrong, np.any(known.prior.positive[:, None] & (before < 0), axis=0)
+        across = _solved(known.lower, a[:, None] * self.gram[at])
+        back = _solved(known.lower, np.column_stack([known.z, across]), trans=1)
+        result, kept, others = gains_beside(
+            known.gain,
+            self.gram,
+            self.product - across.T @ known.z,
+            across,
+            back[known.prior.positive],
+            more.together.index,
+            more.together.deviation,
+            more.together.positive,
+            more.together.block,
+            more.start,
+            some,
+        )
+        for k in np.flatnonzero(others).tolist():  # columns of the set have to be left out
+            result[k] = self.gain(joined(base, more.of(int(some[k]), kept)))
+        return result
 
     def posterior(self, prior: Prior) -> Posterior:
         """Return the coefficients of nuisance and set together."""
@@ -202,7 +197,7 @@ class Evidence:
         """Return the coefficients of the nuisance (c,) that a fit has at their limit; NaN else."""
         limit = REACH * self.nuisance.deviation
         mean = fitted.mean[: limit.size]
-        there = (np.abs(mean) >= (1 - _RIDGE) * limit) & (limit > 0)
+        there = (np.abs(mean) >= (1 - RIDGE) * limit) & (limit > 0)
         return np.where(there, mean, np.nan)
 
 
@@ -216,7 +211,7 @@ def posterior(products: NormalEquations, nuisance: Prior, prior: Prior) -> Poste
     both = joined(nuisance, prior)
     s, count = both.deviation, nuisance.index.size
     M = s[:, None] * products.gram[np.ix_(both.index, both.index)] * s
-    M.flat[:: s.size + 1] += 1.0 + _RIDGE
+    M.flat[:: s.size + 1] += 1.0 + RIDGE
     c = s * products.product[both.index]
     high = np.where(np.arange(s.size) < count, REACH, np.inf)
     low = np.where(both.positive, 0.0, -high)

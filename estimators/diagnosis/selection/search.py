@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.settings.selection import SEARCH
-from estimators.regression.evidence import Evidence, Prior, joined
+from estimators.regression.evidence import Evidence, Prior, Priors, joined
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -43,6 +43,7 @@ class Search:
     ) -> None:
         self.candidates, self.evidence, self.base = candidates, evidence, base
         self._known: dict[tuple[int, ...], float] = {(): 0.0}
+        self._priors = Priors.of_each([item.prior for item in candidates])
         self._prices = [item.rarity + float(np.log(item.variants)) for item in candidates]
 
     def gain(self, members: Iterable[int]) -> float:
@@ -109,10 +110,11 @@ class Search:
         }
         new = {key: i for key, i in keys.items() if key not in self._known}
         if new:
-            priors = [self.candidates[i].prior for i in new.values()]
-            gains = self.evidence.gains(self.prior(members), priors)
-            for key, gain in zip(new, gains.tolist(), strict=True):
-                self._known[key] = gain - self._price(key)
+            some = np.fromiter(new.values(), dtype=np.int64)
+            gains = self.evidence.gains(self.prior(members), self._priors, some)
+            price = self._price(members)
+            for (key, i), gain in zip(new.items(), gains.tolist(), strict=True):
+                self._known[key] = gain - price - self._prices[i]
         return {key: self._known[key] for key in keys}
 
     def _settled(self, best: Explained) -> Explained:

@@ -1,0 +1,156 @@
+"""Factors of sets of columns, less those whose coefficients would have the wrong sign.
+
+A search compares sets by the hundred thousand, and each is a system of ten to fifty unknowns: calls
+from Python cost more than its arithmetic, so what is asked of many is compiled as a whole.
+"""
+
+# pyright: reportArgumentType=false, reportCallIssue=false, reportReturnType=false
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limo_driver.compiled import compiled
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
+
+RIDGE = 1e-9
+
+
+@compiled(reads=("index", "deviation", "positive", "block"))
+def of_right_signs(
+    gram: FloatArray,
+    product: FloatArray,
+    index: NDArray[np.int64],
+    deviation: FloatArray,
+    positive: NDArray[np.bool_],
+    block: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    """Leave blocks with a coefficient of the wrong sign out of a set, round after round.
+
+    Returns:
+        The rows that are left (b,), their factor (b, b), and its z (b,).
+    """
+    rows = np.arange(index.size)
+    while True:
+        at, s = index[rows], deviation[rows]
+        M = np.empty((rows.size, rows.size))
+        for i in range(rows.size):
+            for j in range(rows.size):
+                M[i, j] = s[i] * gram[at[i], at[j]] * s[j]
+            M[i, i] += 1.0 + RIDGE
+        lower = np.linalg.cholesky(M)
+        z = _forward(lower, s * product[at])
+        rest = _without_wrong(rows, positive, block, _backward(lower, z))
+        if rest.size == rows.size:
+            return rows, lower, z
+        rows = rest
+
+
+@compiled(reads=("index", "deviation", "positive", "block", "start"))
+def gains_beside(
+    known: float,
+    gram: FloatArray,
+    product: FloatArray,
+    across: FloatArray,
+    back: FloatArray,
+    index: NDArray[np.int64],
+    deviation: FloatArray,
+    positive: NDArray[np.bool_],
+    block: NDArray[np.int64],
+    start: NDArray[np.int64],
+    some: NDArray[np.int64],
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return what holds with each of p sets beside a factorised one of b columns.
+
+    Args:
+        known: Evidence of the factorised set.
+        gram: Products of all columns (c, c).
+        product: Products of all columns with what the factorised set leaves (c,).
+        across: L⁻¹ A G, (b, c).
+        back: L⁻ᵀ of its z, then of `across`, (b', 1 + c), at its columns that must be positive.
+        index: Columns of the sets of a table, one set behind the other.
+        deviation: Of each.
+        positive: Whether it must be.
+        block: To which each belongs.
+        start: Where each set begins in the table.
+        some: Which sets are asked about (p,).
+
+    Returns:
+        The evidence (p,), what is left of the table without blocks of the wrong sign, and whether
+        columns of the factorised set have it (p,), so that the evidence is another.
+    """
+    gains = np.full(some.size, known)
+    others = np.zeros(some.size, dtype=np.bool_)
+    kept = np.ones(index.size, dtype=np.bool_)
+    for k in range(some.size):
+        rows = np.arange(start[some[k]], start[some[k] + 1])
+        while rows.size:
+            at, s = index[rows], deviation[rows]
+            M = np.empty((rows.size, rows.size))
+            for i in range(rows.size):
+                for j in range(i + 1):
+                    inner = gram[at[i], at[j]]
+                    for b in range(across.shape[0]):
+                        inner -= across[b, at[i]] * across[b, at[j]]
+                    M[i, j] = M[j, i] = s[i] * inner * s[j]
+                M[i, i] += 1.0 + RIDGE
+            lower = np.linalg.cholesky(M)
+            z = _forward(lower, s * product[at])
+            mean = _backward(lower, z)
+            for i in range(back.shape[0]):
+                value = back[i, 0]
+                for j in range(rows.size):
+                    value -= back[i, 1 + at[j]] * s[j] * mean[j]
+                others[k] |= value < 0
+            rest = _without_wrong(rows, positive, block, mean)
+            if others[k] or rest.size == rows.size:
+                for i in range(rows.size):
+                    gains[k] += 0.5 * z[i] * z[i] - np.log(lower[i, i])
+                break
+            kept[rows] = False
+            kept[rest] = True
+            rows = rest
+    return gains, kept, others
+
+
+@compiled()
+def _without_wrong(
+    rows: NDArray[np.int64],
+    positive: NDArray[np.bool_],
+    block: NDArray[np.int64],
+    mean: FloatArray,
+) -> NDArray[np.int64]:
+    """Return the rows whose blocks have no coefficient of the wrong sign."""
+    right = np.ones(rows.size, dtype=np.bool_)
+    for i in range(rows.size):
+        if positive[rows[i]] and mean[i] < 0:
+            for j in range(rows.size):
+                right[j] &= block[rows[j]] != block[rows[i]]
+    return rows[right]
+
+
+@compiled()
+def _forward(lower: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve L x = right."""
+    x = right.copy()
+    for i in range(x.size):
+        for j in range(i):
+            x[i] -= lower[i, j] * x[j]
+        x[i] /= lower[i, i]
+    return x
+
+
+@compiled()
+def _backward(lower: FloatArray, right: FloatArray) -> FloatArray:
+    """Solve Lᵀ x = right."""
+    x = right.copy()
+    for i in range(x.size - 1, -1, -1):
+        x[i] /= lower[i, i]
+        for j in range(i):
+            x[j] -= lower[i, j] * x[i]
+    return x
