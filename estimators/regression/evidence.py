@@ -78,10 +78,10 @@ class Priors:
         start = np.cumsum([0, *(prior.index.size for prior in priors)])
         return cls(joined(*priors), start)
 
-    def of(self, place: int, kept: NDArray[np.bool_]) -> Prior:
-        """Return one set, of which some columns of the table are kept."""
-        rows = np.arange(self.start[place], self.start[place + 1])
-        return self.together.of(rows[kept[rows]])
+    def rows(self, some: Sequence[int]) -> NDArray[np.int64]:
+        """Return the rows of some sets, one behind the other."""
+        none = np.zeros(0, dtype=np.int64)
+        return np.concatenate([none, *(np.arange(*self.start[[k, k + 1]]) for k in some)])
 
 
 @dataclass(frozen=True)
@@ -158,36 +158,39 @@ class Evidence:
         covariance[np.ix_(kept, kept)] = half.T @ half
         return Posterior(prior.index, mean, covariance)
 
-    def gains(self, base: Prior, more: Priors, some: NDArray[np.int64]) -> FloatArray:
-        """Return the log evidence of a set of columns with each of several others, (p,).
+    def gains(self, table: Priors, base: Sequence[int], some: NDArray[np.int64]) -> FloatArray:
+        """Return the log evidence of some sets of a table with each of others beside them, (p,).
 
-        The set is factorised once, and what each of the others adds is a Schur complement.
+        The sets are factorised once, and what each of the others adds is a Schur complement.
 
         Args:
-            base: The set.
-            more: What may be added.
-            some: Which of them (p,) are, one at a time.
+            table: Sets of columns.
+            base: Those that are there.
+            some: Those that are added (p,), one at a time.
         """
-        known = self._factor(base)
-        at, a = known.prior.index, known.prior.deviation
-        across = _solved(known.lower, a[:, None] * self.gram[at])
-        back = _solved(known.lower, np.column_stack([known.z, across]), trans=1)
-        result, kept, others = gains_beside(
-            known.gain,
-            self.gram,
-            self.product - across.T @ known.z,
+        all_of, rows = table.together, table.rows(base)
+        prior = all_of.of(rows)
+        kept, lower, z = of_right_signs(
+            self.gram, self.product, prior.index, prior.deviation, prior.positive, prior.block
+        )
+        prior = prior.of(kept)
+        across = _solved(lower, prior.deviation[:, None] * self.gram[prior.index])
+        back = _solved(lower, np.column_stack([z, across]), trans=1)[prior.positive]
+        return gains_beside(
+            rows[kept],
+            lower,
+            z,
             across,
-            back[known.prior.positive],
-            more.together.index,
-            more.together.deviation,
-            more.together.positive,
-            more.together.block,
-            more.start,
+            back,
+            self.gram,
+            self.product,
+            all_of.index,
+            all_of.deviation,
+            all_of.positive,
+            all_of.block,
+            table.start,
             some,
         )
-        for k in np.flatnonzero(others).tolist():  # columns of the set have to be left out
-            result[k] = self.gain(joined(base, more.of(int(some[k]), kept)))
-        return result
 
     def posterior(self, prior: Prior) -> Posterior:
         """Return the coefficients of nuisance and set together."""

@@ -53,40 +53,42 @@ def of_right_signs(
 
 @compiled(reads=("index", "deviation", "positive", "block", "start"))
 def gains_beside(
-    known: float,
-    gram: FloatArray,
-    product: FloatArray,
+    base: NDArray[np.int64],
+    lower: FloatArray,
+    z: FloatArray,
     across: FloatArray,
     back: FloatArray,
+    gram: FloatArray,
+    product: FloatArray,
     index: NDArray[np.int64],
     deviation: FloatArray,
     positive: NDArray[np.bool_],
     block: NDArray[np.int64],
     start: NDArray[np.int64],
     some: NDArray[np.int64],
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return what holds with each of p sets beside a factorised one of b columns.
+) -> FloatArray:
+    """Return the log evidence of a set with each of p others beside it.
 
     Args:
-        known: Evidence of the factorised set.
-        gram: Products of all columns (c, c).
-        product: Products of all columns with what the factorised set leaves (c,).
+        base: Rows of the table (b,) that are the set, less those of the wrong sign.
+        lower: Their factor (b, b).
+        z: Of that, (b,).
         across: L⁻¹ A G, (b, c).
-        back: L⁻ᵀ of its z, then of `across`, (b', 1 + c), at its columns that must be positive.
+        back: L⁻ᵀ of z, then of `across`, (b', 1 + c), at its columns that must be positive.
+        gram: Products of all columns (c, c).
+        product: Products of all columns (c,).
         index: Columns of the sets of a table, one set behind the other.
         deviation: Of each.
         positive: Whether it must be.
         block: To which each belongs.
         start: Where each set begins in the table.
         some: Which sets are asked about (p,).
-
-    Returns:
-        The evidence (p,), what is left of the table without blocks of the wrong sign, and whether
-        columns of the factorised set have it (p,), so that the evidence is another.
     """
+    known = 0.0
+    for b in range(base.size):
+        known += 0.5 * z[b] * z[b] - np.log(lower[b, b])
+    left = product - z @ across
     gains = np.full(some.size, known)
-    others = np.zeros(some.size, dtype=np.bool_)
-    kept = np.ones(index.size, dtype=np.bool_)
     for k in range(some.size):
         rows = np.arange(start[some[k]], start[some[k] + 1])
         while rows.size:
@@ -95,27 +97,51 @@ def gains_beside(
             for i in range(rows.size):
                 for j in range(i + 1):
                     inner = gram[at[i], at[j]]
-                    for b in range(across.shape[0]):
+                    for b in range(base.size):
                         inner -= across[b, at[i]] * across[b, at[j]]
                     M[i, j] = M[j, i] = s[i] * inner * s[j]
                 M[i, i] += 1.0 + RIDGE
-            lower = np.linalg.cholesky(M)
-            z = _forward(lower, s * product[at])
-            mean = _backward(lower, z)
+            own = np.linalg.cholesky(M)
+            added = _forward(own, s * left[at])
+            mean = _backward(own, added)
+            others = False
             for i in range(back.shape[0]):
                 value = back[i, 0]
                 for j in range(rows.size):
                     value -= back[i, 1 + at[j]] * s[j] * mean[j]
-                others[k] |= value < 0
-            rest = _without_wrong(rows, positive, block, mean)
-            if others[k] or rest.size == rows.size:
-                for i in range(rows.size):
-                    gains[k] += 0.5 * z[i] * z[i] - np.log(lower[i, i])
+                others |= value < 0
+            if others:  # columns of the set have to be left out
+                gains[k] = _gain_of(
+                    gram, product, index, deviation, positive, block, np.append(base, rows)
+                )
                 break
-            kept[rows] = False
-            kept[rest] = True
+            rest = _without_wrong(rows, positive, block, mean)
+            if rest.size == rows.size:
+                for i in range(rows.size):
+                    gains[k] += 0.5 * added[i] * added[i] - np.log(own[i, i])
+                break
             rows = rest
-    return gains, kept, others
+    return gains
+
+
+@compiled()
+def _gain_of(
+    gram: FloatArray,
+    product: FloatArray,
+    index: NDArray[np.int64],
+    deviation: FloatArray,
+    positive: NDArray[np.bool_],
+    block: NDArray[np.int64],
+    rows: NDArray[np.int64],
+) -> float:
+    """Return the log evidence of rows of a table, less blocks of the wrong sign."""
+    lower, z = of_right_signs(
+        gram, product, index[rows], deviation[rows], positive[rows], block[rows]
+    )[1:]
+    gain = 0.0
+    for i in range(z.size):
+        gain += 0.5 * z[i] * z[i] - np.log(lower[i, i])
+    return gain
 
 
 @compiled()

@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.settings.selection import SEARCH
-from estimators.regression.evidence import Evidence, Prior, Priors, joined
+from estimators.regression.evidence import Evidence, Prior, Priors
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from numpy.typing import NDArray
+
     from estimators.diagnosis.selection.candidates import Candidate
+    from limo_driver.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -44,21 +47,21 @@ class Search:
         self.candidates, self.evidence, self.base = candidates, evidence, base
         self._known: dict[tuple[int, ...], float] = {(): 0.0}
         self._priors = Priors.of_each([item.prior for item in candidates])
-        self._prices = [item.rarity + float(np.log(item.variants)) for item in candidates]
+        self._prices = np.array([item.rarity + np.log(item.variants) for item in candidates])
+        slots = {item.slot: i for i, item in enumerate(candidates)}  # one effect has each of them
+        self._slots = np.array([slots[item.slot] for item in candidates], dtype=np.int64)
 
     def gain(self, members: Iterable[int]) -> float:
         """Return the log evidence of a set, less its rarity."""
         key = tuple(sorted(members))
         if key not in self._known:
-            self._known[key] = self.evidence.gain(self.prior(key)) - self._price(key)
+            price = float(self._prices[list(key)].sum())
+            self._known[key] = self.evidence.gain(self.prior(key)) - price
         return self._known[key]
-
-    def _price(self, members: Iterable[int]) -> float:
-        return sum(self._prices[i] for i in members)
 
     def prior(self, members: Sequence[int]) -> Prior:
         """Return the columns of a set, in the order of its members."""
-        return joined(*(self.candidates[i].prior for i in members))
+        return self._priors.together.of(self._priors.rows(members))
 
     def best(self) -> Explained:
         """Return the best set."""
@@ -94,28 +97,21 @@ class Search:
         return self._grown([tuple(base)], limit)
 
     def _grown(self, beam: Sequence[tuple[int, ...]], width: int) -> list[Explained]:
-        seen: dict[tuple[int, ...], float] = {}
+        found: set[tuple[int, ...]] = set()
         for members in beam:
-            seen |= self._with_one_more(members)
-        ranked = sorted(seen.items(), key=lambda item: -item[1])
-        return [Explained(key, gain) for key, gain in ranked[:width]]
+            some, gains = self._with_one_more(members)
+            most = some[np.argsort(-gains, kind="stable")[:width]].tolist()
+            found |= {tuple(sorted((*members, i))) for i in most}
+        ranked = sorted(found, key=lambda key: (-self.gain(key), key))
+        return [Explained(key, self.gain(key)) for key in ranked[:width]]
 
-    def _with_one_more(self, members: tuple[int, ...]) -> dict[tuple[int, ...], float]:
-        """Return the gain of a set with each candidate that fits beside it."""
-        taken = {self.candidates[i].slot for i in members}
-        keys = {
-            tuple(sorted((*members, i))): i
-            for i, candidate in enumerate(self.candidates)
-            if i not in members and candidate.slot not in taken
-        }
-        new = {key: i for key, i in keys.items() if key not in self._known}
-        if new:
-            some = np.fromiter(new.values(), dtype=np.int64)
-            gains = self.evidence.gains(self.prior(members), self._priors, some)
-            price = self._price(members)
-            for (key, i), gain in zip(new.items(), gains.tolist(), strict=True):
-                self._known[key] = gain - price - self._prices[i]
-        return {key: self._known[key] for key in keys}
+    def _with_one_more(self, members: tuple[int, ...]) -> tuple[NDArray[np.int64], FloatArray]:
+        """Return the candidates that fit beside a set, (p,), and the gain with each of them."""
+        taken = np.isin(self._slots, self._slots[list(members)])
+        taken[list(members)] = True
+        some = np.flatnonzero(~taken)
+        gains = self.evidence.gains(self._priors, members, some)
+        return some, gains - self._prices[list(members)].sum() - self._prices[some]
 
     def _settled(self, best: Explained) -> Explained:
         """Take members out and swap them while that helps."""

@@ -75,7 +75,7 @@ def test_columns_of_a_block_are_left_out_with_the_one_of_the_wrong_sign():
         found = evidence.posterior(several)
         np.testing.assert_array_equal(found.mean[2:] != 0.0, several.index == 2)
     np.testing.assert_allclose(
-        evidence.gains(other, Priors.of_each([body, SET]), np.arange(2)),
+        evidence.gains(Priors.of_each([other, body, SET]), [0], np.array([1, 2])),
         [evidence.gain(other), evidence.gain(joined(other, SET))],
     )
 
@@ -129,12 +129,11 @@ def test_gains_of_many_are_those_of_each_with_signs_that_bind_on_either_side():
     more = [positive(2), positive(4), positive(2, 4), positive(2, 5), SET.of(SET.index == 5)]
     for base in (positive(3), positive(3, 2), SET):
         expected = [evidence.gain(joined(base, prior)) for prior in more]
-        table = Priors.of_each(more)
-        np.testing.assert_allclose(evidence.gains(base, table, np.arange(5)), expected, rtol=1e-9)
+        table, every = Priors.of_each([base, *more]), np.arange(1, 6)
+        gains = evidence.gains(table, [0], every)
+        np.testing.assert_allclose(gains, expected, rtol=1e-9)
         some = np.array([3, 1])
-        np.testing.assert_array_equal(
-            evidence.gains(base, table, some), evidence.gains(base, table, np.arange(5))[some]
-        )
+        np.testing.assert_array_equal(evidence.gains(table, [0], some), gains[some - 1])
 
 
 def test_with_values_held_at_their_limit_the_rest_is_worth_what_they_leave():
