@@ -65,6 +65,8 @@ class Simulation(Displayed):
         tolerances: How well inertia and friction are known.
         sensors: What the simulated robot's sensors do.
         drives: What turns commands into torque, for those who have no measured torque.
+        described: The robot as its description states it, which is read if it is not given; so
+            `replace` does not read it again.
 
     Raises:
         ConfigError: The robot, a link or a joint does not exist.
@@ -81,12 +83,15 @@ class Simulation(Displayed):
     tolerances: Tolerances = field(default_factory=Tolerances)
     sensors: Sensors = field(default_factory=Sensors)
     drives: tuple[JointDrive, ...] = ()
+    described: RobotModel | None = field(default=None, kw_only=True, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if isinstance(self.robot, RobotModel):
             raise ConfigError(
                 f"`robot` is a RobotModel, expected its name or path, as {self.robot.name!r}"
             )
+        if self.described is None or self.described.name != self.robot:
+            object.__setattr__(self, "described", RobotModel.load(self.robot))
         self._check_drives()
         for effect in self.effects:
             for joint in _joints_of(effect):
@@ -112,7 +117,8 @@ class Simulation(Displayed):
     @cached_property
     def model(self) -> RobotModel:
         """The nominal rigid body, with the inertias of this simulation."""
-        return RobotModel.load(self.robot, self.inertials)
+        described = self.described or RobotModel.load(self.robot)
+        return described.with_inertials(self.inertials)
 
     @cached_property
     def body(self) -> RobotModel:

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -197,6 +199,22 @@ def test_every_number_survives_the_file(tmp_path_factory, tau_c, v_eps, noise):
     )
     simulation.save(path)
     assert Simulation.load(path) == simulation
+
+
+def test_what_is_made_of_a_simulation_does_not_read_its_robot_again_but_another_one(tmp_path):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text(RobotModel.load("iiwa14").urdf.read_text())
+    simulation = Simulation(str(urdf))
+    urdf.unlink()
+    heavier = replace(simulation.model.inertials["link7"], mass=2.0)
+    other = replace(simulation, inertials={"link7": heavier})
+    assert other.model.inertials["link7"].mass == 2.0
+    assert simulation.model.inertials["link7"].mass != 2.0
+    with pytest.raises(ConfigError, match="joint 8 does not exist"):
+        replace(simulation, effects=(ViscousFriction(joint=8, f_v=4.0),))
+    assert replace(simulation, robot="iiwa14").model.name == "iiwa14"
+    with pytest.raises(ConfigError, match="is neither built in"):
+        replace(simulation, robot=str(tmp_path / "none.urdf"))
 
 
 def test_a_robot_file_is_referred_to_relative_to_the_simulation(tmp_path):
