@@ -6,10 +6,12 @@ commands alone, on motion that nothing was fitted to.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.stages import quiet
 from estimators.drives.checks.commands import check_commands
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 _TURNS: Final = 2  # findings of how joints count, after each of which all is looked for anew
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
 def diagnose_drives(
     simulation: Simulation, recordings: Sequence[Recording], progress: Progress = quiet
 ) -> DriveDiagnosis:
@@ -129,10 +132,15 @@ def _identified(
     recordings: Sequence[Recording],
     progress: Progress,
 ) -> DriveEvidence:
-    """Identify drives of which nothing is believed, from a part of the recordings and from all."""
-    proof = identify_drives(given, seen, intervals=False)
-    progress("fitting to all motion", 0.5)
-    final = identify_drives(given, recordings)
+    """Identify drives of which nothing is believed, from a part of the recordings and from all.
+
+    Both at once: each of them ends with one joint that takes longest, and one processor alone.
+    """
+    with ThreadPoolExecutor() as pool:
+        whole = pool.submit(identify_drives, given, recordings)
+        proof = identify_drives(given, seen, intervals=False)
+        progress("fitting to all motion", 0.4)
+        final = whole.result()
     return DriveEvidence(proof, final, tuple(recordings), tuple(unseen))
 
 

@@ -6,7 +6,7 @@ The judge is motion that the fit has not seen, simulated forward.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
@@ -26,7 +26,7 @@ from estimators.drives.fitting.limits import LimitStart, begun_at
 from estimators.drives.fitting.starts import LAGS, away, lagging
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
@@ -124,6 +124,8 @@ def grown(
                 if not (start := first.values):
                     continue
                 begun = with_values(base, {**extra.shape, **first.bent, **start})
+                if extra.shape and not _shows(seen, begun, base, extra.shape):
+                    continue  # the same without that shape is tried
                 fit = fit_joint(seen, begun, (*names, *start), priors, _SCREENING)
                 tried.append((extra, fit))
                 own = _score(unseen, fit.row)
@@ -139,6 +141,21 @@ def grown(
         waiting = [one for one in useful if one.effect != extra.effect]
     final = fit_joint(parts, best.row, best.names, priors)
     return left_out(final, parts, priors) if intervals else final, tuple(found)
+
+
+def _shows(
+    parts: Sequence[LoadedJoint], row: FloatArray, before: FloatArray, names: Iterable[str]
+) -> bool:
+    """Say whether a joint moves otherwise with some constants than with those of before.
+
+    Args:
+        parts: Recorded stretches.
+        row: All constants.
+        before: Those of before.
+        names: Of these constants.
+    """
+    without = with_values(row, {name: value_in(before, name) for name in names})
+    return not np.array_equal(errors(parts, row), errors(parts, without), equal_nan=True)
 
 
 @dataclass(frozen=True)
@@ -207,11 +224,7 @@ def apart(
 def _pieces(part: LoadedJoint) -> list[LoadedJoint]:
     many = max(2, int((part.time[-1] - part.time[0]) / _PIECE))
     bounds = np.linspace(0, part.time.size, many + 1).astype(int)
-    arrays = {name: getattr(part, name) for name in part.__dataclass_fields__}
-    return [
-        replace(part, **{name: values[a:b] for name, values in arrays.items()})
-        for a, b in pairwise(bounds)
-    ]
+    return [part.between(a, b) for a, b in pairwise(bounds.tolist())]
 
 
 def _best(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from estimators.drives.fitting.constants import (
     BASE,
@@ -138,6 +139,7 @@ class DriveIdentification(Displayed):
         )
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
 def identify_drives(
     simulation: Simulation, recordings: Sequence[Recording], *, intervals: bool = True
 ) -> DriveIdentification:

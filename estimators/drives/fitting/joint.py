@@ -21,6 +21,7 @@ from estimators.drives.fitting.constants import (
     value_in,
     with_values,
 )
+from estimators.drives.simulation.one_joint import LoadedJoint
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.drives.fitting.constants import BelievedValue
-    from estimators.drives.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
@@ -103,7 +103,8 @@ def fit_joint(
         errors as their correlation leaves.
     """
     known = {name: prior for name, prior in (priors or {}).items() if name in names}
-    held = sum(part.time.size for part in parts)
+    whole = [LoadedJoint.joined(parts)]
+    held = whole[0].time.size
 
     def of(x: FloatArray) -> FloatArray:
         values = {name: outer(name, float(value)) for name, value in zip(names, x, strict=True)}
@@ -114,7 +115,7 @@ def fit_joint(
             weight * (x[names.index(name)] - inner(name, prior.value)) / prior.deviation
             for name, prior in known.items()
         ]
-        return np.append(errors(parts, of(x)), believed)
+        return np.append(errors(whole, of(x)), believed)
 
     told: dict[bytes, FloatArray] = {}  # of the last constants, of which slopes are asked next
 
@@ -132,7 +133,7 @@ def fit_joint(
     weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
     names = tuple(names)
     # Far from the best nearly all errors are large, and counted in proportion they lead astray.
-    typical = float(np.median(np.abs(errors(parts, row))))
+    typical = float(np.median(np.abs(errors(whole, row))))
     large = max(_COARSE * typical, _ROBUST)
     while True:
         found = least_squares(
@@ -151,7 +152,7 @@ def fit_joint(
             break
         start, large = found.x, max(large / _FINER, _ROBUST)
     best = of(found.x)
-    error = errors(parts, best)
+    error = errors(whole, best)
     spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))
     scale = float(spread) * np.sqrt(error.size / independent(error))
     normal = found.jac[:held].T @ found.jac[:held]

@@ -221,7 +221,8 @@ def derated(row: FloatArray, supply: float, heat: float) -> float:
     return supply / (1.0 + row[DERATING] * heat)
 
 
-@compiled(nogil=True)
+# a call of its own would take the constants of the joint, one by one, as long as the step itself
+@compiled(nogil=True, inline="always")
 def next_velocity(
     row: FloatArray,
     position: float,

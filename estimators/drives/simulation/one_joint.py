@@ -7,7 +7,7 @@ the rigid body, computed once along the recorded motion.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -32,6 +32,8 @@ from limo_driver.recordings.bandwidth import bandwidth_for
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -43,7 +45,7 @@ _COLUMNS: Final = len(NAMES)
 
 @dataclass(frozen=True)
 class LoadedJoint:
-    """Recorded motion of one joint over T samples without a gap, and what loads it."""
+    """Recorded motion of one joint over T samples, and what loads it."""
 
     time: FloatArray  # (T,) [s]
     command: FloatArray  # (T,) [rad]
@@ -52,18 +54,50 @@ class LoadedJoint:
     load: FloatArray  # (T,) [N m], rigid body without the joint's own acceleration
     inertia: FloatArray  # (T,) [kg m²], rigid body about the joint
     supply: FloatArray  # (T,), voltage over that of a supply without load
+    # rows at which stretches without a gap begin; one, if not given
+    begins: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
+
+    @classmethod
+    def joined(cls, parts: Sequence[LoadedJoint]) -> LoadedJoint:
+        """Return stretches as one, which one call simulates.
+
+        Calls for many short ones take as long as their steps.
+
+        Args:
+            parts: One or more.
+        """
+        first = np.cumsum([0, *(part.time.size for part in parts)])
+        begins = [part.begins + at for part, at in zip(parts, first, strict=False)]
+        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_ROW}
+        return cls(**arrays, begins=np.concatenate(begins))
+
+    def between(self, first: int, end: int) -> LoadedJoint:
+        """Return some rows of one stretch.
+
+        Args:
+            first: The first of them.
+            end: The one behind the last.
+        """
+        return replace(self, **{name: getattr(self, name)[first:end] for name in _BY_ROW})
 
     def simulate(self, row: FloatArray) -> FloatArray:
-        """Return the positions that a joint of these constants takes, (T,) [rad]."""
-        return _advance_one(
+        """Return the positions that a joint of these constants takes, (T,) [rad].
+
+        It begins at rest where the recorded one was, in each stretch anew.
+        """
+        return _advance(
             geared(row),
+            self.begins,
             self.time,
             self.command,
-            self.position[0],
+            self.position,
             self.load,
             self.inertia,
             self.supply,
         )
+
+
+_BY_ROW: Final = ("time", "command", "position", "velocity", "load", "inertia", "supply")
 
 
 def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[list[LoadedJoint]]:
@@ -96,6 +130,37 @@ def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[lis
                 )
                 found[j].append(LoadedJoint(*(np.ascontiguousarray(x[rows]) for x in parts)))
     return found
+
+
+@compiled(
+    reads=("constants", "begins", "time", "command", "position", "load", "inertia", "supply"),
+    nogil=True,
+)
+def _advance(
+    constants: FloatArray,
+    begins: NDArray[np.int64],
+    time: FloatArray,
+    command: FloatArray,
+    position: FloatArray,
+    load: FloatArray,
+    inertia: FloatArray,
+    supply: FloatArray,
+) -> FloatArray:
+    """Return the positions (T,) [rad] of all stretches."""
+    result = np.empty(time.size)
+    for k in range(begins.size):
+        end = begins[k + 1] if k + 1 < begins.size else time.size
+        own = slice(begins[k], end)
+        result[own] = _advance_one(
+            constants,
+            time[own],
+            command[own],
+            position[begins[k]],
+            load[own],
+            inertia[own],
+            supply[own],
+        )
+    return result
 
 
 @compiled(reads=("constants", "time", "command", "load", "inertia", "supply"), nogil=True)

@@ -16,7 +16,8 @@ from estimators.drives.checks.conventions import (
     conventions_of,
     likeliest_order,
 )
-from estimators.drives.fitting.constants import with_values
+from estimators.drives.fitting import extras
+from estimators.drives.fitting.constants import BASE, value_in, with_values
 from estimators.drives.fitting.identification import with_servos
 from estimators.drives.fitting.joint import errors, fit_joint, independent, left_out
 from estimators.drives.page import drives_page
@@ -54,6 +55,25 @@ def bare(arm):
 @pytest.fixture(scope="module")
 def found(bare, recordings):
     return identify_drives(bare, recordings[:1])
+
+
+def test_what_moves_a_joint_alike_is_tried_once(arm, bare, monkeypatch):
+    """Commands that never repeat follow a profile whether or not it leads to repeated ones."""
+    given = Simulation.load(arm)
+    led = replace(given, drives=tuple(replace(drive, acceleration=3.0) for drive in given.drives))
+    time, command = commands(8.0, RATE)
+    short = recorded(time, command, free_run(led, recorded(time, command, command)))
+    followed = list[bool]()
+
+    def counted(parts, row, names=BASE, *more):
+        if "acceleration" in names:
+            followed.append(value_in(row, "straight") > 0.0)
+        return fit_joint(parts, row, names, *more)
+
+    monkeypatch.setattr(extras, "fit_joint", counted)
+    identify_drives(bare, [short], intervals=False)
+    assert followed
+    assert not any(followed)
 
 
 def test_gains_and_friction_are_found_in_newton_metres(found):
