@@ -55,7 +55,9 @@ class LoadedJoint:
     inertia: FloatArray  # (T,) [kg m²], rigid body about the joint
     supply: FloatArray  # (T,), voltage over that of a supply without load
     # rows at which stretches without a gap begin; one, if not given
-    begins: NDArray[np.int64] = field(default_factory=lambda: np.zeros(1, dtype=np.int64))
+    begins: NDArray[np.int64] = field(
+        default_factory=lambda: np.zeros(1, dtype=np.int64), kw_only=True
+    )
 
     @classmethod
     def joined(cls, parts: Sequence[LoadedJoint]) -> LoadedJoint:
@@ -68,8 +70,8 @@ class LoadedJoint:
         """
         first = np.cumsum([0, *(part.time.size for part in parts)])
         begins = [part.begins + at for part, at in zip(parts, first, strict=False)]
-        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _BY_ROW}
-        return cls(**arrays, begins=np.concatenate(begins))
+        arrays = [np.concatenate([getattr(part, name) for part in parts]) for name in _BY_ROW]
+        return cls(*arrays, begins=np.concatenate(begins))
 
     def between(self, first: int, end: int) -> LoadedJoint:
         """Return some rows of one stretch.
@@ -155,7 +157,7 @@ def _advance(
             constants,
             time[own],
             command[own],
-            position[begins[k]],
+            float(position[begins[k]]),
             load[own],
             inertia[own],
             supply[own],

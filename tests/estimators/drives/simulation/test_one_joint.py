@@ -25,5 +25,5 @@ def test_joined_stretches_move_as_each_of_them_does(tmp_path):
     np.testing.assert_array_equal(joined.simulate(row), each)
     np.testing.assert_array_equal(joined.begins, [0, 150, 300])
     # as in one stretch it would not: each begins anew where the recorded joint was
-    run_on = LoadedJoint(*(getattr(joined, name) for name in LoadedJoint.__match_args__[:-1]))
+    run_on = LoadedJoint(*(getattr(joined, name) for name in LoadedJoint.__match_args__))
     assert np.abs(run_on.simulate(row) - each).max() > 0.01
