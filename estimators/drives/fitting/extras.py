@@ -56,6 +56,29 @@ class Extra:
         best = begun_at(self.limit, parts, with_values(row, self.shape))
         return best if best.away < known else LimitStart({}, known)
 
+    def fitted(
+        self,
+        row: FloatArray,
+        parts: Sequence[LoadedJoint],
+        names: tuple[str, ...],
+        priors: Mapping[str, BelievedValue],
+    ) -> JointFit | None:
+        """Return a fit that has it, or None where nothing speaks for it.
+
+        Args:
+            row: The constants without it.
+            parts: Recorded stretches.
+            names: Of those that are fitted without it.
+            priors: What is believed of some of them.
+        """
+        first = self.begun(parts, row)
+        if not (start := first.values):
+            return None
+        begun = with_values(row, {**self.shape, **first.bent, **start})
+        if self.shape and not _shows(parts, begun, row, self.shape):
+            return None  # the same without that shape is tried
+        return fit_joint(parts, begun, (*names, *start), priors, _SCREENING)
+
     def easing(self, row: FloatArray) -> dict[str, float]:
         """Return what is left at first of the constants that took its place.
 
@@ -111,34 +134,30 @@ def grown(
     best = _best(seen, row, names, priors)
     score, waiting = _score(unseen, best.row), list(EXTRAS)
     while len(found) < MOST:
-        tried = list[tuple[Extra, JointFit]]()
-        scores = list[float]()
-        useful = list[Extra]()  # what gains nothing is not tried again
-        for extra in waiting:
-            # a servo that is mostly at a limit looks like another, of less gain
-            kept = (*(name for name in names if name not in BASE), *PROFILE.shape)
-            begun_with = {name: best.value(name) for name in kept}
-            others = (with_values(row, begun_with),) if extra.limit else ()
-            for base in (best.row, *others):
-                first = extra.begun(seen, base)
-                if not (start := first.values):
-                    continue
-                begun = with_values(base, {**extra.shape, **first.bent, **start})
-                if extra.shape and not _shows(seen, begun, base, extra.shape):
-                    continue  # the same without that shape is tried
-                fit = fit_joint(seen, begun, (*names, *start), priors, _SCREENING)
-                tried.append((extra, fit))
-                own = _score(unseen, fit.row)
-                if own < score and extra not in useful:
-                    useful.append(extra)
-                scores.append(_proven(unseen, fit, best.row, list(start), own, score))
+        # a servo that is mostly at a limit looks like another, of less gain
+        kept = (*(name for name in names if name not in BASE), *PROFILE.shape)
+        other = with_values(row, {name: best.value(name) for name in kept})
+        bases = [
+            (one, base) for one in waiting for base in (best.row, other)[: 1 + bool(one.limit)]
+        ]
+        with ThreadPoolExecutor() as pool:
+            trial = partial(Extra.fitted, parts=seen, names=names, priors=priors)
+            begun = list(pool.map(trial, *zip(*bases, strict=True))) if bases else []
+        tried = [(one, fit) for (one, _), fit in zip(bases, begun, strict=True) if fit is not None]
+        own = [_score(unseen, fit.row) for _, fit in tried]
+        scores = [
+            _proven(unseen, fit, best, value, score)
+            for (_, fit), value in zip(tried, own, strict=True)
+        ]
         at = int(np.argmin(scores)) if scores else 0
         if not scores or scores[at] == np.inf:
             break
+        # what gains nothing is not tried again
+        useful = [one for (one, _), value in zip(tried, own, strict=True) if value < score]
         extra, best = tried[at]
         score, names = scores[at], best.names
         found.append(extra.effect)
-        waiting = [one for one in useful if one.effect != extra.effect]
+        waiting = [one for one in waiting if one in useful and one.effect != extra.effect]
     final = fit_joint(parts, best.row, best.names, priors)
     return left_out(final, parts, priors) if intervals else final, tuple(found)
 
@@ -242,8 +261,7 @@ def _best(
 def _proven(
     parts: Sequence[LoadedJoint],
     fit: JointFit,
-    before: FloatArray,
-    names: Sequence[str],
+    before: JointFit,
     own: float,
     score: float,
 ) -> float:
@@ -254,14 +272,14 @@ def _proven(
     Args:
         parts: That motion.
         fit: With the effect.
-        before: Constants of the fit without it.
-        names: What the effect adds.
+        before: The fit without it.
         own: Error with it [rad].
         score: Error without it [rad].
     """
+    names = [name for name in fit.names if name not in before.names]
     if max(fit.deviation[name] for name in names) > _SURE:
         return np.inf
-    without = with_values(fit.row, {name: value_in(before, name) for name in names})
+    without = with_values(fit.row, {name: before.value(name) for name in names})
     return own if own < GAIN * min(score, _score(parts, without)) else np.inf
 
 

@@ -24,7 +24,7 @@ from estimators.drives.fitting.constants import (
 from estimators.drives.simulation.one_joint import LoadedJoint
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -79,6 +79,19 @@ def errors(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
     return np.concatenate([part.simulate(row) - part.position for part in parts])
 
 
+class _Latest:
+    """A value at the constants that were asked for last."""
+
+    def __init__(self) -> None:
+        self._at, self._value = b"", np.empty(0)
+
+    def of(self, constants: FloatArray, make: Callable[[], FloatArray]) -> FloatArray:
+        """Return the value, made anew where the constants are others."""
+        if constants.tobytes() != self._at:
+            self._at, self._value = constants.tobytes(), make()
+        return self._value.copy()  # scipy scales what it is given
+
+
 def fit_joint(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
@@ -117,17 +130,19 @@ def fit_joint(
         ]
         return np.append(errors(whole, of(x)), believed)
 
-    told: dict[bytes, FloatArray] = {}  # of the last constants, of which slopes are asked next
+    # Of the last constants slopes are asked next, and the next size of errors begins with them.
+    told, sloped = _Latest(), _Latest()
 
     def told_objective(x: FloatArray, weight: float) -> FloatArray:
-        told.clear()
-        told[x.tobytes()] = objective(x, weight)
-        return told[x.tobytes()]
+        return told.of(x, lambda: objective(x, weight))
 
     def slopes(x: FloatArray, weight: float) -> FloatArray:
-        here = told[x.tobytes()] if x.tobytes() in told else objective(x, weight)
-        moved = [objective(x + step, weight) - here for step in STEP * np.eye(x.size)]
-        return np.stack(moved, axis=1) / STEP
+        def taken() -> FloatArray:
+            here = told_objective(x, weight)
+            moved = [objective(x + step, weight) - here for step in STEP * np.eye(x.size)]
+            return np.stack(moved, axis=1) / STEP
+
+        return sloped.of(x, taken)
 
     start = np.array([inner(name, value_in(row, name)) for name in names])
     weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
@@ -152,7 +167,7 @@ def fit_joint(
             break
         start, large = found.x, max(large / _FINER, _ROBUST)
     best = of(found.x)
-    error = errors(whole, best)
+    error = found.fun[:held]
     spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))
     scale = float(spread) * np.sqrt(error.size / independent(error))
     normal = found.jac[:held].T @ found.jac[:held]
