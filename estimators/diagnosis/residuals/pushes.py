@@ -281,13 +281,15 @@ def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_])
 
 
 def _moving(observed: Observations) -> NDArray[np.bool_]:
-    """Mark the rows (K, n) on which a joint moves for a while.
+    """Mark the rows (K, n) on which a joint moves on for a while, in one direction.
 
-    The first and last moments of a motion are those of starting and of braking.
+    A joint that turns stops and starts, however fast it passes through rest. The first and last
+    moments of a motion are those of starting and of braking.
     """
     moving, time = observed.moving, observed.slow.time
+    steady = moving & ~_turning(observed)
     result = np.asarray(
-        minimum_filter1d(moving, 2 * _rows(observed, PUSHES.settling) + 1, axis=0), dtype=bool
+        minimum_filter1d(steady, 2 * _rows(observed, PUSHES.settling) + 1, axis=0), dtype=bool
     )
     for recording in range(len(observed.recordings)):
         rows = observed.recording == recording
@@ -296,6 +298,14 @@ def _moving(observed: Observations) -> NDArray[np.bool_]:
             early, late = inside[0] + PUSHES.ends, inside[-1] - PUSHES.ends
             result[rows & ((time < early) | (time > late))] = False
     return result
+
+
+def _turning(observed: Observations) -> NDArray[np.bool_]:
+    """Mark the last row (K, n) before a joint turns, and the first after."""
+    ahead = np.sign(observed.slow.velocity)
+    turns = (ahead[1:] != ahead[:-1]) & (observed.segment[1:] == observed.segment[:-1])[:, None]
+    none = np.zeros((1, observed.n), dtype=bool)
+    return np.concatenate([turns, none]) | np.concatenate([none, turns])
 
 
 def _resting(observed: Observations) -> NDArray[np.bool_]:

@@ -58,7 +58,8 @@ class PushSettings:
         "higher counts fewer joints; lower those near rest")
     fewest: int = setting(30, "windows", "to learn what is usual",
         "more judge no short recordings; fewer know little")
-    settling: float = setting(0.3, "s", "before and after which a joint neither stops nor starts",
+    settling: float = setting(0.3, "s",
+        "before and after which a joint neither stops nor starts, nor turns",
         "longer leaves out motion; shorter takes stiction for pushes")
     ends: float = setting(0.5, "s", "of motion at its start and end that is not judged",
         "longer leaves out motion; shorter takes braking for a push")

@@ -171,6 +171,35 @@ def test_what_one_joint_does_as_it_vibrates_is_no_push() -> None:
     assert pushes(o, residual) == ()
 
 
+def swinging() -> Observations:
+    """Record joints that swing at about a third of a hertz, 100 times a second."""
+    random, time = np.random.default_rng(4), np.arange(0.0, 30.0, 0.01)
+    rate = 2 * np.pi * np.array([0.31, 0.37, 0.43, 0.29, 0.35, 0.41, 0.33])
+    phase = rate * time[:, None] + random.uniform(0.0, 6.0, 7)
+    position, velocity = 0.6 * np.sin(phase), 0.6 * rate * np.cos(phase)
+    moved = Motion(time, position, velocity, -(rate**2) * position)
+    torque = Simulation("iiwa14").predict(moved) + NOISE * random.standard_normal(position.shape)
+    return Observations.of(
+        Simulation("iiwa14"), [Recording.from_arrays(time, position, torque)], 10.0
+    )
+
+
+def test_what_one_joint_does_as_it_turns_at_speed_is_no_push() -> None:
+    o = swinging()
+    time, velocity = o.slow.time, o.slow.velocity[:, 3]
+    turns = time[np.flatnonzero(np.diff(np.sign(velocity)))]
+    turn = float(turns[np.searchsorted(turns, 12.0)])
+    assert o.moving[np.abs(time - turn) < 0.5, 3].all()  # it passes through rest between rows
+
+    def found(start: float) -> list[tuple[int, ...]]:
+        residual = o.residual.copy()
+        residual[(time > start) & (time < start + 0.3), 3] += 0.3
+        return [push.joints for push in pushes(o, residual)]
+
+    assert found(turn - 0.15) == []
+    assert found(turn + 0.6) == [(3,)]
+
+
 def held(pushed: tuple[tuple[float, float], ...]) -> Observations:
     """Record an arm that holds still for 30 s, while one joint feels pushes of 0.5 N m."""
     random, time = np.random.default_rng(11), np.arange(0.0, 30.0, 1.0 / RATE)
