@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -54,7 +55,7 @@ def contact_of(
             kind="missing",
             joints=tuple(joint + 1 for joint in felt),
             equivalent=(),
-            confidence=CONFIDENCE.of_contact,
+            confidence=_confidence(max(push.rarity for push in found)),
             parameters={
                 "windows": Interval(windows, "s"),
                 "wrench": Interval(
@@ -72,6 +73,12 @@ def contact_of(
             ),
         ),
     )
+
+
+def _confidence(rarity: float) -> float:
+    """Return the probability that what looks like a push is one, by how rare it is [nat]."""
+    one, rare = CONFIDENCE.of_contact
+    return min(CONFIDENCE.highest, 1.0 / (1.0 + math.exp(-one - rare * math.log(max(rarity, 1.0)))))
 
 
 def _at_rest(observed: Observations, proven: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.plausibility import doubtful_encoders
+from estimators.diagnosis.residuals.rarity import rarity
 from estimators.diagnosis.settings.pushes import PUSHES
 from limo_driver.types import FloatArray
 
@@ -44,6 +45,7 @@ class Push:
     end: float  # [s]
     evidence: float  # [nat] against errors as they are elsewhere
     joints: tuple[int, ...]  # 0-based, that felt it
+    rarity: float = 0.0  # [nat], how seldom errors that scatter as those elsewhere are as large
     held: bool = False  # at one strength, rather than in the course of half a sine
 
 
@@ -66,7 +68,8 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
             found.append(scan.settled(push))
     if len(found) > PUSHES.most:
         return ()  # what recurs all the time is no push
-    return tuple(push for push in found if scan.is_event(push, found, trials))
+    events = [replace(p, rarity=scan.rarity(p)) for p in found if scan.is_event(p, found, trials)]
+    return tuple(push for push in events if push.rarity > PUSHES.rare)
 
 
 def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
@@ -188,14 +191,8 @@ class _Scan:
         segment ends among them.
         """
         result = np.zeros_like(self.surprise)
-        if len(result) < rows:
-            return result
-        starts = np.arange(len(result) - rows + 1)
-        whole = self.observed.segment[starts] == self.observed.segment[starts + rows - 1]
-        energy, known = (_sums(x, rows) for x in (self.surprise**2, self.judged.astype(float)))
-        enough = whole[:, None] & (known >= PUSHES.judged * rows)
-        independent = rows / (PUSHES.alike * (_rows(self.observed, PUSHES.smoothed) | 1))
-        resting = _sums(self.resting[:, None].astype(float), rows)[:, 0] > 0
+        energy, enough, independent = self._energies(rows)
+        starts, resting = np.arange(len(energy)), self._touch_rest(rows)
         for j, use in enumerate(enough.T):
             if use.sum() < PUSHES.fewest:
                 continue
@@ -205,6 +202,44 @@ class _Scan:
             ratio = np.where(use, np.maximum(energy[:, j] / usual, 1.0), 1.0)
             result[starts, j] = 0.5 * independent * (ratio - 1.0 - np.log(ratio))
         return result
+
+    def _energies(self, rows: int) -> tuple[FloatArray, NDArray[np.bool_], float]:
+        """Return sums of squares over so many rows from each on, (S, n), and which are judged.
+
+        Not judged are those of too few judged rows, and those in which a segment ends. The last is
+        how many independent errors there are in each.
+        """
+        energy, known = (_sums(x, rows) for x in (self.surprise**2, self.judged.astype(float)))
+        segment = self.observed.segment
+        whole = segment[: len(energy)] == segment[rows - 1 :][: len(energy)]
+        independent = rows / (PUSHES.alike * (_rows(self.observed, PUSHES.smoothed) | 1))
+        return energy, whole[:, None] & (known >= PUSHES.judged * rows), independent
+
+    def _touch_rest(self, rows: int) -> NDArray[np.bool_]:
+        return np.asarray(_sums(self.resting[:, None].astype(float), rows)[:, 0] > 0)
+
+    def rarity(self, push: Push) -> float:
+        """Return how seldom errors that scatter as those of other stretches are as large [nat].
+
+        Of all joints together. While the whole arm rests its physics scatters nothing: there it is
+        the evidence.
+        """
+        time, most = self.observed.slow.time, 0.0
+        for rows in {max(3, _rows(self.observed, length)) for length in PUSHES.lengths}:
+            energy, enough, independent = self._energies(rows)
+            first, last = time[: len(energy)], time[rows - 1 :]
+            own = self.observed.recording[: len(energy)] == push.recording
+            near = own & (first < push.end + PUSHES.spread) & (last > push.start - PUSHES.spread)
+            within = own & (first < push.end) & (last > push.start)
+            if (within & self._touch_rest(rows)).any():
+                return push.evidence
+            total = np.zeros(len(energy))
+            for j, use in enumerate(enough.T):
+                if (use & ~near).sum() >= PUSHES.fewest and (use & within).any():
+                    rare = rarity(energy[use & within, j], energy[use & ~near, j], independent)
+                    total[use & within] += np.maximum(rare - PUSHES.joint, 0.0)
+            most = max(most, float(total.max(initial=0.0)))
+        return most
 
     def settled(self, push: Push) -> Push:
         """Move start and end to where half a sine, or a hold, leaves least of what was felt."""

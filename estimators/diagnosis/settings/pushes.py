@@ -35,6 +35,11 @@ class PushSettings:
     least_evidence: float = setting(80.0, "nat", "for a push, of all joints together",
         "higher misses weak pushes; lower takes for pushes what the arm does at times",
         chosen="a quarter above the largest on the same arms without hits, which is 63")
+    rare: float = setting(14.0, "nat", "how seldom what passes for a push has to be, by chance",
+        "higher misses pushes on arms of much unknown physics; lower takes that for pushes",
+        chosen="where a push is as likely as not, by the weights of its confidence")
+    scatter: float = setting(0.75, "quantile", "of other stretches, that tells how they scatter",
+        "higher counts other pushes as scatter; lower tells less of the largest")
     joint: float = setting(3.0, "nat", "that the errors of each joint reach by chance",
         "higher misses what many joints feel a little; lower adds up noise")
     felt: float = setting(15.0, "nat", "for a joint that felt a push",
