@@ -105,6 +105,7 @@ def diagnose(
         judged,
     )
     judged, harmful = judged.harmless()
+    judged = judged.beyond_ordinary()
     progress("fitting to all rows", 0.95)
     found = _told(given, judged, pushed, budget, harmful=harmful)
     progress("done", 1.0)

@@ -5,7 +5,8 @@ density within a sphere of radius r around c,
 
     ∫ρ (r² - |x - c|²) = m (r² - |c|²) + 2 c·(m c_com) - ½ tr(I) >= 0,
 
-which is linear in the parameters, and bounds the centre of mass and the moments together.
+which is linear in the parameters, and bounds the centre of mass and the moments together. Moments
+that no body has may hide from it a centre of mass that lies outside, which no mass inside has.
 
 The sphere holds what is known of a link: where its joint is and those that it carries, its
 collision shapes, and what the nominal body extends over. All of it is taken generously: covers,
@@ -37,6 +38,7 @@ _GENEROUS: Final = 2.0  # times the radius of what is known of a link
 _DRIVE: Final = 0.1  # of the arm's length, which a link reaches at least: it houses a drive
 _LOAD: Final = 0.5  # of the arm's length, by which a load may stick out beyond that
 _UNIFORM: Final = 5.0  # squared half axis of a uniform ellipsoid over the variance along it
+_HALVINGS: Final = 20  # of the part of a change up to where a body would leave
 _ROUNDS: Final = 100  # of moving a centre towards what is farthest
 
 
@@ -58,7 +60,19 @@ class Extent:
 
     def holds(self, parameters: FloatArray) -> bool:
         """Say whether all mass of a body (10,) can lie in it."""
-        return bool(self.slope @ parameters >= 0.0)
+        mass, off = parameters[0], parameters[1:4] - parameters[0] * self.centre
+        inside = float(np.linalg.norm(off)) <= self.radius * mass
+        return bool(inside and self.slope @ parameters >= 0.0)
+
+    def part(self, start: FloatArray, change: FloatArray) -> float:
+        """Return how much of a change of a body (10,) that lies in it leaves it there, 0 to 1."""
+        if self.holds(start + change):
+            return 1.0
+        least, most = 0.0, 1.0  # bodies that it holds are a convex set
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (least + most)
+            least, most = (middle, most) if self.holds(start + middle * change) else (least, middle)
+        return least
 
 
 @dataclass(frozen=True)

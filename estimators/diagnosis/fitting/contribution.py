@@ -50,10 +50,21 @@ def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatA
 
     Joints of which the simulation states no friction have Coulomb and viscous friction.
     """
+    first, base = _of_base(problem, solution)
+    return first.left(base.fitted)
+
+
+def left_by_base(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return the same of a simulation, which has nothing of what sensors add [N m]."""
+    first, base = _of_base(problem, solution)
+    return first.left(base.fitted) + first.sensed(base.fitted)
+
+
+def _of_base(problem: RegressionProblem, solution: Solution) -> tuple[RegressionProblem, Solution]:
     first = problem.first or problem  # columns around what was found say nothing of a set without
     if first is not problem:
         solution = fitted(first, (), solution.noise)
-    return first.left(solution.having(first.base).fitted)
+    return first, solution.having(first.base)
 
 
 def own_joints(problem: RegressionProblem, member: int) -> list[int]:

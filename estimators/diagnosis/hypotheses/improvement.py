@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Effect, Hypothesis, Simulation
     from limo_driver.types import FloatArray
 
-_SHORT = 0.99  # part of the way to where a body would be out of reach, that a change may go
 Enter: TypeAlias = Callable[["Improvement", "FloatArray"], None]  # of fitted coefficients
 
 
@@ -88,19 +87,28 @@ def _body(nominal: Inertial, change: FloatArray, extent: Extent | None) -> Inert
     What would have to be where the arm is not goes no farther than that: all gives way.
     """
     own = parameters_of(nominal)
-    if extent and extent.holds(own) and not extent.holds(own + change):
-        at, off = float(extent.slope @ own), float(extent.slope @ change)
-        change = _SHORT * at / -off * change
-    body = body_of(own + change)
+    if extent is None or not extent.holds(own):  # where the nominal one is not, nobody knows
+        return _consistent(nominal, own + change) or nominal
+    part = extent.part(own, change)
+    for _ in range(REVISION.shorter):
+        body = _consistent(nominal, own + part * change)
+        if body is not None and extent.holds(parameters_of(body)):
+            return body
+        part *= 0.5
+    return nominal
+
+
+def _consistent(nominal: Inertial, parameters: FloatArray) -> Inertial | None:
+    body = body_of(parameters)
     if body is None:
-        return nominal
+        return None
     rigid = np.array(nominal.inertia) * body.mass / nominal.mass
     for part in np.linspace(0.0, 1.0, REVISION.steps):
         mixed = (1.0 - part) * np.array(body.inertia) + part * rigid
         possible = replace(body, inertia=tuple(mixed.tolist()))
         if possible.is_consistent():
             return possible
-    return nominal
+    return None
 
 
 def body_of(parameters: FloatArray) -> Inertial | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TINY, own_joints
+from estimators.diagnosis.fitting.contribution import TINY, left_by_base, own_joints
 from estimators.diagnosis.fitting.linearised import polished
 from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted, improve
 from estimators.diagnosis.judgement.judgement import (
@@ -17,6 +17,7 @@ from estimators.diagnosis.judgement.judgement import (
     harmed,
     least_harmful,
     remaining_residual,
+    worse_at,
 )
 from estimators.diagnosis.judgement.ordinary import to_identify
 from estimators.diagnosis.residuals.held_out import rmse
@@ -88,7 +89,7 @@ class JudgedSet:
             judged = JudgedSet.of(problem, fitted(problem, self.solution.members, noise))
         while judged._harmed and judged.solution.members:
             tried.append(judged)
-            fewer = least_harmful(problem, judged.solution)
+            fewer = least_harmful(problem, judged.solution, judged.solution.members)
             judged = JudgedSet.of(problem, fitted(problem, fewer, judged.solution.noise))
         some = [one for one in tried if one.named]  # nothing is, unless the arm is surely better
         best = max(some, key=JudgedSet._gain, default=judged)
@@ -101,6 +102,43 @@ class JudgedSet:
         return JudgedSet(
             problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
         ), True
+
+    def beyond_ordinary(self) -> JudgedSet:
+        """Return this without what predicts motion held out worse than ordinary friction does.
+
+        Where the simulation states no friction, the least that a diagnosis has to reach is not the
+        given simulation, but one with Coulomb and viscous friction: a law that was chosen instead
+        may fit better, and hold on nothing else. Members that act where it is worse go one by one,
+        the least missed first; ordinary friction takes the place of laws that go.
+        """
+        problem, noise = self.problem, self.solution.noise
+        first = problem.first or problem
+        if not first.base or not self._worse_at(left_by_base(problem, self.solution)):
+            return self
+        ordinary = JudgedSet.of(first, fitted(first, first.base, noise))
+        judged, tried = self, [ordinary, self]
+        while found := judged._worse_at(ordinary.proven):
+            acting = judged._beyond_base(found)
+            if not acting:
+                return max(tried, key=JudgedSet._gain)
+            fewer = least_harmful(problem, judged.solution, acting)
+            judged = JudgedSet.of(problem, fitted(problem, fewer, noise))
+            tried.append(judged)
+        return judged
+
+    def _worse_at(self, other: FloatArray) -> tuple[int, ...]:
+        return worse_at(self.problem, self.proven, other, self.remaining)
+
+    def _beyond_base(self, joints: Collection[int]) -> list[int]:
+        """Return the members that act on some joints (0-based), and are no ordinary friction."""
+        problem = self.problem
+        base = {problem.candidates[i].place for i in problem.base}
+        return [
+            member
+            for member in self.solution.members
+            if problem.candidates[member].place not in base
+            and {*own_joints(problem, member)} & {*joints}
+        ]
 
     def to_the_end(self) -> Observations:
         """Return the recordings beside a simulation that was fitted to all rows.

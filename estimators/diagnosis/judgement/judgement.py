@@ -241,31 +241,33 @@ def harmed(
     problem: RegressionProblem, proven: FloatArray, remaining: RemainingResidual
 ) -> tuple[int, ...]:
     """Return the joints (0-based) of whose held-out motion more error is left than was given."""
-    return _worse_at(problem, proven, problem.observed.residual, remaining)
+    return worse_at(problem, proven, problem.observed.residual, remaining)
 
 
-def least_harmful(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
-    """Return the members without the one whose loss leaves least on motion held out."""
+def least_harmful(
+    problem: RegressionProblem, solution: Solution, some: Sequence[int]
+) -> tuple[int, ...]:
+    """Return the members without the one of some whose loss leaves least on motion held out."""
     rows, scale = problem.split.held_out, rmse(problem.observed.residual, problem.split.held_out)
 
     def left(member: int) -> float:
         error = rmse(problem.left(without(problem, solution, member)), rows)
         return float(np.sum((error / np.maximum(scale, TINY)) ** 2))
 
-    worst = min(solution.members, key=left)
-    return tuple(member for member in solution.members if member != worst)
+    return problem.less(solution.members, (min(some, key=left),))
 
 
 def worse(
     problem: RegressionProblem, proven: FloatArray, other: FloatArray, remaining: RemainingResidual
 ) -> bool:
     """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
-    return bool(_worse_at(problem, proven, other, remaining))
+    return bool(worse_at(problem, proven, other, remaining))
 
 
-def _worse_at(
+def worse_at(
     problem: RegressionProblem, proven: FloatArray, other: FloatArray, remaining: RemainingResidual
 ) -> tuple[int, ...]:
+    """Return the joints (0-based) at which one residual (K, n) is clearly larger, held out."""
     rows = problem.split.held_out
     larger = rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * remaining.floor
     return tuple(np.flatnonzero(larger).tolist())

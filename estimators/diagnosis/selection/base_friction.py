@@ -14,7 +14,7 @@ import numpy as np
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
-from estimators.diagnosis.selection.candidates import Candidate, entered
+from estimators.diagnosis.selection.candidates import Candidate, entered, without_friction
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
@@ -40,12 +40,6 @@ def rubs(effect: str) -> bool:
     """Say whether an effect is a law of a joint's friction."""
     known = known_as(effect)
     return known is not None and known.rubs
-
-
-def without_friction(simulation: Simulation) -> tuple[int, ...]:
-    """Return the joints (0-based) that a simulation gives no friction of any kind."""
-    known = {joint for effect in simulation.effects if effect.rubs for joint in effect.joints}
-    return tuple(j for j in range(simulation.model.n) if j + 1 not in known)
 
 
 def base_of(candidates: Sequence[Candidate], simulation: Simulation) -> tuple[int, ...]:

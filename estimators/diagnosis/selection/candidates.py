@@ -85,11 +85,12 @@ def candidates_of(
     """
     found = [*_revisions(observed, columns, level), *_bodies(observed, columns)]
     revised = {candidate.place for candidate in found}
+    untold = _of_no_scale(observed)
     competing = [
         hypothesis
         for hypothesis in hypotheses.every(observed)
         if (hypothesis.effect, hypothesis.joints) not in revised
-        and not (observed.simulation.tolerances.gain and hypothesis.effect == TorqueGain.name)
+        and not (hypothesis.effect == TorqueGain.name and hypothesis.joints[0] in untold)
     ]
     for start in range(0, len(competing), CANDIDATES.together):
         some = competing[start : start + CANDIDATES.together]
@@ -106,6 +107,32 @@ def candidates_of(
             for item in found
         ]
     )
+
+
+def _of_no_scale(observed: Observations) -> set[int]:
+    """Return the joints (0-based) at which a gain is no hypothesis.
+
+    Where gains are tolerated, it is a value that is known to that; and friction that nothing is
+    stated of has a size of its own, in the scale of the sensor. Where most of a joint's torque is
+    that, a gain would pass for the friction, and nothing known tells it.
+    """
+    if observed.simulation.tolerances.gain:
+        return set(range(observed.n))
+    bare = without_friction(observed.simulation)
+    own = {(j + 1,) for j in bare}
+    around = observed.reference
+    known = tuple(effect for effect in around.effects if not (effect.rubs and effect.joints in own))
+    if len(known) == len(around.effects):
+        return set()
+    all_of, rest = observed.predicted, observed.predict(replace(around, effects=known))
+    size, friction = (np.sqrt(np.mean(part**2, axis=0)) for part in (rest, all_of - rest))
+    return {j for j in bare if friction[j] > size[j]}
+
+
+def without_friction(simulation: Simulation) -> tuple[int, ...]:
+    """Return the joints (0-based) that a simulation gives no friction of any kind."""
+    known = {joint for effect in simulation.effects if effect.rubs for joint in effect.joints}
+    return tuple(j for j in range(simulation.model.n) if j + 1 not in known)
 
 
 def _usual(simulation: Simulation) -> set[str]:

@@ -83,6 +83,9 @@ class RevisionSettings:
     steps: int = setting(9, "",
         "from the inertia that was found to the nominal one, of which the first that can be is "
         "taken", "more cost time; fewer go farther back than needed")
+    shorter: int = setting(6, "halvings",
+        "of a change after which no body that can be is where the arm is, until it is dropped",
+        "more keep small parts of what cannot be; fewer drop more")
 
 
 REVISION = RevisionSettings()

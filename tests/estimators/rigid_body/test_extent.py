@@ -63,6 +63,24 @@ def test_a_counterbalance_may_be_as_far_behind_a_joint_as_the_link_is_long(two_l
     assert not extent.holds(compact(5.0, tuple((-3.0 * placement).tolist())))
 
 
+def test_moments_that_no_body_has_do_not_hide_a_centre_of_mass_out_of_reach():
+    extent, body = Extent(np.zeros(3), 0.3), compact(1.0, (0.0, 0.0, 0.5))
+    body[[4, 6, 9]] = 0.0
+    assert extent.slope @ body > 0.0
+    assert not extent.holds(body)
+    assert not extent.holds(-compact(1.0, (0.0, 0.0, 0.1)))
+
+
+def test_of_a_change_that_part_stays_within_that_has_no_more_before_the_edge():
+    extent, start = Extent(np.array([0.0, 0.0, 0.1]), 0.3), compact(1.0, (0.0, 0.0, 0.0))
+    change = compact(2.0, (0.5, 0.0, 0.0)) - start
+    part = extent.part(start, change)
+    assert 0.0 < part < 1.0
+    assert extent.holds(start + part * change)
+    assert not extent.holds(start + (part + 1e-5) * change)
+    assert extent.part(start, 0.5 * part * change) == 1.0
+
+
 def test_a_bare_link_has_room_for_a_drive(iiwa):
     """Of a point at its joint nothing is known but that something has to turn it."""
     point = Inertial(1.0, (0.0, 0.0, 0.0), (1e-9, 0.0, 0.0, 1e-9, 0.0, 1e-9))

@@ -18,6 +18,8 @@ from limo_driver.physics import (
     PreslidingHysteresis,
     QuadraticDrag,
     Simulation,
+    Tolerances,
+    TorqueGain,
     ViscousFriction,
 )
 
@@ -88,3 +90,23 @@ def test_the_search_starts_with_the_friction_of_bare_joints(bare, true, training
 def test_a_simulation_with_friction_at_all_joints_is_left_as_it_is(rigid, training_recording):
     observed = Observations.of(rigid, [training_recording], 10.0)
     assert with_friction(observed) is observed
+
+
+def gains(observed):
+    """Return the joints (0-based) at which a gain competes."""
+    around = with_friction(observed)
+    level = np.ones(observed.n)
+    found = candidates_of(around, ColumnTable(len(observed.kept), observed.n), level)
+    return {item.joints[0] for item in found if item.effect == TorqueGain.name}
+
+
+def test_no_gain_competes_where_most_torque_is_friction_that_nothing_is_stated_of(
+    bare, training_recording
+):
+    light, most = (CoulombFriction(joint=2, tau_c=size, v_eps=0.004) for size in (0.02, 80.0))
+    little, much = (replace(bare, effects=(effect,)) for effect in (light, most))
+    assert gains(observed_of(bare, little, training_recording)) == {0, 1}
+    assert gains(observed_of(bare, much, training_recording)) == {0}
+    assert gains(observed_of(much, much, training_recording)) == {0, 1}  # it is stated
+    tolerated = replace(bare, tolerances=Tolerances(gain=0.1))
+    assert gains(observed_of(tolerated, little, training_recording)) == set()
