@@ -8,11 +8,11 @@ all rows of the log, whatever they were fitted to.
     python benchmarks/diagnosis/creeping_joints.py verify_robot_S_slow_processed.csv --degrees-twice
     python benchmarks/diagnosis/creeping_joints.py case3_slow.csv case4_slow.csv
 
-Columns are those of the data of "NNFM: A Novel Neural Network Modeling Approach for Robot Flexible
-Joints Friction Considering Abrupt Non-smooth Properties" (longshike, GitHub): time [s], position of
-a joint, its first and second derivative, its torque [N m], then what laws and networks make of that.
-Positions of the FAIRINO there are a fiftieth of what its ripples are periodic in: as if degrees had
-been converted twice.
+Columns are those of the data of "NNFM: A Novel Neural Network Modeling Approach for Robot
+Flexible Joints Friction Considering Abrupt Non-smooth Properties" (longshike, GitHub): time [s],
+position of a joint, its first and second derivative, its torque [N m], then what laws and
+networks make of that. Positions of the FAIRINO there are a fiftieth of what its ripples are
+periodic in: as if degrees had been converted twice.
 """
 
 from __future__ import annotations
