@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.fitting.constants import value_in
+from estimators.drives.judgement.findings import KINDS, is_known
 from estimators.drives.simulation.columns import geared
 from estimators.drives.simulation.plant import most_torque, rows_of
 
@@ -25,12 +26,13 @@ _SHOWS: Final = {"delay": ("drive_delay", "delay"), "inertia": ("armature", "ine
 
 
 def sags(found: DriveIdentification) -> tuple[str, ...]:
-    """Say how far joints sag under the arm's own weight, and what would help."""
+    """Say how far joints of a known gain sag under the arm's own weight, and what would help."""
     full = full_load(found.simulation.body)
     said: list[str] = []
     for j, (fit, load) in enumerate(zip(found.fits, full.tolist(), strict=True), start=1):
         kp = value_in(geared(fit.row), "kp")
-        if found.scaled[j - 1] and found.moved[j - 1] and load / kp > _WORTH:
+        shown = found.scaled[j - 1] and found.moved[j - 1]
+        if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
             said.append(
                 f"Joint {j} sags {load / kp:.3f} rad ({np.rad2deg(load / kp):.1f} deg) at full "
                 f"reach: its P gain of {kp:.1f} N m/rad is low for {load:.2f} N m; with twice the "

@@ -232,6 +232,21 @@ def test_a_diagnosis_scores_positions(bare, recordings, tmp_path):
     }
 
 
+def test_a_joint_that_never_moves_tells_no_floor_and_ends_no_report(bare, recordings, tmp_path):
+    still = []
+    for one in recordings:
+        command, position = one.command.copy(), one.position.copy()
+        command[:, 0] = position[:, 0] = position[0, 0]
+        still.append(recorded(one.time, command, position))
+
+    diagnosis = diagnose_drives(bare, still)
+    assert diagnosis.verdict.fit.noise_floor[0] == 0.0
+    assert 1 not in diagnosis.verdict.unexplained.joints
+    assert not any("Joint 1 sags" in note for note in diagnosis.verdict.notes)
+    diagnosis.save(tmp_path / "out")
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
 def test_a_wrong_gain_is_a_finding(found, recordings):
     wrong = replace(
         found.simulation,
