@@ -23,7 +23,7 @@ from estimators.drives.hypotheses.stated import is_stated, proven, stated_arm, w
 from estimators.drives.judgement.evidence import DriveEvidence, Fold
 from estimators.drives.judgement.held_out import position_errors, resolution_of, split
 from estimators.drives.judgement.verdict import verdict_of
-from estimators.drives.judgement.wording import about_counting, about_scale, not_shown, sags
+from estimators.drives.judgement.wording import about_counting, about_scale, not_shown, plays, sags
 from estimators.drives.result import DriveDiagnosis, DriveReplay
 from estimators.drives.simulation.loads import ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of
@@ -90,6 +90,7 @@ def diagnose_drives(
         *(about_counting(one) for one in evidence.turned),
         *about_scale(final),
         *sags(final),
+        *plays(final.fits),
     )
     hidden = not_shown(given, conventions.told, stated=stated)
     verdict = verdict_of(simulation, given, evidence, before, after, notes, hidden)

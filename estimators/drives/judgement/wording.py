@@ -12,9 +12,10 @@ from estimators.drives.simulation.columns import geared
 from estimators.drives.simulation.plant import most_torque, rows_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from estimators.drives.fitting.identification import DriveIdentification
+    from estimators.drives.fitting.joint import JointFit
     from estimators.drives.hypotheses.suspects import Suspect
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
@@ -39,6 +40,16 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
                 f"gain it would be {load / kp / 2:.3f} rad."
             )
     return tuple(said)
+
+
+def plays(fits: Iterable[JointFit]) -> tuple[str, ...]:
+    """Say how far joints can be moved by hand while their servos stand."""
+    gaps = [value_in(geared(fit.row), "play") for fit in fits]
+    return tuple(
+        f"Joint {j} has {np.rad2deg(gap):.1f} deg ({gap:.4f} rad) of play between motor and joint."
+        for j, gap in enumerate(gaps, start=1)
+        if gap > 0.0
+    )
 
 
 def full_load(body: RobotModel) -> FloatArray:
