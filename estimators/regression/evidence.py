@@ -140,10 +140,21 @@ class Evidence:
         return self._factor(prior).gain
 
     def _factor(self, prior: Prior) -> _Factor:
-        rows, lower, z = of_right_signs(
-            self.gram, self.product, prior.index, prior.deviation, prior.positive, prior.block
-        )
+        rows, lower, z = self._of_right_signs(prior, np.arange(prior.index.size))
         return _Factor(prior if rows.size == prior.index.size else prior.of(rows), lower, z)
+
+    def _of_right_signs(
+        self, table: Prior, rows: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+        return of_right_signs(
+            self.gram,
+            self.product,
+            table.index,
+            table.deviation,
+            table.positive,
+            table.block,
+            rows,
+        )
 
     def coefficients(self, prior: Prior) -> Posterior:
         """Return the coefficients of a set with which it competes, whatever the nuisance is.
@@ -168,16 +179,13 @@ class Evidence:
             base: Those that are there.
             some: Those that are added (p,), one at a time.
         """
-        all_of, rows = table.together, table.rows(base)
+        all_of = table.together
+        rows, lower, z = self._of_right_signs(all_of, table.rows(base))
         prior = all_of.of(rows)
-        kept, lower, z = of_right_signs(
-            self.gram, self.product, prior.index, prior.deviation, prior.positive, prior.block
-        )
-        prior = prior.of(kept)
         across = _solved(lower, prior.deviation[:, None] * self.gram[prior.index])
         back = _solved(lower, np.column_stack([z, across]), trans=1)[prior.positive]
         return gains_beside(
-            rows[kept],
+            rows,
             lower,
             z,
             across,

@@ -29,13 +29,13 @@ def of_right_signs(
     deviation: FloatArray,
     positive: NDArray[np.bool_],
     block: NDArray[np.int64],
+    rows: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Leave blocks with a coefficient of the wrong sign out of a set, round after round.
+    """Leave blocks with a coefficient of the wrong sign out of rows of a table, round after round.
 
     Returns:
         The rows that are left (b,), their factor (b, b), and its z (b,).
     """
-    rows = np.arange(index.size)
     while True:
         at, s = index[rows], deviation[rows]
         M = np.empty((rows.size, rows.size))
@@ -84,9 +84,7 @@ def gains_beside(
         start: Where each set begins in the table.
         some: Which sets are asked about (p,).
     """
-    known = 0.0
-    for b in range(base.size):
-        known += 0.5 * z[b] * z[b] - np.log(lower[b, b])
+    known = _gain(lower, z)
     left = product - z @ across
     gains = np.full(some.size, known)
     for k in range(some.size):
@@ -111,33 +109,22 @@ def gains_beside(
                     value -= back[i, 1 + at[j]] * s[j] * mean[j]
                 others |= value < 0
             if others:  # columns of the set have to be left out
-                gains[k] = _gain_of(
+                _, whole, z_whole = of_right_signs(
                     gram, product, index, deviation, positive, block, np.append(base, rows)
                 )
+                gains[k] = _gain(whole, z_whole)
                 break
             rest = _without_wrong(rows, positive, block, mean)
             if rest.size == rows.size:
-                for i in range(rows.size):
-                    gains[k] += 0.5 * added[i] * added[i] - np.log(own[i, i])
+                gains[k] = known + _gain(own, added)
                 break
             rows = rest
     return gains
 
 
 @compiled()
-def _gain_of(
-    gram: FloatArray,
-    product: FloatArray,
-    index: NDArray[np.int64],
-    deviation: FloatArray,
-    positive: NDArray[np.bool_],
-    block: NDArray[np.int64],
-    rows: NDArray[np.int64],
-) -> float:
-    """Return the log evidence of rows of a table, less blocks of the wrong sign."""
-    lower, z = of_right_signs(
-        gram, product, index[rows], deviation[rows], positive[rows], block[rows]
-    )[1:]
+def _gain(lower: FloatArray, z: FloatArray) -> float:
+    """Return the log evidence of a factorised set against none."""
     gain = 0.0
     for i in range(z.size):
         gain += 0.5 * z[i] * z[i] - np.log(lower[i, i])
