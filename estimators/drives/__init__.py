@@ -4,8 +4,7 @@ The torque of a drive, a function of command, position and velocity, takes the p
 one. Masses that are known, and the gravity on them, give the scale.
 """
 
-from estimators.drives.fitting.identification import identify_drives
-from estimators.drives.pipeline import diagnose_drives
+from estimators.drives.pipeline import diagnose_drives, identify_drives
 from estimators.drives.result import DriveDiagnosis
 from estimators.drives.simulation.free_run import free_run
 

@@ -38,7 +38,7 @@ def drives_page(found: DriveIdentification, file: str) -> Page:
     drawn = charts.place(_errors(found), "Error of each joint")
     body = (
         header(f"Drives of {model.name}", title)
-        + section("Notes", listed(unsure), "notes")
+        + section("Notes", listed([*found.warnings, *unsure]), "notes")
         + section("Drives and friction", drawn + columns(found.figures()), "joints", _LEAD)
         + next_steps(
             [

@@ -1,4 +1,4 @@
-"""Diagnosis of an arm that tells no torque: its drives and friction, and what each of them removes.
+"""Identification and diagnosis of an arm that tells no torque: its drives and its friction.
 
 The score is what users see: the position error of the closed loop simulated forward from the
 commands alone, on motion that nothing was fitted to.
@@ -14,10 +14,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.stages import quiet
-from estimators.drives.checks.commands import check_commands
 from estimators.drives.checks.conventions import confirmed, conventions_of
-from estimators.drives.checks.timing import check_timing
-from estimators.drives.fitting.identification import identify_drives, with_servos
+from estimators.drives.checks.recorded import check_commanded
+from estimators.drives.fitting.identification import fit_drives, with_servos
 from estimators.drives.hypotheses.search import leaving_out, search
 from estimators.drives.hypotheses.stated import is_stated, proven, stated_arm, with_intervals
 from estimators.drives.judgement.evidence import DriveEvidence, Fold
@@ -27,18 +26,43 @@ from estimators.drives.judgement.wording import about_counting, about_scale, not
 from estimators.drives.result import DriveDiagnosis, DriveReplay
 from estimators.drives.simulation.loads import ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of
-from estimators.recordings import check_different
-from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.stages import Progress
+    from estimators.drives.fitting.identification import DriveIdentification
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _TURNS: Final = 2  # findings of how joints count, after each of which all is looked for anew
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
+def identify_drives(
+    simulation: Simulation, recordings: Sequence[Recording], *, intervals: bool = True
+) -> DriveIdentification:
+    """Identify drives and friction of an arm, from commands and positions alone.
+
+    Args:
+        simulation: The rigid body, and what is believed of the drives; a joint without one gets a
+            position servo.
+        recordings: With commands, of that robot.
+        intervals: Whether fits that leave motion out tell how sure values are; a third of the time.
+            Without, deviations are those of a model that explains all of the motion.
+
+    Returns:
+        A simulation that can be run forward, how sure its values are, and what makes one doubt the
+        recordings.
+
+    Raises:
+        ConfigError: The simulation has an effect that cannot be run forward.
+        RecordingError: A recording is of another robot, given twice, or its commands are not
+            set-points of its joints in rad.
+    """
+    odd = check_commanded(simulation, recordings)
+    return replace(fit_drives(simulation, recordings, intervals=intervals), warnings=odd)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
@@ -61,14 +85,8 @@ def diagnose_drives(
             set-points of its joints in rad.
     """
     progress("reading motion", 0.0)
-    if not recordings:
-        raise RecordingError("no recording to diagnose")
-    for recording in recordings:
-        recording.check_robot(simulation.model)
-    check_different(recordings)
-    odd = check_commands(recordings)
+    odd = check_commanded(simulation, recordings)
     given = with_servos(simulation)
-    odd = (*odd, *check_timing(given, recordings))
     seen, unseen = split(recordings)
     progress("fitting drives and friction", 0.05)
     stated = is_stated(simulation, seen)
@@ -138,8 +156,8 @@ def _identified(
     Both at once: each of them ends with one joint that takes longest, and one processor alone.
     """
     with ThreadPoolExecutor() as pool:
-        whole = pool.submit(identify_drives, given, recordings)
-        proof = identify_drives(given, seen, intervals=False)
+        whole = pool.submit(fit_drives, given, recordings)
+        proof = fit_drives(given, seen, intervals=False)
         progress("fitting to all motion", 0.4)
         final = whole.result()
     return DriveEvidence(proof, final, tuple(recordings), tuple(unseen))

@@ -105,16 +105,7 @@ def command(  # one argument for each option
     if page is not None:
         identification_page(found, out.name).save(page)
     if as_json:
-        left_out = [
-            {
-                "recording": recording.source,
-                "used": len(recording),
-                "left_out": {item.reason: item.rows for item in recording.left_out},
-                "warnings": list(recording.warnings),
-            }
-            for recording in measured
-        ]
-        terminal().print_json(json.dumps(as_values(found) | {"rows": left_out}))
+        terminal().print_json(json.dumps(as_values(found) | {"rows": _rows(measured)}))
         return
     _say_what_was_left_out(measured, notes)
     _show(found, out, page, base=base)
@@ -160,10 +151,24 @@ def _identify_drives(
     if page is not None:
         drives_page(found, out.name).save(page)
     if as_json:
-        terminal().print_json(json.dumps(found.as_values()))
+        terminal().print_json(json.dumps(found.as_values() | {"rows": _rows(measured)}))
         return
     _say_what_was_left_out(measured, terminal(stderr=True, soft_wrap=True))
-    terminal(soft_wrap=True).print(f"{found}\n{_wrote(out, page)}")
+    notes = [f"note: {warning}" for warning in found.warnings]
+    terminal(soft_wrap=True).print("\n".join([str(found), *notes, _wrote(out, page)]))
+
+
+def _rows(measured: list[Recording]) -> list[dict[str, object]]:
+    """Return which rows of each recording were used and left out, for JSON."""
+    return [
+        {
+            "recording": recording.source,
+            "used": len(recording),
+            "left_out": {item.reason: item.rows for item in recording.left_out},
+            "warnings": list(recording.warnings),
+        }
+        for recording in measured
+    ]
 
 
 def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:

@@ -45,20 +45,20 @@ def test_fits_keep_blas_to_one_thread_and_give_the_others_back(
     assert told == [{1}]
 
 
-@pytest.mark.parametrize("within", [(pipeline, "check_commands"), (identification, "rows_of")])
+@pytest.mark.parametrize("within", [(pipeline, "check_commanded"), (identification, "rows_of")])
 def test_so_do_those_without_torque(
     within: tuple[object, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[set[int]] = []
 
-    def refused(_: object) -> None:
+    def refused(*_: object) -> None:
         told.append(threads())
         raise RecordingError("enough")
 
     monkeypatch.setattr(*within, refused)
     given = Simulation.load(write_arm(tmp_path / "arm.xml"))
     time, command = commands(4.0, 50.0)
-    own = diagnose_drives if within[0] is pipeline else identification.identify_drives
+    own = diagnose_drives if within[0] is pipeline else identification.fit_drives
     with threadpool_limits(2, user_api="blas"):
         with pytest.raises(RecordingError, match="enough"):
             own(given, [recorded(time, command, 0.9 * command)])

@@ -8,7 +8,7 @@ Where gravity hardly loads a joint, only their ratios are known.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -83,6 +83,7 @@ class DriveIdentification(Displayed):
     extras: tuple[tuple[str, ...], ...]  # of each joint, effects beyond the usual ones
     scaled: tuple[bool, ...]  # whether gravity gives the scale of a joint
     moved: tuple[bool, ...]  # whether a joint is told to move; else its constants are of others
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)  # what makes one doubt recordings
 
     def headline(self) -> str:
         """Say of what it is, and how far the simulated joints stay from the recorded ones."""
@@ -117,6 +118,7 @@ class DriveIdentification(Displayed):
     def as_values(self) -> dict[str, Any]:
         """Return the constants of each joint with their 95 % intervals, for JSON."""
         return {
+            "warnings": list(self.warnings),
             "joints": [
                 {
                     "scale_known": scaled,
@@ -125,7 +127,7 @@ class DriveIdentification(Displayed):
                     "values": {name: [fit.value(name), *fit.interval(name)] for name in fit.names},
                 }
                 for fit, own, scaled in zip(self.fits, self.extras, self.scaled, strict=True)
-            ]
+            ],
         }
 
     @property
@@ -140,10 +142,10 @@ class DriveIdentification(Displayed):
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
-def identify_drives(
+def fit_drives(
     simulation: Simulation, recordings: Sequence[Recording], *, intervals: bool = True
 ) -> DriveIdentification:
-    """Identify drives and friction.
+    """Fit drives and friction to recordings that `check_commanded` has looked at.
 
     Args:
         simulation: The rigid body, and what is believed of the drives; a joint without one gets a
