@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.simulation.columns import DELAY, DERATING, PLAY, SAG, ZERO
+from estimators.drives.simulation.columns import DELAY, DERATING, SAG, ZERO
 from estimators.drives.simulation.joint_step import (
     commanded,
     derated,
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 LONGEST_STEP: Final = 0.005  # [s]
 _SWEEPS: Final = 5000
 _CONVERGED: Final = 1e-7  # [rad/s]
-_MOVED_ON: Final = 1e-4  # [rad], over which a slope is taken
 ROUNDING: Final = 1e-9  # [s], of sums of steps
 
 
@@ -119,52 +118,6 @@ def _load(
 
 
 @compiled(nogil=True)
-def _weigh(
-    rotation: FloatArray,
-    translation: FloatArray,
-    axis: FloatArray,
-    gravity: FloatArray,
-    links: FloatArray,
-    rows: FloatArray,
-    position: FloatArray,
-    M: FloatArray,
-    steepness: FloatArray,
-) -> None:
-    """Write the mass matrix at a pose, and by how much gravity grows as joints move on.
-
-    Args:
-        rotation: With the next four, the arm.
-        translation: Likewise.
-        axis: Likewise.
-        gravity: Likewise.
-        links: Likewise.
-        rows: Constants of each joint.
-        position: Of the links, (n,) [rad].
-        M: Of which all is written, (n, n) [kg m²].
-        steepness: Likewise at joints with play, (n,) [N m/rad].
-    """
-    n = position.size
-    still, weightless, unit, column = np.zeros(n), np.zeros(3), np.zeros(n), np.empty(n)
-    for j in range(n):
-        unit[j] = 1.0
-        inverse_dynamics(
-            rotation, translation, axis, weightless, links, position, still, unit, column
-        )
-        M[:, j] = column
-        if rows[j, PLAY] > 0.0:
-            inverse_dynamics(
-                rotation, translation, axis, gravity, links, position, still, still, column
-            )
-            before = column[j]
-            moved = position + _MOVED_ON * unit
-            inverse_dynamics(
-                rotation, translation, axis, gravity, links, moved, still, still, column
-            )
-            steepness[j] = (column[j] - before) / _MOVED_ON
-        unit[j] = 0.0
-
-
-@compiled(nogil=True)
 def _supplied(rows: FloatArray, error: FloatArray, velocity: FloatArray) -> float:
     """Return the voltage over that of a supply without load, of an arm of one supply."""
     sag, drawn, returned = rows[:, SAG].max(), 0.0, 0.0
@@ -225,10 +178,9 @@ def _advance(
     target, pace, integral = command[0].copy(), np.zeros(n), np.zeros(n)
     at = np.zeros(n, dtype=np.int64)
     bias, error, after, mean = np.empty(n), np.empty(n), np.zeros(n), np.zeros(n)
-    still = np.zeros(n)
+    still, weightless, unit, column = np.zeros(n), np.zeros(3), np.zeros(n), np.empty(n)
     M, fresh = np.empty((n, n)), -math.inf
-    ahead = np.zeros(n)  # drives, of their links within the play of the gears
-    link, falls = np.empty(n), np.zeros(n)  # [rad]; by which a load grows with its link [N m/rad]
+    ahead = np.zeros(n)  # drives, within their play
     heat, volts = np.zeros(n), np.ones(n)
     inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
     for j in range(n):
@@ -240,11 +192,16 @@ def _advance(
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):
             now = time[i] + h * s
-            link[:] = q - ahead
             if now - fresh >= LONGEST_STEP - ROUNDING:
                 fresh = now
-                _weigh(rotation, translation, axis, gravity, links, rows, link, M, falls)
-            inverse_dynamics(rotation, translation, axis, gravity, links, link, v, still, bias)
+                for j in range(n):
+                    unit[j] = 1.0
+                    inverse_dynamics(
+                        rotation, translation, axis, weightless, links, q, still, unit, column
+                    )
+                    M[:, j] = column
+                    unit[j] = 0.0
+            inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
             for j in range(n):
                 begin = now - rows[j, DELAY]
                 own, before = command[:, j], at[j]
@@ -278,8 +235,7 @@ def _advance(
             if moved >= _CONVERGED:
                 return result, False
             for j in range(n):
-                force = _load(bias, M, after, v, h, j)
-                ahead[j] = slack(rows[j], force, falls[j], ahead[j])
+                ahead[j] = slack(rows[j], _load(bias, M, after, v, h, j))
                 q[j] += h * mean[j]
             v[:] = after
         result[i + 1] = q - ahead + zero

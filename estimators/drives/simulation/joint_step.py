@@ -141,21 +141,13 @@ def integrated(row: FloatArray, integral: float, error: float, h: float) -> floa
 
 
 @compiled(nogil=True)
-def slack(row: FloatArray, force: float, steepness: float = 0.0, ahead: float = 0.0) -> float:
+def slack(row: FloatArray, force: float) -> float:
     """Return by how much the drive leads its joint within the play of the gear [rad].
 
-    The force that the joint needs presses it on one flank; around none it is in between, where a
-    link that hangs comes to rest.
-
-    Args:
-        row: The constants of the joint.
-        force: That it needs where it is [N m].
-        steepness: By which that grows as it is moved on [N m/rad].
-        ahead: By how much the drive leads it there [rad].
+    The force [N m] that the joint needs presses it on one flank; around none it is in between.
     """
-    half, steepness = 0.5 * row[PLAY], max(steepness, 0.0)
-    pressed = (force + steepness * ahead) / (_PRESSED + steepness * half)
-    return half * min(max(pressed, -1.0), 1.0)
+    half = 0.5 * row[PLAY]
+    return half * min(max(force / _PRESSED, -1.0), 1.0)
 
 
 @compiled(nogil=True)

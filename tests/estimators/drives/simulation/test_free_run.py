@@ -55,37 +55,6 @@ def test_of_the_positions_only_the_first_is_used(arm):
     assert free_run(arm, start) == pytest.approx(free_run(arm, recorded(time, command, command)))
 
 
-PLAY = 0.1  # [rad]
-
-
-def loose(arm):
-    """Return the arm with play between the servo's encoder and the elbow."""
-    shoulder, elbow = arm.drives
-    return replace(arm, drives=(shoulder, replace(elbow, play=PLAY)))
-
-
-def test_gravity_loads_the_link_where_it_is_and_not_where_its_drive_is(arm):
-    target = np.array([-0.4, 0.3])
-
-    at_rest = held(loose(arm), target)[-1]
-
-    gravity = arm.body.gravity_torque(at_rest[None])[0]
-    drive = at_rest + np.array([0.0, np.copysign(PLAY / 2, gravity[1])])
-    assert np.array(KP) * (target - drive) == pytest.approx(gravity, rel=1e-3)
-
-
-def test_a_link_that_hangs_comes_to_rest_within_its_play(arm):
-    """It falls back by more within the play than presses it on a flank, at each step."""
-    down = np.array([0.0, np.pi / 2])
-
-    position = held(loose(arm), down, start=down)
-
-    at_rest = position[-1]
-    assert np.ptp(position[-100:, 1]) < 1e-6
-    assert abs(arm.body.gravity_torque(at_rest[None])[0, 1]) < 0.01  # [N m], no flank is pressed
-    assert 0.1 * PLAY < np.pi / 2 - at_rest[1] < 0.5 * PLAY  # as the shoulder sags
-
-
 def test_it_sags_by_load_over_gain(arm):
     target = np.array([-0.4, 0.3])
 
