@@ -9,7 +9,7 @@
 Whatever comes off a wire is either decoded or a `WireFormatError` that names the offset.
 """
 
-from limo_driver.network.messages.attachment import Attachment, RosAttachment
+from limo_driver.network.messages.attachment import Attachment, RosAttachment, relabelled
 from limo_driver.network.messages.event import Event, Level, decode_event
 from limo_driver.network.messages.joint_state import (
     JointStateCodec,
@@ -39,4 +39,5 @@ __all__ = [
     "decode_event",
     "decode_joint_state",
     "decode_torque_estimate",
+    "relabelled",
 ]

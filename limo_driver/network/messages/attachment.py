@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages.cdr import utf8
@@ -20,8 +20,7 @@ _STALE, _HOLDING = 1, 2
 _INT64 = range(-(2**63), 2**63)
 
 
-@dataclass(frozen=True)
-class Attachment:
+class Attachment(NamedTuple):
     """Attachment on limo's own keys.
 
     Little-endian: version 1 and flags, a byte each; sequence and time, 64 bits each; then the
@@ -55,7 +54,7 @@ class Attachment:
             WireFormatError: It is malformed, or of another version.
         """
         data = bytes(data)
-        if data[:1] not in {b"", bytes([VERSION])}:
+        if data and data[0] != VERSION:
             raise WireFormatError(f"attachment of version {data[0]}, expected {VERSION}", 0)
         if len(data) < _NATIVE.size:
             raise WireFormatError(
@@ -69,6 +68,15 @@ class Attachment:
         except UnicodeDecodeError as error:
             raise WireFormatError("model is no UTF-8", _NATIVE.size + error.start) from None
         return cls(sequence, stamp_ns, model, bool(flags & _STALE), bool(flags & _HOLDING))
+
+
+def relabelled(attachment: bytes, model: str) -> bytes:
+    """Return an attachment as it came, but with the version of a model.
+
+    Raises:
+        WireFormatError: UTF-8 cannot hold the version.
+    """
+    return attachment[: _NATIVE.size] + utf8(model)
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -24,11 +23,11 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
+_DOUBLES: Final = np.dtype("<f8")
 _LONGEST = 65536  # bytes, room for a thousand joints; a stranger's names are not read for seconds
 
 
-@dataclass(frozen=True)
-class JointStateMessage:
+class JointStateMessage(NamedTuple):
     """A joint state as it came off the wire; arrays have one value for each name, or none."""
 
     stamp_ns: int  # of the source
@@ -49,7 +48,10 @@ class JointStateCodec(RobotCodec):
 
     def __init__(self, names: Sequence[str], frame_id: str = "") -> None:
         super().__init__(names, frame_id, "ddd")
-        self._usual = self._layouts[(len(self.names),) * 3]
+        n = len(self.names)
+        usual = self._layouts[n, n, n].format
+        self._usual = struct.Struct(usual.replace(f"{n}d", f"{8 * n}x"))  # all but the arrays
+        self._arrays = -8 * (3 * n + 2)  # where they begin, with a length of 8 bytes between two
 
     def encode(
         self, stamp_ns: int, position: FloatArray, velocity: FloatArray, torque: FloatArray
@@ -90,20 +92,19 @@ class JointStateCodec(RobotCodec):
             WireFormatError: The payload is malformed; names its offset.
         """
         payload = bytes(payload)
-        if len(payload) == self._usual.size:
-            header, seconds, nanoseconds, fixed, *values = self._usual.unpack(payload)
+        if self.names and len(payload) == self._usual.size:
+            header, seconds, nanoseconds, fixed, *lengths = self._usual.unpack(payload)
             n = len(self.names)
             ours = header == LITTLE_ENDIAN and fixed == self._fixed and nanoseconds < NANOSECONDS
-            if ours and values[0] == values[n + 1] == values[2 * n + 2] == n:
-                arrays = np.array(values, dtype=np.float64)
-                arrays.setflags(write=False)
+            if ours and lengths == [n, n, n]:
+                values = np.frombuffer(payload[self._arrays :], _DOUBLES)  # aligned, as a copy
                 return JointStateMessage(
                     seconds * NANOSECONDS + nanoseconds,
                     self.frame_id,
                     self.names,
-                    arrays[1 : n + 1],
-                    arrays[n + 2 : 2 * n + 2],
-                    arrays[2 * n + 3 :],
+                    values[:n],
+                    values[n + 1 : 2 * n + 1],
+                    values[2 * n + 2 :],
                 )
         return decode_joint_state(payload)
 

@@ -19,6 +19,7 @@ from limo_driver.network.messages import (
     decode_event,
     decode_joint_state,
     decode_torque_estimate,
+    relabelled,
 )
 
 STAMP = 1_500_000_002
@@ -120,6 +121,12 @@ def test_a_message_laid_out_otherwise_is_still_decoded():
     other = JointStateCodec(["b", "aa"], "base")
     message = other.decode(JOINT_STATE)
     assert joint_state_equals(message, STAMP, "base", ("a", "bb"), TWO)
+
+
+@pytest.mark.parametrize("before", ["", "v2"])
+def test_an_attachment_takes_the_version_of_another_model(before):
+    came = Attachment(5, -6, before, holding=True).encode()
+    assert relabelled(came, "v10") == Attachment(5, -6, "v10", holding=True).encode()
 
 
 def test_estimate_is_these_bytes():
