@@ -9,9 +9,10 @@ measured one. Where the delay is too short for two filters, the motion has the t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from limo_driver.recordings.standstill import RestingDifferentiator
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from estimators.base import LiveEstimator, State
     from limo_driver.recordings.causal_differentiation import DelayLine
@@ -57,25 +58,36 @@ class LiveEstimate(Estimate):
     time: float | FloatArray  # [s], or (T,); `delay` before that of the position
     measured: FloatArray | None  # [N m], filtered; None where none was given
 
-    def sample(self, row: int) -> LiveEstimate:
-        """Return one of T samples."""
-        return LiveEstimate(
-            self.simulation[row],
-            self.learned[row],
-            self.std[row],
-            self.outside[row],
-            np.asarray(self.time)[row],
-            None if self.measured is None else self.measured[row],
-        )
 
-
-@dataclass(frozen=True)
-class StreamState:
+class StreamState(NamedTuple):
     """Memory after a position."""
 
     signals: DelayLine  # positions; below them torques, if they are measured
     model: State
     torques: DelayLine | None = None  # of the model, and measured ones, where they are filtered
+
+
+class _Rows(NamedTuple):
+    """Fields of a `LiveEstimate` of T samples, which a stream of single ones need not make."""
+
+    simulation: FloatArray
+    learned: FloatArray
+    std: FloatArray
+    outside: NDArray[np.bool_]
+    time: FloatArray
+    measured: FloatArray | None
+
+    def first(self) -> LiveEstimate:
+        """Return the first sample."""
+        measured = self.measured
+        return LiveEstimate(
+            self.simulation[0],
+            self.learned[0],
+            self.std[0],
+            self.outside[0],
+            self.time[0],
+            None if measured is None else measured[0],
+        )
 
 
 class Stream:
@@ -101,22 +113,11 @@ class Stream:
         self.model = SimulationOnly(model) if isinstance(model, Simulation) else model
         self.rate, self.n = rate, self.model.n
         self.differentiator, self.smoother = _filters(self.model, rate, delay)
+        after = self.smoother.samples if self.smoother else 0
+        self.samples = self.differentiator.samples + after  # by which a torque is late
+        self.delay = self.samples / self.rate  # [s], likewise
+        self.longest_step = self.differentiator.longest_step  # [s], that is no gap yet
         self.init()  # refuses a model that is not ready
-
-    @property
-    def delay(self) -> float:
-        """Time by which a torque is late [s], a whole number of samples."""
-        return self.samples / self.rate
-
-    @property
-    def samples(self) -> int:
-        """Samples by which a torque is late."""
-        return self.differentiator.samples + (self.smoother.samples if self.smoother else 0)
-
-    @property
-    def longest_step(self) -> float:
-        """Time between two positions that is no gap yet [s]."""
-        return self.differentiator.longest_step
 
     def remembers_like(self, other: Stream) -> bool:
         """Say whether another stream's memory is what this one's would be after the same states."""
@@ -154,8 +155,9 @@ class Stream:
                 some positions only.
         """
         signals = self._signals((), position, torque)[None]
-        late, after = self._advance_stretch(state, np.array([time]), signals)
-        return late.sample(0), after
+        moved = np.array([time - self.differentiator.delay])
+        late, after = self._advance_stretch(state, np.array([time]), moved, signals)
+        return late.first(), after
 
     def advance(
         self,
@@ -183,11 +185,13 @@ class Stream:
         if time.ndim != 1 or not time.size:
             raise ShapeError("time", time.shape, "(T,) with T at least 1")
         signals = self._signals(time.shape, position, torque)
+        moved = time - self.differentiator.delay
         gaps = np.flatnonzero(np.abs(np.diff(time)) > self.longest_step) + 1
         parts: list[LiveEstimate] = []
         for first, last in pairwise((0, *gaps, time.size)):
-            part, state = self._advance_stretch(state, time[first:last], signals[first:last])
-            parts.append(part)
+            rows = slice(first, last)
+            part, state = self._advance_stretch(state, time[rows], moved[rows], signals[rows])
+            parts.append(LiveEstimate(*part))
         return _joined(parts), state
 
     def predict(self, recording: Recording) -> FloatArray:
@@ -212,24 +216,31 @@ class Stream:
         self, shape: tuple[int, ...], position: ArrayLike, torque: ArrayLike | None
     ) -> FloatArray:
         """Return positions, and beside them torques if there are any, (*shape, n or 2 n)."""
-        signals: list[FloatArray] = []
-        for name, given in (("position", position), ("torque", torque)):
-            if given is not None:
-                values = np.ascontiguousarray(given, dtype=np.float64)
-                if values.shape != (*shape, self.n):
-                    raise ShapeError(name, values.shape, f"{(*shape, self.n)}")
-                signals.append(values)
-        return signals[0] if torque is None else np.concatenate(signals, axis=-1)
+        n = self.n
+        signals = np.empty((*shape, n if torque is None else 2 * n))
+        signals[..., :n] = self._checked("position", position, shape)
+        if torque is not None:
+            signals[..., n:] = self._checked("torque", torque, shape)
+        return signals
+
+    def _checked(self, name: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+        values = np.asarray(given)
+        if values.shape != (*shape, self.n):
+            raise ShapeError(name, values.shape, f"{(*shape, self.n)}")
+        return values
 
     def _advance_stretch(
-        self, state: StreamState, time: FloatArray, signals: FloatArray
-    ) -> tuple[LiveEstimate, StreamState]:
-        """Advance over T positions that follow each other without a gap."""
+        self, state: StreamState, time: FloatArray, moved: FloatArray, signals: FloatArray
+    ) -> tuple[_Rows, StreamState]:
+        """Advance over T positions that follow each other without a gap.
+
+        `moved` are the times of the motion that the filter makes of them, (T,) [s].
+        """
         n, line = self.n, state.signals
-        if self.differentiator.gap(line, time[0]):
+        if self.differentiator.gap(line, time.item(0)):
             state = self.init()
             line = state.signals
-        if np.isnan(line.time):
+        if math.isnan(line.time):
             line = self.differentiator.init(signals.shape[1])
         elif len(line.positions) != signals.shape[1]:
             now, before = _WITH[signals.shape[1] > n], _WITH[len(line.positions) > n]
@@ -238,29 +249,23 @@ class Stream:
                 "give it with all or with none"
             )
         values, line = self.differentiator.filter(line, time, signals)
-        measured, moved = None, values
+        measured, own = None, values
         if signals.shape[1] > n:
-            measured, moved = values[0, :, n:], np.ascontiguousarray(values[:3, :, :n])
-        motion = Motion.trusted(time - self.differentiator.delay, moved[0], moved[1], moved[2])
-        estimate, model = self.model.advance(state.model, motion)
-        if self.smoother is None:
-            late = LiveEstimate(**vars(estimate), time=motion.time, measured=measured)
+            measured, own = values[0, :, n:], np.ascontiguousarray(values[:3, :, :n])
+        estimate, model = self.model.advance(
+            state.model, Motion.trusted(moved, own[0], own[1], own[2])
+        )
+        torque, smoother = estimate.simulation, self.smoother
+        learned, std, outside = estimate.learned, estimate.std, estimate.outside
+        if smoother is None:
+            late = _Rows(torque, learned, std, outside, moved, measured)
             return late, StreamState(line, model)
-        both = estimate.simulation
+        both = torque if measured is None else np.concatenate((torque, measured), axis=1)
+        torques, after = smoother.filter(state.torques or smoother.init(both.shape[1]), moved, both)
         if measured is not None:
-            both = np.concatenate((both, measured), axis=1)
-        smoother = self.smoother
-        torques, after = smoother.filter(
-            state.torques or smoother.init(both.shape[1]), motion.time, both
-        )
-        late = LiveEstimate(
-            torques[0, :, :n],
-            estimate.learned,
-            estimate.std,
-            estimate.outside,
-            motion.time - smoother.delay,
-            None if measured is None else torques[0, :, n:],
-        )
+            measured = torques[0, :, n:]
+        moved = moved - smoother.delay
+        late = _Rows(torques[0, :, :n], learned, std, outside, moved, measured)
         return late, StreamState(line, model, after)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -100,8 +100,7 @@ class FittedPhysics:
         )
 
 
-@dataclass(frozen=True)
-class JointPhysicsState:
+class JointPhysicsState(NamedTuple):
     """Memory after a sample."""
 
     simulation: tuple[Any, ...]

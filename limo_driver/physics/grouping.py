@@ -54,9 +54,9 @@ class EffectGroups:
             if not isinstance(item, together) and i not in self._slip_places
         )
 
-    def add_torques(self, torque: FloatArray, motion: Motion, memories: list[State]) -> None:
-        """Add what acts together to `torque` (T, n) [N m] and put its new memories in the list."""
-        torque += self._offsets
+    def write_torques(self, torque: FloatArray, motion: Motion, memories: list[State]) -> None:
+        """Write what acts together to `torque` (T, n) [N m], its new memories to the list."""
+        torque[:] = self._offsets
         self._frictions.add(torque, motion.velocity)
         if places := self._slip_places:
             after = self._slips.add(torque, motion, [memories[i] for i in places])

@@ -316,7 +316,7 @@ class Simulation(Displayed):
         after = list(state)
         terms = _Terms(motion)
         groups = self._groups
-        groups.add_torques(terms.torque, motion, after)
+        groups.write_torques(terms.torque, motion, after)
         if groups.is_elastic:
             terms.displacement[JointElasticity.agility] = groups.wind_up(load)
         if groups.single:
