@@ -13,10 +13,10 @@ import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
-from estimators.service.inference.arm_service import ArmService, Window
 from estimators.service.inference.inbox import RING, Inbox
 from estimators.service.inference.outlet import LogWatch, NetworkOutlet
 from estimators.service.inference.source import FollowedSource, StateSilence
+from estimators.service.inference.window import Window
 from estimators.service.opening import Opening
 from estimators.service.queries import ModelQueries
 from estimators.service.store.vetting import Demand
@@ -28,6 +28,7 @@ from limo_driver.network.ros import RosReader
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from estimators.service.inference.arm_service import ArmService
     from estimators.service.inference.bulletin import Bulletin
     from estimators.service.inference.live_model import LiveModel
     from estimators.service.roles import Retrainer

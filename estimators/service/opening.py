@@ -11,6 +11,7 @@ from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.inference.live_model import LiveModel
 from estimators.service.inference.rate import RateFinder
+from estimators.service.inference.window import Window
 from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
 from limo_driver.errors import LimoError
@@ -122,10 +123,14 @@ def warm_up(stream: Stream) -> None:
 
     With torque and without, of arrays that are read-only, as those off the wire are.
     """
-    still = readonly(np.zeros(stream.model.n))
+    n, rate = stream.model.n, stream.rate
+    still = readonly(np.zeros(n))
+    watchdog, window = ContactWatchdog(np.ones(n), np.ones(n)), Window(n)
     for torque in (still, None):
-        state = stream.init()
+        model = LiveModel("", stream, np.ones(n))
         for k in range(3):
-            _, state = stream.step(state, k / stream.rate, still, torque)
+            answer = model.step(k / rate, still, torque)
+            watchdog.step(k / rate, answer.external)
+            window.add(answer, watchdog.active, watchdog.active, known=True)
         rows = None if torque is None else torque[None]
-        stream.advance(state, np.array([3 / stream.rate]), still[None], rows)
+        stream.advance(model.state, np.array([3 / rate]), still[None], rows)

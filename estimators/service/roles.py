@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from estimators.service.inference.arm_service import Window
+    from estimators.service.inference.window import Window
     from limo_driver.network.streaming import Keys
 
 

@@ -5,16 +5,23 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
 from estimators.service.inference.history import History
 from estimators.service.inference.rate import RateWatch
+from estimators.service.inference.window import Window
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.latency import LatencyHistogram
-from limo_driver.network.messages import Attachment, JointStateCodec, Level, TorqueEstimateCodec
+from limo_driver.network.messages import (
+    Attachment,
+    JointStateCodec,
+    Level,
+    TorqueEstimateCodec,
+    relabelled,
+)
 from limo_driver.network.streaming import Arrivals
 
 if TYPE_CHECKING:
@@ -50,24 +57,6 @@ class Outlet(Protocol):
 
     def event(self, kind: str, text: str, level: Level = Level.INFO, **facts: object) -> None:
         """Tell what happened."""
-
-
-class Window:
-    """Sums over the answers since they were last looked at, of n joints."""
-
-    def __init__(self, n: int) -> None:
-        self.count = 0
-        self.squares = np.zeros(n)  # [(N m)²], of external torque without contact
-        self.samples = np.zeros(n)  # that went into `squares`
-        self.outside = np.zeros(n)
-        self.clipped = 0
-        self.contacts = 0  # that began or ended
-
-    @property
-    def rms(self) -> FloatArray:
-        """Of the external torque without contact, (n,) [N m]; NaN where there was none."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.sqrt(self.squares / self.samples)
 
 
 @dataclass(frozen=True)
@@ -122,6 +111,7 @@ class ArmService:
         self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
         self._highest = np.full(n, -np.inf)
         self._unturned = np.ones(n, dtype=np.bool_)  # friction of these may stand anyhow
+        self._all_turned = False
         self._came = np.inf  # [s], of this machine's clock, when the last state did
 
     def handle(self, payload: bytes, attachment: bytes) -> bool:
@@ -145,7 +135,7 @@ class ArmService:
                 self.counts["stale"] += 1
                 return True
             try:
-                self._answer(state, about, began)
+                self._answer(state, attachment, began)
             except LimoError:  # not even physics could; begin anew with the next state
                 self.counts["unanswered"] += 1
                 self._last = np.nan
@@ -215,7 +205,7 @@ class ArmService:
             return False
         return True
 
-    def _answer(self, state: JointStateMessage, about: Attachment, began: float) -> None:
+    def _answer(self, state: JointStateMessage, attachment: bytes, began: float) -> None:
         """Publish the estimate for a state, taken at `began` [s], and then what follows from it."""
         if self._origin is None:
             self._origin = state.stamp_ns
@@ -229,17 +219,17 @@ class ArmService:
             self._restart(now, why)
         self._last, self._came = now, time.monotonic()
         torque = state.torque if measured else None
-        self.history.append(now, state.position, torque)
         reset = now < self._settled
         known = not (reset or self._rate.doubtful)  # velocities, but for noise
         answer = self._step(now, state.position, torque)
         answer = self._flagged(answer, state.position, known=known)
-        self._publish(state, about, answer, reset=reset)
+        self._publish(state, attachment, answer, reset=reset)
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
+        self.history.append(now, state.position, torque)
         for contact in self.watchdog.step(now, answer.external) if known else ():
             self._tell(contact, now)
-        self._note(answer, known=known)
+        self.window.add(answer, self.watchdog.active, self._unturned, known=known)
 
     def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> Answer:
         try:
@@ -249,9 +239,9 @@ class ArmService:
                 raise
             self.counts["failures"] += 1
             failed, self.model = self.model, self._fallback
-            present = self.history.count - 1  # is answered below
+            present = self.history.count  # is answered below
             first = max(self.history.first, present - round(_FALLBACK_MEMORY * self.arm.rate))
-            self._fallback.prime(self.history.since(first, present - first))
+            self._fallback.prime(self.history.since(first))
             self._outlet.event(
                 "fallback",
                 f"model {failed.version} failed, physics alone serves: {error}",
@@ -268,13 +258,14 @@ class ArmService:
         """
         if not known:
             every = np.ones_like(answer.outside)
-            answer = replace(answer, outside=every, std=np.full(answer.std.shape, np.nan))
-        if not self._unturned.any():
+            answer = answer._replace(outside=every, std=np.full(answer.std.shape, np.nan))
+        if self._all_turned:
             return answer
         np.minimum(self._lowest, position, out=self._lowest)
         np.maximum(self._highest, position, out=self._highest)
         self._unturned = self._highest - self._lowest < _TURNED
-        return replace(answer, outside=answer.outside | self._unturned)
+        self._all_turned = not self._unturned.any()
+        return answer._replace(outside=answer.outside | self._unturned)
 
     def _restart(self, now: float, why: str) -> None:
         """Begin memory anew: before the first state, or after a gap that cannot be bridged."""
@@ -284,7 +275,7 @@ class ArmService:
         self._cut_contacts_off()
         self._lowest.fill(np.inf)
         self._highest.fill(-np.inf)
-        self._unturned = np.ones_like(self._unturned)
+        self._unturned, self._all_turned = np.ones_like(self._unturned), False
         self._settled = now + 2.0 * self.model.stream.delay
         if not first:
             self.counts["resets"] += 1
@@ -338,25 +329,12 @@ class ArmService:
                 cut_off=contact.cut_off,
             )
 
-    def _note(self, answer: Answer, *, known: bool) -> None:
-        window = self.window
-        window.count += 1
-        window.clipped += answer.clipped
-        window.outside += answer.outside
-        if not known:
-            return
-        free = ~self.watchdog.active & ~self._unturned & np.isfinite(answer.external)
-        window.squares += np.where(free, answer.external, 0.0) ** 2
-        window.samples += free
-
     def _publish(
-        self, state: JointStateMessage, about: Attachment, answer: Answer, *, reset: bool
+        self, state: JointStateMessage, attachment: bytes, answer: Answer, *, reset: bool
     ) -> None:
         model = self.model
-        stamp = state.stamp_ns - round(model.stream.delay / _NANOSECONDS)
-        attachment = Attachment(
-            about.sequence, about.stamp_ns, model.version, holding=about.holding
-        ).encode()
+        stamp = state.stamp_ns - model.delay_ns
+        attachment = relabelled(attachment, model.version)
         self._outlet.estimate(
             self._estimates.encode(
                 stamp,
@@ -380,10 +358,14 @@ class ArmService:
 
 def _possible(state: JointStateMessage) -> bool:
     """Say whether an arm could be there; values that are not finite are nowhere."""
-    # a handful of numbers, for which numpy takes longer
-    return all(-_FARTHEST < value < _FARTHEST for value in state.position.tolist()) and all(
-        -_STRONGEST < value < _STRONGEST for value in state.torque.tolist()
-    )
+    return _within(_FARTHEST, state.position) and _within(_STRONGEST, state.torque)
+
+
+def _within(most: float, values: FloatArray) -> bool:
+    for value in values.tolist():  # noqa: SIM110  # numpy and a generator take twice as long
+        if not -most < value < most:
+            return False
+    return True
 
 
 def _why_anew(gap: float, longest: float, *, measured: bool) -> str:

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError, ShapeError
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from limo_driver.types import FloatArray
 
 MARGIN: Final = 1.0  # [s] before and after a contact, in which something may lean on the arm
@@ -60,12 +63,12 @@ class ContactWatchdog:
         NaN torque, which is not known, begins nothing.
         """
         self._time = time
+        if _quiet(external, self.threshold, self.active):
+            self._since.fill(np.nan)
+            return []
         size = np.abs(external)
         held = size >= self.release * self.threshold  # NaN is not
         crossed = np.where(self.active, ~held, size > self.threshold)
-        if not (crossed.any() or self.active.any()):
-            self._since.fill(np.nan)
-            return []
         self._since = np.where(crossed, np.where(np.isnan(self._since), time, self._since), np.nan)
         self._note_peaks(external)
         due = np.flatnonzero(time - self._since >= self.duration)
@@ -100,3 +103,12 @@ class ContactWatchdog:
         self._contact[j] = None
         self.active[j] = False
         return replace(contact, ended=since, cut_off=bool(np.isnan(torque)))
+
+
+@compiled(reads=("external", "threshold", "active"))
+def _quiet(external: FloatArray, threshold: FloatArray, active: NDArray[np.bool_]) -> bool:
+    """Say whether no joint is in contact, nor beyond its threshold; NaN is not."""
+    quiet = True
+    for j in range(external.size):
+        quiet = quiet and not active[j] and not abs(external[j]) > threshold[j]
+    return quiet

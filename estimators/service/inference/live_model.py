@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -21,8 +20,7 @@ _ROWS: Final = 1000  # copied at once, so that whoever answers the next state ne
 _UNKNOWN: Final = np.empty(0)  # torque that was not measured
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(NamedTuple):
     """Answer of the service to one state; arrays are (n,).
 
     The drives resist what pushes the arm, so that external torque is -Jᵀ F of the wrench F that the
@@ -51,6 +49,7 @@ class LiveModel:
     ) -> None:
         self.version, self.stream, self.bound = version, stream, bound
         self.physics_only = physics_only
+        self.delay_ns = round(stream.delay / 1e-9)
         self.state: StreamState = stream.init()
 
     def step(self, time: float, position: FloatArray, torque: FloatArray | None) -> Answer:

@@ -34,7 +34,8 @@ from limo_driver.errors import BackendUnavailableError, ShapeError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.service.inference.arm_service import ArmService, Window
+    from estimators.service.inference.arm_service import ArmService
+    from estimators.service.inference.window import Window
     from limo_driver.types import FloatArray
 
 STEP: Final = 0.7  # of the logarithm, that does not count as a change

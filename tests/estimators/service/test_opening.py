@@ -1,15 +1,50 @@
 """The service of an arm opens at the rate of its states, with what can be served at it."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+import limo_driver
 from estimators.service.opening import PHYSICS, Opening
 from estimators.service.settings import ServiceSettings
 from estimators.simulation_only import SimulationOnly
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
+
+FIRST_STATES = """
+import sys
+from types import SimpleNamespace
+import numpy as np
+from estimators.service.opening import Opening
+from estimators.service.settings import ServiceSettings
+from limo_driver.compiled import signatures
+from limo_driver.network.messages import Attachment, JointStateCodec
+from limo_driver.physics import Simulation
+
+answered = []
+outlet = SimpleNamespace(
+    external_wanted=True,
+    estimate=lambda payload, *_: answered.append(payload),
+    external=lambda *_: None,
+    state=lambda *_: None,
+    event=lambda *_, **__: None,
+)
+models = SimpleNamespace(physics=Simulation(sys.argv[1]), candidates=())
+service = Opening("arm", models, ServiceSettings(bound=10.0), outlet).service(100.0)
+before = signatures()
+codec, still = JointStateCodec(service.arm.joint_names), np.zeros(2)
+for first, torque in ((0, still), (5, still[:0])):
+    for k in range(first, first + 5):
+        state = codec.encode(10_000_000 * (k + 1), still, still, torque)
+        service.handle(state, Attachment(k, k).encode())
+assert len(answered) == 10
+assert signatures() == before
+"""
 
 
 def opening(simulation: Simulation, delay: float, champion: float) -> tuple[Opening, list[str]]:
@@ -42,3 +77,12 @@ def test_a_delay_of_fewer_states_than_a_filter_takes_is_refused(two_links_urdf):
     opened, _ = opening(Simulation(str(two_links_urdf)), delay=0.1, champion=2.0)
     with pytest.raises(ConfigError, match=r"at least 0\.3 s, 3 samples, are needed"):
         opened.service(10.0)
+
+
+def test_the_first_states_find_everything_compiled(two_links_urdf):
+    # in a process of its own, since other tests compile here
+    subprocess.run(
+        [sys.executable, "-c", FIRST_STATES, str(two_links_urdf)],
+        check=True,
+        env=os.environ | {"PYTHONPATH": str(Path(limo_driver.__file__).parents[1])},
+    )

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.service.inference.arm_service import Window
 from estimators.service.inference.history import History
+from estimators.service.inference.window import Window
 from estimators.service.retraining.drift import DriftDetector, DriftWatch
 from limo_driver.errors import BackendUnavailableError, ShapeError
 
