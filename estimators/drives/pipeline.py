@@ -17,8 +17,9 @@ from estimators.diagnosis.stages import quiet
 from estimators.drives.checks.conventions import confirmed, conventions_of
 from estimators.drives.checks.recorded import check_commanded
 from estimators.drives.fitting.identification import fit_drives, with_servos
+from estimators.drives.hypotheses.intervals import with_intervals
 from estimators.drives.hypotheses.search import leaving_out, search
-from estimators.drives.hypotheses.stated import is_stated, proven, stated_arm, with_intervals
+from estimators.drives.hypotheses.stated import is_stated, proven, stated_arm
 from estimators.drives.judgement.evidence import DriveEvidence, Fold
 from estimators.drives.judgement.held_out import position_errors, resolution_of, split
 from estimators.drives.judgement.verdict import verdict_of
@@ -106,7 +107,7 @@ def diagnose_drives(
         *odd,
         conventions.sentence(),
         *(about_counting(one) for one in evidence.turned),
-        *about_scale(final),
+        *about_scale(final, stated=stated),
         *sags(final),
         *plays(final.fits),
     )
@@ -172,7 +173,8 @@ def _beside_stated(
     turns: int = 0,
 ) -> DriveEvidence:
     """Look for what the arm has beyond what is stated, and prove it on a part of the recordings."""
-    tick = max(resolution_of(recordings, j) for j in range(given.model.n))
+    ticks = np.array([resolution_of(recordings, j) for j in range(given.model.n)])
+    tick = float(ticks.max())
     loads = ArmLoads(given.body, recordings, rows_of(given))
     searched = search(loads, rows_of(given), given.tolerances.drive, tick)
     arm = stated_arm(given, searched, searched.fit)
@@ -192,10 +194,10 @@ def _beside_stated(
         )
         return replace(evidence, turned=(*evidence.turned, *other), counted=counted)
     progress("proving on held-out motion", 0.6)
-    final = with_intervals(given, searched)
+    final = with_intervals(given, searched, ticks)
     while (doubtful := final.doubtful) is not None:
         searched = leaving_out(searched, doubtful, tick)
-        final = with_intervals(given, searched)
+        final = with_intervals(given, searched, ticks)
     proof = proven(given, seen, searched, tick)
     pairs = ((seen, unseen), (unseen, seen))
     arms = [proven(given, own, searched, tick, held=True) for own, _ in pairs]

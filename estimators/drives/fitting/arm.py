@@ -280,7 +280,9 @@ def _normal(
             problem.errors_of(parts[j], stepped(guess.rows[j], {name: over}))
             for name in guess.names[j]
         ] + [problem.errors_of(other[j], guess.rows[j]) for other in moved]
-        return np.stack([side - errors[j] for side in sides], axis=1) / over
+        return (
+            np.reshape([side - errors[j] for side in sides], (len(sides), errors[j].size)).T / over
+        )
 
     with ThreadPoolExecutor() as pool:
         every = list(pool.map(slopes, own))

@@ -59,7 +59,7 @@ _LOADED: Final = 0.05  # of the largest load of the arm, from which on gravity g
 _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
 _USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0}  # deviations of their logarithms
-_QUICK: Final = ("delay", "inertia")  # what acts within a sample of slow recordings
+ASKED: Final = ("kp", "delay", "inertia")  # said to be undecided where recordings do not show them
 _OF_A_KIND: Final = 0.7  # deviation of the logarithm of the gains of an arm's servos
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
 _FITTED: Final = (
@@ -136,8 +136,9 @@ class DriveIdentification(Displayed):
         return tuple(
             (joint, name)
             for joint, fit in enumerate(self.fits, start=1)
-            for name in _QUICK
-            if self.moved[joint - 1] and not 0.0 < fit.deviation.get(name, 0.0) <= SURE
+            for name in ASKED
+            if self.moved[joint - 1] and (self.scaled[joint - 1] or name != "kp")
+            if not 0.0 < fit.deviation.get(name, 0.0) <= SURE
         )
 
 
@@ -164,8 +165,8 @@ def fit_drives(
     given = with_servos(simulation)
     parts = loaded_joints(given.body, recordings)
     stated = rows_of(given)
-    load = _weight(given.body, recordings)
-    scaled = load >= max(_LOADED * float(load.max()), _WEIGHTLESS)
+    load = largest_load(given.body, recordings)
+    scaled = gives_scale(load)
     moved = commanded_range(recordings) > MOVED
     rows = np.stack([typical_start(row) for row in stated])
     first = np.flatnonzero(scaled & moved).tolist()
@@ -283,8 +284,22 @@ def _believed(row: FloatArray, load: float | None) -> dict[str, BelievedValue]:
     return believed
 
 
-def _weight(body: RobotModel, recordings: Sequence[Recording]) -> FloatArray:
-    """Return the largest torque of gravity on each joint, (n,) [N m]."""
+def gives_scale(load: FloatArray) -> NDArray[np.bool_]:
+    """Say at which joints gravity gives the scale of gain, friction and inertia, (n,).
+
+    Args:
+        load: Largest torque of gravity on each joint, (n,) [N m].
+    """
+    return load >= max(_LOADED * float(load.max()), _WEIGHTLESS)
+
+
+def largest_load(body: RobotModel, recordings: Sequence[Recording]) -> FloatArray:
+    """Return the largest torque of gravity on each joint, (n,) [N m].
+
+    Args:
+        body: The rigid body.
+        recordings: Of the arm, whose joints count as described.
+    """
     return np.max(
         [np.abs(body.gravity_torque(each.position)).max(axis=0) for each in recordings], axis=0
     )

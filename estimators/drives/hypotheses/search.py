@@ -22,6 +22,7 @@ from estimators.drives.fitting.constants import (
     with_values,
 )
 from estimators.drives.hypotheses.suspects import COUNTED, Suspect, stated_beside, suspects_of
+from estimators.drives.simulation.commanded import MOVED, commanded_range
 from estimators.drives.simulation.loads import ArmChange
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
         tolerance: Of the stated values, a deviation of their logarithm.
         tick: Step of the encoders [rad].
     """
-    guess = stated_guess(stated)
+    guess = _of_moved(stated_guess(stated), loads)
     mass = sum(own.mass for own in loads.body.inertials.values())
     shared = {
         "mass": BelievedValue(0.0, _MASS * mass),
@@ -132,6 +133,13 @@ def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -
             again = fit_arm(problem, _limited(fit.guess, stated), _FIRST)
             return _searched(problem, again, guess.rows, tick)
     return found
+
+
+def _of_moved(guess: ArmGuess, loads: ArmLoads) -> ArmGuess:
+    """Return a guess in which nothing is fitted of a joint that no command moves."""
+    moved = commanded_range(loads.recordings) > MOVED
+    names = tuple(own if did else () for own, did in zip(guess.names, moved, strict=True))
+    return replace(guess, names=names)
 
 
 def _limited(guess: ArmGuess, stated: FloatArray) -> ArmGuess:

@@ -6,13 +6,18 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.stats import t as student_t
 
 from estimators.drives.checks.conventions import conventions_of, likeliest_order
 from estimators.drives.fitting.arm import ArmFit, fit_arm
-from estimators.drives.fitting.constants import inner, value_in, with_values
-from estimators.drives.fitting.identification import DriveIdentification, typical_start, with_rows
-from estimators.drives.fitting.joint import NORMAL, JointFit, blocks, fit_joint
+from estimators.drives.fitting.constants import value_in, with_values
+from estimators.drives.fitting.identification import (
+    DriveIdentification,
+    gives_scale,
+    largest_load,
+    typical_start,
+    with_rows,
+)
+from estimators.drives.fitting.joint import NORMAL, JointFit, fit_joint
 from estimators.drives.hypotheses.search import FOUND, Searched, reweighted
 from estimators.drives.hypotheses.suspects import COUNTED, Suspect
 from estimators.drives.simulation.columns import SAG
@@ -35,7 +40,6 @@ _LEAST: Final = 1e-6  # [N m/rad]
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
 _GLANCE: Final = 8  # evaluations
 _REFITTED: Final = 8  # steps
-_LEFT_OUT: Final = 2  # steps of fits that leave a block of motion out
 
 
 @dataclass(frozen=True)
@@ -165,32 +169,6 @@ def _holding(found: Searched) -> ArmGuess:
     return replace(guess, names=names, shared=shared)
 
 
-def with_intervals(simulation: Simulation, found: Searched) -> StatedArm:
-    """Return what was found, as sure as fits agree that each leave a block of motion out.
-
-    Args:
-        simulation: What is stated.
-        found: In all recordings.
-    """
-    problem, fit = found.problem, found.fit
-    parts = problem.loads.parts(fit.guess.change)[0]
-    block = blocks([part.time.size for part in parts])
-    many = int(block.max()) + 1
-    values = np.array(
-        [
-            _values(fit_arm(replace(problem, kept=block != k), fit.guess, _LEFT_OUT))
-            for k in range(many)
-        ]
-    )
-    few = float(student_t.ppf(0.975, many - 1)) / NORMAL
-    between = iter((few * np.sqrt((many - 1) * values.var(axis=0))).tolist())
-    own = tuple(
-        {name: max(value, next(between)) for name, value in joint.items()} for joint in fit.own
-    )
-    shared = {name: max(value, next(between)) for name, value in fit.shared.items()}
-    return stated_arm(simulation, found, replace(fit, own=own, shared=shared))
-
-
 def _about_rest(row: FloatArray, stated: FloatArray) -> FloatArray:
     """Return constants in which what a spring pulls at zero is where it rests, and no offset."""
     pull, stiffness = value_in(row, "offset") - value_in(stated, "offset"), value_in(row, "spring")
@@ -198,36 +176,29 @@ def _about_rest(row: FloatArray, stated: FloatArray) -> FloatArray:
     return with_values(row, {"offset": value_in(stated, "offset"), "rest": rest})
 
 
-def _values(fit: ArmFit) -> FloatArray:
-    """Return all fitted values, as they are fitted."""
-    own = [
-        inner(name, value_in(row, name))
-        for row, names in zip(fit.guess.rows, fit.guess.names, strict=True)
-        for name in names
-    ]
-    return np.array([*own, *(fit.guess.change.value(name) for name in fit.guess.shared)])
-
-
 def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedArm:
     """Return what a fit says of an arm.
+
+    Of a joint that gravity does not load, it says no gain; of one that no command moves, nothing.
 
     Args:
         simulation: What is stated.
         found: Beyond it.
         fit: That has it.
     """
-    rows, change = fit.guess.rows.copy(), fit.guess.change
+    rows, change, stated = fit.guess.rows.copy(), fit.guess.change, rows_of(simulation)
+    told = [as_described(recording, change) for recording in found.problem.loads.recordings]
+    scaled, moved = gives_scale(largest_load(simulation.body, told)), commanded_range(told) > MOVED
+    rows[~moved] = stated[~moved]
     if change.sag:
         rows[:, SAG] = change.sag
     for one in found.suspects:
         if one.effect == "spring_load" and one.joint is not None:
-            rows[one.joint] = _about_rest(rows[one.joint], rows_of(simulation)[one.joint])
-    fits = tuple(
-        JointFit(row, names, deviation, error)
-        for row, names, deviation, error in zip(
-            rows, fit.guess.names, fit.own, fit.errors, strict=True
-        )
-    )
+            rows[one.joint] = _about_rest(rows[one.joint], stated[one.joint])
+    fits = list[JointFit]()
+    for j, known in enumerate(fit.own):
+        deviation = {name: x for name, x in known.items() if name != "kp" or scaled[j]}
+        fits.append(JointFit(rows[j], tuple(deviation), deviation, fit.errors[j]))
     own = tuple(
         tuple(x.effect for x in found.suspects if x.joint == j and not (x.shared or x.freed))
         for j in range(len(rows))
@@ -239,5 +210,6 @@ def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedAr
     if change.mass > 0.0:
         more = (*more, Payload(mass=change.mass, com=change.com))
     improved = replace(improved, effects=(*improved.effects, *more))
-    identified = DriveIdentification(improved, fits, own, *[(True,) * len(rows)] * 2)
+    shows = tuple(scaled.tolist()), tuple(moved.tolist())
+    identified = DriveIdentification(improved, tuple(fits), own, *shows)
     return StatedArm(identified, change, fit.shared, found.suspects)

@@ -155,6 +155,8 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
     parts, most = loads.parts(guess.change), most_torque(guess.rows)
     for j in range(loads.n):
         yield Suspect("encoder_offset", j, ((f"zero_{j + 1}", 0.0),), shared=True)
+        if not guess.names[j]:
+            continue  # no command moves it: nothing of its drive shows
         yield Suspect("joint_sign", j, (), shared=True)
         for name, effect in _FREED.items():
             yield Suspect(effect, j, (), freed=name)

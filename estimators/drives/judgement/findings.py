@@ -142,10 +142,10 @@ def _is_wrong(
 
 
 def _as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool) -> str:
-    """Say what a finding is compared with."""
+    """Say what a finding is compared with; nobody has stated what is none."""
     name, unit = next(iter(units.items()))
     value = value_in(_without(nominal, nominal, effect, units), name)
-    if extra or not np.isfinite(value):
+    if extra or value == 0.0 or not np.isfinite(value):
         return "without it"
     return f"with {_NAMES.get(name, name)} of {value:.3g} {unit}, as stated"
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.fitting.constants import value_in
+from estimators.drives.fitting.joint import NORMAL
 from estimators.drives.judgement.findings import KINDS, is_known
 from estimators.drives.simulation.columns import geared
 from estimators.drives.simulation.plant import most_torque, rows_of
@@ -23,7 +24,11 @@ if TYPE_CHECKING:
 
 _POSES: Final = 2000  # tried for the one that loads a joint most
 _WORTH: Final = 0.01  # [rad], sag below which nothing is said
-_SHOWS: Final = {"delay": ("drive_delay", "delay"), "inertia": ("armature", "inertia")}
+_SHOWS: Final = {  # constants, as what they are told, and what explains the motion as well
+    "kp": ("position_servo", "dry friction"),
+    "delay": ("drive_delay", "damping"),
+    "inertia": ("armature", "damping"),
+}
 
 
 def sags(found: DriveIdentification) -> tuple[str, ...]:
@@ -34,8 +39,10 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
         kp = value_in(geared(fit.row), "kp")
         shown = found.scaled[j - 1] and found.moved[j - 1]
         if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
+            reach = float(np.exp(NORMAL * fit.deviation["kp"]))
             said.append(
-                f"Joint {j} sags {load / kp:.3f} rad ({np.rad2deg(load / kp):.1f} deg) at full "
+                f"Joint {j} sags {load / kp:.3f} rad ({np.rad2deg(load / kp):.1f} deg; 95 % "
+                f"interval {load / kp / reach:.3f} to {load / kp * reach:.3f} rad) at full "
                 f"reach: its P gain of {kp:.1f} N m/rad is low for {load:.2f} N m; with twice the "
                 f"gain it would be {load / kp / 2:.3f} rad."
             )
@@ -62,14 +69,21 @@ def full_load(body: RobotModel) -> FloatArray:
 
 def undecided(found: DriveIdentification, rate: float) -> Iterator[tuple[str, str]]:
     """Yield effects and why these recordings do not show them."""
-    for name, (effect, word) in _SHOWS.items():
-        joints = [str(j) for j, other in found.undecided if other == name]
-        if joints:
+    for name, (effect, other) in _SHOWS.items():
+        if joints := [j for j, own in found.undecided if own == name]:
             yield (
                 effect,
-                f"{word} of joint{'s' * (len(joints) > 1)} {', '.join(joints)} is not decidable at "
-                f"this rate ({rate:.0f} Hz): damping explains the motion as well",
+                f"{name} of {_joints(joints)} is not decidable at this rate ({rate:.0f} Hz): "
+                f"{other} explains the motion as well",
             )
+    if light := _weightless(found):
+        yield (
+            "position_servo",
+            f"gravity never loads {_joints(light)}: kp is known there in ratio to friction, "
+            "damping and inertia alone",
+        )
+    if still := _still(found):
+        yield "position_servo", f"no command moves {_joints(still)}: its drive does not show"
 
 
 def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterator[tuple[str, str]]:
@@ -108,22 +122,41 @@ def about_counting(one: Suspect) -> str:
     )
 
 
-def about_scale(final: DriveIdentification) -> tuple[str, ...]:
-    """Say at which joints only ratios are known, and of which nothing is."""
+def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
+    """Say at which joints only ratios are known, and of which nothing is.
+
+    Args:
+        final: What was identified.
+        stated: Whether that began with the stated drives.
+    """
     told = list[str]()
-    shown = enumerate(zip(final.scaled, final.moved, strict=True), start=1)
-    light = [j for j, (scaled, moved) in shown if moved and not scaled]
-    if light:
+    if light := _weightless(final):
+        scale = (
+            "their scale is that of the stated values, all within their tolerance"
+            if stated
+            else "kp is taken from the other joints"
+        )
         told.append(
             f"Gravity never loads {_joints(light)}: of kp, friction, damping and "
-            "inertia only the ratios are known there; kp is taken from the other joints."
+            f"inertia only the ratios are known there; {scale}."
         )
-    if still := [j for j, moved in enumerate(final.moved, start=1) if not moved]:
+    if still := _still(final):
+        taken = "the stated values are kept" if stated else "the mean of the other joints is taken"
         told.append(
-            f"No command moves {_joints(still)}: nothing is known of the drives there, and the "
-            "mean of the other joints is taken."
+            f"No command moves {_joints(still)}: nothing is known of the drives there, and {taken}."
         )
     return tuple(told)
+
+
+def _weightless(found: DriveIdentification) -> list[int]:
+    """Return joints that move, and get no scale from gravity, 1-based."""
+    every = enumerate(zip(found.scaled, found.moved, strict=True), start=1)
+    return [j for j, (scaled, moved) in every if moved and not scaled]
+
+
+def _still(found: DriveIdentification) -> list[int]:
+    """Return joints that no command moves, 1-based."""
+    return [j for j, moved in enumerate(found.moved, start=1) if not moved]
 
 
 def _joints(numbers: Sequence[int]) -> str:

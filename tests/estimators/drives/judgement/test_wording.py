@@ -7,7 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 
 from estimators.drives.fitting.constants import with_values
-from estimators.drives.judgement.wording import plays
+from estimators.drives.fitting.identification import DriveIdentification
+from estimators.drives.fitting.joint import JointFit
+from estimators.drives.judgement.wording import about_scale, full_load, plays, sags, undecided
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import Simulation
 from limo_driver.physics.drives import PositionServo
@@ -19,3 +21,34 @@ def test_play_is_told_in_degrees_where_there_is_some(arm):
     loose = with_values(np.array(loose), {"play": 0.0157})
     fits = [SimpleNamespace(row=np.array(rigid)), SimpleNamespace(row=loose)]
     assert plays(fits) == ("Joint 2 has 0.9 deg (0.0157 rad) of play between motor and joint.",)
+
+
+def test_a_sag_is_told_with_its_interval(arm):
+    servos = tuple(PositionServo(joint=j, kp=20.0, kd=0.5) for j in (1, 2))
+    simulation = Simulation(str(arm), drives=servos)
+    fits = tuple(JointFit(row, ("kp",), {"kp": 0.1}, np.zeros(1)) for row in rows_of(simulation))
+    shown = DriveIdentification(simulation, fits, ((), ()), (True, True), (True, False))
+
+    (said,) = sags(shown)
+
+    sag = full_load(simulation.body)[0] / 20.0
+    low, high = sag / np.exp(0.196), sag * np.exp(0.196)
+    assert f"sags {sag:.3f} rad" in said
+    assert f"95 % interval {low:.3f} to {high:.3f} rad" in said
+
+
+def test_joints_without_scale_or_motion_are_told(arm):
+    servos = tuple(PositionServo(joint=j, kp=20.0, kd=0.5) for j in (1, 2))
+    simulation = Simulation(str(arm), drives=servos)
+    fits = tuple(JointFit(row, (), {}, np.zeros(1)) for row in rows_of(simulation))
+    found = DriveIdentification(simulation, fits, ((), ()), (False, True), (True, False))
+
+    light, still = about_scale(found, stated=True)
+
+    assert "only the ratios are known there; their scale is that of the stated values" in light
+    assert still.endswith("and the stated values are kept.")
+    assert [reason for effect, reason in undecided(found, 50.0) if effect == "position_servo"] == [
+        "gravity never loads joint 1: kp is known there in ratio to friction, damping and inertia "
+        "alone",
+        "no command moves joint 2: its drive does not show",
+    ]
