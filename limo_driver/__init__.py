@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from limo_driver.workflow.embedding import export_c, export_onnx
     from limo_driver.workflow.exporting import export
     from limo_driver.workflow.fleets.diagnosing import diagnose_fleet
+    from limo_driver.workflow.forward import predict_forward
     from limo_driver.workflow.inspecting import inspect
     from limo_driver.workflow.learning import (
         evaluate,
@@ -57,7 +58,6 @@ if TYPE_CHECKING:
         load_model,
         nominal,
         predict,
-        predict_forward,
         train,
     )
     from limo_driver.workflow.live.running import Streaming, run
@@ -122,7 +122,7 @@ _HOME = {
     "open_robot": "limo_driver.robot.registry",
     "plan": "limo_driver.workflow.planning",
     "predict": "limo_driver.workflow.learning",
-    "predict_forward": "limo_driver.workflow.learning",
+    "predict_forward": "limo_driver.workflow.forward",
     "read": "limo_driver.workflow.reading",
     "run": "limo_driver.workflow.live.running",
     "serve": "limo_driver.workflow.live.serving",

@@ -6,6 +6,6 @@ one. Masses that are known, and the gravity on them, give the scale.
 
 from estimators.drives.pipeline import diagnose_drives, identify_drives
 from estimators.drives.result import DriveDiagnosis
-from estimators.drives.simulation.free_run import free_run
+from estimators.drives.simulation.free_run import commanded_run, free_run
 
-__all__ = ["DriveDiagnosis", "diagnose_drives", "free_run", "identify_drives"]
+__all__ = ["DriveDiagnosis", "commanded_run", "diagnose_drives", "free_run", "identify_drives"]

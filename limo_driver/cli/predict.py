@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from estimators.base import Estimate
     from estimators.residual_model import ResidualModel
     from limo_driver.physics import Simulation
+    from limo_driver.recordings.commanded import Commanded
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -60,7 +61,8 @@ def command(
     the torque, which is that much before the position that came with it.
 
     With --free-running, the closed loop of arm and drives is simulated forward from command_j
-    alone, from the first recorded position on: time [s] and position_1 … position_n [rad].
+    alone, from the first recorded position on: time [s] and position_1 … position_n [rad]. Other
+    positions may be missing; where they are there, commands are held against them first.
 
     Examples:
         limo predict run.parquet --sim sim.yaml --out torque.parquet
@@ -71,18 +73,22 @@ def command(
 
     from limo_driver.console.terminal import terminal
     from limo_driver.outputs import require_file, require_parquet
-    from limo_driver.workflow.learning import predict, predict_forward
-    from limo_driver.workflow.reading import read
+    from limo_driver.workflow.forward import simulate_forward
+    from limo_driver.workflow.learning import predict
+    from limo_driver.workflow.reading import read, read_commanded
 
     require_file(out, [path for path in (recording, sim) if path is not None])
     require_parquet(out)
     if free_running:
         _check_free_running(model, bandwidth, delay)
     physics, learned = _load(sim, model, bandwidth)
-    measured = read(recording, physics.model, mapping)
+    odd: tuple[str, ...] = ()
     if free_running:
-        time, columns = measured.time, {"position": predict_forward(physics, measured)}
+        moved = simulate_forward(physics, read_commanded(recording, physics.model, mapping))
+        measured, odd = moved.told, moved.warnings
+        time, columns = measured.time, {"position": moved.position}
     else:
+        measured = read(recording, physics.model, mapping)
         estimate = predict(learned or physics, measured, bandwidth=bandwidth, delay=delay)
         time, columns = getattr(estimate, "time", measured.time), _columns(estimate)
     write(measured, time, columns, out)
@@ -90,11 +96,11 @@ def command(
         left_out = {item.reason: item.rows for item in measured.left_out}
         rows = {"used": len(measured), "left_out": left_out}
         terminal().print_json(
-            json.dumps({"file": str(out), "rows": rows, "warnings": measured.warnings})
+            json.dumps({"file": str(out), "rows": rows, "warnings": [*measured.warnings, *odd]})
         )
         return
     notes = terminal(stderr=True, soft_wrap=True)
-    for item in (*measured.warnings, *measured.left_out):
+    for item in (*measured.warnings, *measured.left_out, *odd):
         notes.print(f"{recording}: {item}")
     terminal(soft_wrap=True).print(_written(out, measured, columns))
 
@@ -115,7 +121,9 @@ def _check_free_running(model: Path | None, bandwidth: float | None, delay: floa
         )
 
 
-def _written(out: Path, recording: Recording, columns: Mapping[str, NDArray[Any]]) -> str:
+def _written(
+    out: Path, recording: Recording | Commanded, columns: Mapping[str, NDArray[Any]]
+) -> str:
     """Say what the file holds."""
     empty = recording.rows_total - len(recording)
     rows = f"{recording.rows_total} rows" + (f", {empty} of them empty" if empty else "")
@@ -158,7 +166,10 @@ def _columns(estimate: Estimate) -> dict[str, NDArray[Any]]:
 
 
 def write(
-    recording: Recording, time: FloatArray, columns: Mapping[str, NDArray[Any]], path: Path
+    recording: Recording | Commanded,
+    time: FloatArray,
+    columns: Mapping[str, NDArray[Any]],
+    path: Path,
 ) -> None:
     """Write one row for each row of the recorded file, empty where a row was left out.
 

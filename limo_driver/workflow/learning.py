@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from estimators.rigid_body import Identification, JointTerms, Rows
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
 
 
 def identify(
@@ -216,31 +215,6 @@ def predict(
         raise ConfigError("a bandwidth is of a simulation; a model has the one it was trained with")
     trained = trained_of(model)
     return trained.estimate(recording) if delay is None else _live(trained, recording, delay)
-
-
-def predict_forward(
-    simulation: Simulation | Path | str, recording: Recording | Path | str
-) -> FloatArray:
-    """Simulate a recorded motion forward from its commands alone, without looking at the rest.
-
-    Args:
-        simulation: With drives; or its file.
-        recording: T samples of n joints with commands, or its file. The simulated arm starts at
-            rest where the recorded one did, and anew behind each gap.
-
-    Returns:
-        Positions (T, n) [rad].
-
-    Raises:
-        ConfigError: A joint has no drive, or an effect cannot be run forward.
-        RecordingError: The recording has no commands, or is of another robot.
-
-    Example:
-        >>> limo.predict_forward("servos.yaml", "commanded.parquet")
-    """
-    from estimators.drives import free_run
-
-    return free_run(simulation_of(simulation), recording_of(recording))
 
 
 def _live(model: Any, recording: Recording, delay: float) -> Estimate:  # noqa: ANN401  # LiveEstimator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
@@ -23,17 +23,19 @@ from limo_driver.foreign.mapping import LogMapping
 from limo_driver.foreign.proposals.proposal import propose
 from limo_driver.foreign.proposals.recorded_joints import mapped_part
 from limo_driver.foreign.table import LogTable, table_of
-from limo_driver.recordings.file import LOG_SUFFIX
+from limo_driver.recordings.commanded import Commanded
+from limo_driver.recordings.file import LOG_SUFFIX, read_columns
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.inputs import expected, model_for, model_of, unexpected
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from limo_driver.foreign.proposals.proposal import Proposal
     from limo_driver.model import RobotModel
     from limo_driver.recordings.columns import Columns
 
+_T = TypeVar("_T")
 _PARQUET: Final = b"PAR1"  # its first bytes
 _FOREIGN = (*BAGS, *ARRAYS, *TEXTS[1:])  # endings that limo's own recordings never have
 
@@ -78,14 +80,43 @@ def read(
         recording = Recording.load(Path(str(log)))
     else:
         columns, _, _ = columns_of(log, model, mapping, topic, episode)
-        source = str(log) if isinstance(log, (str, Path)) else ""
-        try:
-            recording = Recording.from_columns(columns, source)
-        except RecordingError as error:
-            raise RecordingError(str(error), path=source or None, rows=error.rows) from None
+        recording = _judged(Recording.from_columns, columns, log)
     if model is not None:
         recording.check_robot(model_for(model, (recording,)))
     return recording
+
+
+def read_commanded(
+    log: Path | str | Mapping[str, Any],
+    robot: RobotModel | Path | str | None = None,
+    mapping: LogMapping | Path | str | None = None,
+) -> Commanded:
+    """Read the commands of a log of any format, and the first position.
+
+    Args:
+        log: As for `read`.
+        robot: Whose log it is.
+        mapping: Which columns are what, or the file that says so.
+
+    Raises:
+        ConfigError: A question is open, or the mapping is of other joints.
+        RecordingError: The log cannot be used.
+    """
+    if mapping is None and model_is_enough(log):
+        columns = read_columns(Path(str(log)))
+    else:
+        model = None if robot is None else model_of(robot)
+        columns, _, _ = columns_of(log, model, mapping)
+    return _judged(Commanded.from_columns, columns, log)
+
+
+def _judged(take: Callable[[Columns, str], _T], columns: Columns, log: object) -> _T:
+    """Return what a class makes of columns; its errors name the log."""
+    source = str(log) if isinstance(log, (str, Path)) else ""
+    try:
+        return take(columns, source)
+    except RecordingError as error:
+        raise RecordingError(str(error), path=source or None, rows=error.rows) from None
 
 
 def table_of_log(

@@ -18,6 +18,8 @@ from limo_driver.recordings.checks import MOST_NORMALISED
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from numpy.typing import NDArray
+
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -29,6 +31,9 @@ _FURTHER: Final = 1.3  # times as far as its command, that no servo moves where 
 _STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
 _ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
 _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
+_LAG: Final = 0.5  # [s], by which a joint may follow its command later
+_BETTER: Final = 0.3  # of correlation, by which a joint follows another's command rather
+_SHORT: Final = 0.3  # of as far as its command, that a servo comes at least
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
 _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
 _LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
@@ -38,6 +43,28 @@ _AHEAD: Final = 3  # rows, by which positions may have been recorded as commands
 
 
 def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Do as `check_set_points` does, and refuse commands of which none moves a joint.
+
+    Args:
+        recordings: With commands.
+
+    Returns:
+        What is odd about them.
+
+    Raises:
+        RecordingError: Names what the commands seem to be.
+    """
+    odd = check_set_points(recordings)
+    if not any((np.ptp(commands_of(each), axis=0) > _MOVES).any() for each in recordings):
+        raise RecordingError(
+            f"no command changes by more than {_MOVES:g} rad; expected set-points that move the "
+            "joints: nothing of a drive shows while it rests",
+            path=recordings[0].source or None,
+        )
+    return odd
+
+
+def check_set_points(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Refuse commands that are not set-points of their joints in rad; tell what is odd otherwise.
 
     Args:
@@ -54,17 +81,12 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
         mistake = (
             _unit_mistake(recording)
             or _no_commands(recording)
+            or _exchange_mistake(recording)
             or _scale_mistake(recording)
             or _mistake(recording)
         )
         if mistake:
             raise RecordingError(mistake, path=recording.source or None)
-    if not any((np.ptp(commands_of(each), axis=0) > _MOVES).any() for each in recordings):
-        raise RecordingError(
-            f"no command changes by more than {_MOVES:g} rad; expected set-points that move the "
-            "joints: nothing of a drive shows while it rests",
-            path=recordings[0].source or None,
-        )
     return tuple(
         text
         for number, recording in enumerate(recordings, start=1)
@@ -134,7 +156,7 @@ def _scale_mistake(recording: Recording) -> str:
     told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
     judged = np.flatnonzero((does > _MOVES) & (told > 0))
     beyond = judged[told[judged] > _NORMALISED * does[judged]]
-    if beyond.size:
+    if any(_correlation(command[:, j], position[:, j]) > _UNLIKE for j in beyond.tolist()):
         j = int(beyond[0])
         unit = _unit(told[beyond], does[beyond], command)
         return (
@@ -177,31 +199,78 @@ def _unit(other: FloatArray, rad: FloatArray, values: FloatArray) -> str:
     return "in degrees" if beyond else f"in degrees, or {normalised}"
 
 
-def _mistake(recording: Recording) -> str:
+def _exchange_mistake(recording: Recording) -> str:
+    """Say whose command a joint follows, if it is another's.
+
+    Joints that move alike, or one after the other, follow each other's commands, too. So each of
+    two has to follow the other's better than its own, and to go as far as that says; or one rests
+    as it is told in the other's column.
+    """
     command, position = commands_of(recording), recording.position
     told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
-    judged = np.flatnonzero((does > _MOVES) & (told > 0))
-    steps = np.diff(position, axis=0)
-    for j in judged.tolist():
-        own = _correlation(command[:-1, j], position[:-1, j])
-        if own < _UNLIKE and _correlation(command[:-1, j], steps[:, j]) > _ALIKE:
-            return (
-                f"command_{j + 1} follows the change of position_{j + 1}, not the position; "
-                "expected set-points; are the commands deltas?"
-            )
-    for j in judged.tolist():
-        alike = [_correlation(command[:, k], position[:, j]) for k in range(recording.n)]
-        k = int(np.argmax(alike))
-        if alike[j] < _UNLIKE and alike[k] > _ALIKE:
-            return (
-                f"position_{j + 1} follows command_{k + 1}, not command_{j + 1}; "
-                "are joints exchanged?"
-            )
-        if alike[j] < -_ALIKE:
-            return (
-                f"position_{j + 1} moves against command_{j + 1}; has one of them the other sign?"
-            )
+    alike = _likeness(command, position)
+    far = does[:, None] / np.maximum(told, _SAME)  # (n, n), of each joint by each command
+    own, moved = np.diag(alike)[:, None], does > _MOVES
+    follows = (alike > _ALIKE) & (far > _SHORT) & (far < _FURTHER)
+    better = follows & ((own < _UNLIKE) | (alike > own + _BETTER))
+    mutual = better & better.T
+    ratio = np.diag(far)
+    sized = (ratio[:, None] > _FURTHER) & (ratio < 1.0 / _FURTHER) & follows & follows.T
+    resting = follows & (own < _UNLIKE) & ~moved
+    found = np.argwhere((mutual | sized | resting | _ringed(recording, better)) & moved[:, None])
+    if not found.size:
+        return ""
+    j, k = max(found.tolist(), key=lambda pair: alike[pair[0], pair[1]])
+    return f"position_{j + 1} follows command_{k + 1}, not command_{j + 1}; are joints exchanged?"
+
+
+def _ringed(recording: Recording, better: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Say who follows whose command in a ring of three joints or more, (n, n).
+
+    In a motion that runs along the arm as a wave, each joint follows its own command later.
+    """
+    command, position, n = commands_of(recording), recording.position, recording.n
+    late = range(min(round(_LAG * recording.rate), len(recording) // 2) + 1)
+    lost = [
+        max(_correlation(command[: len(command) - k, j], position[k:, j]) for k in late) < _UNLIKE
+        for j in range(n)
+    ]
+    step = better & np.array(lost)[:, None]
+    reached = step.copy()
+    for _ in range(n):
+        reached = reached | (reached @ step)
+    return step & reached.T
+
+
+def _mistake(recording: Recording) -> str:
+    """Say whether commands seem to be changes of positions, or of the other sign."""
+    command, position = commands_of(recording), recording.position
+    own = np.diag(_likeness(command, position))
+    judged = np.flatnonzero((np.ptp(position, axis=0) > _MOVES) & (np.ptp(command, axis=0) > 0))
+    changes = [j for j in judged.tolist() if own[j] < _UNLIKE and _is_change(command, position, j)]
+    if changes and float(own[judged].max()) < _ALIKE:  # all joints are told alike
+        j = changes[0] + 1
+        return (
+            f"command_{j} follows the change of position_{j}, not the position; expected "
+            "set-points; are the commands deltas?"
+        )
+    against = judged[own[judged] < -_ALIKE]
+    if against.size:
+        j = int(against[0]) + 1
+        return f"position_{j} moves against command_{j}; has one of them the other sign?"
     return ""
+
+
+def _likeness(command: FloatArray, position: FloatArray) -> FloatArray:
+    """Return the correlation of each position with each command, (n, n)."""
+    return np.array([[_correlation(told, did) for told in command.T] for did in position.T])
+
+
+def _is_change(command: FloatArray, position: FloatArray, j: int) -> bool:
+    """Say whether a command tells how a position changes: at once, or summed up."""
+    told, did = command[:, j], position[:, j]
+    at_once = _correlation(told[:-1], np.diff(did))
+    return max(at_once, _correlation(np.cumsum(told), did)) > _ALIKE
 
 
 def _odd(recording: Recording, name: str) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 _LEAP: Final = 1.6  # times the pace of the rows around, at which joints reach a row
 _STEADY: Final = 4.0  # times what paces before and behind a leap differ by, that it has to exceed
+_AROUND: Final = 2  # rows before a leap and behind it, that have to agree
 _TICKS: Final = 4.0  # of an encoder, that joints together have to move in a row
 _FEW: Final = 3  # rows, from which on frames are missing
 _LATE: Final = 1.6  # periods between two rows, from which on one between them is missing
@@ -102,6 +104,8 @@ def _leaps(recording: Recording) -> list[int]:
 
     No motor does that, nor a row that is read late: the next one would be short. Paces of all
     joints together are one vector; its change in a row is told in units of the encoders' steps.
+    Steady is what two rows before and two behind agree on: a joint that speeds up and slows down
+    within few rows, as all do at slow rates, is fastest in the middle, too.
     """
     step = np.diff(recording.position, axis=0)
     size = np.where(step == 0.0, np.inf, np.abs(step))
@@ -109,13 +113,17 @@ def _leaps(recording: Recording) -> list[int]:
     tick = float(np.median(ticks[np.isfinite(ticks)])) if np.isfinite(ticks).any() else 0.0
     period = np.diff(recording.time)[:, None]
     pace = step / period
-    before, here, after = pace[:-2], pace[1:-1], pace[2:]
-    mean = 0.5 * (before + after)
+    if len(pace) < 2 * _AROUND + 1:
+        return []
+    last = len(pace) - _AROUND
+    here, least = pace[_AROUND:last], tick / period[_AROUND:last, 0]
+    around = [pace[_AROUND + k : last + k] for k in (*range(-_AROUND, 0), *range(1, _AROUND + 1))]
+    mean = np.mean(around, axis=0)
     length = np.linalg.norm(mean, axis=1)
-    least = tick / period[1:-1, 0]
     fast = length > _TICKS * least
     length = np.where(fast, length, 1.0)
     times = (here * mean).sum(axis=1) / length**2
-    uneven = np.maximum(np.linalg.norm(before - after, axis=1) - 2.0 * least, 0.0) / length
+    apart = np.max([np.linalg.norm(a - b, axis=1) for a, b in combinations(around, 2)], axis=0)
+    uneven = np.maximum(apart - 2.0 * least, 0.0) / length
     leap = (times > _LEAP) & (times - 1.0 > _STEADY * uneven) & (uneven < 1.0)
-    return (np.flatnonzero(leap & fast) + 1).tolist()
+    return (np.flatnonzero(leap & fast) + _AROUND).tolist()

@@ -1,10 +1,11 @@
-"""All that is checked of recordings with commands before anything is fitted to them."""
+"""All that is checked of recorded commands before anything is fitted to them, or simulated."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from estimators.drives.checks.commands import check_commands
+from estimators.drives.checks.alone import check_alone
+from estimators.drives.checks.commands import check_commands, check_set_points
 from estimators.drives.checks.timing import check_timing
 from estimators.drives.fitting.identification import with_servos
 from estimators.recordings import check_different
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from limo_driver.physics import Simulation
+    from limo_driver.recordings.commanded import Commanded
     from limo_driver.recordings.recording import Recording
 
 
@@ -40,3 +42,25 @@ def check_commanded(simulation: Simulation, recordings: Sequence[Recording]) -> 
     check_different(recordings)
     odd = check_commands(recordings)
     return (*odd, *check_timing(with_servos(simulation), recordings))
+
+
+def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:
+    """Refuse commands from which no motion should be simulated; tell what is odd about the others.
+
+    They are held against the motion that was recorded, by the same rules as where that is fitted
+    to, but that they may rest. Nothing but the first position of it gets into the simulation.
+
+    Args:
+        simulation: With a position servo for each joint.
+        told: The commands.
+
+    Raises:
+        RecordingError: They are of another robot, or no set-points of its joints in rad that came
+            before the motion.
+    """
+    told.check_robot(simulation.model)
+    if told.recorded is None:
+        return check_alone(simulation.model, told)
+    told.recorded.check_robot(simulation.model)
+    odd = check_set_points([told.recorded])
+    return (*odd, *check_timing(simulation, [told.recorded]))

@@ -15,7 +15,7 @@ AT_REST: Final = 0.002  # [rad] that a joint moves less than where it rests
 _SWING: Final = 0.1  # [rad] of command, that friction of a servo in order hardly holds
 _TIMES: Final = 2.0  # what friction holds elsewhere in the recording, that it has to exceed
 _LONG: Final = 1.0  # [s]
-_LATE: Final = 0.3  # [s] before a joint moves again, in which its command may have moved already
+_LATE: Final = 0.3  # [s] at the end of a rest, in which a command has moved that acts later
 
 
 def stuck(time: FloatArray, command: FloatArray, position: FloatArray) -> tuple[float, float]:
@@ -35,8 +35,6 @@ def stuck(time: FloatArray, command: FloatArray, position: FloatArray) -> tuple[
     swings = list[tuple[float, float, float]]()
     for start, stop in _rests(position):
         last = int(np.searchsorted(time, time[stop - 1] - _LATE, "right"))
-        if stop == time.size:
-            last = stop
         if last - start > 1:
             lasting = float(time[last - 1] - time[start])
             swings.append((float(np.ptp(command[start:last])), lasting, float(time[start])))

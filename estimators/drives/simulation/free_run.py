@@ -35,12 +35,14 @@ from limo_driver.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation
+    from limo_driver.recordings.commanded import Commanded
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 LONGEST_STEP: Final = 0.005  # [s]
 _SWEEPS: Final = 5000
 _CONVERGED: Final = 1e-7  # [rad/s]
+_RESTS: Final = 60.0  # [s] of one command, after which an arm moves no more
 ROUNDING: Final = 1e-9  # [s], of sums of steps
 
 
@@ -65,29 +67,69 @@ def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
     return run_forward(ServoArm.of(simulation), recording)
 
 
+def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
+    """Simulate an arm forward from commands, from where it was at the first of them.
+
+    What it was told before a gap stays in force; after a minute of that it rests.
+
+    Args:
+        simulation: With a position servo for each joint.
+        told: T set-points of n joints, and the first position.
+
+    Returns:
+        Positions as the encoders would read them, (T, n) [rad].
+
+    Raises:
+        ConfigError: As for `free_run`.
+    """
+    steps = np.minimum(np.diff(told.time), _RESTS)
+    time = told.time[0] + np.concatenate([[0.0], np.cumsum(steps)])
+    return follow(ServoArm.of(simulation), time, told.command, told.start)
+
+
 def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
     """Do as `free_run` does, with an arm that is taken apart already."""
     command = commands_of(recording)
     position = np.empty_like(recording.position)
-    chain = arm.chain
     for rows in recording.segments:
-        position[rows], settled = _advance(
-            chain.rotation,
-            chain.translation,
-            chain.axis,
-            chain.gravity,
-            arm.links,
-            arm.rows,
-            recording.time[rows],
-            np.ascontiguousarray(command[rows]),
-            np.array(recording.position[rows][0]),
+        start = recording.position[rows][0]
+        position[rows] = follow(arm, recording.time[rows], command[rows], start)
+    return position
+
+
+def follow(arm: ServoArm, time: FloatArray, command: FloatArray, start: FloatArray) -> FloatArray:
+    """Simulate an arm forward from commands, at rest at first.
+
+    Args:
+        arm: Of n joints.
+        time: Increasing, (T,) [s].
+        command: Each in force until the next, (T, n) [rad].
+        start: Where the arm is at first, as its encoders read it, (n,) [rad].
+
+    Returns:
+        Positions as the encoders would read them, (T, n) [rad].
+
+    Raises:
+        ConfigError: A step does not settle.
+    """
+    chain = arm.chain
+    position, settled = _advance(
+        chain.rotation,
+        chain.translation,
+        chain.axis,
+        chain.gravity,
+        arm.links,
+        arm.rows,
+        time,
+        np.ascontiguousarray(command),
+        np.array(start),
+    )
+    if not settled:
+        raise ConfigError(
+            f"the velocities of the joints did not agree within {_CONVERGED:g} rad/s after "
+            f"{_SWEEPS} sweeps of a step; is the armature of a joint far below the inertia "
+            "that it moves?"
         )
-        if not settled:
-            raise ConfigError(
-                f"the velocities of the joints did not agree within {_CONVERGED:g} rad/s after "
-                f"{_SWEEPS} sweeps of a step; is the armature of a joint far below the inertia "
-                "that it moves?"
-            )
     return position
 
 

@@ -1,8 +1,14 @@
 """The gate that every recording passes: which of its rows can be used."""
 
+from limo_driver.recordings.gate.doubts import about_gaps
 from limo_driver.recordings.gate.gaps import LONGEST_STEP, LONGEST_STEP_PERIODS, contiguous
 from limo_driver.recordings.gate.left_out import LeftOut, UsableRows
-from limo_driver.recordings.gate.rows import SYSTEMATIC, inspect, inspect_by_joint
+from limo_driver.recordings.gate.rows import (
+    SYSTEMATIC,
+    inspect,
+    inspect_by_joint,
+    inspect_commands,
+)
 from limo_driver.recordings.gate.velocities import velocity_factor
 
 __all__ = [
@@ -11,8 +17,10 @@ __all__ = [
     "SYSTEMATIC",
     "LeftOut",
     "UsableRows",
+    "about_gaps",
     "contiguous",
     "inspect",
     "inspect_by_joint",
+    "inspect_commands",
     "velocity_factor",
 ]

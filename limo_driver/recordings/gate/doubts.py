@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.recordings.columns import Columns
+    from limo_driver.types import FloatArray
 
 STILL = 2e-3  # [rad], range of a joint that does not move
 _FACTORS = (0.5, 2.0)  # of velocity to rate of change, that filters and noise may make
@@ -27,7 +28,7 @@ def doubts_about_rows(columns: Columns, rows: NDArray[np.int64]) -> tuple[str, .
         rows: That can be used, (T,).
     """
     return (
-        *_about_gaps(columns, rows),
+        *(() if columns.spread else about_gaps(columns.time[rows])),
         *_about_joints(columns, rows),
         *_about_velocity(columns, rows),
         *_about_holes(columns, rows),
@@ -43,10 +44,14 @@ def _about_velocity(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
     ]
 
 
-def _about_gaps(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
-    time = columns.time[rows]
+def about_gaps(time: FloatArray) -> list[str]:
+    """Say how many gaps there are, and which is the longest.
+
+    Args:
+        time: Increasing, (T,) [s].
+    """
     starts = [rows.start for rows in contiguous(time)[1:]]
-    if not starts or columns.spread:
+    if not starts:
         return []
     lengths = [float(time[start] - time[start - 1]) for start in starts]
     worst = int(np.argmax(lengths))

@@ -19,6 +19,7 @@ FEWEST = 10  # samples; fewer equal ones are no news
 SHORTEST = 0.05  # [s]; the filters read over less
 LEAST_JUMP = 2e-3  # [rad], with which a position that was held catches up
 FASTER = 3.0  # times the fastest motion that such a jump is
+LATEST = 0.3  # [s], in which a joint follows a command that steps
 _MOVED = 5e-4  # [rad] within a run; less is noise
 _NEAR = 0.05  # [s] from a limit, where noise is cut on one side
 _CHANCE = 1e-9  # that noise repeats a value for as long anywhere in a recording
@@ -63,14 +64,18 @@ def held_torque(time: FloatArray, position: FloatArray, torque: FloatArray) -> N
     return held
 
 
-def held_position(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
+def held_position(
+    time: FloatArray, position: FloatArray, command: FloatArray | None = None
+) -> NDArray[np.bool_]:
     """Mark samples at which a position is held although its joint moves.
 
-    A joint at rest repeats its value too, but does not jump when it starts.
+    A joint at rest repeats its value too, but does not jump when it starts: unless it was told to
+    rest, and then to be elsewhere.
 
     Args:
         time: (T,) [s].
         position: (T,) [rad], of one joint.
+        command: Its set-points, (T,) [rad], where they were recorded.
 
     Returns:
         (T,) true from the second sample of each stretch to its last.
@@ -85,8 +90,15 @@ def held_position(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
     caught_up = (stops - starts >= FEWEST) & (jump > LEAST_JUMP)
     caught_up &= speed > FASTER * speed.max(initial=0.0, where=~caught_up)
     for k in np.flatnonzero(caught_up):
-        held[starts[k] + 1 : stops[k]] = True
+        first, stop = int(starts[k]), int(stops[k])
+        held[first + 1 : stop] = command is None or not _rests(time, command, first, stop)
     return held
+
+
+def _rests(time: FloatArray, command: FloatArray, first: int, stop: int) -> bool:
+    """Say whether a joint is told to rest over a stretch of rows, but at its end."""
+    last = int(np.searchsorted(time, time[stop] - LATEST, "right"))
+    return last > first + 1 and float(np.ptp(command[first:last])) < LEAST_JUMP
 
 
 def _runs(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -69,6 +69,27 @@ def inspect(columns: Columns) -> UsableRows:
     return UsableRows(gate.rows, gate.left_out(), doubts_about_rows(gate.columns, gate.rows))
 
 
+def inspect_commands(columns: Columns) -> UsableRows:
+    """Judge every row of a recording by time and commands alone.
+
+    A set-point may step, and rest for as long as it likes.
+
+    Args:
+        columns: With commands.
+
+    Raises:
+        RecordingError: Too little is left, or the fault is systematic.
+    """
+    assert columns.command is not None  # noqa: S101
+    none = np.zeros_like(columns.command)
+    gate = _Gate(replace(columns, position=none, torque=none, velocity=None, extras={}))
+    gate.check_values()
+    gate.check_times()
+    gate.leave_out("the time does not increase", gate.backwards())
+    gate.check_amount()
+    return UsableRows(gate.rows, gate.left_out(), ())
+
+
 def inspect_by_joint(columns: Columns) -> tuple[Columns, UsableRows, Mask] | None:
     """Judge the rows again where a torque that is no measurement costs its own joint alone.
 
@@ -134,19 +155,27 @@ class _Gate:
 
     def check_rows(self) -> None:
         """Leave out what is wrong with a row, whichever joint it is of, and held positions."""
+        self.check_values()
+        self.leave_out(_FRAGMENT, self.check_times())
+        self.leave_out("the time does not increase", self.backwards())
+        self.leave_out("a spike that no motion makes", self.spikes())
+        for reason, rows in self.held_positions().items():
+            self.leave_out(reason, np.isin(self.rows, rows))
+
+    def check_values(self) -> None:
+        """Leave out rows with a value that is none."""
         self.leave_out("a value is missing or not finite", self.not_finite())
         self.leave_out("a value is impossible", self.impossible())
+
+    def check_times(self) -> Mask:
+        """Leave out single rows out of time; return which of the others are in short fragments."""
         self.check_direction()
         self.leave_out("the time repeats that of the row before", self.repeated())
         self.leave_out("a value is impossible", self.impossible_time())
         fragments = self.fragments()
         misplaced = self.misplaced(fragments)
         self.leave_out("the time does not increase", misplaced)
-        self.leave_out(_FRAGMENT, fragments[~misplaced])
-        self.leave_out("the time does not increase", self.backwards())
-        self.leave_out("a spike that no motion makes", self.spikes())
-        for reason, rows in self.held_positions().items():
-            self.leave_out(reason, np.isin(self.rows, rows))
+        return fragments[~misplaced]
 
     def check_rest(self) -> None:
         """Leave out what is too short by now, and refuse what is left where it says too little."""
@@ -286,9 +315,12 @@ class _Gate:
 
     def held_positions(self) -> dict[str, NDArray[np.int64]]:
         """Return the rows with a position that an encoder repeats in motion, by reason."""
+        command = self.columns.command
         return {
             f"position_{j + 1} repeats a value while the joint moves": self.rows[
-                held_position(self.time, position)
+                held_position(
+                    self.time, position, None if command is None else command[self.rows, j]
+                )
             ]
             for j, position in enumerate(self.columns.position[self.rows].T)
         }

@@ -18,7 +18,7 @@ from limo_driver.physics import CoulombFriction, PositionServo, PreslidingHyster
 from limo_driver.recordings.columns import Columns
 from limo_driver.recordings.file import write_columns
 from limo_driver.recordings.recording import Recording
-from limo_driver.workflow.learning import predict_forward
+from limo_driver.workflow.forward import predict_forward
 
 RATE = 100.0
 SIMULATION = Simulation(

@@ -281,3 +281,113 @@ def test_frames_that_were_dropped_and_stamped_evenly_are_told():
 
     assert said.startswith("in 3 rows joints move much further than in the rows around")
     assert said.endswith("first at 4.2 s)")
+
+
+SLOW = np.arange(0.0, 40.0, 0.1)  # [s], of a logger at 10 Hz
+
+
+def wave(pace, phase=0.0, time=SLOW):
+    return np.sin(2.0 * np.pi * pace * time + phase)
+
+
+def test_joints_that_start_and_stop_within_rows_lost_no_frames():
+    """Two of them swing twice a second: the row in the middle of a swing is by far the longest."""
+    command = np.stack([0.4 * wave(1.93), 0.3 * wave(1.93)], axis=1)
+
+    assert check_commands([recorded(SLOW, command, 0.9 * command)]) == ()
+
+
+def test_frames_dropped_at_a_slow_rate_are_told():
+    kept = np.ones(SLOW.size, dtype=bool)
+    kept[[93, 197, 301]] = False
+    command = np.stack([2.0 * wave(0.05), 1.5 * wave(0.05, 0.2)], axis=1)
+    position = TICK * np.round(0.95 * command / TICK)
+    rows = int(kept.sum())
+
+    (said,) = check_commands([recorded(SLOW[:rows], command[kept], position[kept])])
+
+    assert "were frames dropped and the others stamped evenly?" in said
+
+
+@pytest.mark.parametrize("time", [SLOW, TIME])
+def test_exchanged_joints_a_quarter_apart_are_not_called_deltas(time):
+    """Each is as the other's change."""
+    command = np.stack([0.5 * wave(0.3, 0.0, time), 0.5 * wave(0.3, np.pi / 2, time)], axis=1)
+
+    with pytest.raises(RecordingError, match="are joints exchanged"):
+        check_commands([recorded(time, exchanged(command), 0.95 * command)])
+
+
+@pytest.mark.parametrize("delta", [lambda c: np.diff(c, axis=0, prepend=c[:1]), deltas])
+def test_deltas_of_joints_a_quarter_apart_are_not_called_exchanged(delta):
+    command = np.stack([0.5 * wave(0.3), 0.5 * wave(0.3, np.pi / 2)], axis=1)
+
+    with pytest.raises(RecordingError, match="are the commands deltas"):
+        check_commands([recorded(SLOW, delta(command), followed(command))])
+
+
+def test_exchanged_joints_that_move_alike_are_told_by_how_far_they_go():
+    command = np.array([0.8, 0.4]) * COMMAND[:, :1]
+
+    with pytest.raises(RecordingError, match=r"position_. follows command_.*are joints exchanged"):
+        check_commands([recorded(TIME, exchanged(command), followed(command))])
+
+
+def test_one_joint_that_moves_alone_beside_the_command_of_another_is_told():
+    command = np.stack([COMMAND[:, 0], np.full(TIME.size, 0.2)], axis=1)
+
+    with pytest.raises(RecordingError, match="position_1 follows command_2, not command_1"):
+        check_commands([recorded(TIME, exchanged(command), followed(command))])
+
+
+def test_joints_that_move_one_after_the_other_are_not_exchanged():
+    """Each lags so that it is where the next one is told to be."""
+    command = np.stack([0.4 * wave(0.5, -k, TIME) for k in range(4)], axis=1)
+    position = np.stack([0.4 * wave(0.5, -k - 1.0, TIME) for k in range(4)], axis=1)
+
+    assert check_commands([recorded(TIME, command, position)]) == ()
+
+
+def test_a_joint_of_the_other_sign_beside_one_that_moves_alike_is_not_exchanged():
+    command = COMMAND[:, :1] * np.array([1.0, 0.7])
+
+    with pytest.raises(RecordingError, match="position_1 moves against command_1"):
+        check_commands([recorded(TIME, command * np.array([-1.0, 1.0]), followed(command))])
+
+
+def test_a_joint_that_is_stuck_but_for_a_start_is_in_no_other_unit():
+    """It moves by a ninth of what it is told, once."""
+    position = followed(COMMAND)
+    position[:, 1] = np.where(TIME < 1.0, 0.0, 0.12) + 0.4
+
+    (said,) = check_commands([recorded(TIME, COMMAND, position)])
+
+    assert said.startswith("joint 2 is stalled")
+
+
+@pytest.mark.parametrize("time", [SLOW, TIME])
+def test_a_joint_that_rests_as_told_and_then_steps_lost_no_rows(time):
+    command = np.where(time < 6.0, 0.0, 0.7)[:, None] + np.zeros(2)
+    command[time > 8.0] += 0.1 * wave(0.2, 0.0, time[time > 8.0])[:, None]
+    position = 0.98 * np.concatenate([command[:1], command[:-1]])
+
+    recording = recorded(time, command, position)
+
+    assert not recording.left_out
+    assert check_commands([recording]) == ()
+
+
+def test_a_command_that_comes_with_the_last_rows_stalls_no_joint():
+    command = np.stack([COMMAND[:, 0], np.where(TIME < 19.8, 0.0, 0.2)], axis=1)
+    position = followed(COMMAND)
+    position[:, 1] = 0.0
+
+    assert check_commands([recorded(TIME, command, position)]) == ()
+
+
+def test_columns_that_are_one_place_off_are_told():
+    command = np.stack([0.4 * wave(pace, 0.0, TIME) for pace in (0.23, 0.31, 0.47)], axis=1)
+    position = 0.95 * followed(command)
+
+    with pytest.raises(RecordingError, match="are joints exchanged"):
+        check_commands([recorded(TIME, np.roll(command, 1, axis=1), position)])
