@@ -323,9 +323,10 @@ class RobotModel(ArmDynamics, Displayed):
         return joined_reference(path, self.chosen)
 
     def _with_real_bodies(self, changed: Mapping[str, Inertial]) -> tuple[str, ...]:
-        """Put the nearest rigid body in the place of each that is nearly one; return what to say.
+        """Put the nearest rigid body in the place of each that is none; return what to say.
 
-        Makers' files have such, of roundings and of tensors about another point.
+        Files have such, of roundings, of tensors about another point, and of mistakes. A slow arm
+        hardly feels them, so that masses and centres of mass are worth going on with.
 
         Args:
             changed: Links that are not as the file has them, by name; nothing more is said of them.
@@ -337,6 +338,7 @@ class RobotModel(ArmDynamics, Displayed):
             f"link {name} has the principal moments of inertia {_principal(body)} kg m², of which "
             "one is above the sum of the others; the nearest body that exists is taken, with "
             f"{_principal(self.inertials[name])}"
+            + ("" if is_nearly_possible(body) else ". So far off, is it a mistake in the file?")
             for name, body in nearly.items()
             if name not in changed
         )
@@ -362,7 +364,7 @@ class RobotModel(ArmDynamics, Displayed):
 def _check_masses(
     inertials: Mapping[str, Inertial], joint_names: Sequence[str], path: Path
 ) -> None:
-    """Refuse links that move and have no mass or no inertia, or that of no rigid body.
+    """Refuse links that move and have no mass, or no inertia about an axis.
 
     Neither torque nor simulator can make such a one move.
     """
@@ -372,11 +374,10 @@ def _check_masses(
                 f"link {link}, which joint {joint} moves, has no mass; state its <inertial>",
                 path=path,
             )
-        if not is_nearly_possible(body):
+        if np.linalg.eigvalsh(body.tensor()).min() <= 0:
             raise ConfigError(
                 f"link {link}, which joint {joint} moves, has the principal moments of inertia "
-                f"{_principal(body)} kg m²; expected those of a body: above 0, and none above the "
-                "sum of the others",
+                f"{_principal(body)} kg m²; expected those of a body, above 0",
                 path=path,
             )
 
