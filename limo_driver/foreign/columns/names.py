@@ -36,7 +36,8 @@ _RANKS: Final = {
     COMMANDED: "cmd command commanded commands target des desired d ref reference setpoint goal "
     "action ipo sp",
     DERIVED: "ext external est estimated estimate model gravity coriolis error err hat residual "
-    "predicted pred noise std sim output bias passive constraint gravcomp smooth",
+    "predicted pred noise std sim output bias passive constraint gravcomp smooth computed "
+    "cmptd calculated",
 }
 _RANK: Final = {word: rank for rank, words in _RANKS.items() for word in words.split()}
 # of what is no joint: a name that holds one of these is left alone
@@ -104,6 +105,8 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
         unit, words = _unit_at_end(words)
     said = [word for word in words if word in _QUANTITY]
     quantity = _QUANTITY[said[-1]] if said else NOTHING
+    if quantity == CURRENT and any(_QUANTITY[word] == TORQUE for word in said):
+        quantity = TORQUE  # computed of a current, as `torque_current` is
     if not said and unit and joint is not None:
         quantity = _of_unit(unit)
     if quantity == VELOCITY:

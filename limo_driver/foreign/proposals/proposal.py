@@ -177,9 +177,11 @@ def _complete(draft: _Draft, quantity: str) -> list[ColumnFamily]:
 def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | None:
     """Return the family of a quantity, if there is one alone of the best rank; or note a question.
 
-    Columns that are equal in every row are one family.
+    Columns that are equal in every row are one family; a family that never changes, as of a sensor
+    that is not there, is none beside others that do.
     """
     found = _complete(draft, quantity)
+    found = [f for f in found if np.ptp(draft.values(f), axis=0).any()] or found
     if not found:
         return None
     rank = min(family.rank for family in found)

@@ -272,6 +272,18 @@ def test_a_column_that_stands_twice_is_no_question():
     assert proposed(q=POSITION, theta=POSITION, tau=TORQUE).mapping.undecided == ()
 
 
+def test_a_sensor_that_is_not_there_is_no_question():
+    """Its columns are zero in every row."""
+    mapping = proposed(q=POSITION, TorqueSensor=np.zeros_like(TORQUE), tau=TORQUE).mapping
+    assert mapping.undecided == ()
+    assert mapping.torque.columns == tuple(f"tau[{j}]" for j in range(7))
+
+
+def test_torque_of_a_current_beside_that_of_a_sensor_is_a_question():
+    (question,) = proposed(q=POSITION, tau=TORQUE, TorqueCur=1.1 * TORQUE).mapping.undecided
+    assert "tau[0] … tau[6] or TorqueCur[0] … TorqueCur[6]" in question
+
+
 def test_two_arms_are_a_question():
     left = numbered("left_q{}", POSITION) | numbered("left_tau{}", TORQUE)
     right = numbered("right_q{}", -POSITION) | numbered("right_tau{}", -TORQUE)
