@@ -1,8 +1,9 @@
 """Simplicity: of two explanations that predict alike, the one with fewer parameters has the name.
 
 A law with many free parameters follows whatever is there: presliding with many elements becomes an
-offset, or friction that is a little higher. Where a simpler effect of the same joints explains most
-of the same, and predicts motion held out no worse, it takes the place of the other.
+offset, or friction that is a little higher. Where a simpler effect of the same joints, or of one of
+two that are coupled, explains most of the same, and predicts motion held out no worse, it takes the
+place of the other.
 
 A load at the flange and another body of the last link are one and the same to every joint. Links
 are made as they were drawn, and loads come and go: so a load has the name where there can be one.
@@ -47,7 +48,7 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
     simpler = [
         i
         for i, candidate in enumerate(candidates)
-        if candidate.joints == own.joints
+        if _is_within(candidate.joints, own.joints)
         and candidate.effect != own.effect  # which law of it carries over better, its laws decide
         and candidate.slot not in taken
         and _freedom(candidate) < _freedom(own)
@@ -91,6 +92,11 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
         return solution
     ahead, behind = (simulated(problem, item) for item in (new, solution))
     return solution if _surely_worse(problem, ahead, behind) else new
+
+
+def _is_within(some: tuple[int, ...], own: tuple[int, ...]) -> bool:
+    """Say whether an effect of some joints acts at no others than one of its own."""
+    return some == own or (bool(some) and set(some) < set(own))
 
 
 def _freedom(candidate: Candidate) -> int:

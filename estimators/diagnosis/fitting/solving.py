@@ -36,6 +36,7 @@ from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.base_friction import rubs
 from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
+from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.regression.evidence import REACH, Prior, joined, posterior
 from limo_driver.physics import TorqueRipple
 
@@ -80,7 +81,36 @@ def solve(
         more = _until_it_stays(limited, solution, progress, near)
         if set(more.members) != set(solution.members):
             problem, solution = limited, more
-    return _of_what_can_be(problem, solution, progress, near)
+    problem, solution = _of_what_can_be(problem, solution, progress, near)
+    return _of_links_that_can_be(problem, solution, progress, near)
+
+
+def _of_links_that_can_be(
+    problem: RegressionProblem, solution: Solution, progress: Progress, near: tuple[int, ...] | None
+) -> tuple[RegressionProblem, Solution]:
+    """Return a solution, or the best one without wrong links where its own cannot be what it says.
+
+    Ten free parameters a link follow much that is no mass, such as the gains of two sensors, and
+    evidence compares them as if they could be anything. Where the simulation, whose links are
+    bodies, errs far more than the fit of them, that of other effects may be nearer.
+    """
+    links = {item.place for item in problem.candidates if item.effect == LINK_INERTIA}
+    if not any(problem.candidates[member].place in links for member in solution.members):
+        return problem, solution
+    rows, fit = problem.split.fitted, solution.fitted
+    linear = np.maximum(rmse(problem.left(fit) + problem.sensed(fit), rows), TINY)
+    own = rmse(simulated(problem, solution), rows)
+    if not (own > SOLVING.followed * linear).any():
+        return problem, solution
+    fewer = problem
+    for place in links:
+        fewer = fewer.without_place(place)
+    if near is not None:
+        near = tuple(i for i in near if problem.candidates[i].place not in links)
+    other = _until_it_stays(fewer, solution, progress, near)
+    its = rmse(simulated(fewer, other), rows)
+    nearer = np.sum((its / linear) ** 2) < np.sum((own / linear) ** 2)
+    return (fewer, other) if nearer else (problem, solution)
 
 
 def _of_what_can_be(

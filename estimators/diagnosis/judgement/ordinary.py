@@ -26,7 +26,8 @@ from estimators.diagnosis.fitting.contribution import coefficients, contribution
 from estimators.diagnosis.fitting.widths import change_of, merely_sharper
 from estimators.diagnosis.hypotheses.responses import responses
 from estimators.diagnosis.residuals.held_out import rmse
-from estimators.diagnosis.selection.base_friction import BASE, rubs, without_friction
+from estimators.diagnosis.selection.base_friction import rubs
+from estimators.diagnosis.selection.candidates import BASE, without_friction
 from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
 from limo_driver.physics import Armature, PreslidingHysteresis, ViscousFriction

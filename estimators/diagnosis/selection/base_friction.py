@@ -14,7 +14,7 @@ import numpy as np
 from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
-from estimators.diagnosis.selection.candidates import Candidate, entered, without_friction
+from estimators.diagnosis.selection.candidates import BASE, Candidate, entered, without_friction
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 SIGN_WIDTHS = tuple(  # [rad/s]
     np.geomspace(BASE_FRICTION.narrowest, BASE_FRICTION.widest, BASE_FRICTION.widths).tolist()
 )
-BASE = (CoulombFriction.name, ViscousFriction.name)
 
 
 def rubs(effect: str) -> bool:

@@ -24,7 +24,7 @@ from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
-from limo_driver.physics import TorqueGain
+from limo_driver.physics import CoulombFriction, TorqueGain, ViscousFriction
 from limo_driver.physics.catalogue import description_of
 
 if TYPE_CHECKING:
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, Hypothesis, Simulation
     from limo_driver.types import FloatArray
+
+BASE = (CoulombFriction.name, ViscousFriction.name)  # what every joint has
 
 
 @dataclass(frozen=True)
@@ -100,13 +102,7 @@ def candidates_of(
             candidate = _entered(hypothesis, own, columns, level)
             if candidate is not None:
                 found.append(candidate)
-    usual = _usual(observed.simulation)
-    return _counted(
-        [
-            replace(item, rarity=CANDIDATES.deviating) if item.effect in usual else item
-            for item in found
-        ]
-    )
+    return _counted([_less_rare(item, observed.simulation) for item in found])
 
 
 def _of_no_scale(observed: Observations) -> set[int]:
@@ -135,8 +131,21 @@ def without_friction(simulation: Simulation) -> tuple[int, ...]:
     return tuple(j for j in range(simulation.model.n) if j + 1 not in known)
 
 
+def _less_rare(candidate: Candidate, simulation: Simulation) -> Candidate:
+    """Return a candidate that costs as little as is known of it.
+
+    A joint rubs, whether that is stated or not. And what most joints are stated to have, the
+    others may have, too.
+    """
+    if candidate.effect in BASE and candidate.joints[0] in without_friction(simulation):
+        return replace(candidate, rarity=CANDIDATES.certain)
+    if candidate.effect in _usual(simulation):
+        return replace(candidate, rarity=CANDIDATES.deviating)
+    return candidate
+
+
 def _usual(simulation: Simulation) -> set[str]:
-    """Return the effects that most joints are stated to have: those which lack one may have it."""
+    """Return the effects that most joints are stated to have."""
     stated: dict[str, set[int]] = {}
     for effect in simulation.effects:
         stated.setdefault(effect.name, set()).update(effect.joints)

@@ -35,6 +35,10 @@ class CandidateSettings:
                 "(4.6 nat)"))
     deviating: float = setting(5.0, "nat", "that a wrong parameter has to bring", "as above",
         chosen="less, since everybody knows the parameter to be there")
+    certain: float = setting(0.0, "nat",
+        "that friction of a joint has to bring where none is stated",
+        "higher lets rarer effects stand for it; there is nothing lower",
+        chosen="every joint rubs: what is not known is how much")
     usual: float = setting(0.5, "of the joints",
         "more than which are stated to have an effect, so that it costs the others no more either",
         "higher names what is rare where plain friction is left out; lower prefers what few have")

@@ -11,7 +11,12 @@ from noisy_recordings import observed
 from estimators.diagnosis.fitting.contribution import material
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.fitting.simplicity import loaded, simplified
-from estimators.diagnosis.fitting.solving import _runaway, pruned, suspects
+from estimators.diagnosis.fitting.solving import (
+    _of_links_that_can_be,
+    _runaway,
+    pruned,
+    suspects,
+)
 from estimators.diagnosis.judgement.judgement import acts_most
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -23,6 +28,7 @@ from limo_driver.physics import (
     Simulation,
     SpringLoad,
     Tolerances,
+    TorqueGain,
     TorqueOffset,
     ViscousFriction,
 )
@@ -72,6 +78,24 @@ def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(c
     runaway = replace(solution, fitted=replace(solution.fitted, mean=mean))
     assert _runaway(problem, runaway) == soft
     assert pruned(problem, runaway).members == (payload,)
+
+
+def test_links_that_would_be_no_bodies_give_way_to_what_can_be():
+    """Two sensors tell half of the torque: more mass would have to be gone than is there."""
+    gains = (TorqueGain(joint=2, gain=-0.5), TorqueGain(joint=4, gain=-0.5))
+    problem, noise = problem_of(*gains)
+    links = tuple(place_of(problem, "link_inertia", joint) for joint in (2, 3, 4, 5))
+    solution = fitted(problem, links, noise)
+    nearer, other = _of_links_that_can_be(problem, solution, quiet, None)
+    found = {nearer.candidates[i].place for i in other.members}
+    assert found >= {("torque_gain", (1,)), ("torque_gain", (3,))}
+    assert "link_inertia" not in {effect for effect, _ in found}
+
+
+def test_a_link_that_is_wrong_stays_where_it_can_be_what_it_says(carrying):
+    problem, noise = carrying
+    solution = fitted(problem, (place_of(problem, "link_inertia", 7),), noise)
+    assert _of_links_that_can_be(problem, solution, quiet, None) == (problem, solution)
 
 
 def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(carrying):
