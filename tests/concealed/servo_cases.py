@@ -77,6 +77,7 @@ class Case:
     recordings: tuple[Played, ...]
     stated: dict  # sim.yaml
     description: str  # MJCF
+    servos: np.ndarray  # (n,) as they are, with the fields of `servo_plant.FIELDS`
 
     def write(self, folder: Path) -> tuple[Path, list[Path]]:
         """Write what a diagnosis is given; return the paths of simulation and recordings."""
@@ -177,7 +178,8 @@ def _drawn(
         position = tick * np.round((own.position * sign + zero) / tick)
         told = (own.command * sign + zero)[:, order]
         recordings.append(Played(own.time, told, position[:, order]))
-    return Case(seed, tuple(hidden), tuple(recordings), _stated(believed), plant.mjcf(arm))
+    stated, description = _stated(believed), plant.mjcf(arm)
+    return Case(seed, tuple(hidden), tuple(recordings), stated, description, servos)
 
 
 _SIZES = {
