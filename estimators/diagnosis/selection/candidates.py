@@ -102,7 +102,8 @@ def candidates_of(
             candidate = _entered(hypothesis, own, columns, level)
             if candidate is not None:
                 found.append(candidate)
-    return _counted([_less_rare(item, observed.simulation) for item in found])
+    bare, usual = without_friction(observed.simulation), _usual(observed.simulation)
+    return _counted([replace(item, rarity=_rarity(item, bare, usual)) for item in found])
 
 
 def _of_no_scale(observed: Observations) -> set[int]:
@@ -131,17 +132,20 @@ def without_friction(simulation: Simulation) -> tuple[int, ...]:
     return tuple(j for j in range(simulation.model.n) if j + 1 not in known)
 
 
-def _less_rare(candidate: Candidate, simulation: Simulation) -> Candidate:
-    """Return a candidate that costs as little as is known of it.
+def _rarity(candidate: Candidate, bare: Sequence[int], usual: set[str]) -> float:
+    """Return what a candidate has to bring before it is believed [nat].
 
     A joint rubs, whether that is stated or not. And what most joints are stated to have, the
     others may have, too.
+
+    Args:
+        candidate: The candidate.
+        bare: Joints (0-based) of which no friction is stated.
+        usual: Effects that most joints are stated to have.
     """
-    if candidate.effect in BASE and candidate.joints[0] in without_friction(simulation):
-        return replace(candidate, rarity=CANDIDATES.certain)
-    if candidate.effect in _usual(simulation):
-        return replace(candidate, rarity=CANDIDATES.deviating)
-    return candidate
+    if candidate.effect in BASE and candidate.joints[0] in bare:
+        return CANDIDATES.certain
+    return CANDIDATES.deviating if candidate.effect in usual else candidate.rarity
 
 
 def _usual(simulation: Simulation) -> set[str]:

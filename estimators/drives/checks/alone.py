@@ -12,9 +12,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.recordings.commanded import Commanded
 
-_TURNS: Final = (
-    3.0 * np.pi
-)  # [rad] from its first position, where no servo leads a joint without end
+_TURNS: Final = 3.0 * np.pi  # [rad] from where it begins, that no servo leads a joint without end
 _BEYOND: Final = np.pi  # [rad] behind the end of a joint, where nobody leads it
 _FAR: Final = 0.5  # [rad] from all commands of a joint, where few arms begin
 
