@@ -124,6 +124,17 @@ def test_of_two_that_predict_alike_the_simpler_stays():
     assert simplified(problem, fitted(problem, (offset,), noise)).members == (offset,)
 
 
+def test_friction_of_one_joint_stays_where_that_of_two_coupled_predicts_alike():
+    problem, noise = problem_of(CoulombFriction(joint=5, tau_c=0.5))
+    (coupling, *_) = (
+        i
+        for i, item in enumerate(problem.candidates)
+        if item.effect == "joint_coupling" and 4 in item.joints and item.prior.index.size > 1
+    )
+    (kept,) = simplified(problem, fitted(problem, (coupling,), noise)).members
+    assert problem.candidates[kept].joints == (4,)
+
+
 def test_what_is_more_than_the_simpler_explains_keeps_its_name():
     problem, noise = problem_of(SpringLoad(joint=3, stiffness=2.0, rest=0.3))
     knots = place_of(problem, "spring_load", 3)
@@ -153,6 +164,20 @@ def test_how_sharp_a_sign_is_makes_no_friction_simpler_than_another():
     problem, noise = problem_of(CoulombFriction(joint=3, tau_c=0.5))
     coulomb = place_of(problem, "coulomb_friction", 3)
     assert simplified(problem, fitted(problem, (coulomb,), noise)).members == (coulomb,)
+
+
+def test_friction_has_to_bring_nothing_to_be_believed_where_none_is_stated():
+    problem, _ = problem_of()
+    stated = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=0.5) for j in range(1, 7)))
+    other, _ = laid_out(observed().beside(stated))
+
+    def rarity(problem, effect, joint):
+        return problem.candidates[place_of(problem, effect, joint)].rarity
+
+    assert rarity(problem, "coulomb_friction", 3) == 0.0
+    assert rarity(other, "coulomb_friction", 7) == 0.0
+    assert rarity(other, "coulomb_friction", 3) > 0.0
+    assert rarity(problem, "spring_load", 3) == rarity(other, "spring_load", 3) > 5.0
 
 
 def test_a_last_link_that_lacks_mass_carries_no_load():
