@@ -163,6 +163,7 @@ def channels_of(recording: Recording, sliding: Sequence[bool] = ()) -> list[str]
         values: FloatArray = getattr(recording, name)
         steps = [resolution(column) for column in values.T]
         known = [(j + 1, step) for j, step in enumerate(steps) if step]
+        least = _STILL if name == "position" else 0.0  # a joint at rest repeats its position
         units = [along if own else turning for own in slides]
         if known:
             told.append(f"{name} comes in steps of {_by_joint(known, units)}")
@@ -172,7 +173,7 @@ def channels_of(recording: Recording, sliding: Sequence[bool] = ()) -> list[str]
         slow = [
             j + 1
             for j, column in enumerate(values.T)
-            if np.ptp(column) > 0 and not steps[j] and np.mean(np.diff(column) == 0) > _SLOWER
+            if np.ptp(column) > least and not steps[j] and np.mean(np.diff(column) == 0) > _SLOWER
         ]
         if slow:
             told.append(

@@ -9,9 +9,9 @@ print(found)
 found.save("diagnosis/")
 ```
 
-Values: RobotModel, Motion, Trajectory, Recording, Simulation. Robots: open_robot, Robot, JointState
-and commands. What to do with them: inspect, read, plan, excite, excite_servos, run, simulate,
-simulate_dataset, identify, predict, predict_forward, train, sweep, evaluate, diagnose,
+Values: RobotModel, Motion, Trajectory, Recording, Commanded, Simulation. Robots: open_robot, Robot,
+JointState and commands. What to do with them: inspect, read, plan, excite, excite_servos, run,
+simulate, simulate_dataset, identify, predict, predict_forward, train, sweep, evaluate, diagnose,
 diagnose_fleet, export, serve. Requests and settings say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.network.ros import RosTopic
     from limo_driver.physics import Simulation
+    from limo_driver.recordings.commanded import Commanded
     from limo_driver.recordings.recording import Recording
     from limo_driver.robot.registry import open_robot
     from limo_driver.robot.robot import Robot
@@ -79,6 +80,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOME = {
+    "Commanded": "limo_driver.recordings.commanded",
     "ExcitationRequest": "limopa",
     "Exploring": "limopa",
     "ImpedanceCommand": "limo_driver.types",
@@ -133,6 +135,7 @@ _HOME = {
 }
 
 __all__ = [
+    "Commanded",
     "ExcitationRequest",
     "Exploring",
     "ImpedanceCommand",

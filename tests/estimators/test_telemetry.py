@@ -106,6 +106,15 @@ def test_coarse_and_slow_channels_are_told(arm):
     assert "position of joints 1, 2, 3, 4, 5, 6, 7 changes in fewer than half" in said
 
 
+def test_the_position_of_a_joint_at_rest_is_measured_as_often_as_any(arm):
+    """It repeats in most rows, but for what its encoder creeps while other joints move."""
+    moving = recorded(arm, 1.0)
+    position = np.array(moving.position)
+    position[:, 2] = 0.3 + 1e-4 * (moving.time > 0.5 * moving.time[-1])
+    resting = Recording.from_arrays(moving.time, position, moving.torque)
+    assert not any("fewer than half" in line for line in channels_of(resting))
+
+
 def test_a_torque_that_swings_at_one_frequency_chatters(arm):
     quiet = recorded(arm, 1.0)
     assert not any("chatters" in line for line in channels_of(quiet))

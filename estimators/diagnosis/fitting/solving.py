@@ -220,15 +220,16 @@ def _helps(problem: RegressionProblem, solution: Solution, member: int) -> bool:
     """Say whether a member lowers errors: much, and whichever blocks of time had been recorded.
 
     Every joint rubs, and which law of friction it follows is a choice that has to be made: for the
-    likelier law either will do. Whether a member is a finding is another question.
+    likelier law either will do, where it is felt at all: some sensors see no friction. Whether a
+    member is a finding is another question.
     """
     if _relieves_sensors(problem, solution, member) or relieves(problem, solution, member):
         return True
     everywhere = range(problem.observed.n)
-    much = material(problem, solution, member, everywhere) >= CONTRIBUTION.material
-    if rubs(problem.candidates[member].effect):
-        return much or sure(problem, solution, member, everywhere)
-    return much and sure(problem, solution, member, everywhere)
+    size = material(problem, solution, member, everywhere)
+    if rubs(problem.candidates[member].effect) and size >= CONTRIBUTION.felt:
+        return size >= CONTRIBUTION.material or sure(problem, solution, member, everywhere)
+    return size >= CONTRIBUTION.material and sure(problem, solution, member, everywhere)
 
 
 def _relieves_sensors(problem: RegressionProblem, solution: Solution, member: int) -> bool:
