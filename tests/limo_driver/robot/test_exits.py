@@ -28,6 +28,11 @@ import numpy as np
 import limo_driver as limo
 from backends.virtual import VirtualRobot
 
+# whoever runs the tests may ignore some of them, as a shell does for what it runs behind
+signal.signal(signal.SIGINT, signal.default_int_handler)
+for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+    signal.signal(number, signal.SIG_DFL)
+
 class Told(VirtualRobot):
     "An arm that says how it was left."
     path = []
@@ -62,10 +67,13 @@ def left(program, number=None, *, status):
     with subprocess.Popen(
         [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as child:
-        assert child.stdout.readline() == "moving\n", child.stderr.read()
-        if number is not None:
-            child.send_signal(number)
-        out, err = child.communicate(timeout=120)
+        try:
+            assert child.stdout.readline() == "moving\n", child.stderr.read()
+            if number is not None:
+                child.send_signal(number)
+            out, err = child.communicate(timeout=120)
+        finally:
+            child.kill()  # nothing of one that has ended
         assert child.returncode == status, err
     words = out.split()
     assert words[:2] == ["left", "at"]
