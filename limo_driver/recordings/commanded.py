@@ -29,19 +29,39 @@ class Commanded:
     """T set-points of n joints, and where the arm was at the first of them.
 
     Rows are judged by time and commands: positions behind the first have no say in what is
-    simulated, and may be missing.
+    simulated, and may be missing. Make one with `of`.
+
+    Args:
+        time: (T,) [s], strictly increasing.
+        command: (T, n) [rad], each in force until the next.
+        start: (n,) [rad], recorded at the first of these rows.
+        rows: Row of the file of each, (T,).
+        rows_total: Rows of the file.
+        left_out: Rows that cannot be used, with the reasons.
+        warnings: What a user should know of the rows that were kept.
+        source: File it was read from, for messages.
+        robot: Name of the robot that was commanded; empty where the file does not say it.
+        recorded: What commands can be held against; None where no motion was recorded.
+
+    Raises:
+        RecordingError: There are no commands, or no position to start from (`of`,
+            `from_columns`).
+
+    Example:
+        >>> told = limo.Commanded.of(limo.read("commanded.parquet"))
+        >>> limo.predict_forward("servos.yaml", told)
     """
 
-    time: FloatArray  # (T,) [s], strictly increasing
-    command: FloatArray  # (T, n) [rad], each in force until the next
-    start: FloatArray  # (n,) [rad], recorded at the first of these rows
-    rows: NDArray[np.int64]  # (T,) row of the file of each
-    rows_total: int  # rows of the file
+    time: FloatArray
+    command: FloatArray
+    start: FloatArray
+    rows: NDArray[np.int64]
+    rows_total: int
     left_out: tuple[LeftOut, ...] = ()
     warnings: tuple[str, ...] = ()
     source: str = ""
-    robot: str = ""  # as the file names it, if it does
-    recorded: Recording | None = None  # what commands can be held against, if that was recorded
+    robot: str = ""
+    recorded: Recording | None = None
 
     def __post_init__(self) -> None:
         for name in ("time", "command", "start"):
@@ -62,6 +82,9 @@ class Commanded:
         Args:
             columns: Before any row is judged.
             source: Where they are from, for messages.
+
+        Returns:
+            All rows with a time and commands, from the first that has a position.
 
         Raises:
             RecordingError: There are no commands, or no position to start from; times or commands
@@ -102,6 +125,12 @@ class Commanded:
     def of(cls, recording: Recording) -> Commanded:
         """Take what is needed of a recording, of which all rows are usable.
 
+        Args:
+            recording: T samples of n joints, with commands.
+
+        Returns:
+            Its commands, and its first position.
+
         Raises:
             RecordingError: It has no commands.
         """
@@ -126,6 +155,9 @@ class Commanded:
 
     def check_robot(self, model: RobotModel) -> None:
         """Check that the commands can be of this robot, from where it was at first.
+
+        Args:
+            model: The robot.
 
         Raises:
             RecordingError: Other name or joint count, or a first position that the joints cannot
