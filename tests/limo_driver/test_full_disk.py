@@ -51,13 +51,19 @@ WRITERS = {
 
 @contextmanager
 def room(size):
-    """Let no file grow beyond a size [bytes], as on a disk that is full."""
+    """Let no file grow beyond a size [bytes], as on a disk that is full.
+
+    Python keeps as much byte code of a module as fits, and never reads the module again: so that of
+    what is imported meanwhile is not kept.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    kept, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        sys.dont_write_bytecode = kept
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -48,6 +48,7 @@ import numpy as np
 from limo_driver.logs.mcap_log import McapLog
 from limo_driver.network.messages import JOINT_STATE
 
+sys.dont_write_bytecode = True  # that would be cut off, and never read again
 _, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, hard))
 failures, random, rounds = [], np.random.default_rng(0), []
