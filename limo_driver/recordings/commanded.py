@@ -90,10 +90,7 @@ class Commanded:
             RecordingError: There are no commands, or no position to start from; times or commands
                 cannot be used, nor positions where most rows have them.
         """
-        if columns.command is None:
-            raise _lacking(
-                "lacks command_1: without the set-points of its drives, a motion", source
-            )
+        command = set_points(columns.command, source)
         usable = inspect_commands(columns)
         placed = np.asarray(np.isfinite(columns.position).all(axis=1))
         first = np.flatnonzero(placed[usable.rows])
@@ -110,7 +107,7 @@ class Commanded:
             recorded = Recording.from_columns(replace(columns, torque=no_torque), source)
         return cls(
             columns.time[rows],
-            columns.command[rows],
+            command[rows],
             columns.position[rows[0]],
             rows,
             columns.time.size,
@@ -136,13 +133,10 @@ class Commanded:
         """
         assert recording.rows is not None  # noqa: S101  # set as it is made
         source = recording.source
-        if recording.command is None:
-            raise _lacking(
-                "lacks command_1: without the set-points of its drives, a motion", source
-            )
+        command = set_points(recording.command, source)
         return cls(
             recording.time,
-            recording.command,
+            command,
             recording.position[0],
             recording.rows,
             recording.rows_total,
@@ -165,6 +159,21 @@ class Commanded:
         """
         start = self.start[None, :]
         check_arm(model, start, np.zeros_like(start), self.robot, self.source)
+
+
+def set_points(command: FloatArray | None, source: str) -> FloatArray:
+    """Return the set-points of a recording.
+
+    Args:
+        command: As it has them, (T, n) [rad]; None where it has none.
+        source: Where it is from, for messages.
+
+    Raises:
+        RecordingError: It has none.
+    """
+    if command is None:
+        raise _lacking("lacks command_1: without the set-points of its drives, a motion", source)
+    return command
 
 
 def _lacking(what: str, source: str) -> RecordingError:

@@ -57,7 +57,7 @@ def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatA
 def left_by_base(problem: RegressionProblem, solution: Solution) -> FloatArray:
     """Return the same of a simulation, which has nothing of what sensors add [N m]."""
     first, base = _of_base(problem, solution)
-    return first.left(base.fitted) + first.sensed(base.fitted)
+    return first.left_without_sensors(base.fitted)
 
 
 def _of_base(problem: RegressionProblem, solution: Solution) -> tuple[RegressionProblem, Solution]:

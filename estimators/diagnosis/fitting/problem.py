@@ -75,6 +75,10 @@ class RegressionProblem:
         """Return the residual of a fit, (K, n) [N m]."""
         return self.target - self.columns.apply(fitted.index, fitted.mean)
 
+    def left_without_sensors(self, fitted: Posterior) -> FloatArray:
+        """Return what a fit leaves that its simulation has: nothing of what sensors add, (K, n)."""
+        return self.left(fitted) + self.sensed(fitted)
+
     def sensed(self, fitted: Posterior) -> FloatArray:
         """Return what a fit ascribes to lags and offsets of sensors, (K, n) [N m].
 
@@ -181,10 +185,10 @@ class RegressionProblem:
         other._sums, other._rotations = self._sums, self._rotations  # of one of this class
         return other
 
-    def without_place(self, place: tuple[str, tuple[int, ...]]) -> RegressionProblem:
-        """Return the same, where no set has one effect at some joints (0-based)."""
+    def without_places(self, places: Collection[tuple[str, tuple[int, ...]]]) -> RegressionProblem:
+        """Return the same, where no set has some effects at some joints (0-based)."""
         fewer = [
-            replace(item, rarity=np.inf) if item.place == place else item
+            replace(item, rarity=np.inf) if item.place in places else item
             for item in self.candidates
         ]
         return self.with_candidates(fewer)

@@ -97,17 +97,13 @@ def _of_links_that_can_be(
     links = {item.place for item in problem.candidates if item.effect == LINK_INERTIA}
     if not any(problem.candidates[member].place in links for member in solution.members):
         return problem, solution
-    rows, fit = problem.split.fitted, solution.fitted
-    linear = np.maximum(rmse(problem.left(fit) + problem.sensed(fit), rows), TINY)
+    rows = problem.split.fitted
+    linear = np.maximum(rmse(problem.left_without_sensors(solution.fitted), rows), TINY)
     own = rmse(simulated(problem, solution), rows)
     if not (own > SOLVING.followed * linear).any():
         return problem, solution
-    fewer = problem
-    for place in links:
-        fewer = fewer.without_place(place)
-    if near is not None:
-        near = tuple(i for i in near if problem.candidates[i].place not in links)
-    other = _until_it_stays(fewer, solution, progress, near)
+    fewer = problem.without_places(links)
+    other = _until_it_stays(fewer, solution, progress, _elsewhere(problem, near, links))
     its = rmse(simulated(fewer, other), rows)
     nearer = np.sum((its / linear) ** 2) < np.sum((own / linear) ** 2)
     return (fewer, other) if nearer else (problem, solution)
@@ -125,15 +121,25 @@ def _of_what_can_be(
         worst = max(lost, key=lambda member: lost[member])
         if lost[worst] < CONTRIBUTION.tellable:
             break
-        place = problem.candidates[worst].place
-        fewer = problem.without_place(place)
-        if near is not None:
-            near = tuple(i for i in near if problem.candidates[i].place != place)
+        places = {problem.candidates[worst].place}
+        fewer = problem.without_places(places)
+        near = _elsewhere(problem, near, places)
         other = _until_it_stays(fewer, solution, progress, near)
         if solution.search.gain(other.members) < solution.gain - lost[worst]:
             break
         problem, solution = fewer, other
     return problem, solution
+
+
+def _elsewhere(
+    problem: RegressionProblem,
+    near: tuple[int, ...] | None,
+    places: Collection[tuple[str, tuple[int, ...]]],
+) -> tuple[int, ...] | None:
+    """Return the members of a set that is searched around, if one is, at no such place."""
+    if near is None:
+        return None
+    return tuple(i for i in near if problem.candidates[i].place not in places)
 
 
 def _until_it_stays(
@@ -245,9 +251,7 @@ def _relieves_sensors(problem: RegressionProblem, solution: Solution, member: in
     )
     if not (behind & ~ahead).any():
         return False
-    left, bare = (
-        rmse(problem.left(fit) + problem.sensed(fit), problem.observed.moving) for fit in fits
-    )
+    left, bare = (rmse(problem.left_without_sensors(fit), problem.observed.moving) for fit in fits)
     return bool((bare**2 - left**2 >= CONTRIBUTION.material**2 * left**2).any())
 
 
@@ -418,8 +422,7 @@ def _surely_beyond(
 
 def curved(problem: RegressionProblem, solution: Solution) -> bool:
     """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
-    fit = solution.fitted
-    linear = problem.left(fit) + problem.sensed(fit)
+    linear = problem.left_without_sensors(solution.fitted)
     moving = problem.observed.moving
     off, rest = rmse(simulated(problem, solution) - linear, moving), rmse(linear, moving)
     return bool((off > SOLVING.curved * rest).any())

@@ -31,7 +31,8 @@ from estimators.drives.simulation.joint_step import (
 from estimators.drives.simulation.plant import ServoArm
 from estimators.rigid_body.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
-from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.errors import ConfigError
+from limo_driver.recordings.commanded import set_points
 
 if TYPE_CHECKING:
     from limo_driver.physics import Simulation
@@ -139,13 +140,7 @@ def commands_of(recording: Recording) -> FloatArray:
     Raises:
         RecordingError: It has none.
     """
-    if recording.command is None:
-        raise RecordingError(
-            "lacks command_1: without the set-points of its drives, a motion cannot be simulated "
-            "forward",
-            path=recording.source or None,
-        )
-    return recording.command
+    return set_points(recording.command, recording.source)
 
 
 @compiled(nogil=True)
