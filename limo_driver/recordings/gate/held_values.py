@@ -20,6 +20,8 @@ SHORTEST = 0.05  # [s]; the filters read over less
 LEAST_JUMP = 2e-3  # [rad], with which a position that was held catches up
 FASTER = 3.0  # times the fastest motion that such a jump is
 LATEST = 0.3  # [s], in which a joint follows a command that steps
+MOST_ACCELERATION = 100.0  # [rad/s²], of joints of arms
+_ALIKE = 0.5  # of a command's swing, that friction lets it have in another rest
 _MOVED = 5e-4  # [rad] within a run; less is noise
 _NEAR = 0.05  # [s] from a limit, where noise is cut on one side
 _CHANCE = 1e-9  # that noise repeats a value for as long anywhere in a recording
@@ -70,7 +72,7 @@ def held_position(
     """Mark samples at which a position is held although its joint moves.
 
     A joint at rest repeats its value too, but does not jump when it starts: unless it was told to
-    rest, and then to be elsewhere.
+    rest, and then to be elsewhere, or friction held it until it broke away.
 
     Args:
         time: (T,) [s].
@@ -89,6 +91,8 @@ def held_position(
     speed = jump / np.maximum(time[stops] - time[stops - 1], 1e-9)
     caught_up = (stops - starts >= FEWEST) & (jump > LEAST_JUMP)
     caught_up &= speed > FASTER * speed.max(initial=0.0, where=~caught_up)
+    if command is not None and caught_up.any():
+        caught_up &= ~_sticks(time, position, command, starts, stops)
     for k in np.flatnonzero(caught_up):
         first, stop = int(starts[k]), int(stops[k])
         held[first + 1 : stop] = command is None or not _rests(time, command, first, stop)
@@ -99,6 +103,33 @@ def _rests(time: FloatArray, command: FloatArray, first: int, stop: int) -> bool
     """Say whether a joint is told to rest over a stretch of rows, but at its end."""
     last = int(np.searchsorted(time, time[stop] - LATEST, "right"))
     return last > first + 1 and float(np.ptp(command[first:last])) < LEAST_JUMP
+
+
+def _sticks(
+    time: FloatArray,
+    position: FloatArray,
+    command: FloatArray,
+    starts: NDArray[np.int64],
+    stops: NDArray[np.int64],
+) -> NDArray[np.bool_]:
+    """Say whether friction may have held a joint over runs of rows, until it broke away, (K,).
+
+    From rest to rest within a row it goes no further than its acceleration lets it. And friction
+    holds a joint wherever it starts: at first, or in another rest while its command moves as much.
+
+    Args:
+        time: (T,) [s].
+        position: (T,) [rad].
+        command: (T,) [rad].
+        starts: First rows of runs of equal positions, (K,).
+        stops: Rows behind them, (K,).
+    """
+    away = np.abs(position[stops] - position[stops - 1])
+    reach = 0.25 * MOST_ACCELERATION * (time[stops] - time[stops - 1]) ** 2
+    swing = np.array([np.ptp(command[a:b]) for a, b in zip(starts, stops, strict=True)])
+    second, most = np.sort(swing)[-2:]
+    other = np.where(swing == most, second, most)
+    return (away < reach) & ((starts == 0) | (other > _ALIKE * swing))
 
 
 def _runs(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

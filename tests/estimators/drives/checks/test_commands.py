@@ -377,6 +377,38 @@ def test_a_joint_that_rests_as_told_and_then_steps_lost_no_rows(time):
     assert check_commands([recording]) == ()
 
 
+def stuck_until(command, most):
+    """Return where a joint is that friction holds until its command is so far away, (T,) [rad]."""
+    position = np.empty_like(command)
+    at = command[0]
+    for row, wanted in enumerate(command):
+        at = wanted if abs(wanted - at) > most else at
+        position[row] = at
+    return position
+
+
+def test_a_joint_that_sticks_and_breaks_away_lost_no_rows():
+    command = 0.1 * np.stack([wave(0.05, 0.0, SLOW), wave(0.05, 1.0, SLOW)], axis=1)
+    position = np.stack([stuck_until(command[:, 0], 0.04), 0.98 * command[:, 1]], axis=1)
+
+    recording = recorded(SLOW, command, position)
+
+    assert not recording.left_out
+    assert check_commands([recording]) == ()
+
+
+def test_a_sensor_that_hangs_beside_a_joint_that_sticks_is_told():
+    command = 0.1 * np.stack([wave(0.05, 0.0, SLOW), wave(0.05, 1.0, SLOW)], axis=1)
+    position = np.stack([stuck_until(command[:, 0], 0.04), 0.98 * command[:, 1]], axis=1)
+    position[60:80, 1] = position[60, 1]
+
+    recording = recorded(SLOW, command, position)
+
+    assert [item.reason for item in recording.left_out] == [
+        "position_2 repeats a value while the joint moves"
+    ]
+
+
 def test_a_command_that_comes_with_the_last_rows_stalls_no_joint():
     command = np.stack([COMMAND[:, 0], np.where(TIME < 19.8, 0.0, 0.2)], axis=1)
     position = followed(COMMAND)
