@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Final
 
 from estimators.diagnosis.headline import (
     give_or_take,
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.verdict import Finding, Verdict
 
+ROWS_JUDGED: Final = "rows judged"  # heading of the only column that is no error
 NOT_JUDGED = "near rest, at reversals or under a push"
 WORSE = (
     "* Worse than given: without the effects that are missing, values move to make up for them on "
@@ -58,7 +60,8 @@ def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]
 def columns_of(verdict: Verdict) -> dict[str, Sequence[float]]:
     """Return the errors of each joint by heading, [N m] but for the part of the rows that counts.
 
-    A column that the verdict does not have is left out.
+    A column that the verdict does not have is left out. A joint of which no row counts has no
+    error: not a number.
     """
     fit = verdict.fit
     columns: dict[str, Sequence[float]] = {
@@ -66,11 +69,20 @@ def columns_of(verdict: Verdict) -> dict[str, Sequence[float]]:
         "within tolerances": fit.heldout_rmse_tolerances,
         "improved": fit.heldout_rmse_after,
         "noise floor": fit.noise_floor,
-        "rows judged": verdict.rows.part_judged(),
+        ROWS_JUDGED: verdict.rows.part_judged(),
         "all rows, given": fit.heldout_rmse_before_all_rows,
         "all rows, improved": fit.heldout_rmse_after_all_rows,
     }
-    return {heading: values for heading, values in columns.items() if values}
+    counted = verdict.rows.judged or (1,) * len(fit.noise_floor)
+    return {
+        heading: values if heading == ROWS_JUDGED else _of_counted(values, counted)
+        for heading, values in columns.items()
+        if values
+    }
+
+
+def _of_counted(values: Sequence[float], counted: Sequence[int]) -> list[float]:
+    return [x if rows else math.nan for x, rows in zip(values, counted, strict=True)]
 
 
 def kept_as_stated(verdict: Verdict) -> str:
@@ -94,8 +106,8 @@ def coverage(verdict: Verdict) -> str:
     parts = verdict.rows.part_judged()
     if not parts:
         return ""
-    low, high = min(parts), max(parts)
-    counted = dict.fromkeys(f"{100 * part:.0f} %" for part in (low, high))
+    low, high = min(filter(None, parts), default=0.0), max(parts)
+    counted = dict.fromkeys(map(_percent, (low, high)))
     return (
         f"The errors count {' to '.join(counted)} of the rows held out, by joint: those "
         f"{NOT_JUDGED} are neither fitted nor judged. The errors of all rows have those, too."
@@ -143,13 +155,18 @@ def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(map(str.rjust, row, widths)).rstrip() for row in rows]
 
 
+def _percent(part: float) -> str:
+    return f"{100 * part:.0f} %"
+
+
 def _table(verdict: Verdict) -> list[str]:
     """Return the errors as lines of one width, and what has to be known to read them."""
     joints = [str(j + 1) for j in range(len(verdict.fit.noise_floor))]
     worse = verdict.fit.worse_within_tolerances
     cells = [["", "joint", *joints]]
     for heading, values in columns_of(verdict).items():
-        texts = [f"{100 * v:.0f} %" if heading == "rows judged" else rounded(v) for v in values]
+        say = _percent if heading == ROWS_JUDGED else rounded
+        texts = [say(value) if math.isfinite(value) else "-" for value in values]
         if worse and heading == "within tolerances":
             texts = [text + " *"[j in worse] for j, text in enumerate(texts, start=1)]
         first, _, second = heading.rpartition(" ")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from limo_driver.display import shortened, spanned
 from limo_driver.errors import ConfigError, LimoError
+from limo_driver.foreign.columns.names import NO_COLUMN
 from limo_driver.foreign.mapping import QUANTITIES, Channels, LogMapping, TimeColumns
 from limo_driver.outputs import whole
 
@@ -90,7 +91,7 @@ def _check_of(mapping: LogMapping, found: Inspection) -> None:
     known = {*model.joint_names, *model.description.locked}
     if other := [name for name in mapping.joints if name not in known]:
         raise ConfigError(f"it is of the joints {shortened(other)}, not of {model.name}")
-    there = {*found.table.columns, *found.table.unread}
+    there = {*found.table.columns, *found.table.unread, NO_COLUMN}
     parts = (getattr(mapping, quantity) for quantity in _PARTS)
     lacking = [name for part in parts if part for name in part.columns if name not in there]
     if lacking:

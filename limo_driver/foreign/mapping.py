@@ -23,6 +23,7 @@ import yaml
 from limo_driver.declarations import read_yaml
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.foreign.columns.names import NO_COLUMN
 from limo_driver.foreign.columns.units import CURRENTS, SECONDS, UNITS
 from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
@@ -99,7 +100,9 @@ class Channels(Declared):
     Lists have one entry for each joint, or one for all of them.
     """
 
-    columns: tuple[str, ...] = parameter("", "one for each joint, in their order")
+    columns: tuple[str, ...] = parameter(
+        "", f"one for each joint, in their order; {NO_COLUMN} where the log has none of it"
+    )
     unit: tuple[str, ...] = parameter("", "of the columns", of=_EVERY)
     sign: tuple[float, ...] = parameter("1", "1 or -1", lower=-1, upper=1, default=(1.0,))
     zero: tuple[float, ...] = parameter("", "what the column says at zero", default=(0.0,))
@@ -122,7 +125,7 @@ class Channels(Declared):
         scale = np.resize([UNITS[quantity][unit] for unit in self.unit], n)
         scale = scale * np.resize(self.sign, n) * np.resize(self.factor, n)
         for j, (name, zero) in enumerate(zip(self.columns, np.resize(self.zero, n), strict=True)):
-            column = table.column(name)
+            column = values_of(table, name)
             if column.dtype.kind in "mM":
                 raise RecordingError(
                     f"column {name} holds dates, expected numbers", path=table.source
@@ -179,6 +182,11 @@ class LogMapping(Declared, Displayed):
                 raise ConfigError(
                     f"{quantity}: has {len(channels.columns)} columns for {len(self.joints)} joints"
                 )
+            if quantity != "torque" and NO_COLUMN in channels.columns:
+                raise ConfigError(
+                    f"{quantity}: has no column of joint "
+                    f"{self.joints[channels.columns.index(NO_COLUMN)]}; only torques may lack some"
+                )
             for unit in channels.unit:
                 if unit not in UNITS[quantity]:
                     raise ConfigError(
@@ -191,7 +199,8 @@ class LogMapping(Declared, Displayed):
 
     def _columns(self) -> list[str]:
         every = [getattr(self, quantity) for quantity in QUANTITIES]
-        return [name for channels in every if channels is not None for name in channels.columns]
+        names = (name for channels in every if channels is not None for name in channels.columns)
+        return [name for name in names if name != NO_COLUMN]
 
     def headline(self) -> str:
         """Say what it maps."""
@@ -311,6 +320,11 @@ class LogMapping(Declared, Displayed):
         order = [self.joints.index(name) for name in names]
         parts = {q: getattr(self, q) for q in QUANTITIES if getattr(self, q) is not None}
         return replace(self, joints=names, **{q: _ordered(c, order) for q, c in parts.items()})
+
+
+def values_of(table: LogTable, name: str) -> NDArray[Any]:
+    """Return a column of a log; NaN throughout where it has none."""
+    return np.full(table.rows, np.nan) if name == NO_COLUMN else table.column(name)
 
 
 def _first_known(values: NDArray[Any]) -> Any:  # noqa: ANN401  # a number or a date

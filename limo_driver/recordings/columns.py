@@ -1,4 +1,4 @@
-"""Columns of a log before its rows are judged; wraps of positions, joints without any torque."""
+"""Columns of a log before its rows are judged, and wraps of positions."""
 
 from __future__ import annotations
 
@@ -34,19 +34,6 @@ class Columns:
         if self.command is not None:
             measured["command"] = self.command
         return measured if self.velocity is None else measured | {"velocity": self.velocity}
-
-
-def without_empty_torques(columns: Columns) -> Columns:
-    """Return the same with 0 for the torque of joints that have none in any row, and say so."""
-    empty = ~np.isfinite(columns.torque).any(axis=0)
-    if empty.all() or not empty.any():
-        return columns
-    told = [f"torque_{j + 1} is never measured; it is kept as 0" for j in np.flatnonzero(empty)]
-    return replace(
-        columns,
-        torque=np.where(empty, 0.0, columns.torque),
-        warnings=(*columns.warnings, *told),
-    )
 
 
 def without_wraps(columns: Columns) -> Columns:

@@ -58,7 +58,8 @@ def read_columns(path: Path) -> Columns:
         for quantity, names in by_quantity.items()
         if len(names) == n
     }
-    partial = sorted(quantity for quantity, names in by_quantity.items() if len(names) != n)
+    arrays["torque"] = _torques(table, n, path)
+    partial = sorted(by_quantity.keys() - arrays.keys())
     if partial:
         warnings += (f"{', '.join(partial)}: not one column for each of {n} joints; not read",)
     header, unread = _header(table)
@@ -66,7 +67,7 @@ def read_columns(path: Path) -> Columns:
     return Columns(
         time=time,
         position=arrays.pop("position"),
-        torque=arrays.pop("torque", np.full((table.num_rows, n), np.nan)),
+        torque=arrays.pop("torque"),
         velocity=arrays.pop("velocity", None),
         command=arrays.pop(_INSTEAD, None),
         spread=kept.spread,
@@ -215,6 +216,8 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
     if "torque" not in joints and _INSTEAD in joints:
         needed = ("position", _INSTEAD)
     n = max((max(joints[quantity]) for quantity in needed if quantity in joints), default=1)
+    if "torque" in joints:
+        needed = ("position",)  # some drives may tell no torque
     expected = ["time", *(f"{q}_{j}" for q in needed for j in range(1, n + 1))]
     if missing := [name for name in expected if name not in table.column_names]:
         raise RecordingError(
@@ -233,6 +236,15 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
 def _shorten(names: list[str], most: int = 8) -> str:
     listed = ", ".join(names[:most])
     return listed + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _torques(table: pa.Table, n: int, path: Path) -> FloatArray:
+    """Return the torque of each joint, (T, n); NaN for those that have no column."""
+    torque = np.full((table.num_rows, n), np.nan)
+    for j, values in enumerate(torque.T, start=1):
+        if f"torque_{j}" in table.column_names:
+            values[:] = _values(table, f"torque_{j}", path)
+    return torque
 
 
 def _stack(table: pa.Table, names: list[str], path: Path) -> FloatArray:

@@ -19,13 +19,14 @@ from limo_driver.recordings.checks import (
     check_values,
     numbers,
 )
-from limo_driver.recordings.columns import Columns, without_empty_torques, without_wraps
+from limo_driver.recordings.columns import Columns, without_wraps
 from limo_driver.recordings.filtered_samples import FilteredSamples
 from limo_driver.recordings.gate import (
     LeftOut,
     UsableRows,
     inspect,
     inspect_by_joint,
+    without_silent_torques,
 )
 from limo_driver.recordings.recorded_time import seconds
 from limo_driver.recordings.stretches import STRETCH, STRETCH_SECONDS, Stretches
@@ -202,7 +203,7 @@ class Recording(FilteredSamples, Displayed):
         columns = without_wraps(columns)
         if columns.command is not None and np.isnan(columns.torque).all():
             return cls._without_torque(columns, source)
-        columns = without_empty_torques(columns)
+        columns = without_silent_torques(columns)
         recording = cls._of(columns, inspect(columns), source)
         if not np.isfinite(columns.torque).all() or any(
             item.reason.startswith("torque_") for item in recording.left_out

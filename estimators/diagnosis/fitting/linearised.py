@@ -102,8 +102,10 @@ class Linearised:
         for trial in self._shorter(self._newton(residual, noise, split)):
             if likelier(trial) and (rmse(trial.residual, split) <= NEWTON.slack * size).all():
                 return trial
+        some = size > 0  # a joint without any torque errs by nothing, whatever is tried
         for trial in self._shorter(self._newton_of_found(residual, noise, split)):
-            if likelier(trial) and np.mean((rmse(trial.residual, split) / size) ** 2) <= 1.0:
+            parts = rmse(trial.residual, split)[some] / size[some]
+            if likelier(trial) and np.mean(parts**2) <= 1.0:
                 return trial
         return None
 

@@ -50,7 +50,7 @@ def fit_of(
     """
     given, rows = problem.observed.residual, problem.split.held_out
     before, after = rmse(given, rows), rmse(proven, rows)
-    every = np.broadcast_to(problem.split.apart[:, None], rows.shape)
+    every = problem.observed.measured_on(problem.split.apart)
     return Fit(
         tuple(before.tolist()),
         tuple(after.tolist()),

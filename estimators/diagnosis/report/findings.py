@@ -143,9 +143,10 @@ def _robot(diagnosis: Diagnosis) -> str:
 
 def _errors(verdict: Verdict) -> str:
     """Return the errors of each joint, on the rows that count and on all rows."""
-    fit, worse = verdict.fit, verdict.fit.worse_within_tolerances
+    worse = verdict.fit.worse_within_tolerances
     columns = columns_of(verdict)
-    ratio = np.array(fit.heldout_rmse_after) / np.maximum(np.array(fit.noise_floor), 1e-12)
+    after, floor = np.array(columns["improved"]), np.array(columns["noise floor"])
+    ratio = after / np.maximum(floor, 1e-12)
     columns[_RATIO] = ratio.tolist()
     rows = [
         [str(j), *(_cell(name, value, marked=j in worse) for name, value in errors.items())]

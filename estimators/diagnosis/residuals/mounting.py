@@ -64,7 +64,7 @@ def with_mounting(verdict: Verdict, given: Observations, mounted: Observations) 
         if item.effect != GravityDirection.name
     )
     low, high = fit.ci95
-    every = np.broadcast_to(Split.of(given).apart[:, None], rows.shape)
+    every = given.measured_on(Split.of(given).apart)
     return replace(
         verdict,
         verdict={"consistent": "explained", "unexplained": "partly_explained"}.get(

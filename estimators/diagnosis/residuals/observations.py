@@ -331,6 +331,11 @@ class Observations:
             moving &= ~self.unmeasured
         return moving if self.disturbed is None else moving & ~self.disturbed[:, None]
 
+    def measured_on(self, rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Mark which torques of some rows (K,) are measurements, (K, n)."""
+        every = np.broadcast_to(rows[:, None], self.measured.shape)
+        return every if self.unmeasured is None else every & ~self.unmeasured
+
     @cached_property
     def since_reversal(self) -> FloatArray:
         """Distance that each joint has travelled since its last reversal, (T, n) [rad]."""

@@ -25,6 +25,7 @@ from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.torque_unit import other_unit
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
+from estimators.diagnosis.wording import listed, of_joints
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import GravityDirection, Simulation
@@ -186,12 +187,14 @@ def notes_on(observed: Observations, doubts: Sequence[str] | None = None) -> tup
             "looked for, and nothing else is said of it."
         )
         return tuple(warnings)
-    if silent := without_torque(observed):
-        warnings += [
-            f"Joint {j + 1} is left out: its torque is {observed.measured[0, j]:.4g} N m in all "
-            "rows."
-            for j in silent
-        ]
+    silent = without_torque(observed)
+    if silent:
+        where = of_joints([j + 1 for j in silent]).capitalize()
+        values = listed([*dict.fromkeys(f"{observed.measured[0, j]:.4g}" for j in silent)])
+        is_ = "is" if len(silent) == 1 else "are"
+        warnings.append(
+            f"{where} {is_} left out: no torque is measured there, {values} N m in all rows."
+        )
     motionless = [j for j in still(observed) if j not in silent]
     if not motionless:
         return tuple(warnings)

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from limo_driver.display import spanned
-from limo_driver.foreign.columns.names import COMMANDED, DERIVED, MEASURED, PLAIN, TIME, read_name
+from limo_driver.foreign.columns.names import (
+    COMMANDED,
+    DERIVED,
+    MEASURED,
+    NO_COLUMN,
+    PLAIN,
+    TIME,
+    read_name,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -39,10 +47,26 @@ class ColumnFamily:
         units = {name.unit for name in self.names}
         return units.pop() if len(units) == 1 else ""
 
+    def beside(self, other: ColumnFamily) -> ColumnFamily | None:
+        """Return this with `NO_COLUMN` for joints that only another has; None if it has others.
+
+        Args:
+            other: Which has all joints, in their order.
+        """
+        own = {name.joint: name for name in self.names}
+        every = [name.joint for name in other.names]
+        if self.by_order or self.beyond or None in own or not own.keys() <= {*every}:
+            return None
+        first = self.names[0]
+        lacking = replace(first, column=NO_COLUMN)
+        names = tuple(own.get(joint, replace(lacking, joint=joint)) for joint in every)
+        return replace(self, names=names, missing=())
+
     def __str__(self) -> str:
         """Name its columns, and whether they are measured."""
         said = _SAID[self.rank]
-        return f"{spanned(self.columns)}{f' ({said})' if said else ''}"
+        known = [column for column in self.columns if column != NO_COLUMN]
+        return f"{spanned(known)}{f' ({said})' if said else ''}"
 
 
 def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[ColumnFamily]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 TIME, POSITION, VELOCITY, ACCELERATION = "time", "position", "velocity", "acceleration"
 TORQUE, CURRENT, TEMPERATURE, NOTHING = "torque", "current", "temperature", ""
+NO_COLUMN: Final = "-"  # stands for a column that a log does not have
 COMMAND = "command"  # positions that were commanded, beside those that were measured
 MEASURED, PLAIN, COMMANDED, DERIVED = 0, 1, 2, 3  # ranks: which of two is the measurement
 

@@ -80,8 +80,12 @@ def _fit(
 
 
 def usual(values: FloatArray) -> np.ndarray:
-    """Mark rows whose values are numbers, and none far beyond those of the others, (T,)."""
+    """Mark rows whose values are numbers, and none far beyond those of the others, (T,).
+
+    Columns without any number say nothing of a row.
+    """
     values = np.where(np.isfinite(values), values, np.nan)
+    values = values[:, np.isfinite(values).any(axis=0)]
     low, high = np.nanquantile(values, (0.01, 0.99), axis=0)
     reach = _FAR * (high - low) + 1e-9
     return ((values >= low - reach) & (values <= high + reach)).all(axis=1)

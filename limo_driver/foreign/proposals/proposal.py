@@ -18,6 +18,8 @@ from limo_driver.foreign.columns.names import (
     COMMAND,
     COMMANDED,
     CURRENT,
+    MEASURED,
+    NO_COLUMN,
     NOTHING,
     PLAIN,
     POSITION,
@@ -31,7 +33,7 @@ from limo_driver.foreign.columns.names import (
 )
 from limo_driver.foreign.columns.units import CURRENTS, UNITS
 from limo_driver.foreign.formats.lerobot import KIND as LEROBOT
-from limo_driver.foreign.mapping import Channels, LogMapping
+from limo_driver.foreign.mapping import Channels, LogMapping, values_of
 from limo_driver.foreign.proposals.motion_units import (
     Beside,
     position_reading,
@@ -89,7 +91,7 @@ class _Draft:
 
     def values(self, family: ColumnFamily) -> FloatArray:
         """Return the columns of a family as the log has them, (T, n)."""
-        columns = [self.table.column(name) for name in family.columns]
+        columns = [values_of(self.table, name) for name in family.columns]
         return np.stack(columns, axis=1).astype(np.float64)
 
     def take(
@@ -97,6 +99,9 @@ class _Draft:
     ) -> Channels:
         """Note what is taken, and return it."""
         told = ", ".join(dict.fromkeys(unit))
+        every = zip(self.model.joint_names, family.columns, strict=True)
+        if lacking := [joint for joint, column in every if column == NO_COLUMN]:
+            why += f"; the log has none of {shortened(lacking)}"
         self.taken.append(Taken(quantity, str(family), told, why))
         if family.by_order and self.model.n > 1:
             self.questions.append(
@@ -144,7 +149,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     draft.questions += time.questions
     draft.taken.append(Taken("time", ", ".join(time.columns.columns), time.unit, time.why))
     positions = _position_family(draft)
-    torques = _torque_family(draft)
+    torques = _torque_family(draft, positions)
     position = _positions(draft, positions, _beside(draft, time, torques))
     torque = _torques(draft, torques, position)
     velocity = _velocities(draft, time.columns, position)
@@ -246,9 +251,23 @@ def _position_family(draft: _Draft) -> ColumnFamily:
     )
 
 
-def _torque_family(draft: _Draft) -> ColumnFamily | None:
-    found = _best(draft, TORQUE)
-    return found if found is not None else _best(draft, CURRENT)
+def _torque_family(draft: _Draft, positions: ColumnFamily) -> ColumnFamily | None:
+    found = _best(draft, TORQUE) or _best(draft, CURRENT)
+    return found or _of_some_joints(draft, positions)
+
+
+def _of_some_joints(draft: _Draft, positions: ColumnFamily) -> ColumnFamily | None:
+    """Return the torques or currents that a log has of some joints of its positions alone."""
+    some = (
+        (family, family.beside(positions))
+        for family in draft.families
+        if family.quantity in {TORQUE, CURRENT} and family.rank in {MEASURED, PLAIN}
+    )
+    found = [(family, filled) for family, filled in some if filled is not None]
+    if not found:
+        return None
+    rank = {TORQUE: 0, CURRENT: 1}
+    return min(found, key=lambda pair: (rank[pair[0].quantity], -len(pair[0].names)))[1]
 
 
 def _beside(draft: _Draft, time: TimeFound, torques: ColumnFamily | None) -> Beside:

@@ -70,6 +70,8 @@ def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
     positions = _named(table, model, (POSITION,))
     torques = _named(table, model, (TORQUE, CURRENT))
     known = positions.keys() & torques.keys() if torques else positions.keys()
+    if any(name not in known and _is_cut(known, (name,)) for name in positions):
+        known = positions.keys()  # torques of some joints of a series: the others of it move, too
     taken = [name for name in model.joint_names if name in known]
     missing = [name for name in model.joint_names if name not in taken]
     if not taken or not missing or _is_cut(taken, missing):

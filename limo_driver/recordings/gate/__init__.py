@@ -9,6 +9,7 @@ from limo_driver.recordings.gate.rows import (
     inspect_by_joint,
     inspect_commands,
 )
+from limo_driver.recordings.gate.silent_torques import without_silent_torques
 from limo_driver.recordings.gate.velocities import velocity_factor
 
 __all__ = [
@@ -23,4 +24,5 @@ __all__ = [
     "inspect_by_joint",
     "inspect_commands",
     "velocity_factor",
+    "without_silent_torques",
 ]

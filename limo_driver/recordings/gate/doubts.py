@@ -73,7 +73,9 @@ def _about_joints(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
             )
         if np.ptp(position) < STILL:
             found.append(f"joint {j + 1} never moves (range {np.ptp(position):.2g} rad)")
-        if np.ptp(torque) == 0 and not (columns.command is not None and torque[0] == 0):
+        told = any(known.startswith(f"torque_{j + 1} ") for known in columns.warnings)
+        no_torque = columns.command is not None and torque[0] == 0
+        if np.ptp(torque) == 0 and not (told or no_torque):
             found.append(f"torque_{j + 1} is always {torque[0]:g} N m")
     return found
 

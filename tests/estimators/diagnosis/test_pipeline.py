@@ -509,8 +509,14 @@ def test_a_joint_without_torque_is_left_out_by_name_and_the_others_are_judged():
     torque[:, 2] = 0.0
     found = diagnose(iiwa, [replace(whole, torque=torque)])
     assert names(found) == {("payload", "missing", (7,))}
-    assert "Joint 3 is left out: its torque is 0 N m in all rows." in found.verdict.notes
+    assert (
+        "Joint 3 is left out: no torque is measured there, 0 N m in all rows."
+        in found.verdict.notes
+    )
     assert found.verdict.rows.usable[2] == 0
+    assert found.verdict.fit.heldout_rmse_before_all_rows[2] == 0.0
+    (line,) = [text for text in str(found).splitlines() if text.startswith("    3 ")]
+    assert line.split() == ["3", "-", "-", "-", "-", "0", "%", "-", "-"]
 
 
 def test_recordings_without_any_torque_are_refused(given):

@@ -189,6 +189,24 @@ def test_a_joint_without_any_torque_is_told_and_kept_as_zero(tmp_path):
     assert not recording.torque[:, 1].any()
 
 
+def test_a_torque_that_is_one_value_in_most_of_a_motion_is_told_and_kept_as_zero(tmp_path):
+    """As the current of a drive that wakes above some load, or a sensor that hangs at its limit."""
+    columns = noisy_columns()
+    whole = columns["torque_2"].copy()
+    columns["torque_2"] = np.where(np.abs(whole - 1.0) < 4.5, 0.0, whole)
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    (told,) = [said for said in recording.warnings if said.startswith("torque_2")]
+    assert told.endswith(
+        "of the rows in which its joint moves, and measures nothing; it is kept as 0"
+    )
+    assert "torque_2 is 0 in 7" in told
+    assert not recording.torque[:, 1].any()
+    assert recording.left_out == ()  # it costs the other joints nothing
+    columns["torque_2"] = np.where(np.abs(whole - 1.0) < 2.0, 0.0, whole)  # a quarter of the rows
+    part = Recording.load(write(columns, tmp_path / "b.parquet"))
+    assert part.torque[:, 1].any()
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -216,7 +234,7 @@ def refuse(change, message, tmp_path, T=400):
     ("change", "message"),
     [
         (lambda c: {k: v for k, v in c.items() if k != "time"}, "lacks time;"),
-        (lambda c: {k: v for k, v in c.items() if k != "torque_2"}, "lacks torque_2;"),
+        (lambda c: {k: v for k, v in c.items() if k != "position_2"}, "lacks position_2;"),
         (lambda c: {k: v for k, v in c.items() if "position" not in k}, "lacks position_1, pos"),
         (
             lambda c: c | {"time": c["time"] * 1e3},

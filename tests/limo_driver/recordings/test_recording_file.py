@@ -140,3 +140,13 @@ def test_a_folder_and_repeated_columns_are_refused(tmp_path):
     pq.write_table(table, tmp_path / "a.parquet")
     with pytest.raises(RecordingError, match="more than one column torque_2"):
         Recording.load(tmp_path / "a.parquet")
+
+
+def test_a_file_may_lack_the_torque_of_some_joints(tmp_path):
+    columns = make_columns(400)
+    whole = Recording.load(write(columns, tmp_path / "whole.parquet"))
+    del columns["torque_2"]
+    recording = Recording.load(write(columns, tmp_path / "some.parquet"))
+    assert "torque_2 is never measured; it is kept as 0" in recording.warnings
+    assert not recording.torque[:, 1].any()
+    assert (recording.torque[:, 0] == whole.torque[:, 0]).all()

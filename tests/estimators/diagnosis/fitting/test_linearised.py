@@ -138,6 +138,17 @@ def test_where_nothing_else_may_move_what_was_found_goes_to_its_end_alone(given,
     assert np.all(rmse(found.residual, rows) < 1.01 * rmse(observed.beside(start).residual, rows))
 
 
+def test_a_joint_without_torque_keeps_no_other_from_its_end(given, monkeypatch):
+    """It errs by nothing, and nothing is a part of nothing."""
+    monkeypatch.setattr(linearised, "NEWTON", replace(linearised.NEWTON, slack=0.0))
+    observed = observe(plus(given, TorqueGain(joint=2, gain=-0.4)), given)
+    silent = np.broadcast_to([True, False], observed.measured.shape)
+    observed = replace(observed, unmeasured=silent)
+    start = plus(given, TorqueGain(joint=2, gain=-0.2))
+    found = polished(observed, start, observed.moving, [("torque_gain", (2,), True)])
+    assert found.simulation.effects[2].gain == pytest.approx(-0.4, abs=0.01)
+
+
 def test_a_fit_that_is_at_its_end_stays(given):
     observed = observe(given, given)
     once = polished(observed, given, observed.moving, [])

@@ -1,6 +1,7 @@
 """Logs that name some joints of a robot: those are taken, the others locked, and that is said."""
 
 import re
+from dataclasses import replace
 from importlib.metadata import files
 from pathlib import Path
 
@@ -127,16 +128,12 @@ def test_a_joint_without_torque_is_locked_where_the_log_has_it(robot):
 
 
 def test_a_log_that_ends_within_a_series_of_joints_is_refused(tmp_path, robot):
-    text = Path(robot).read_text(encoding="utf-8")
-    for k, name in enumerate(("shoulder", "elbow", "claw")):
-        text = text.replace(f'joint name="{name}"', f'joint name="arm_{k + 1}"')
-    path = tmp_path / "series.urdf"
-    path.write_text(text, encoding="utf-8")
-    log, _, _ = log_of(str(path), ("back", "arm_1", "arm_2"))
+    path = series_of(robot, tmp_path)
+    log, _, _ = log_of(path, ("back", "arm_1", "arm_2"))
     with pytest.raises(
         RecordingError, match=r"lacks column, arm_3, neck; .* named after a # of it"
     ):
-        limo.read(log, str(path))
+        limo.read(log, path)
     assert limo.read(log, f"{path}#back,arm_1,arm_2").n == 3
 
 
@@ -217,3 +214,39 @@ def test_a_joint_that_moves_and_weighs_is_asked_for(whole):
     assert "the place of joint f changes what gravity asks of the others" in question
     light, log = whole(0.15 + 0.1 * np.sin(time), mass=0.01)
     assert not [q for q in limo.inspect(log, light).questions if q.startswith("robot:")]
+
+
+def series_of(robot, tmp_path):
+    """The robot with three joints that differ in their numbers alone."""
+    text = Path(robot).read_text(encoding="utf-8")
+    for k, name in enumerate(("shoulder", "elbow", "claw")):
+        text = text.replace(f'joint name="{name}"', f'joint name="arm_{k + 1}"')
+    path = tmp_path / "series.urdf"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def test_of_a_series_some_joints_may_lack_a_torque(tmp_path, robot):
+    path = series_of(robot, tmp_path)
+    log, q, torque = log_of(path, ("back", "arm_1", "arm_2", "arm_3"))
+    del log["arm_2_effort_nm"]
+    recording = limo.read(log, path)
+    assert recording.robot.endswith("#back,arm_1,arm_2,arm_3")
+    np.testing.assert_allclose(recording.position, of(q, "back", "arm_1", "arm_2", "arm_3"))
+    known = of(torque, "back", "arm_1", "arm_2", "arm_3") * [1, 1, 0, 1]
+    np.testing.assert_allclose(recording.torque, known)
+    assert "torque_3 is never measured; it is kept as 0" in recording.warnings
+    found = limo.inspect(log, path)
+    assert found.mapping.torque.columns[2] == "-"
+    assert "the log has none of arm_2" in str(found)
+    found.mapping.save(tmp_path / "mapping.yaml")
+    again = limo.read(log, path, LogMapping.load(tmp_path / "mapping.yaml"))
+    np.testing.assert_allclose(again.torque, known)
+
+
+def test_positions_may_not_lack_a_joint(tmp_path, robot):
+    log, _, _ = log_of(robot, ("back", *ARM))
+    mapping = limo.inspect(log, robot).mapping
+    given = replace(mapping.position, columns=("back_pos_rad", "-", "elbow_pos_rad"))
+    with pytest.raises(ConfigError, match="position: has no column of joint shoulder; only torq"):
+        replace(mapping, position=given)

@@ -1,0 +1,80 @@
+"""Silent torques: those of joints whose torque was not measured, whatever its column holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.recordings.gate.held_values import held_torque
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.recordings.columns import Columns
+    from limo_driver.types import FloatArray
+
+_MOSTLY: Final = 0.5  # of the rows in which a joint moves
+_WITHIN: Final = 0.1  # [s], in which a joint that moves does so
+_BY: Final = 1e-3  # [rad], beyond the noise of encoders
+
+
+def without_silent_torques(columns: Columns) -> Columns:
+    """Return the same with 0 for torques that nobody measured, and say so.
+
+    A column without a number is one. So is one that holds a single value in most of the rows in
+    which its joint moves, for longer than the noise of the others allows: a current within its dead
+    band, or a sensor at its limit. The few rows between say when it wakes, and not what the joint
+    feels.
+    """
+    torque, told = np.array(columns.torque), list(columns.warnings)
+    if not np.isfinite(torque).any():
+        return columns
+    every = zip(columns.position.T, torque.T, strict=True)
+    for number, (position, values) in enumerate(every, start=1):
+        if not np.isfinite(values).any():
+            told.append(f"torque_{number} is never measured; it is kept as 0")
+        elif (held := _mostly(columns.time, position, values)) is not None:
+            told.append(
+                f"torque_{number} is {held[0] + 0.0:.4g} in {held[1]:.0%} of the rows in which its "
+                "joint moves, and measures nothing; it is kept as 0"
+            )
+        else:
+            continue
+        values[:] = 0.0
+    if len(told) == len(columns.warnings):
+        return columns
+    return replace(columns, torque=torque, warnings=tuple(told))
+
+
+def _mostly(
+    time: FloatArray, position: FloatArray, torque: FloatArray
+) -> tuple[float, float] | None:
+    """Return the value that a torque has in most rows in motion, and in which part; None if none.
+
+    Args:
+        time: (T,) [s].
+        position: (T,) [rad], of one joint.
+        torque: (T,) [N m], of the same joint.
+    """
+    known = np.isfinite(time) & np.isfinite(position) & np.isfinite(torque)
+    time, position, torque = time[known], position[known], torque[known]
+    if time.size < 2 or not np.all(np.diff(time) > 0):  # noqa: PLR2004  # a rate takes two
+        return None  # rows out of time are judged one by one
+    moves = _moves(time, position)
+    if not moves.any():
+        return None
+    value = float(np.median(torque[moves]))  # that of more than half, if there is one
+    part = float(np.mean(torque[moves] == value))
+    if part <= _MOSTLY or not held_torque(time, position, torque).any():
+        return None
+    return value, part
+
+
+def _moves(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
+    """Mark the rows (T,) after which a joint moves."""
+    ahead = max(1, round(_WITHIN / float(np.median(np.diff(time)))))
+    moves = np.zeros(time.size, dtype=bool)
+    moves[:-ahead] = np.abs(position[ahead:] - position[:-ahead]) > _BY
+    return moves
