@@ -244,7 +244,7 @@ def test_of_a_series_some_joints_may_lack_a_torque(tmp_path, robot):
     np.testing.assert_allclose(again.torque, known)
 
 
-def test_positions_may_not_lack_a_joint(tmp_path, robot):
+def test_positions_may_not_lack_a_joint(robot):
     log, _, _ = log_of(robot, ("back", *ARM))
     mapping = limo.inspect(log, robot).mapping
     given = replace(mapping.position, columns=("back_pos_rad", "-", "elbow_pos_rad"))
