@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
 _ROWS: Final = 1500  # that are looked at
 _FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
+_MOST: Final = 0.5  # of the variance of a current beside its friction
+_LEAST: Final = 1e-3  # of the largest deviation of a gravity torque; less is rounding
 _OF_TORQUE: Final = 0.3  # of a joint's torque, that gravity has to make to say something of it
 
 
@@ -58,6 +60,32 @@ class Gravity:
             if slope**2 * energy > _OF_TORQUE**2 * float(np.var(own)):
                 found.append(abs(slope))
         return np.array(found)
+
+    def factors(self, position: FloatArray) -> FloatArray:
+        """Return how many N m one unit makes at each joint, (n,); NaN where gravity does not say.
+
+        Beside an offset and dry friction, gravity has to make most of what is left.
+
+        Args:
+            position: (T, n) [rad, m].
+        """
+        found = np.full(self.model.n, math.nan)
+        if self.torque is None:
+            return found
+        load = self.model.gravity_torque(position)
+        least = _LEAST**2 * float(np.var(load, axis=0).max())
+        every = zip(self.torque.T, load.T, position.T, strict=True)
+        for j, (own, gravity, angle) in enumerate(every):
+            if not np.isfinite(own).all():
+                continue
+            A = np.column_stack([np.ones(own.size), np.sign(np.gradient(angle))])
+            torque, weight = (x - A @ np.linalg.lstsq(A, x)[0] for x in (own, gravity))
+            energy, together = float(weight @ weight), float(weight @ torque)
+            if energy < least * own.size:
+                continue
+            if together**2 > _MOST * energy * float(torque @ torque):
+                found[j] = energy / together
+        return found
 
 
 def _fit(

@@ -6,6 +6,7 @@ question under `undecided`, with which it cannot be used.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -40,7 +41,11 @@ from limo_driver.foreign.proposals.motion_units import (
 )
 from limo_driver.foreign.proposals.mujoco_arrays import whole_of_mujoco
 from limo_driver.foreign.proposals.odd_columns import other_unit_from
-from limo_driver.foreign.proposals.rates_and_torques import torque_reading, velocity_unit
+from limo_driver.foreign.proposals.rates_and_torques import (
+    current_factors,
+    torque_reading,
+    velocity_unit,
+)
 from limo_driver.foreign.proposals.recorded_joints import recorded_part
 from limo_driver.foreign.proposals.times import time_columns
 from limo_driver.foreign.proposals.unnamed import unnamed_columns
@@ -334,7 +339,7 @@ def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> 
         unit = (family.unit or "A",)
         draft.questions.append(
             f"torque: {family} are currents: how many N m does one {unit[0]} make at each joint "
-            "(`factor:`)?"
+            f"(`factor:`)?{_by_gravity(draft, family, position)}"
         )
         return draft.take(TORQUE, family, unit, "currents")
     if family.unit:
@@ -344,6 +349,17 @@ def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> 
     if found.question:
         draft.questions.append(found.question)
     return draft.take(TORQUE, family, found.units, found.why)
+
+
+def _by_gravity(draft: _Draft, currents: ColumnFamily, position: Channels) -> str:
+    """Say what the weight of the described bodies makes of currents; nothing if it is no help."""
+    motion = position.read(draft.table, POSITION)
+    factors = current_factors(motion, draft.values(currents), draft.model)
+    every = zip(draft.model.joint_names, factors.tolist(), strict=True)
+    said = [f"{factor:.3g} at {joint}" for joint, factor in every if math.isfinite(factor)]
+    if not said:
+        return ""
+    return f" If the arm carries nothing, the weight of its bodies says {', '.join(said)}"
 
 
 def _velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channels | None:

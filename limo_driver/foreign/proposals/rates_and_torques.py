@@ -92,6 +92,18 @@ def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) 
     return Reading(_of_joints("N m", model), "assumed: gravity makes too little of it to tell")
 
 
+def current_factors(position: FloatArray, current: FloatArray, model: RobotModel) -> FloatArray:
+    """Return the N m that one unit of current makes at each joint, (n,); NaN where none shows.
+
+    Args:
+        position: (T, n) [rad, m].
+        current: (T, n) as the log has it.
+        model: The robot, whose bodies set the scale.
+    """
+    rows = some_rows(position, current)
+    return Gravity(model, current[rows]).factors(position[rows])
+
+
 def _of_joints(unit: str, model: RobotModel) -> tuple[str, ...]:
     """Return the unit of each joint, or the one that all have: a torque of a slide is a force."""
     units = tuple("N" if slides and unit == "N m" else unit for slides in model.sliding)

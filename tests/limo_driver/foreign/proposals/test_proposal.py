@@ -302,6 +302,21 @@ def test_currents_are_a_question_for_their_factor():
     assert "how many N m does one A make" in question
 
 
+def test_what_weight_makes_of_currents_is_said_with_its_sign():
+    constants = np.array([12, 12, 12, -9, 9, 5, 5])
+    friction = 2.0 * np.sign(np.gradient(POSITION, axis=0))
+    currents = (arm().gravity_torque(POSITION) + friction) / constants
+    currents[:, 5] = np.random.default_rng(0).normal(size=len(TIME))  # of something else
+    (question,) = proposed(q=POSITION, current=currents).mapping.undecided
+    said = {
+        int(joint): float(value) for value, joint in re.findall(r"(\S+) at joint(\d)", question)
+    }
+    assert said.keys() >= {2, 4}
+    assert not said.keys() & {1, 6}  # a vertical axis, and what no weight explains
+    for joint, value in said.items():
+        assert value == pytest.approx(constants[joint - 1], rel=0.02)
+
+
 def test_joints_come_by_name_in_any_order():
     order = [4, 2, 0, 6, 1, 3, 5]
     names = arm().joint_names
