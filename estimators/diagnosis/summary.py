@@ -96,7 +96,8 @@ def _seen(verdict: Verdict) -> list[str]:
     """Say to which speeds a verdict has been seen to hold, and what was not seen at all."""
     if verdict.holds is None:
         return []
-    speeds = " ".join(rounded(fastest, 2) for _, fastest in verdict.holds.speed)
+    fastest = (high for _, high in verdict.holds.speed)
+    speeds = " ".join(rounded(speed, 2) if speed > 0 else "-" for speed in fastest)
     said = f"Seen up to {speeds} rad/s, by joint; faster, it is carried over."
     return [said, *filter(None, [kept_as_stated(verdict)])]
 

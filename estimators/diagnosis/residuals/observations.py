@@ -124,6 +124,17 @@ class Observations:
         same = other.reference is self.reference
         return self._sharing(other, (*_OF_MOTION, "moving", *(_OF_REFERENCE if same else ())))
 
+    def without_torque_of(self, joints: Sequence[int]) -> Observations:
+        """Return the same with no torque of some joints (0-based) taken for a measurement."""
+        if not joints:
+            return self
+        none = np.zeros(self.measured.shape, dtype=bool)
+        none[:, list(joints)] = True
+        if self.unmeasured is not None:
+            none |= self.unmeasured
+        other = replace(self, unmeasured=none)
+        return self._sharing(other, (*_OF_MOTION, *_OF_REFERENCE, "simulated"))
+
     def undisturbed(self, rows: NDArray[np.bool_] | None) -> Observations:
         """Return the same, where something pushed on some rows (K,), or on none."""
         other = replace(self, disturbed=rows)

@@ -195,7 +195,8 @@ def notes_on(observed: Observations, doubts: Sequence[str] | None = None) -> tup
         warnings.append(
             f"{where} {is_} left out: no torque is measured there, {values} N m in all rows."
         )
-    motionless = [j for j in still(observed) if j not in silent]
+    left_out = {*silent, *without_load(observed)}
+    motionless = [j for j in still(observed) if j not in left_out]
     if not motionless:
         return tuple(warnings)
     joints = ", ".join(str(j + 1) for j in motionless)
@@ -212,6 +213,14 @@ def doubts_on(observed: Observations) -> tuple[str, ...]:
     ]
     if holds_still(observed):
         return tuple(doubts)
+    load, torque = _size_of(observed.load[observed.kept]), _size_of(observed.measured)
+    for j in without_load(observed):
+        unit = "N" if observed.simulation.model.sliding[j] else "N m"
+        doubts.append(
+            f"Joint {j + 1} is left out: its torque is {torque[j]:.3g} {unit} where its load asks "
+            f"for {load[j]:.3g} (root mean squares). Is it in another unit, or does something "
+            "balance the load?"
+        )
     if foreign := foreign_bodies(observed):
         joints = ", ".join(str(j + 1) for j in foreign)
         doubts.append(
@@ -246,6 +255,22 @@ def _check_motion(observed: Observations) -> None:
 def without_torque(observed: Observations) -> tuple[int, ...]:
     """Return the joints (0-based) whose torque is one value in all rows."""
     return tuple(np.flatnonzero(np.ptp(observed.measured, axis=0) < PLAUSIBILITY.constant).tolist())
+
+
+def without_load(observed: Observations) -> tuple[int, ...]:
+    """Return the joints (0-based) whose torque is next to nothing of what their load asks for.
+
+    Where the load hardly changes, as that of a lift, no scale and no unit shows in its course.
+    """
+    load, torque = _size_of(observed.load[observed.kept]), _size_of(observed.measured)
+    silent = without_torque(observed)
+    light = np.flatnonzero(torque < PLAUSIBILITY.weightless * load).tolist()
+    return tuple(j for j in light if j not in silent)
+
+
+def _size_of(values: FloatArray) -> FloatArray:
+    """Return the root mean square of each column, rest included, (n,)."""
+    return np.sqrt(np.mean(values**2, axis=0))
 
 
 def _check_measured(observed: Observations) -> None:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from lanes import sampled
+from wandering import wander
 
 from estimators.diagnosis.fitting.problem import impossible, improve
 from estimators.diagnosis.pipeline import observe
@@ -407,3 +408,44 @@ def test_an_explanation_out_of_range_is_left_out_and_told():
     solution = SimpleNamespace(members=(0,), fitted=found)
     assert impossible(problem, solution) == (0,)
     assert improve(problem, solution) == GIVEN
+
+
+@pytest.fixture
+def on_a_lift(tmp_path):
+    """Two links of 2 kg that a slide of 10 kg lifts."""
+    inertia = '<inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
+    links = [
+        f'<link name="l{k}"><inertial><origin xyz="0 0 0.15"/><mass value="{mass}"/>{inertia}'
+        "</inertial></link>"
+        for k, mass in enumerate((10, 2, 2), start=1)
+    ]
+    joints = [
+        f'<joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/>'
+        f'<origin xyz="0 0 0.3"/><axis xyz="{axis}"/>'
+        '<limit lower="-2" upper="2" effort="300" velocity="2"/></joint>'
+        for k, (kind, axis) in enumerate(
+            (("prismatic", "0 0 1"), ("revolute", "0 1 0"), ("revolute", "0 1 0")), start=1
+        )
+    ]
+    path = tmp_path / "lift.urdf"
+    whole = f'<robot name="lift"><link name="l0"/>{"".join((*links, *joints))}</robot>'
+    path.write_text(whole, encoding="utf-8")
+    friction = tuple(CoulombFriction(joint=j, tau_c=0.5) for j in (2, 3))
+    return Simulation(str(path), (CoulombFriction(joint=1, tau_c=8.0), *friction))
+
+
+def test_a_lift_in_amperes_is_left_out_and_says_nothing_of_the_bodies(on_a_lift):
+    motion = wander(np.arange(0, 40, 0.02), np.zeros(3), 2, (0.05, 0.2), (0.1, 0.3))
+    torque = on_a_lift.predict(motion)
+    torque += np.random.default_rng(0).normal(0, 0.02, torque.shape)
+    own = Recording.from_arrays(motion.time, motion.position, torque)
+    assert doubts_on(observe(on_a_lift, [own], BANDWIDTH)) == ()
+    torque[:, 0] = 0.02 * np.sign(motion.velocity[:, 0])  # the drive brakes what it lifts by itself
+    log = Recording.from_arrays(motion.time, motion.position, torque)
+    observed = observe(on_a_lift, [log], BANDWIDTH)
+    (doubt,) = doubts_on(observed)
+    assert re.match(
+        r"Joint 1 is left out: its torque is 0\.0\d+ N where its load asks for 13\d ", doubt
+    )
+    assert observed.moving.any(axis=0).tolist() == [False, True, True]
+    assert not any("too little to compare" in note for note in notes_on(observed))
