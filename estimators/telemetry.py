@@ -18,8 +18,6 @@ from limo_driver.recordings.bandwidth import bandwidth_for
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.rigid_body.identification import Identification
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
@@ -37,7 +35,7 @@ _COARSE: Final = 0.02  # of a torque's standard deviation, above which its steps
 # Friction over what the drive can do, median of the joints. Gears lose 5 to 10 % of it, which a
 # torque from currents holds; a sensor behind the gear sees bearings and cables only. Measured:
 # UR10e, currents: 0.077; LWR4+ and Panda, sensors behind the gear: 0.005 and 0.006.
-_MOTOR_SIDE: Final = 0.03
+MOTOR_SIDE: Final = 0.03
 _LINK_SIDE: Final = 0.015
 _KNOWN: Final = 0.1  # relative deviation of a parameter that is known well enough
 _LONGEST: Final = 600.0  # [s], beyond which more of the same motion is no advice
@@ -84,7 +82,7 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
     except LimoError as error:
         excitation = [f"nothing of the arm can be found in it: {error}"]
     else:
-        side = side_in(found.simulation, recording, found.rows.bandwidth)
+        side = gear_side(friction_share(found.simulation, recording, found.rows.bandwidth))
         excitation = _excitation(found, recording)
     channels = tuple(channels_of(recording, model.sliding))
     return Telemetry(tuple(sampling_of(recording)), channels, side, tuple(excitation))
@@ -97,7 +95,7 @@ def telemetry_in(simulation: Simulation, recording: Recording) -> tuple[str, ...
         simulation: Identified from it, or diagnosed with it.
         recording: T samples of n joints.
     """
-    side = side_in(simulation, recording)
+    side = gear_side(friction_share(simulation, recording))
     sliding = simulation.model.sliding
     return (*sampling_of(recording), *channels_of(recording, sliding), side)
 
@@ -224,21 +222,16 @@ def resolution(values: FloatArray) -> float:
     return step if np.mean(off < 5 * _GRID) > 1 - _GRID else 0.0
 
 
-def gear_side(friction: FloatArray, model: RobotModel, moving: NDArray[np.bool_]) -> str:
+def gear_side(share: float) -> str:
     """Say on which side of the gear torques were measured, and why.
 
     Args:
-        friction: That was found in them at usual speeds, (n,) [N m].
-        model: The robot, for what its drives can do.
-        moving: Joints that move, (n,).
+        share: Friction in them, of what the drives can do; NaN where that is not known.
     """
-    most = model.limits.torque
-    use = moving & (most > 0) & np.isfinite(most)
-    if not use.any():
+    if np.isnan(share):
         return "side of the gear: not to be told without effort limits of the robot"
-    share = float(np.median(friction[use] / most[use]))
     why = f"friction is {share:.1%} of what the drives can do (median of the joints)"
-    if share > _MOTOR_SIDE:
+    if share > MOTOR_SIDE:
         return (
             f"torque seems to be measured on the motor side of the gear: {why}; what is found as "
             "friction and armature is that of motor and gear, and rows at rest say little"
@@ -251,13 +244,18 @@ def gear_side(friction: FloatArray, model: RobotModel, moving: NDArray[np.bool_]
     return f"side of the gear: not to be told, since {why}"
 
 
-def side_in(simulation: Simulation, recording: Recording, bandwidth: float | None = None) -> str:
-    """Say on which side of the gear a recording was measured, from friction that was found in it.
+def friction_share(
+    simulation: Simulation, recording: Recording, bandwidth: float | None = None
+) -> float:
+    """Return friction at usual speeds over what the drives can do, median of the joints.
 
     Args:
-        simulation: Identified from it, or diagnosed with it.
+        simulation: Identified from the recording, or diagnosed with it.
         recording: T samples of n joints.
         bandwidth: Of the filter on motion [Hz]; if not given, 10, or what the recording can bear.
+
+    Returns:
+        The share [1]; NaN without a joint that moves and whose effort limit is known.
     """
     without = replace(simulation, effects=tuple(x for x in simulation.effects if not x.rubs))
     torque = simulation.predict(recording, bandwidth) - without.predict(recording, bandwidth)
@@ -265,7 +263,10 @@ def side_in(simulation: Simulation, recording: Recording, bandwidth: float | Non
     moving = np.abs(velocity) > _CRAWLS * np.abs(velocity).mean(axis=0)
     along = np.sum(torque * np.sign(velocity), axis=0, where=moving)  # whatever its law
     friction = along / np.maximum(np.sum(moving, axis=0), 1)
-    return gear_side(friction, simulation.model, np.ptp(recording.position, axis=0) > _MOVES)
+    most = simulation.model.limits.torque
+    use = (np.ptp(recording.position, axis=0) > _MOVES) & (np.ptp(recording.torque, axis=0) > 0)
+    use &= (most > 0) & np.isfinite(most)
+    return float(np.median(friction[use] / most[use])) if use.any() else float("nan")
 
 
 def _excitation(found: Identification, recording: Recording) -> list[str]:

@@ -27,6 +27,7 @@ from estimators.diagnosis.judgement.judged_set import JudgedSet
 from estimators.diagnosis.judgement.judgement import (
     harmed,
     remarks,
+    trusted_gains,
     worse,
 )
 from estimators.diagnosis.judgement.questions import tests_of
@@ -157,9 +158,14 @@ def _told(
         harmful=harmful,
         passing=sorted({spoken(e.name) for e in improved.simulation.effects if not e.lasts}),
     )
+    of_gains = attempts.at(
+        "side of the gear",
+        lambda: tuple(trusted_gains(verdict.findings, improved.simulation, observed.recordings)),
+        (),
+    )
     tolerances = left_by_tolerances(problem, solution)
     found = Diagnosis(
-        verdict=replace(verdict, notes=(*verdict.notes, *said, *pushed.notes())),
+        verdict=replace(verdict, notes=(*verdict.notes, *said, *of_gains, *pushed.notes())),
         before=simulation,
         after=_lasting(improved.simulation, simulation),
         recordings=observed.recordings,

@@ -3,7 +3,14 @@ import re
 import numpy as np
 import pytest
 
-from estimators.telemetry import channels_of, resolution, sampling_of, side_in, telemetry_of
+from estimators.telemetry import (
+    channels_of,
+    friction_share,
+    gear_side,
+    resolution,
+    sampling_of,
+    telemetry_of,
+)
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
 from limo_driver.recordings.recording import Recording
@@ -51,7 +58,7 @@ def test_friction_counts_whatever_its_law(arm):
         else PreslidingHysteresis(joint=j, stiffness=(400 * most, 50 * most), width=(1e-3, 0.012))
         for j, most in enumerate(slides.tolist(), start=1)
     ]
-    said = side_in(Simulation("iiwa14", tuple(effects)), recording)
+    said = gear_side(friction_share(Simulation("iiwa14", tuple(effects)), recording))
     assert "motor side" in said
     (share,) = re.findall(r"friction is ([\d.]+)%", said)
     assert float(share) == pytest.approx(6.0, abs=0.2)  # elements slip a little after reversals

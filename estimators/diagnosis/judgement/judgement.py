@@ -26,8 +26,10 @@ from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.stages import Attempts
-from estimators.diagnosis.wording import LINK_INERTIA
+from estimators.diagnosis.wording import LINK_INERTIA, is_of_bodies, listed
 from estimators.regression.evidence import REACH
+from estimators.telemetry import MOTOR_SIDE, friction_share
+from limo_driver.physics import spoken
 from limo_driver.physics.catalogue import identical_to
 
 if TYPE_CHECKING:
@@ -40,6 +42,9 @@ if TYPE_CHECKING:
     from estimators.diagnosis.result import Shift
     from estimators.diagnosis.selection.candidates import Candidate
     from estimators.diagnosis.stages import Failure
+    from estimators.diagnosis.verdict import Finding
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 
@@ -271,6 +276,29 @@ def worse_at(
     rows = problem.split.held_out
     larger = rmse(proven, rows) > rmse(other, rows) + CONTRIBUTION.material * remaining.floor
     return tuple(np.flatnonzero(larger).tolist())
+
+
+def trusted_gains(
+    findings: Sequence[Finding], simulation: Simulation, recordings: Sequence[Recording]
+) -> Iterator[str]:
+    """Yield a note where bodies were found in torques of drives whose gains count as exact.
+
+    Args:
+        findings: Of a verdict.
+        simulation: The improved one.
+        recordings: That it was found in.
+    """
+    bodies = [item.effect for item in findings if is_of_bodies(item.effect)]
+    if not bodies or simulation.tolerances.gain:
+        return
+    share = float(np.median([friction_share(simulation, recording) for recording in recordings]))
+    if share > MOTOR_SIDE:
+        yield (
+            f"The torques seem to be those of drives: friction is {share:.1%} of what these can "
+            "do. Gains of drives are seldom known better than to 10 %, and an error of theirs "
+            f"passes for {listed([*dict.fromkeys(map(spoken, bodies))])}. With a tolerance of "
+            "gains (`tolerances: {gain: 0.1}`) both are told apart, as far as the motion can."
+        )
 
 
 def _moved(shift: Shift) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,13 +19,21 @@ from estimators.diagnosis.judgement.judgement import (
     other_links,
     remaining_residual,
     remarks,
+    trusted_gains,
 )
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.result import Shift
 from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.stages import quiet
-from limo_driver.physics import GravityDirection, SpringLoad
+from limo_driver.physics import (
+    CoulombFriction,
+    GravityDirection,
+    Simulation,
+    SpringLoad,
+    Tolerances,
+)
+from limo_driver.recordings.recording import Recording
 
 FLOOR = np.full(2, 0.1)
 
@@ -138,3 +147,27 @@ def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
     assert "mass" not in said[0]
     assert f"stopped at {SEARCH.largest} effects" in said[1]
     assert tuple(remarks((), members=1, harmful=False, passing=())) == ()
+
+
+@pytest.mark.parametrize(
+    ("share", "gain", "found", "told"),
+    [
+        (0.06, 0.0, "payload", "an error of theirs passes for payload."),
+        (0.06, 0.0, "spring_load", ""),
+        (0.06, 0.1, "payload", ""),  # which is what the note asks for
+        (0.002, 0.0, "payload", ""),  # a sensor behind the gear has no such gain
+    ],
+)
+def test_a_body_found_in_torques_of_drives_comes_with_a_word_on_their_gains(
+    share, gain, found, told
+):
+    known = Simulation("iiwa14", tolerances=Tolerances(gain=gain))
+    friction = enumerate((share * known.model.limits.torque).tolist(), start=1)
+    simulation = replace(
+        known, effects=tuple(CoulombFriction(joint=j, tau_c=most) for j, most in friction)
+    )
+    t = np.arange(0, 20, 0.01)
+    position = 0.4 * np.sin(np.outer(t, 0.3 + 0.1 * np.arange(7)))
+    recording = Recording.from_arrays(t, position, np.cos(position))
+    notes = [*trusted_gains([SimpleNamespace(effect=found)], simulation, [recording])]
+    assert [told in note and "tolerance of gains" in note for note in notes] == [True] * bool(told)
