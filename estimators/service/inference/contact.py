@@ -53,7 +53,8 @@ class ContactWatchdog:
                 raise ConfigError(f"contact {name} {values} {unit} has to be above 0 and finite")
         self.threshold, self.duration, self.release = threshold, duration, release
         self._since = np.full(threshold.shape, np.nan)  # [s], when it crossed the present bound
-        self._contact: list[Contact | None] = [None] * threshold.size
+        self._contact: list[Contact | None] = [None] * threshold.size  # as they began
+        self._peaks = np.zeros(threshold.shape)  # [N m], of those
         self.active = np.zeros(threshold.shape, dtype=bool)
         self._time = np.nan  # [s], of the latest step
 
@@ -63,21 +64,28 @@ class ContactWatchdog:
         NaN torque, which is not known, begins nothing.
         """
         self._time = time
-        if _quiet(external, self.threshold, self.active):
-            self._since.fill(np.nan)
+        if not _watch(
+            time,
+            external,
+            self.threshold,
+            self.duration,
+            self.release,
+            self.active,
+            self._since,
+            self._peaks,
+        ):
             return []
-        size = np.abs(external)
-        held = size >= self.release * self.threshold  # NaN is not
-        crossed = np.where(self.active, ~held, size > self.threshold)
-        self._since = np.where(crossed, np.where(np.isnan(self._since), time, self._since), np.nan)
-        self._note_peaks(external)
         due = np.flatnonzero(time - self._since >= self.duration)
         return [self._turn(int(j), float(external[j])) for j in due]
 
     @property
     def present(self) -> tuple[Contact, ...]:
         """The contacts that have not ended."""
-        return tuple(contact for contact in self._contact if contact is not None)
+        return tuple(
+            replace(contact, torque=float(peak))
+            for contact, peak in zip(self._contact, self._peaks, strict=True)
+            if contact is not None
+        )
 
     def restart(self) -> list[Contact]:
         """Forget all, after a gap; return the contacts that this cuts off, ended when last seen."""
@@ -87,28 +95,46 @@ class ContactWatchdog:
         self.active.fill(False)
         return lost
 
-    def _note_peaks(self, external: FloatArray) -> None:
-        for j in np.flatnonzero(self.active):
-            contact = self._contact[j]
-            if contact is not None and abs(external[j]) > abs(contact.torque):
-                self._contact[j] = replace(contact, torque=float(external[j]))
-
     def _turn(self, j: int, torque: float) -> Contact:
         since, self._since[j] = float(self._since[j]), np.nan
         contact = self._contact[j]
         if contact is None:
             self._contact[j] = contact = Contact(j + 1, since, torque)
-            self.active[j] = True
+            self.active[j], self._peaks[j] = True, torque
             return contact
         self._contact[j] = None
         self.active[j] = False
-        return replace(contact, ended=since, cut_off=bool(np.isnan(torque)))
+        peak, unknown = float(self._peaks[j]), bool(np.isnan(torque))
+        return replace(contact, torque=peak, ended=since, cut_off=unknown)
 
 
-@compiled(reads=("external", "threshold", "active"))
-def _quiet(external: FloatArray, threshold: FloatArray, active: NDArray[np.bool_]) -> bool:
-    """Say whether no joint is in contact, nor beyond its threshold; NaN is not."""
-    quiet = True
+@compiled(reads=("external", "threshold", "duration"))
+def _watch(
+    time: float,
+    external: FloatArray,
+    threshold: FloatArray,
+    duration: FloatArray,
+    release: float,
+    active: NDArray[np.bool_],
+    since: FloatArray,
+    peaks: FloatArray,
+) -> bool:
+    """Note when joints crossed their bounds and how hard they are pushed; say whether one is due.
+
+    `since` and `peaks` are written; a torque that is not known crosses the lower bound alone.
+    """
+    due = False
     for j in range(external.size):
-        quiet = quiet and not active[j] and not abs(external[j]) > threshold[j]
-    return quiet
+        size = abs(external[j])
+        if active[j]:
+            crossed = not size >= release * threshold[j]
+            if size > abs(peaks[j]):
+                peaks[j] = external[j]
+        else:
+            crossed = size > threshold[j]
+        if not crossed:
+            since[j] = np.nan
+        elif np.isnan(since[j]):
+            since[j] = time
+        due = due or time - since[j] >= duration[j]
+    return due
