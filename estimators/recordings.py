@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
 
 _STILL: Final = 2e-3  # [rad], range of an arm that does not move
+WEIGHTLESS: Final = 0.05  # of a joint's load, below which no torque is that of the joint
+_ROWS: Final = 2000  # of a recording, that tell the size of its load
 _RUN: Final = 10  # samples alike, one after the other, that sensors do not give twice by chance
 _SHARED: Final = 0.01  # of the shorter of two recordings, in such runs: cuts of one recording
 _NEXT: Final = np.uint64(0x9E3779B97F4A7C15)  # odd: the key of a run depends on its order
@@ -42,6 +44,24 @@ def check_recordings(recordings: Sequence[Recording], model: RobotModel) -> None
             path=_sources(recordings),
         )
     check_different(recordings)
+
+
+def joints_with_torque(model: RobotModel, recordings: Sequence[Recording]) -> NDArray[np.bool_]:
+    """Mark the joints whose torque is a measurement of what the joint carries, (n,).
+
+    One that never changes is none, nor is one that is next to nothing of what gravity asks for.
+
+    Args:
+        model: The robot.
+        recordings: Measured motions and torques, one or more.
+    """
+    changes = np.any([np.ptp(item.torque, axis=0) > 0 for item in recordings], axis=0)
+    squares = np.zeros((2, model.n))
+    for item in recordings:
+        rows = slice(None, None, max(1, len(item) // _ROWS))
+        load = model.gravity_torque(item.position[rows])
+        squares += [np.sum(x**2, axis=0) for x in (item.torque[rows], load)]
+    return np.asarray(changes & (squares[0] >= WEIGHTLESS**2 * squares[1]))
 
 
 def check_different(recordings: Sequence[Recording]) -> None:

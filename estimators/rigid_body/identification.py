@@ -163,7 +163,8 @@ def identify(
         bodies, tolerance, consistent, equations, fit.weight
     )
     known = tolerances_of(consistent.parameters, covariance, equations, terms)
-    estimates = _estimates(model.n, terms, replace(consistent, covariance=covariance))
+    told = equations.count > 0  # joints of which something is
+    estimates = _estimates(terms, replace(consistent, covariance=covariance), told)
     rmse = equations.rmse(consistent.parameters)
     return Identification(
         model,
@@ -172,7 +173,7 @@ def identify(
         base,
         nominal,
         fit,
-        _simulation(model, terms, consistent, known, stated),
+        _simulation(model, terms, consistent, known, stated, told),
         rmse,
         tolerance,
         estimates,
@@ -287,6 +288,7 @@ def _simulation(
     fit: ConsistentFit,
     known: Tolerances,
     beside: tuple[Effect, ...],
+    told: NDArray[np.bool_],
 ) -> Simulation:
     bodies = {
         link: inertial_of(fit.parameters[PER_LINK * i : PER_LINK * (i + 1)])
@@ -299,7 +301,8 @@ def _simulation(
     effects = tuple(
         term.make(joint, value)
         for term, joint, value, deviation in _by_joint(model.n, terms, fit)
-        if deviation > 0 or term.effect.endswith("friction") or (term.effect, joint) in stated
+        if (told[joint - 1] and (deviation > 0 or term.effect.endswith("friction")))
+        or (term.effect, joint) in stated
     )
     return Simulation(model.name, (*effects, *beside), bodies, tolerances=known)
 
@@ -318,11 +321,13 @@ def _by_joint(
     ]
 
 
-def _estimates(n: int, terms: JointTerms, fit: ConsistentFit) -> tuple[TermEstimate, ...]:
+def _estimates(
+    terms: JointTerms, fit: ConsistentFit, told: NDArray[np.bool_]
+) -> tuple[TermEstimate, ...]:
     return tuple(
         TermEstimate(term.effect, term.parameter, joint, value, deviation, term.unit)
-        for term, joint, value, deviation in _by_joint(n, terms, fit)
-        if deviation > 0 or term.effect.endswith("friction")
+        for term, joint, value, deviation in _by_joint(told.size, terms, fit)
+        if told[joint - 1] and (deviation > 0 or term.effect.endswith("friction"))
     )
 
 

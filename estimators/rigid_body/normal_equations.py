@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.recordings import check_recordings
+from estimators.recordings import check_recordings, joints_with_torque
 from estimators.rigid_body.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.folds import FOLDS, fold_of
 from estimators.rigid_body.regressor import RegressorChain
@@ -157,7 +157,7 @@ def accumulate(
             moves, no torque was measured, or no row is left.
     """
     check_recordings(recordings, model)
-    sums = _Sums(model, terms)
+    sums = _Sums(model, terms, joints_with_torque(model, recordings))
     for recording in recordings:
         for done in sums.add(recording, rows):
             if progress is not None:
@@ -193,8 +193,8 @@ def _chunks(fold: NDArray[np.int64]) -> Iterator[slice]:
 class _Sums:
     """The running sums; each joint's columns are its own links' and its own terms'."""
 
-    def __init__(self, model: RobotModel, terms: JointTerms) -> None:
-        self.terms = terms
+    def __init__(self, model: RobotModel, terms: JointTerms, measured: NDArray[np.bool_]) -> None:
+        self.terms, self.measured = terms, measured
         self.chain = RegressorChain.of(model)
         self.n = model.n
         self.links = self.chain.width
@@ -234,6 +234,7 @@ class _Sums:
         torque = piece.filtered_torque(rows.bandwidth)[kept]
         motion = smoothed[kept]
         count = (np.abs(motion.velocity) > MOVING) | (not rows.moving_only)
+        count &= self.measured
         fold = places.fold[kept]
         for chunk in _chunks(fold):
             self._add_chunk(

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 
 _MOST_DIGITS = 5  # behind the point, of what a table shows
+_NOTHING = "–"  # noqa: RUF001  # a dash, as in tables
 
 
 def joint_table(found: Identification) -> Table:
@@ -36,15 +37,16 @@ def joint_table(found: Identification) -> Table:
     by_place = {(item.effect, item.joint): item for item in found.estimates}
     for j in range(found.model.n):
         cells = [_estimate(by_place.get((effect, j + 1))) for effect, _, _ in names]
-        table.add_row(
-            str(j + 1), f"{found.fit.rmse[j]:.3g}", f"{found.rmse_consistent[j]:.3g}", *cells
-        )
+        errors = found.fit.rmse[j], found.rmse_consistent[j]
+        known = found.fit.effective[j] > 0
+        said = [f"{error:.3g}" if known else _NOTHING for error in errors]
+        table.add_row(str(j + 1), *said, *cells)
     return table
 
 
 def _estimate(item: TermEstimate | None) -> str:
     if item is None:
-        return "–"  # noqa: RUF001  # a dash, as in tables
+        return _NOTHING
     if item.deviation == 0:
         return "0 (bound)"
     digits = -math.floor(math.log10(item.deviation))

@@ -26,6 +26,7 @@ from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.torque_unit import other_unit
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.diagnosis.wording import listed, of_joints
+from estimators.recordings import WEIGHTLESS
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import GravityDirection, Simulation
@@ -83,7 +84,7 @@ def doubts_about(
         _check_motion(observed)
     except RecordingError as error:  # too little to judge by may be enough to learn from
         return (f"signs, units and order of the columns cannot be checked: {error}",)
-    return (*filter(None, _check_log(observed)), *_stuck_in(observed))
+    return (*filter(None, _check_log(observed)), *_stuck_in(observed), *_weightless_in(observed))
 
 
 def _simulation_of(model: RobotModel) -> Simulation:
@@ -213,14 +214,7 @@ def doubts_on(observed: Observations) -> tuple[str, ...]:
     ]
     if holds_still(observed):
         return tuple(doubts)
-    load, torque = _size_of(observed.load[observed.kept]), _size_of(observed.measured)
-    for j in without_load(observed):
-        unit = "N" if observed.simulation.model.sliding[j] else "N m"
-        doubts.append(
-            f"Joint {j + 1} is left out: its torque is {torque[j]:.3g} {unit} where its load asks "
-            f"for {load[j]:.3g} (root mean squares). Is it in another unit, or does something "
-            "balance the load?"
-        )
+    doubts += _weightless_in(observed)
     if foreign := foreign_bodies(observed):
         joints = ", ".join(str(j + 1) for j in foreign)
         doubts.append(
@@ -264,13 +258,25 @@ def without_load(observed: Observations) -> tuple[int, ...]:
     """
     load, torque = _size_of(observed.load[observed.kept]), _size_of(observed.measured)
     silent = without_torque(observed)
-    light = np.flatnonzero(torque < PLAUSIBILITY.weightless * load).tolist()
+    light = np.flatnonzero(torque < WEIGHTLESS * load).tolist()
     return tuple(j for j in light if j not in silent)
 
 
 def _size_of(values: FloatArray) -> FloatArray:
     """Return the root mean square of each column, rest included, (n,)."""
     return np.sqrt(np.mean(values**2, axis=0))
+
+
+def _weightless_in(observed: Observations) -> list[str]:
+    """Ask of each joint that is left out for its torque why that is so small."""
+    load, torque = _size_of(observed.load[observed.kept]), _size_of(observed.measured)
+    slides = observed.simulation.model.sliding
+    return [
+        f"Joint {j + 1} is left out: its torque is {torque[j]:.3g} {'N' if slides[j] else 'N m'} "
+        f"where its load asks for {load[j]:.3g} (root mean squares). Is it in another unit, or "
+        "does something balance the load?"
+        for j in without_load(observed)
+    ]
 
 
 def _check_measured(observed: Observations) -> None:

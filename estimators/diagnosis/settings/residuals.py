@@ -158,9 +158,6 @@ class PlausibilitySettings:
     expected: float = setting(0.25, "of the torque",
         "that the load should make, if its lack is to tell",
         "lower judges where there is no load; higher judges seldom")
-    weightless: float = setting(0.05, "of the load", "below which no torque is that of its joint",
-        "higher leaves out joints that a spring balances; lower fits to amperes",
-        chosen="0.013 of a lift in amperes; friction of a balanced joint is more")
     alive: float = setting(3.0, "noise floors",
         "of torque on a joint that does not move, beyond its load",
         "lower doubts encoders for noise; higher misses stuck ones")

@@ -458,3 +458,22 @@ def test_newton_and_euler_agree_with_pinocchio(robot, request):
         inverse_dynamics(*arm, q, v, a, torque)
         expected = model.inverse_dynamics(q[None], v[None], a[None])[0]
         np.testing.assert_allclose(torque, expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.02], ids=["none", "next to nothing"])
+def test_a_joint_without_torque_says_nothing_of_bodies_and_gets_no_friction(iiwa, torque):
+    """A drive that tells nothing, or amperes, carries as much as any."""
+    given = Simulation("iiwa14", FRICTION)
+    whole = record(given)
+    measured = np.array(whole.torque)
+    measured[:, 3] *= torque
+    silent = Recording.from_arrays(whole.time, whole.position, measured)
+    found, beside = identify(iiwa, [silent]), identify(iiwa, [whole])
+    assert {j for effect in found.simulation.effects for j in effect.joints} == {1, 2, 3, 5, 6, 7}
+    assert "no row is used for joint 4" in found.warnings
+    for name, stated in iiwa.inertials.items():
+        assert found.simulation.model.inertials[name].mass == pytest.approx(stated.mass, rel=0.3)
+    others = [0, 1, 2, 4, 5, 6]
+    np.testing.assert_allclose(
+        found.rmse_consistent[others], beside.rmse_consistent[others], rtol=0.1
+    )
