@@ -59,15 +59,18 @@ class Alarm(Closing):
         pause = _LONGEST
         while not self._closed.wait(pause):
             due, now = self._forecast.due, time.perf_counter()
-            if due is None:
+            if due is None or now > due.end + due.period:  # states no longer come
                 pause = _LONGEST
-            elif due is self.rung or now >= due.end:  # the state did not come, or this was too late
+            elif due is self.rung or now >= due.end:  # this one did not come yet, or it is too late
                 pause = 0.5 * due.period
             elif now < due.begin:
                 pause = min(due.begin - now, _LONGEST)
             else:
                 self.rung = due
-                self._publisher.put(b"", source_info=self._info)
+                try:
+                    self._publisher.put(b"", source_info=self._info)
+                except zenoh.ZError:  # closed
+                    return
                 pause = due.begin + due.period - time.perf_counter()
 
 

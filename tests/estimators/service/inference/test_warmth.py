@@ -218,6 +218,17 @@ def test_what_wakes_never_leaves_the_process(tmp_path):
         assert [str(sample.source_info.source_id) for sample in here] == [alarm.source]
 
 
+def test_nobody_is_woken_once_the_network_is_gone(tmp_path):
+    with sessions_of_two(tmp_path) as (own, _):
+        forecast = Forecast()
+        alarm = Alarm(own, "limo/arm/state/joints", forecast)
+        own.close()
+        now = time.perf_counter()
+        forecast.due = Due(now, now + 60.0, 120.0)
+        wait_until(lambda: not alarm._thread.is_alive())
+        assert alarm.rung is forecast.due
+
+
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_a_service_answers_a_stream_with_the_same_bytes(
     tmp_path, monkeypatch, rigid, learned, motion, share
