@@ -147,7 +147,8 @@ class ArmProblem:
     def errors_of(self, parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
         """Return simulated minus recorded positions of one joint [rad]."""
         error = np.concatenate([part.simulate(row) - part.position for part in parts])
-        error = np.nan_to_num(error, nan=_RUN_AWAY).clip(-_RUN_AWAY, _RUN_AWAY)
+        if not np.abs(error).max() <= _RUN_AWAY:
+            error = np.nan_to_num(error, nan=_RUN_AWAY).clip(-_RUN_AWAY, _RUN_AWAY)
         return error if self.kept is None else error[self.kept]
 
     def loss(self, j: int, error: FloatArray) -> float:
@@ -178,8 +179,8 @@ class ArmFit:
     guess: ArmGuess
     cost: float  # [nat], of the joints that were fitted
     errors: tuple[FloatArray, ...]  # of each joint [rad]
-    own: tuple[Mapping[str, float], ...]  # deviations, by joint and constant
-    shared: Mapping[str, float]  # deviations of what is shared
+    own: tuple[Mapping[str, float], ...] = ()  # deviations, by joint and constant
+    shared: Mapping[str, float] = field(default_factory=dict)  # deviations of what is shared
 
 
 def fit_arm(
@@ -199,12 +200,46 @@ def fit_arm(
         errors: Of the start, if they are known.
     """
     own = tuple(range(problem.loads.n)) if joints is None else tuple(joints)
+    fit, hessian = _descended(problem, start, steps, own, errors)
+    if hessian is None:
+        hessian, _ = _normal(problem, fit.guess, fit.errors, own)
+    deviation = np.sqrt(np.maximum(np.diag(np.linalg.pinv(hessian, hermitian=True)), 0.0))
+    at, by_joint = 0, list[dict[str, float]]()
+    for j in range(problem.loads.n):
+        names = fit.guess.names[j] if j in own else ()
+        values = deviation[at : at + len(names)].tolist()
+        by_joint.append(dict(zip(names, values, strict=True)))
+        at += len(names)
+    shared = dict(zip(fit.guess.shared, deviation[at:].tolist(), strict=True))
+    return replace(fit, own=tuple(by_joint), shared=shared)
+
+
+def glance_at(
+    problem: ArmProblem,
+    start: ArmGuess,
+    steps: int,
+    joints: Sequence[int] | None = None,
+    errors: Sequence[FloatArray] | None = None,
+) -> ArmFit:
+    """Do as `fit_arm` does, but say not how sure values are: that takes as long as a step."""
+    own = tuple(range(problem.loads.n)) if joints is None else tuple(joints)
+    return _descended(problem, start, steps, own, errors)[0]
+
+
+def _descended(
+    problem: ArmProblem,
+    start: ArmGuess,
+    steps: int,
+    own: tuple[int, ...],
+    errors: Sequence[FloatArray] | None,
+) -> tuple[ArmFit, FloatArray | None]:
+    """Return the fit, and the curvature that its last step was taken by if that hardly moved it."""
     guess = problem.kept_within(start)
     known = errors is not None and np.array_equal(guess.rows, start.rows)
     found = list(errors if errors is not None and known else problem.errors(guess))
     cost, damping = problem.cost(guess, found, own), _DAMPING
-    hessian, gradient = _normal(problem, guess, found, own)
     for _ in range(steps):
+        hessian, gradient = _normal(problem, guess, found, own)
         before, movable = cost, _movable(problem, guess, gradient, own)
         while damping < _STUCK:
             step = _step(hessian, gradient, movable, damping)
@@ -216,17 +251,8 @@ def fit_arm(
                 break
             damping *= _HARDER
         if before - cost < _ENOUGH:
-            break
-        hessian, gradient = _normal(problem, guess, found, own)
-    deviation = np.sqrt(np.maximum(np.diag(np.linalg.pinv(hessian, hermitian=True)), 0.0))
-    at, by_joint = 0, list[dict[str, float]]()
-    for j in range(problem.loads.n):
-        names = guess.names[j] if j in own else ()
-        values = deviation[at : at + len(names)].tolist()
-        by_joint.append(dict(zip(names, values, strict=True)))
-        at += len(names)
-    shared = dict(zip(guess.shared, deviation[at:].tolist(), strict=True))
-    return ArmFit(guess, cost, tuple(found), tuple(by_joint), shared)
+            return ArmFit(guess, cost, tuple(found)), hessian
+    return ArmFit(guess, cost, tuple(found)), None
 
 
 def _movable(

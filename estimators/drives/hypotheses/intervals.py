@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.stats import t as student_t
 
-from estimators.drives.fitting.arm import fit_arm
+from estimators.drives.fitting.arm import glance_at
 from estimators.drives.fitting.constants import inner, value_in
 from estimators.drives.fitting.identification import ASKED, SURE
 from estimators.drives.fitting.joint import NORMAL, blocks
@@ -64,7 +64,7 @@ def _between(found: Searched) -> FloatArray:
     many = int(block.max()) + 1
     values = np.array(
         [
-            _values(fit_arm(replace(problem, kept=block != k), fit.guess, _LEFT_OUT))
+            _values(glance_at(replace(problem, kept=block != k), fit.guess, _LEFT_OUT))
             for k in range(many)
         ]
     )
@@ -94,7 +94,7 @@ def _rehearsed(simulation: Simulation, found: Searched, ticks: FloatArray) -> Fl
     straight = replace(change, sign=(1,) * len(change.sign), order=())
     loads = ArmLoads(simulation.body, played, problem.loads.stated)
     guess = replace(known.guess, change=straight)
-    return _values(fit_arm(replace(problem, loads=loads), guess, _REHEARSED)) - _values(known)
+    return _values(glance_at(replace(problem, loads=loads), guess, _REHEARSED)) - _values(known)
 
 
 def _not_shown(found: Searched, j: int) -> dict[str, float]:

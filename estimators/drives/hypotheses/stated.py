@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.checks.conventions import conventions_of, likeliest_order
-from estimators.drives.fitting.arm import ArmFit, fit_arm
+from estimators.drives.fitting.arm import ArmFit, glance_at
 from estimators.drives.fitting.constants import value_in, with_values
 from estimators.drives.fitting.identification import (
     DriveIdentification,
@@ -151,7 +151,7 @@ def proven(
         found.problem, loads=ArmLoads(simulation.body, recordings, rows_of(simulation))
     )
     guess = _holding(found) if held else found.fit.guess
-    fit = fit_arm(problem, guess, _REFITTED)
+    fit = glance_at(problem, guess, _REFITTED)
     return stated_arm(simulation, found, reweighted(problem, fit, tick)[1])
 
 

@@ -6,7 +6,8 @@ Differences that all joints feel: zeros and signs of encoders, and a body at the
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -76,23 +77,31 @@ class ArmChange:
         return self.mass * np.array([1.0, *c, xx, xy, yy, xz, yz, zz])
 
 
-@dataclass(frozen=True)
-class _Loaded:
-    """Loads of one recording at given zeros and signs."""
+class _Recorded(NamedTuple):
+    """Rows of all recordings, one after the other, in an order of joints."""
 
-    load: FloatArray  # (T, n) [N m], without the joint's own acceleration
-    inertia: FloatArray  # (T, n) [kg m²], about each joint, at zeros as described
+    time: FloatArray  # (T,) [s]
+    command: FloatArray  # (n, T) [rad]
+    position: FloatArray  # (n, T) [rad]
+    velocity: FloatArray  # (n, T) [rad/s]
 
 
-@dataclass(frozen=True)
-class _Lever:
+class _Loaded(NamedTuple):
+    """Loads of these rows at given zeros and signs."""
+
+    load: FloatArray  # (n, T) [N m], without the joint's own acceleration
+    inertia: FloatArray  # (n, T) [kg m²], about each joint, at zeros as described
+
+
+class _Lever(NamedTuple):
     """What a body at the last link adds to them, for each of its inertial parameters."""
 
-    load: FloatArray  # (T, n, 10)
-    inertia: FloatArray  # (T, n, 10)
+    load: FloatArray  # (n, 10, T)
+    inertia: FloatArray  # (n, 10, T)
 
 
-_Key = tuple[tuple[float, ...], tuple[int, ...], tuple[int, ...]]  # zeros, signs and order
+_Order = tuple[int, ...]
+_Key = tuple[tuple[float, ...], tuple[int, ...], _Order]  # zeros, signs and order
 
 
 @dataclass
@@ -105,9 +114,10 @@ class ArmLoads:
     body: RobotModel
     recordings: Sequence[Recording]
     stated: FloatArray | None = None
-    _loaded: dict[_Key, list[_Loaded]] = field(init=False, default_factory=dict)
-    _levers: dict[_Key, list[_Lever]] = field(init=False, default_factory=dict)
-    _drawn: dict[tuple[int, ...], list[FloatArray]] = field(init=False, default_factory=dict)
+    _recorded: dict[_Order, _Recorded] = field(init=False, default_factory=dict)
+    _loaded: dict[_Key, _Loaded] = field(init=False, default_factory=dict)
+    _levers: dict[_Key, _Lever] = field(init=False, default_factory=dict)
+    _drawn: dict[_Order, FloatArray] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self._chain = RegressorChain.of(self.body)
@@ -118,6 +128,15 @@ class ArmLoads:
             _thinned(r.motion(bandwidth_for([r])), rows)
             for r, rows in zip(self.recordings, self._rows, strict=True)
         ]
+        ends = np.cumsum([motion.time.size for motion in self._motions]).tolist()
+        self._each = [slice(*own) for own in pairwise([0, *ends])]  # rows of each recording
+        self._stretches = [
+            slice(own.start + first, own.start + stop)
+            for recording, every, own in zip(self.recordings, thinned, self._each, strict=True)
+            for part in recording.segments
+            for first, stop in [(-(-(part.start or 0) // every), -(-part.stop // every))]
+            if stop - first > 1
+        ]
 
     @property
     def n(self) -> int:
@@ -126,90 +145,120 @@ class ArmLoads:
 
     def parts(self, change: ArmChange) -> list[list[LoadedJoint]]:
         """Return the stretches of each joint of an arm that differs so."""
+        told = self._told(change.order)
+        load, inertia = self._loads(change)
+        if change.mass != 0.0:
+            more = [change.moments @ own for own in self._lever(change)]
+            load, inertia = load + more[0], inertia + more[1]
+        if any(sign < 0 for sign in change.sign):
+            load = load * np.array(change.sign)[:, None]
+        supply = self._supply(change)
+        return [
+            [
+                LoadedJoint(
+                    told.time[rows],
+                    told.command[j, rows],
+                    told.position[j, rows],
+                    told.velocity[j, rows],
+                    load[j, rows],
+                    inertia[j, rows],
+                    supply[rows],
+                )
+                for rows in self._stretches
+            ]
+            for j in range(self.n)
+        ]
+
+    def _told(self, order: _Order) -> _Recorded:
+        """Return the rows of all recordings, whose joints are in an order."""
+        if order not in self._recorded:
+            columns = list(order or range(self.n))
+            own = [
+                (
+                    motion.time,
+                    commands_of(recording)[rows][:, columns].T,
+                    recording.position[rows][:, columns].T,
+                    motion.velocity[:, columns].T,
+                )
+                for recording, rows, motion in zip(
+                    self.recordings, self._rows, self._motions, strict=True
+                )
+            ]
+            self._recorded[order] = _Recorded(*(_in_a_row(x) for x in zip(*own, strict=True)))
+        return self._recorded[order]
+
+    def _loads(self, change: ArmChange) -> _Loaded:
+        """Return the loads of all rows at the zeros and signs of an arm."""
         key = (change.zero, change.sign, change.order)
-        linked = [_linked(motion, change) for motion in self._motions]
         if key not in self._loaded:
             _forget(self._loaded)
-            described = ArmChange((0.0,) * self.n, change.sign, order=change.order)
-            if any(change.zero):
-                self.parts(described)  # for the inertia, which depends little on zeros
-            known = self._loaded.get((described.zero, described.sign, change.order))
-            self._loaded[key] = [
-                self._load(motion, None if known is None else known[k].inertia)
-                for k, motion in enumerate(linked)
+            known = None
+            if any(change.zero):  # of the inertia, which depends little on zeros
+                described = ArmChange((0.0,) * self.n, change.sign, order=change.order)
+                known = self._loads(described).inertia
+            own = [
+                self._load(_linked(motion, change), None if known is None else known[:, rows].T)
+                for motion, rows in zip(self._motions, self._each, strict=True)
             ]
-        if change.mass != 0.0 and key not in self._levers:
+            self._loaded[key] = _Loaded(*(_in_a_row(x) for x in zip(*own, strict=True)))
+        return self._loaded[key]
+
+    def _lever(self, change: ArmChange) -> _Lever:
+        """Return what a body at the last link adds, at the zeros and signs of an arm."""
+        key = (change.zero, change.sign, change.order)
+        if key not in self._levers:
             _forget(self._levers)
-            self._levers[key] = [self._lever(motion) for motion in linked]
-        found: list[list[LoadedJoint]] = [[] for _ in range(self.n)]
-        order = list(change.order or range(self.n))
-        for k, (recording, rows) in enumerate(zip(self.recordings, self._rows, strict=True)):
-            load, inertia = self._loaded[key][k].load, self._loaded[key][k].inertia
-            if change.mass != 0.0:
-                load = load + self._levers[key][k].load @ change.moments
-                inertia = inertia + self._levers[key][k].inertia @ change.moments
-            load = load * np.array(change.sign)
-            arrays = (
-                commands_of(recording)[rows][:, order],
-                recording.position[rows][:, order],
-                self._motions[k].velocity[:, order],
-                load,
-                inertia,
-                self._supply(k, change),
-            )
-            time, step = recording.time[rows], int(rows.step or 1)
-            for part in recording.segments:
-                own = slice(-(-(part.start or 0) // step), -(-part.stop // step))
-                if own.stop - own.start > 1:
-                    for j in range(self.n):
-                        columns = (np.ascontiguousarray(x[own, j]) for x in arrays)
-                        found[j].append(LoadedJoint(time[own], *columns))
-        return found
+            own = [self._lifted(_linked(motion, change)) for motion in self._motions]
+            self._levers[key] = _Lever(*(_in_a_row(x) for x in zip(*own, strict=True)))
+        return self._levers[key]
 
     @property
     def shows_supply(self) -> bool:
         """Whether the stated drives say how far they are driven."""
         return self.stated is not None and bool(np.isfinite(most_torque(self.stated)).all())
 
-    def _supply(self, k: int, change: ArmChange) -> FloatArray:
-        """Return the voltage of a recording over that without load, (T, n), of one supply.
+    def _supply(self, change: ArmChange) -> FloatArray:
+        """Return the voltage over that without load, of all rows (T,), of one supply.
 
         What servos draw is that of the stated drives where the recorded joints were.
         """
-        motion, stated = self._motions[k], self.stated
+        stated, order = self.stated, change.order
         if change.sag == 0.0 or stated is None:
-            return np.ones_like(motion.position)
-        if change.order not in self._drawn:
-            self._drawn[change.order] = [
-                _drawn(own, stated, r, rows, list(change.order or range(self.n)))
-                for own, r, rows in zip(self._motions, self.recordings, self._rows, strict=True)
+            return np.ones(self._each[-1].stop)
+        if order not in self._drawn:
+            columns = list(order or range(self.n))
+            own = [
+                _drawn(motion, stated, r, rows, columns)
+                for motion, r, rows in zip(self._motions, self.recordings, self._rows, strict=True)
             ]
-        drawn, returned = self._drawn[change.order][k]
-        supply = np.minimum((1 + change.sag * returned) / (1 + change.sag * drawn), 1.0)
-        return np.tile(supply[:, None], self.n)
+            self._drawn[order] = _in_a_row(own)
+        drawn, returned = self._drawn[order]
+        return np.minimum((1 + change.sag * returned) / (1 + change.sag * drawn), 1.0)
 
-    def _load(self, motion: Motion, inertia: FloatArray | None) -> _Loaded:
+    def _load(self, motion: Motion, inertia: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Return loads and inertias of a motion, (n, T) each, by its inertia (T, n) if known."""
         position = motion.position
         load = self.body.inverse_dynamics(position, motion.velocity, motion.acceleration)
         if inertia is None:
             columns = [self.body.inertia_of(position, j)[:, j] for j in range(self.n)]
             inertia = np.stack(columns, axis=1)
-        return _Loaded(load - inertia * motion.acceleration, inertia)
+        return (load - inertia * motion.acceleration).T, inertia.T
 
-    def _lever(self, motion: Motion) -> _Lever:
+    def _lifted(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """Return loads and inertias of each inertial parameter at the last link, (n, 10, T)."""
         load, still = self._last(self._chain, motion), np.zeros_like(motion.position)
         inertia = np.empty_like(load)
         for j in range(self.n):
             unit = still.copy()
             unit[:, j] = 1.0
             alone = Motion(motion.time, motion.position, still, unit)
-            inertia[:, j] = self._last(self._weightless, alone)[:, j]
-        return _Lever(load - inertia * motion.acceleration[:, :, None], inertia)
+            inertia[j] = self._last(self._weightless, alone)[j]
+        return load - inertia * motion.acceleration.T[:, None], inertia
 
     @staticmethod
     def _last(chain: RegressorChain, motion: Motion) -> FloatArray:
-        """Return the columns of the last link, (T, n, 10)."""
-        return np.swapaxes(chain.regressor(motion)[:, :, -PER_LINK:], 0, 1).copy()
+        """Return the columns of the last link, (n, 10, T)."""
+        return np.moveaxis(chain.regressor(motion)[:, :, -PER_LINK:], 1, 2).copy()
 
 
 def as_described(recording: Recording, change: ArmChange) -> Recording:
@@ -258,6 +307,11 @@ def _drawn(
     for j, row in enumerate(stated):
         total += draws(row, error[:, j], np.ascontiguousarray(motion.velocity[:, order[j]]))
     return np.stack([total[0], np.maximum(total[1], 0.0)])
+
+
+def _in_a_row(parts: Sequence[FloatArray]) -> FloatArray:
+    """Return the rows of all recordings, which are the last axis, one after the other."""
+    return np.ascontiguousarray(np.concatenate(parts, axis=-1))
 
 
 def _forget(known: dict[_Key, Any]) -> None:
