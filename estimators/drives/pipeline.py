@@ -26,7 +26,7 @@ from estimators.drives.judgement.verdict import verdict_of
 from estimators.drives.judgement.wording import about_counting, about_scale, not_shown, plays, sags
 from estimators.drives.result import DriveDiagnosis, DriveReplay
 from estimators.drives.simulation.loads import ArmLoads, as_described
-from estimators.drives.simulation.plant import rows_of
+from estimators.drives.simulation.plant import rows_of, tolerances_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -176,7 +176,7 @@ def _beside_stated(
     ticks = np.array([resolution_of(recordings, j) for j in range(given.model.n)])
     tick = float(ticks.max())
     loads = ArmLoads(given.body, recordings, rows_of(given))
-    searched = search(loads, rows_of(given), given.tolerances.drive, tick)
+    searched = search(loads, rows_of(given), tolerances_of(given), tick)
     arm = stated_arm(given, searched, searched.fit)
     if (other := arm.counted_otherwise) and turns < _TURNS:
         as_recorded = tuple(unseen)

@@ -6,18 +6,34 @@ hold no torque: the torque of its drives takes the place of the measured one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from limo_driver.parameters import JOINT, Declared, parameter
+from limo_driver.errors import ParameterError
+from limo_driver.parameters import JOINT, Declared, Parameter, parameter, shown
 from limo_driver.physics.effect import FARTHEST, MOST_SLOPE, MOST_STIFFNESS, MOST_TORQUE
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from limo_driver.model import RobotModel
 
 LONGEST_DELAY: Final = 1.0  # [s]
 LONGEST_HEATING: Final = 1e4  # [s]
 MOST_SAG: Final = 10.0  # of a supply that one servo takes to a tenth of its voltage
+TOLERATED: Final = (  # parameters of a position servo that are believed within a tolerance
+    "kp",
+    "kd",
+    "ki",
+    "dead_band",
+    "punch",
+    "speed",
+    "acceleration",
+    "torque_limit",
+    "delay",
+    "play",
+)
+TOLERANCE: Final = Parameter("tolerance", "1", lower=0.0, above=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +65,10 @@ class PositionServo(JointDrive):
     damping, falls to 1 / (1 + sag d) as servos are driven: d is 1 for each that is stalled at its
     torque limit, and less for those that turn. Torque falls alike as the servo's own motor warms:
     to 1 / (1 + derating) in the end, where it is stalled.
+
+    Args:
+        tolerances: Relative standard deviations of parameters, by name, one of `TOLERATED`; of
+            others, the simulation has one.
     """
 
     name: ClassVar[str] = "position_servo"
@@ -110,6 +130,19 @@ class PositionServo(JointDrive):
     heating: float = parameter(
         "s", "in which it gains that", lower=0.0, above=True, upper=LONGEST_HEATING, default=20.0
     )
+    tolerances: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, value in self.tolerances.items():
+            if name not in TOLERATED:
+                expected = f"parameters of {', '.join(TOLERATED)}"
+                raise ParameterError("tolerances", shown(name), expected, self.place)
+            try:
+                TOLERANCE.checked(value)
+            except ParameterError as error:
+                called = f"tolerance of {name}"
+                raise ParameterError(called, error.given, error.expected, self.place) from None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
@@ -15,7 +15,7 @@ from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects
-from limo_driver.physics.drives import DRIVES, described_drives
+from limo_driver.physics.drives import DRIVES, TOLERANCE, PositionServo, described_drives
 from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
 
@@ -152,8 +152,17 @@ def _shortened(value: Any) -> Any:  # noqa: ANN401  # values of YAML
 def _drives(given: Given, model: RobotModel) -> tuple[JointDrive, ...]:
     if "drives" not in given:
         return described_drives(model)
-    entries = given["drives"].sections()
-    return tuple(entry.make_one_of("drive", DRIVES, model.n) for entry in entries)
+    return tuple(_drive(entry, model.n) for entry in given["drives"].sections())
+
+
+def _drive(given: Given, n: int) -> JointDrive:
+    """Read a drive; a position servo may tell how well each of its parameters is known."""
+    kind = DRIVES[given.named("drive", tuple(DRIVES))]
+    if kind is not PositionServo:
+        return given.make(kind, joints=n, beside=("drive",))
+    own = given.of_kind(kind, ("drive",)).optional("tolerances")
+    tolerances = {name: float(item.value(TOLERANCE)) for name, item in own.entries.items()}
+    return given.make(kind, {"tolerances": tolerances}, joints=n, beside=("drive",))
 
 
 def _drive_entry(drive: JointDrive) -> dict[str, Any]:
@@ -161,9 +170,13 @@ def _drive_entry(drive: JointDrive) -> dict[str, Any]:
     values = {
         item.name: getattr(drive, item.name)
         for item in fields(drive)
-        if getattr(drive, item.name) != item.default
+        if getattr(drive, item.name) != _default(item)
     }
     return {"drive": drive.name, **values}
+
+
+def _default(item: Field[Any]) -> Any:  # noqa: ANN401  # of the field's own type
+    return item.default if item.default_factory is MISSING else item.default_factory()
 
 
 class _Dumper(yaml.SafeDumper):

@@ -86,20 +86,25 @@ def stated_guess(stated: FloatArray) -> ArmGuess:
     return ArmGuess(rows, names, ArmChange.none(len(rows)))
 
 
-def beliefs(rows: FloatArray, tolerance: float) -> list[Mapping[str, BelievedValue]]:
-    """Return what is believed of each joint: the stated values, within their tolerance."""
+def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str, BelievedValue]]:
+    """Return what is believed of each joint: the stated values, within their tolerances.
+
+    Args:
+        rows: Stated constants of each joint, (n, columns).
+        tolerance: Deviations of their logarithms, likewise, or one of all.
+    """
     own = ("kp", DAMPING, COULOMB, "delay", "inertia")
     return [
         {
             **{
-                name: _belief(value_in(row, name), tolerance)
+                name: _belief(value_in(row, name), value_in(reach, name))
                 for name in (*own, *stated_beside(row))
             },
             "offset": BelievedValue(value_in(row, "offset"), OFFSET),
             "v_s": _FADES,
             "assisted": _DRIVEN,
         }
-        for row in rows
+        for row, reach in zip(rows, np.broadcast_to(tolerance, rows.shape), strict=True)
     ]
 
 
@@ -110,13 +115,15 @@ def _belief(value: float, tolerance: float) -> BelievedValue:
     return BelievedValue(_SMALL, _UNSTATED)
 
 
-def search(loads: ArmLoads, stated: FloatArray, tolerance: float, tick: float) -> Searched:
+def search(
+    loads: ArmLoads, stated: FloatArray, tolerance: FloatArray | float, tick: float
+) -> Searched:
     """Look for what an arm has beyond what is stated.
 
     Args:
         loads: Of the recordings.
         stated: Constants of each joint, (n, columns).
-        tolerance: Of the stated values, a deviation of their logarithm.
+        tolerance: Deviations of their logarithms, likewise, or one of all.
         tick: Step of the encoders [rad].
     """
     guess = _of_moved(stated_guess(stated), loads)

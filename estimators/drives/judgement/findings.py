@@ -13,7 +13,7 @@ from estimators.drives.fitting.identification import SURE
 from estimators.drives.fitting.joint import errors
 from estimators.drives.hypotheses.search import FOUND, OFFSET
 from estimators.drives.judgement.held_out import CONFIDENT, LEAST, removes
-from estimators.drives.simulation.plant import rows_of
+from estimators.drives.simulation.plant import rows_of, tolerances_of
 
 if TYPE_CHECKING:
     from estimators.drives.fitting.joint import JointFit
@@ -62,7 +62,7 @@ def findings_of(
 ) -> tuple[Finding, ...]:
     """Return what differs from what is stated, and what each takes of the held-out error."""
     proof, final = evidence.proof, evidence.final
-    folds, nominal = evidence.folds, rows_of(given)
+    folds, nominal, tolerances = evidence.folds, rows_of(given), tolerances_of(given)
     parts = [fold.parts(given) for fold in folds]
     served = {drive.joint for drive in stated.drives}
     period = max(1.0 / r.rate for r in evidence.recordings)
@@ -75,7 +75,7 @@ def findings_of(
         full = float(squared.mean())
         for effect, units in KINDS.items():
             extra = effect in final.extras[j]
-            wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, stated, period)
+            wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, tolerances[j], period)
             size = next(iter(units))  # others give its shape, which matters less
             shown = effect in proof.extras[j] and is_known(fit, {size: ""})
             if not (shown if extra else wrong):
@@ -115,11 +115,10 @@ def _is_wrong(
     fit: JointFit,
     nominal: FloatArray,
     units: dict[str, str],
-    stated: Simulation,
+    tolerance: FloatArray,
     period: float,
 ) -> bool:
     """Say whether stated values are beyond their tolerance."""
-    tolerance = stated.tolerances.drive
     for name in units:
         if not is_known(fit, {name: ""}):
             return False
@@ -136,7 +135,7 @@ def _is_wrong(
                 return True
         else:
             apart = abs(np.log(max(value, LEAST) / max(believed, 1e-3 * value, LEAST)))
-            if apart > FOUND * float(np.hypot(deviation, tolerance)):
+            if apart > FOUND * float(np.hypot(deviation, value_in(tolerance, name))):
                 return True
     return False
 

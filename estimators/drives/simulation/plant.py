@@ -10,11 +10,14 @@ import numpy as np
 from estimators.drives.simulation.columns import (
     ASSISTED,
     BY_LOAD,
+    KD,
     NAMES,
     RESISTED,
     STALL,
     TORQUE_LIMIT,
     UNLIMITED,
+    VISCOUS_MINUS,
+    VISCOUS_PLUS,
 )
 from estimators.rigid_body.newton_euler import link_parameters
 from estimators.rigid_body.regressor import RegressorChain
@@ -38,7 +41,7 @@ from limo_driver.physics import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, JointDrive, Simulation
@@ -106,12 +109,32 @@ def rows_of(simulation: Simulation) -> FloatArray:
     return rows
 
 
+def tolerances_of(simulation: Simulation) -> FloatArray:
+    """Return how well each constant is known, (n, columns), deviations of its logarithm.
+
+    That of damping is of servo and joint together.
+
+    Raises:
+        ConfigError: A joint has no position servo, or an effect cannot be run forward.
+    """
+    usual, rows = simulation.tolerances.drive, rows_of(simulation)
+    found = np.full(rows.shape, usual)
+    for drive in simulation.drives:
+        if isinstance(drive, PositionServo):
+            _enter(found[drive.joint - 1], drive.tolerances)
+    for column in (VISCOUS_PLUS, VISCOUS_MINUS):
+        whole = rows[:, KD] + rows[:, column]
+        share = np.divide(rows[:, KD], whole, out=np.zeros_like(whole), where=whole > 0.0)
+        found[:, column] = share * found[:, KD] + (1.0 - share) * usual
+    return found
+
+
 def most_torque(rows: FloatArray) -> FloatArray:
     """Return the most torque of each drive, (n,) [N m]."""
     return np.minimum(rows[:, TORQUE_LIMIT], rows[:, STALL])
 
 
-def _enter(row: FloatArray, values: _Values) -> None:
+def _enter(row: FloatArray, values: Mapping[str, float]) -> None:
     for name, value in values.items():
         row[NAMES.index(name)] = value
 

@@ -49,6 +49,15 @@ def test_drives_come_back_from_a_file(described, tmp_path):
     assert Simulation.load(tmp_path / "sim.yaml").drives == DRIVES
 
 
+def test_each_parameter_of_a_servo_may_have_its_tolerance(described, tmp_path):
+    servo = replace(DRIVES[0], tolerances={"kp": 0.05, "delay": 0.5})
+    simulation = Simulation(described("").robot, drives=(servo,))
+    simulation.save(tmp_path / "sim.yaml")
+
+    assert "tolerances: {kp: 0.05, delay: 0.5}" in (tmp_path / "sim.yaml").read_text()
+    assert Simulation.load(tmp_path / "sim.yaml").drives == (servo,)
+
+
 def test_drives_that_changed_are_told(described):
     before = Simulation(described("").robot, drives=DRIVES)
     servo = replace(DRIVES[0], kp=12.5)
@@ -83,6 +92,19 @@ def test_a_file_without_drives_has_those_of_its_robot(described, tmp_path):
         ("{drive: position_servo, joint: 2, kp: 1}", "joint is 2, expected a joint from 1 to 1"),
         ("{drive: position_servo, joint: 1, kp: -1}", "kp is -1"),
         ("{drive: position_servo, joint: 1, kp: 1, delay: 20}", "delay is 20"),
+        (
+            "{drive: position_servo, joint: 1, kp: 1, tolerances: {kb: 0.1}}",
+            "tolerances is 'kb', expected parameters of kp, kd",
+        ),
+        (
+            "{drive: position_servo, joint: 1, kp: 1, tolerances: {kp: 0}}",
+            "kp is 0, expected a number above 0",
+        ),
+        (
+            "{drive: dc_motor, joint: 1, kt: 1, resistance: 1, supply: 1, gear: 1, "
+            "tolerances: {kt: 1}}",
+            "dc_motor: has no 'tolerances'",
+        ),
     ],
 )
 def test_mistakes_are_named_with_their_line(described, tmp_path, entry, message):

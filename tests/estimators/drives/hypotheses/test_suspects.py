@@ -9,7 +9,7 @@ import pytest
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.drives import diagnose_drives, free_run
-from estimators.drives.fitting.arm import ArmProblem, Weights, fit_arm
+from estimators.drives.fitting.arm import ArmProblem, Weights, fit_arm, glance_at
 from estimators.drives.fitting.identification import DriveIdentification
 from estimators.drives.fitting.joint import JointFit, value_in, with_values
 from estimators.drives.hypotheses.search import FOUND, beliefs, stated_guess
@@ -138,6 +138,23 @@ def test_values_stay_within_their_tolerance_until_one_is_suspected(stated, recor
     assert [value_in(row, "kp") for row in kept.rows] == pytest.approx(least)
     assert [value_in(row, "kp") for row in one.rows] == pytest.approx([least[0], KP[1]], rel=0.03)
     assert [value_in(row, "kp") for row in all_of.rows] == pytest.approx(KP, rel=0.03)
+
+
+def test_a_glance_ends_where_a_fit_does_and_says_not_how_sure_it_is(stated, recordings):
+    wrong = [
+        with_values(row, {"kp": 1.2 * kp}) for row, kp in zip(rows_of(stated), KP, strict=True)
+    ]
+    guess = stated_guess(np.array(wrong))
+    weights = Weights(np.full(2, STEP), np.full(2, 0.1))
+    problem = ArmProblem(ArmLoads(stated.body, recordings[:1]), weights, beliefs(guess.rows, 0.1))
+
+    for steps in (1, 8):
+        fit, glance = fit_arm(problem, guess, steps), glance_at(problem, guess, steps)
+
+        np.testing.assert_array_equal(glance.guess.rows, fit.guess.rows)
+        assert glance.cost == fit.cost
+        assert all(own["kp"] > 0.0 for own in fit.own)
+        assert glance.own == ()
 
 
 def test_a_gear_that_may_be_the_stated_one_is_doubtful(stated):
