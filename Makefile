@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # Processes that share the tests, file by file; 0 for none, as a debugger wants it.
 WORKERS ?= 2
 # More threads of BLAS than idle cores wait for each other, and take three times as long.
-PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --durations=15
 # Images of containers often set it: then each of many processes compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
 

@@ -27,10 +27,11 @@ TWO_LINKS = """<robot name="two_links">
 </robot>"""
 
 # The same examples each time, and none is too slow on a busy machine: what fails, fails again.
-# `--hypothesis-profile explore` looks at others.
-for name, alike in (("alike", True), ("explore", False)):
+# `--hypothesis-profile explore` looks at others, and at more of them.
+for name, alike, examples in (("alike", True, 30), ("explore", False, 100)):
     hypothesis.settings.register_profile(
         name,
+        max_examples=examples,
         derandomize=alike,
         deadline=None,
         suppress_health_check=[hypothesis.HealthCheck.too_slow],

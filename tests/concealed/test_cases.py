@@ -99,11 +99,13 @@ def test_every_effect_shows(bench, name):
     assert np.isfinite(sizes).all()
 
 
+@pytest.mark.slow("plays 48 s of motion at 1 kHz")
 def test_the_plain_world_has_no_size(bench):
     unchanged = size.change(bench.world, bench.respond(bench.world))
     assert bench.yardstick.sizes(unchanged, bench.world).max() < 1e-6
 
 
+@pytest.mark.slow("plays 48 s of motion at 1 kHz three times")
 def test_tolerances_imitate_a_scaled_friction_but_not_another_law(bench):
     stiffer = bench.world.with_drive(1, coulomb=1.1 * bench.world.drive["coulomb"][1])
     inside = bench.yardstick.sizes(size.change(stiffer, bench.respond(stiffer)), stiffer)
@@ -116,6 +118,7 @@ def test_tolerances_imitate_a_scaled_friction_but_not_another_law(bench):
     assert outside[1] > 3
 
 
+@pytest.mark.slow("compiles the plant, and plays 48 s of motion at 1 kHz")
 @pytest.mark.parametrize("name", WRONG)
 @pytest.mark.parametrize("seed", range(6))
 def test_a_wrong_value_is_stated_and_outside_its_tolerance(bench, name, seed, tmp_path):

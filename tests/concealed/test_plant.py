@@ -110,6 +110,7 @@ def test_a_gear_bends_by_its_load_and_a_play_by_half_its_gap(arm):
         assert bend == pytest.approx(expected(response.torque[-1, 1]), rel=0.05)
 
 
+@pytest.mark.slow("simulates the plant, which no change of limo touches")
 @pytest.mark.parametrize("law", presliding.LAWS)
 def test_presliding_saturates_forgets_speed_and_dissipates(law):
     drive = drive_.plain(np.ones(N), NOTHING, NOTHING, 1e-3)

@@ -10,13 +10,11 @@ import limo_driver as limo
 @pytest.mark.parametrize(
     ("seed", "hidden", "rate", "name", "within"),
     [
-        (0, "payload", 200.0, "mass", 0.1),
         (7, "dead_band", 200.0, "dead_band", 0.1),
         (2016, "position_servo", 50.0, "kp", 0.1),  # half of the gain that is stated
         (7003, "integral_gain", 200.0, "ki", 0.1),
         (8500, "gear_ratio", 200.0, "ratio", 0.1),
         (620003, "stribeck_friction", 200.0, "tau_s", 0.2),
-        (7006, "swapped_joints", 200.0, "", 0.0),
         (7007, "supply_sag", 200.0, "sag", 0.2),
         (9302, "swapped_joints+backlash+encoder_offset", 200.0, "", 0.0),
         (300, "punch", 200.0, "punch", 0.1),

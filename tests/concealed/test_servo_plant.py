@@ -53,6 +53,7 @@ def test_friction_holds_within_its_band():
     assert np.abs(away).max() > 0.05
 
 
+@pytest.mark.slow("draws three whole cases")
 def test_a_case_is_drawn_from_its_seed():
     first, again = (servo_cases.make(3, ("drive_delay",)) for _ in range(2))
     np.testing.assert_array_equal(first.recordings[0].position, again.recordings[0].position)

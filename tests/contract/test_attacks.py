@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import sampled
 from robot_commands import START, impedance, position
 from wire_rules import POSITION, TORQUE
 from wire_tap import tapped
@@ -91,8 +92,8 @@ class TestRange:
             assert told.max(axis=0)[joint] <= limits.position_max[joint] + 1e-9
             assert state.position[joint] <= limits.position_max[joint] + 1e-9
 
-    @pytest.mark.parametrize("joint", [0, 3, 6])
-    @pytest.mark.parametrize("kind", ["torque", "impedance"])
+    @sampled("joint", [0, 3, 6], "seconds of cycles each")
+    @sampled("kind", ["torque", "impedance"], "seconds of cycles each")
     def test_is_kept_by_arms_that_are_pushed_towards_its_end(self, backend, joint, kind):
         """Braked when it just can be, and never beyond."""
         limits = RobotModel.load("iiwa14").limits
@@ -123,8 +124,8 @@ class TestRange:
             with pytest.raises(HoldingError, match=f"joint {joint + 1} .*range"):
                 robot.send(position(state.position))
 
-    @pytest.mark.parametrize("joint", [0, 6])
-    @pytest.mark.parametrize("alternately", [False, True])
+    @sampled("joint", [0, 6], "seconds of cycles each")
+    @sampled("alternately", [True, False], "seconds of cycles each")
     def test_is_kept_by_a_program_that_resumes_whenever_the_arm_holds(self, joint, alternately):
         """Torque towards the end of the range, with a position in every other cycle or without."""
         push = [20.0, 0.5][joint == 6] * np.eye(7)[joint]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from lanes import later, sampled
 
 from estimators.base import InverseDynamics
 from estimators.hybrid import HybridModel
@@ -76,7 +77,17 @@ def recording() -> Recording:
     return recorded("iiwa14")
 
 
-@pytest.fixture(scope="module", params=ESTIMATORS)
+QUICK = ("rigid-body", "mlp7 all-joints", "lstm-fcl own-joint")
+
+
+@pytest.fixture(
+    scope="module",
+    params=later(
+        [*QUICK, *(name for name in ESTIMATORS if name not in QUICK)],
+        "each is fitted, and streamed step by step",
+        first=len(QUICK),
+    ),
+)
 def kind(request: pytest.FixtureRequest) -> str:
     return request.param
 
@@ -120,7 +131,7 @@ def test_fitting_again_forgets_what_was_fitted_before(
     np.testing.assert_array_equal(again.predict(recording), estimator.predict(recording))
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
+@sampled("name", ESTIMATORS, "fits each estimator", first=2)
 def test_a_robot_of_one_joint(name: str, robots: dict[int, str]) -> None:
     measured = recorded(robots[1])
     predicted = ESTIMATORS[name](robots[1]).fit([measured]).predict(measured)

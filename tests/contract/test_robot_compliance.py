@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lanes import sampled
 from robot_commands import START, impedance, position
 
 from limo_driver.errors import HoldingError, JointLimitError
@@ -85,7 +86,7 @@ def deflect(robot, stiffness=300.0):
     return state
 
 
-@pytest.mark.parametrize("how", ["hold", "expiry"])
+@sampled("how", ["hold", "expiry"], "seconds of cycles each")
 def test_deflected_arm_is_held_where_it_is(robot, how):
     deflected = deflect(robot)
     if how == "hold":
@@ -97,6 +98,7 @@ def test_deflected_arm_is_held_where_it_is(robot, how):
     assert np.abs(states[-1].position - deflected.position).max() < 0.01
 
 
+@pytest.mark.slow("seconds of cycles")
 def test_deflected_arm_takes_positions_only_from_its_pose(robot):
     deflected = deflect(robot)
     with pytest.raises(JointLimitError, match="joint 1: first position"):

@@ -13,6 +13,7 @@ from fri_messages import compile_schema
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+from lanes import later
 
 RUNS, STEPS = 3, 24  # of about 12 cycles each
 
@@ -22,7 +23,10 @@ def schema(tmp_path_factory):
     return compile_schema(tmp_path_factory.mktemp("schema"))
 
 
-@pytest.fixture(params=["virtual", "jerk", "mujoco", "fri", "fri-torque", "cia402", "damiao"])
+RIGS = ["virtual", "fri", "mujoco", "damiao", "jerk", "fri-torque", "cia402"]
+
+
+@pytest.fixture(params=later(RIGS, "hundreds of cycles of random use each", first=2))
 def opened(request, schema):
     """Return what opens one of them."""
     return rigs.every(schema)[request.param]

@@ -52,6 +52,7 @@ def test_errors_are_against_the_filtered_torque(
     )
 
 
+@pytest.mark.slow("evaluates a minute")
 def test_a_simulation_that_is_the_arm_leaves_nothing_but_noise(rigid: Simulation) -> None:
     motion = wander(
         np.arange(4000) / 100.0,
@@ -72,6 +73,7 @@ def test_a_simulation_that_is_the_arm_leaves_nothing_but_noise(rigid: Simulation
     np.testing.assert_allclose(found.noise_floor, np.std(own, axis=0), rtol=0.2)
 
 
+@pytest.mark.slow("filters a minute at 1 kHz, twice")
 def test_noise_floor_is_the_noise_that_the_filter_leaves() -> None:
     random = np.random.default_rng(0)
     t = np.arange(60_000) / 1000.0
@@ -143,6 +145,7 @@ def test_without_a_noise_floor_errors_are_compared_with_the_largest(
     assert "trained on" in title_of(text)
 
 
+@pytest.mark.slow("draws every picture")
 def test_pictures_have_a_panel_for_each_joint(evaluation: Evaluation) -> None:
     for figure in (torque_figure(evaluation), loop_figure(evaluation)):
         shown = [axes for axes in figure.axes if axes.get_visible()]
@@ -186,6 +189,7 @@ def test_from_recordings_to_pictures(files: Path, limo: Limo) -> None:
     assert (files / "out" / "loops.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow("trains a model")
 def test_it_is_said_that_a_model_was_trained_on_the_recording(
     rigid: Simulation, files: Path, limo: Limo
 ) -> None:

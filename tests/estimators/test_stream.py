@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from lanes import later
 from wandering import wander
 
 from estimators.hybrid import HybridModel
@@ -44,7 +45,9 @@ def record(rate: float, duration: float = 5.0, seed: int = 0) -> Recording:
 KINDS = [(model, features) for model in ("mlp7", "lstm-fcl") for features in FEATURE_SETS]
 
 
-@pytest.fixture(scope="module", params=KINDS, ids="-".join)
+@pytest.fixture(
+    scope="module", params=later(KINDS, "each is trained, and streamed step by step"), ids="-".join
+)
 def model(request: pytest.FixtureRequest) -> HybridModel:
     kind, features = request.param
     settings = TrainingSettings(

@@ -2,6 +2,7 @@ import re
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 from estimators.telemetry import (
     channels_of,
@@ -40,8 +41,10 @@ def recorded(arm, friction, still=(), noise=0.05):
     return Recording.from_arrays(time, q, torque)
 
 
-@pytest.mark.parametrize(
-    ("share", "said"), [(0.003, "link side"), (0.06, "motor side"), (0.02, "not to be told")]
+@sampled(
+    ("share", "said"),
+    [(0.003, "link side"), (0.06, "motor side"), (0.02, "not to be told")],
+    "identifies an arm each",
 )
 def test_friction_says_on_which_side_of_the_gear(arm, share, said):
     found = telemetry_of(recorded(arm, share * arm.limits.torque), arm)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from lanes import sampled
 from servo_arms import commands, recorded, write_arm
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -26,7 +27,7 @@ def threads() -> set[int]:
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
-@pytest.mark.parametrize("where", ["rigid_body", "joint_physics"])
+@sampled("where", ["rigid_body", "joint_physics"], "fits an arm each")
 def test_fits_keep_blas_to_one_thread_and_give_the_others_back(
     rigid: Simulation, training_recording: Recording, where: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

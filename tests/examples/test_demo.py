@@ -81,6 +81,7 @@ def outcomes(out, monkeypatch, *failing):
     ])  # fmt: skip
 
 
+@pytest.mark.slow("makes the whole page")
 def test_all_that_went_well_is_on_the_page(out, monkeypatch, capfd):
     demo.finish(outcomes(out, monkeypatch), out)
     page = (out / "index.html").read_text()

@@ -15,11 +15,16 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ("predict_torque", "beyond the rigid body"),
         ("creep_and_reverse", "the arm holds"),
         ("your_csv", "questions: none"),
-        (
+        pytest.param(
             "your_mjcf",
             "Payload of 0.5|model.xml: changed; MuJoCo alone needs what limo predicts, to 0.0",
+            marks=pytest.mark.slow("diagnoses, and exports"),
         ),  # of 0.6 kg
-        ("your_bag", "left aside: 2000 messages of finger_left, finger_right on /joint_states"),
+        pytest.param(
+            "your_bag",
+            "left aside: 2000 messages of finger_left, finger_right on /joint_states",
+            marks=pytest.mark.slow("writes and reads a bag"),
+        ),
         pytest.param(
             "diagnose_simulated",
             "] at the flange; presliding hysteresis at joint 4.",

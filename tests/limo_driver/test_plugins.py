@@ -149,6 +149,7 @@ def test_a_model_of_an_estimator_that_is_gone_names_it(tmp_path):
         load_model(tmp_path)
 
 
+@pytest.mark.slow("starts a process that imports everything")
 def test_nothing_is_looked_for_before_a_name_is_asked_for():
     code = (
         "import limo_driver.physics, limo_driver.cli, estimators.model_folder\n"

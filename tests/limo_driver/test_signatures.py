@@ -52,6 +52,7 @@ LONG = (
     "train",
     "plan",
     "excite",
+    "excite_servos",
     "serve",
     "evaluate",
     "export_onnx",

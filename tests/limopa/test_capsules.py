@@ -19,7 +19,7 @@ POINT = arrays(np.float64, 3, elements=st.floats(-1, 1, width=32))
 
 
 @given(POINT, POINT, POINT, POINT)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_segment_distance_is_the_least_over_both_segments(p1, q1, p2, q2):
     s = np.linspace(0, 1, 201)[:, None]
     first, second = p1 + s * (q1 - p1), p2 + s * (q2 - p2)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lanes import sampled
 from scipy.spatial import cKDTree
 
 from limo_driver.errors import ConfigError, InfeasiblePathError
@@ -160,7 +161,7 @@ def test_no_collision_hides_between_the_samples_of_a_path(iiwa):
         assert finely.check(line.derivative(np.linspace(0, 1, 5000), 0)).conditions() == ()
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("request_", "condition"),
     [
         (PlanRequest(workspace=Workspace(radius=0.1), candidates=2000), "effective workspace"),
@@ -178,6 +179,8 @@ def test_no_collision_hides_between_the_samples_of_a_path(iiwa):
             "joint limits",
         ),
     ],
+    "searches in vain, again and again",
+    first=4,
 )
 def test_an_infeasible_request_names_the_condition(iiwa, request_, condition):
     with pytest.raises(InfeasiblePathError, match=condition) as caught:

@@ -64,7 +64,7 @@ PERIOD = st.sampled_from([1e-3, 4e-3, 1e-2])
 
 
 @given(LIMITS, PERIOD, st.floats(1e-4, 4.0), st.integers(0, 1000))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_reaching_keeps_all_limits_at_full_speed(limits, period, distance, seed):
     direction = np.random.default_rng(seed).uniform(-1, 1, 3)
     end = distance * direction / np.abs(direction).max()

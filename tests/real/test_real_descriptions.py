@@ -12,6 +12,7 @@ DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shar
 ROBOT = DATA / "so101" / "robot"
 
 
+@pytest.mark.slow("identifies an arm of servos")
 @pytest.mark.skipif(not ROBOT.is_dir(), reason="no SO-101; set LIMO_DATA")
 def test_a_servo_arm_is_the_same_from_either_file():
     """Body and joint of its gripper share a name; its URDF has meshes, its MJCF classes."""

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from arms import NODES, START, arm_config, counts_at
 from canopen_drives import CanopenArm
+from lanes import sampled
 from sync_bus import SyncBus
 
 from backends.can import CanRobot
@@ -34,7 +35,7 @@ def random_frame(random, drives):
     return 0x180 + NODES[j], struct.pack("<Hih", status, near, int(random.integers(-999, 999)))
 
 
-@pytest.mark.parametrize("density", [0.02, 0.2, 5.0])  # frames in each cycle
+@sampled("density", [0.2, 0.02, 5.0], "1500 cycles each")  # frames in each cycle
 def test_running(density):
     random = np.random.default_rng(round(100 * density))
     bus, config = SyncBus(), arm_config(hold_after=2)

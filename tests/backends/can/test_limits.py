@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 from arms import NODES, START, arm_config, counts_at
 from canopen_drives import CanopenArm
+from lanes import sampled
 from sync_bus import SyncBus
 
 from backends.can import CanRobot
@@ -349,7 +350,7 @@ class TestArm:
                 arm.drives[j].lag = 0
 
     @pytest.mark.usefixtures("arm")
-    @pytest.mark.parametrize("watchdog", [0.4, 1.0])
+    @sampled("watchdog", [0.4, 1.0], "ten seconds of cycles each")
     def test_is_told_four_times_a_watchdog_that_the_loop_runs(self, bus, config, watchdog):
         with opened(bus, replace(config, watchdog=watchdog)) as robot:
             robot.receive()

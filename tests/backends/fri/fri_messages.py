@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from backends.fri.codec import messages as m
 from backends.fri.codec.version import FriVersion, Generation
 
-some = settings(max_examples=40, deadline=None)  # each runs for every generation
+some = settings(max_examples=12, deadline=None)  # each runs for every generation
 GENERATIONS = tuple(Generation)
 VERSIONS = tuple(FriVersion)
 SCHEMA = Path(__file__).parents[3] / "backends" / "fri" / "codec" / "fri.proto"

@@ -8,6 +8,7 @@ which a session fixes.
 import importlib
 
 import pytest
+from lanes import sampled
 from robot_commands import START
 from stepped_arm import stepped
 
@@ -45,9 +46,19 @@ TORQUE = {
 }
 
 
+LONG = {
+    "test_expired_command_leads_to_a_hold_within_the_limits",
+    "test_limited_command_is_returned_and_converges_without_overshoot",
+    "test_range_is_kept_and_said",
+}
+
+
 def promises(suite):
+    marks = {name: pytest.mark.slow("thousands of cycles at the wire") for name in LONG}
     return [
-        pytest.param(getattr(importlib.import_module(module), name), id=name)
+        pytest.param(
+            getattr(importlib.import_module(module), name), id=name, marks=marks.get(name, ())
+        )
         for module, names in suite.items()
         for name in names
     ]
@@ -75,7 +86,7 @@ def test_torque_session_keeps(promise, compliant):
     promise(compliant)
 
 
-@pytest.mark.parametrize("generation", [Generation.TWO_FIVE, Generation.TWO_SEVEN])
+@sampled("generation", [Generation.TWO_FIVE, Generation.TWO_SEVEN], "seconds of cycles each")
 def test_later_versions_are_driven_alike(generation):
     module = importlib.import_module("test_robot")
     for promise in (
@@ -86,14 +97,14 @@ def test_later_versions_are_driven_alike(generation):
             promise(robot)
 
 
-@pytest.mark.parametrize("commanded", [False, True])
+@sampled("commanded", [False, True], "seconds of cycles each")
 def test_resuming_while_braking_keeps(commanded, robot):
     module = importlib.import_module("test_robot_holding")
     module.test_resuming_while_braking_keeps_the_limits(robot, commanded)
 
 
-@pytest.mark.parametrize("answered", [False, True])
-@pytest.mark.parametrize("resumed", [False, True])
+@sampled("answered", [False, True], "seconds of cycles each")
+@sampled("resumed", [False, True], "seconds of cycles each")
 def test_closing_keeps(answered, resumed, robot):
     module = importlib.import_module("test_robot_holding")
     module.test_closing_at_full_speed_brakes_within_the_limits(robot, answered, resumed)

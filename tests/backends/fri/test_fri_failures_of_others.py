@@ -63,10 +63,11 @@ def test_no_command_is_ever_zero_by_default():
     assert np.abs(sent - np.array(POSE)).max() < 1e-12
 
 
+@pytest.mark.slow("thousands of cycles at the wire")
 def test_reconnecting_under_motion_does_not_jerk():
     with stepped() as robot:
         arm, limits = robot.arm, robot.spec.limits
-        for k in range(10):
+        for k in range(6):
             speed_up(robot, 60 if k else 400)
             arm.state = SessionState.MONITORING_READY if k % 2 else SessionState.IDLE
             arm.ipo = arm.position.copy()  # the arm was stopped here

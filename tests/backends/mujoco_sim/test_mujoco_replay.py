@@ -114,6 +114,7 @@ def test_effects_of_time_act_when_they_did_in_the_recording(recording):
     assert np.allclose(np.abs(added[steady, 1]), expected, atol=0.1)
 
 
+@pytest.mark.slow("replays a motion twice")
 def test_friction_by_temperature_takes_the_temperature_that_was_measured(recording):
     temperature = np.full(recording.position.shape, 35.0)
     temperature[::2] = np.nan  # holes, as of a sensor that is slower than the recording

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import pytest
 from simulated_runs import iiwa, play, rms
 
 from backends.mujoco_sim import MujocoRobot
@@ -48,6 +49,7 @@ class ForeignWindUp(MotionEffect):
         return motion.load / 8000.0, state
 
 
+@pytest.mark.slow("plays a motion on two arms with effects in Python")
 def test_unknown_effects_are_sampled(exploration):
     targets = exploration[:3000]
     known = iiwa(

@@ -117,6 +117,7 @@ def test_a_simulation_that_is_right_is_consistent(given, seed):
     assert error(found.after, given) < 0.01
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_a_spent_budget_leaves_what_is_proven_and_says_what_was_not_tried(given):
     hidden = PreslidingHysteresis(joint=2, stiffness=(300.0,), width=(0.004,))
     recording = record(plus(given, hidden), 0)
@@ -132,6 +133,7 @@ def test_a_spent_budget_leaves_what_is_proven_and_says_what_was_not_tried(given)
         limo.diagnose(given, recording, budget=0.0)
 
 
+@pytest.mark.slow("two whole diagnoses")
 def test_a_lag_of_a_sensor_within_its_tolerance_is_neither_unknown_nor_noise(given):
     """Where fast motion turns round, the sign of friction comes half a millisecond late."""
     motion = motion_of(given, 0, 15.0)
@@ -148,6 +150,7 @@ def test_a_lag_of_a_sensor_within_its_tolerance_is_neither_unknown_nor_noise(giv
     np.testing.assert_allclose(*floors, rtol=0.2)
 
 
+@pytest.mark.slow("two whole diagnoses")
 def test_an_arm_of_a_millinewton_metre_is_judged_as_one_of_a_hundred(given):
     """Bodies, friction and noise in another unit of mass: nothing but that unit may change."""
 
@@ -174,6 +177,7 @@ def test_an_arm_of_a_millinewton_metre_is_judged_as_one_of_a_hundred(given):
         np.testing.assert_allclose(getattr(weak.fit, name), scaled, rtol=1e-3)
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeypatch):
     scans = iter([(), (PUSH,), (PUSH,)])  # of the first set, of the whole one, and without its rows
     monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
@@ -185,6 +189,7 @@ def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeyp
     assert not found.traces.held_out[near].any()
 
 
+@pytest.mark.slow("two whole diagnoses")
 def test_what_looks_like_a_push_only_beside_missing_effects_is_none_and_its_rows_count(
     given, monkeypatch
 ):
@@ -212,6 +217,7 @@ def test_it_tells_its_progress_keeps_blas_to_one_thread_and_gives_the_others_bac
     assert done[-1] == 1.0
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_intervals_that_fail_leave_the_verdict(given, monkeypatch):
     def failing(*_):
         raise np.linalg.LinAlgError("Singular matrix")
@@ -224,12 +230,14 @@ def test_intervals_that_fail_leave_the_verdict(given, monkeypatch):
     assert isinstance(failure.error, np.linalg.LinAlgError)
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_a_low_bandwidth_makes_no_hysteresis_of_reversals(given):
     """A filter that reaches farther spreads what happens at a reversal farther."""
     assert names(diagnose(given, [record(given, 1, 120.0)], bandwidth=4.0)) == set()
 
 
-@sampled("seed", range(2), "another draw of motion and noise")
+@pytest.mark.slow("a whole diagnosis")
+@pytest.mark.parametrize("seed", range(2))
 def test_what_is_off_within_tolerances_is_consistent_and_mended(given, seed):
     """The friction is 15 % larger, one deviation; the improved simulation says so."""
     more = tuple(
@@ -263,6 +271,7 @@ def test_ordinary_friction_is_identified_and_what_hides_behind_it_is_found(given
         assert low < known.value < high
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_friction_that_is_all_that_is_missing_is_no_finding(given):
     found = diagnose(replace(given, effects=()), [record(given, 1)])
     assert found.verdict.verdict == "consistent"
@@ -276,6 +285,7 @@ def test_friction_that_is_all_that_is_missing_is_no_finding(given):
     assert error(found.after, given) < 0.02
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_gains_inside_their_tolerance_are_no_finding_and_are_mended(given):
     """Torques that are currents times a constant that is good to 10 %; friction unknown."""
     gains = (TorqueGain(joint=1, gain=0.08), TorqueGain(joint=2, gain=-0.1))
@@ -289,6 +299,7 @@ def test_gains_inside_their_tolerance_are_no_finding_and_are_mended(given):
     assert mended == pytest.approx({1: 0.08, 2: -0.1}, abs=0.01)
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_no_friction_is_named_where_the_torque_has_none(given):
     """A torque that is measured on the link side."""
     link_side = replace(given, effects=())
@@ -304,6 +315,7 @@ def hysteresis(given):
     return true, diagnose(given, [record(true, 3)])
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_hysteresis_is_named_at_its_joint_and_modelled(hysteresis, given):
     true, found = hysteresis
     assert names(found) == {("presliding_hysteresis", "missing", (2,))}
@@ -319,12 +331,14 @@ def test_hysteresis_is_named_at_its_joint_and_modelled(hysteresis, given):
     assert stiffness @ width == pytest.approx(0.8, rel=0.1)  # height of its loop [N m]
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_the_fit_says_how_much_of_the_error_is_gone(hysteresis):
     fit = hysteresis[1].verdict.fit
     low, high = fit.ci95
     assert 0.95 < low <= fit.reducible_error_removed <= high <= 1.0
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_traces_have_the_rows_that_were_compared(hysteresis):
     traces = hysteresis[1].traces
     rows = traces.time.size
@@ -335,6 +349,7 @@ def test_traces_have_the_rows_that_were_compared(hysteresis):
     assert np.all(left < np.sqrt(np.mean((traces.measured - traces.before)[held] ** 2, axis=0)))
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_the_chosen_explanation_is_the_likeliest(hysteresis):
     explanations = hysteresis[1].explanations
     assert explanations[0].effects == ("presliding_hysteresis",)
@@ -343,6 +358,7 @@ def test_the_chosen_explanation_is_the_likeliest(hysteresis):
     assert evidence == sorted(evidence, reverse=True)
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_a_drift_is_named_and_not_handed_on(given):
     """Another recording drifts in another way, or not at all."""
     times = tuple(np.linspace(0.0, 60.0, 7).tolist())
@@ -353,6 +369,7 @@ def test_a_drift_is_named_and_not_handed_on(given):
     assert any("not written into the improved simulation" in note for note in found.verdict.notes)
 
 
+@pytest.mark.slow("two whole diagnoses")
 def test_six_seconds_are_enough_for_what_they_show(given):
     found = diagnose(given, [record(plus(given, TorqueGain(joint=1, gain=0.3)), 1, 6.0)])
     assert ("torque_gain", "missing", (1,)) in names(found) or any(
@@ -372,6 +389,7 @@ def test_a_gain_is_named_at_its_joint(given):
     assert closure(found)[1] < CLOSED
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_a_joint_that_a_fit_harms_stays_as_stated_and_the_others_are_mended(given):
     """Joint 2 rubs less in the blocks held out than elsewhere; a spring acts on joint 1."""
     whole = record(plus(given, SpringLoad(joint=1, stiffness=3.0, rest=0.2)), 0)
@@ -393,6 +411,7 @@ def doubled(given):
     return true, diagnose(given, [record(true, 2)])
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_friction_that_doubled_is_a_wrong_parameter(doubled):
     _, found = doubled
     assert names(found) == {("coulomb_friction", "wrong_parameter", (2,))}
@@ -400,6 +419,7 @@ def test_friction_that_doubled_is_a_wrong_parameter(doubled):
     assert closure(found)[1] < CLOSED
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_friction_that_grew_sharper_than_it_is_stated_is_a_wrong_parameter(given):
     """How sharp a sign is, is guessed; a change of friction does not follow the guess."""
     stated, known = replace(given.effects[1], v_eps=0.03), 1.2
@@ -414,6 +434,7 @@ def test_friction_that_grew_sharper_than_it_is_stated_is_a_wrong_parameter(given
     assert closure(found)[1] < CLOSED
 
 
+@pytest.mark.slow("a whole diagnosis each")
 @pytest.mark.parametrize("times", [0.1, 0.5])
 def test_friction_that_is_but_sharper_than_it_is_stated_is_no_finding(given, times):
     """Its size is within its tolerance; over which speeds the sign turns was a guess."""
@@ -425,6 +446,7 @@ def test_friction_that_is_but_sharper_than_it_is_stated_is_no_finding(given, tim
     assert closure(found)[1] < CLOSED
 
 
+@pytest.mark.slow("two whole diagnoses")
 def test_the_same_input_gives_the_same_verdict(doubled, given):
     true, found = doubled
     again = diagnose(given, [record(true, 2)])
@@ -432,6 +454,7 @@ def test_the_same_input_gives_the_same_verdict(doubled, given):
     assert again.after == found.after
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_the_verdict_reports_the_value_that_the_improved_simulation_has(doubled):
     _, found = doubled
     reported = found.verdict.findings[0].parameters["tau_c"]
@@ -439,6 +462,7 @@ def test_the_verdict_reports_the_value_that_the_improved_simulation_has(doubled)
     assert reported.value == pytest.approx(found.after.effects[1].tau_c)
 
 
+@pytest.mark.slow("a whole diagnosis each")
 @pytest.mark.parametrize(
     ("true", "name"),
     [(CoulombFriction(joint=2, tau_c=0.6), "tau_c"), (ViscousFriction(joint=1, f_v=3.0), "f_v")],
@@ -456,6 +480,7 @@ def test_friction_stated_twice_too_large_is_a_wrong_parameter(given, true, name)
     assert closure(found)[1] < CLOSED
 
 
+@pytest.mark.slow("diagnoses an arm of seven joints")
 def test_a_payload_is_named_with_its_mass():
     iiwa = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))
     payload = Payload(mass=1.5, com=(0.02, 0.0, 0.08), inertia=(0.005, 0.0, 0.0, 0.005, 0.0, 0.005))
@@ -477,6 +502,7 @@ def with_product(simulation, seed):
     return replace(recording, torque=torque)
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_what_nothing_explains_is_unknown_at_its_joint(given):
     """What goes with the product of both velocities is in no catalogue."""
     found = diagnose(given, [with_product(given, 5)])
@@ -485,6 +511,7 @@ def test_what_nothing_explains_is_unknown_at_its_joint(given):
     assert found.verdict.unexplained.joints == (1,)
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_a_value_at_its_limit_is_not_blamed_for_what_nothing_explains(given):
     """The friction is three deviations larger, and the fit has it at the end of its tolerance."""
     more = replace(given.effects[0], tau_c=1.46 * given.effects[0].tau_c)
@@ -501,6 +528,7 @@ def test_a_recording_of_another_robot_is_refused(given):
         diagnose(given, [Recording.from_arrays(t, position, position)])
 
 
+@pytest.mark.slow("diagnoses an arm of seven joints")
 def test_a_joint_without_torque_is_left_out_by_name_and_the_others_are_judged():
     iiwa = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))
     payload = Payload(mass=1.5, com=(0.02, 0.0, 0.08), inertia=(0.005, 0.0, 0.0, 0.005, 0.0, 0.005))

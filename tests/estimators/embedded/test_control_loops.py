@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from lanes import sampled
 
 from estimators.embedded.export import export_c
 from limo_driver.physics import Simulation
@@ -17,7 +18,7 @@ SOURCES = ("ros2_control/limo_effort_controller", "libfranka/contact_stop", "fri
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
-@pytest.mark.parametrize("source", SOURCES)
+@sampled("source", SOURCES, "each runs a compiler")
 def test_the_example_compiles_with_the_exported_header(source: str, tmp_path: Path) -> None:
     export_c(Simulation("iiwa14"), tmp_path, 1000.0)
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]

@@ -36,6 +36,7 @@ def motion() -> Motion:
     return Motion(t, q, dq, np.gradient(dq, t, axis=0))
 
 
+@pytest.mark.slow("compiles all effects")
 def test_all_effects_at_once_equal_their_laws(motion: Motion, tmp_path: Path) -> None:
     """Sensors last; what displaces the links displaces them together."""
     simulation = Simulation("iiwa14", tuple(make(name, **values) for name, values in EXPORTED))
@@ -43,6 +44,7 @@ def test_all_effects_at_once_equal_their_laws(motion: Motion, tmp_path: Path) ->
     assert worst(found["torque"], simulation.predict(motion)) < 1e-9
 
 
+@pytest.mark.slow("compiles many effects")
 def test_friction_is_told_apart_from_other_torque(motion: Motion, tmp_path: Path) -> None:
     rubs = [case for case in EXPORTED if make(case[0], **case[1]).rubs]
     others = [("spring_load", {"stiffness": 20.0, "rest": 0.3}), ("armature", {"inertia": 0.4})]
@@ -60,6 +62,7 @@ def test_what_has_no_form_in_c_is_refused_by_name(name: str, values: dict, tmp_p
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow("compiles an arm")
 def test_payload_and_gravity_are_told_apart(motion: Motion, tmp_path: Path) -> None:
     simulation = Simulation("iiwa14", (make("payload", **EXAMPLES["payload"][0]),))
     found = CModel.of(simulation, tmp_path, RATE).along(motion)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from c_model import COMPILERS, CEstimates, CModel, worst
+from lanes import sampled
 from wandering import wander
 
 from estimators.embedded.export import export_c
@@ -95,13 +96,16 @@ def compare(model: LiveEstimator | Simulation, found: CEstimates, moved: Recordi
     np.testing.assert_array_equal(found["outside"] > 0, late.outside)
 
 
+@pytest.mark.slow("learns, and runs a minute of motion")
 def test_joint_physics_equals_its_stream(
     physics: JointPhysics, built_physics: CModel, moved: Recording
 ) -> None:
     compare(physics, built_physics.stream(moved.time, moved.position, moved.torque), moved)
 
 
-@pytest.mark.parametrize(("kind", "features"), NETWORKS, ids=[kind for kind, _ in NETWORKS])
+@sampled(
+    ("kind", "features"), NETWORKS, "trains and compiles each", ids=[kind for kind, _ in NETWORKS]
+)
 def test_networks_equal_their_streams(
     kind: str,
     features: str,
@@ -137,6 +141,7 @@ def test_a_bare_simulation_knows_no_errors_and_no_contact(
     assert not found["contact"].any()
 
 
+@pytest.mark.slow("learns, and runs a minute of motion")
 def test_without_torque_there_is_no_external_one(
     physics: JointPhysics, built_physics: CModel, moved: Recording
 ) -> None:
@@ -178,6 +183,7 @@ def test_a_wild_time_costs_a_start_and_not_all_that_follow(
     np.testing.assert_array_equal(late.torque[301:], anew.torque)
 
 
+@pytest.mark.slow("learns, compiles and runs a minute of motion")
 def test_a_push_is_a_contact_and_errors_are_as_rarely_one_as_stated(
     physics: JointPhysics,
     record: Callable[[int, float], Recording],

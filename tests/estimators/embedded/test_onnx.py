@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import onnxruntime
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from estimators.hybrid import HybridModel
@@ -44,9 +45,10 @@ def own(model: HybridModel, features: FloatArray) -> FloatArray:
     return fitted.slope * y + fitted.offset
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("kind", "features"),
     [("mlp7", "drive"), ("lstm-fcl", "own-joint"), ("lstm-2", "all-joints")],
+    "exports each network",
 )
 def test_it_equals_the_network_in_portions_of_any_size(
     kind: str,

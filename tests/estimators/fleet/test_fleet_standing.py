@@ -47,6 +47,7 @@ def fleet(seed: int, odd: float = 1.0, growth: float = 0.0) -> FleetDiagnosis:
     return FleetDiagnosis("two_links", tuple(rows))
 
 
+@pytest.mark.slow("judges forty fleets")
 def test_of_forty_fleets_of_arms_that_are_alike_hardly_one_has_a_false_alarm():
     fleets = [fleet(seed) for seed in range(40)]
     assert sum(bool(item.odd) for item in fleets) <= 1

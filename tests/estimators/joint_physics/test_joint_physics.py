@@ -220,6 +220,7 @@ def test_a_column_that_is_zero_gets_no_weight() -> None:
     np.testing.assert_allclose(found.posterior.weights, [2.0, 0.0], atol=1e-3)
 
 
+@pytest.mark.slow("fits three recordings")
 def test_fitting_again_forgets(
     rigid: Simulation, training_recording: Recording, test_recording: Recording
 ) -> None:
@@ -268,6 +269,7 @@ def test_fewer_rows_than_weights_are_refused(
         JointPhysics(rigid).fit([brisk])
 
 
+@pytest.mark.slow("fits three recordings")
 def test_folds_of_a_short_recording_do_not_narrow_the_interval(
     rigid: Simulation, record: Callable[[int, float], Recording], test_recording: Recording
 ) -> None:
@@ -368,6 +370,7 @@ def test_a_folder_of_another_estimator_is_refused(folder: Path) -> None:
         HybridModel.load(folder)
 
 
+@pytest.mark.slow("trains and evaluates through the commands")
 def test_the_commands_train_and_evaluate_it(
     rigid: Simulation, training_recording: Recording, tmp_path: Path, limo: Limo
 ) -> None:

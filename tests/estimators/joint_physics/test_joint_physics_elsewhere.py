@@ -52,6 +52,7 @@ def record(
     return Recording.from_arrays(t, motion.position, torque)
 
 
+@pytest.mark.slow("fits five models")
 def test_elsewhere_it_is_flagged_and_hardly_worse_than_the_rigid_body(
     rigid: Simulation, soft_arm: Simulation
 ) -> None:
@@ -135,6 +136,7 @@ def test_learned_torque_fades_and_its_deviation_does_not() -> None:
     assert outside[:, 0].tolist() == [False, False, True, True]  # far off, or hardly turned
 
 
+@pytest.mark.slow("learns from a recording")
 def test_a_folder_from_before_torque_faded_estimates_as_it_did(
     rigid: Simulation, soft_arm: Simulation, tmp_path: Path
 ) -> None:

@@ -49,6 +49,7 @@ def restarted(model: JointPhysics, fresh: list[Recording]) -> tuple[np.ndarray, 
     return errors, std
 
 
+@pytest.mark.slow("fits an arm each, and restarts in many places")
 @pytest.mark.parametrize("knows", ["dry friction", "a hysteresis of another width"])
 def test_after_a_restart_the_interval_holds_what_it_says(
     rigid: Simulation, recording: Recording, record: Callable[[int, float], Recording], knows: str

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from lanes import sampled
 from table_data import RATE, robot, write_data
 
 from estimators.reproduction import rows as r
@@ -172,7 +173,7 @@ def test_recordings_of_other_joints_than_the_robots_are_refused(
         TableData.load(copy)
 
 
-@pytest.mark.parametrize("row", [r.RBD, r.MLP_FULL, r.FCL100_FULL, r.TRANSFORMER])
+@sampled("row", [r.RBD, r.MLP_FULL, r.FCL100_FULL, r.TRANSFORMER], "trains a network each")
 def test_an_arm_of_other_joints_than_the_papers_is_trained_and_scored(
     row: Row, tmp_path: Path, arm: Path
 ) -> None:
@@ -184,6 +185,7 @@ def test_an_arm_of_other_joints_than_the_papers_is_trained_and_scored(
     assert np.isfinite(list(result.mse.values())).all()
 
 
+@pytest.mark.slow("identifies an arm twice")
 def test_a_urdf_lies_beside_the_data_and_another_one_is_other_data(
     folder: Path, data: TableData, tmp_path: Path
 ) -> None:
@@ -251,6 +253,7 @@ def test_the_rigid_body_is_scored_by_what_it_leaves(runner: TrialRunner, data: T
     assert result.epochs == 0
 
 
+@pytest.mark.slow("trains networks")
 def test_runs_differ_by_their_seed_alone(runner: TrialRunner, data: TableData) -> None:
     first, again = (runner.run(trial_of(data, r.FCL100_FULL)) for _ in range(2))
     assert first.mse == again.mse

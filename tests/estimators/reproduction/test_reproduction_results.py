@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from lanes import sampled
 from one_file import check_page, drawn, title_of
 from table_data import write_data
 
@@ -163,7 +164,7 @@ def test_the_best_row_is_named_beside_the_papers(data: TableData) -> None:
     assert best(table_of(data, {}), "validation", SEQUENCES) is None
 
 
-@pytest.mark.parametrize("done", [{}, {0: 1.0}, {0: 1.0, 1: 1.2, 2: 0.9}])
+@sampled("done", [{}, {0: 1.0}, {0: 1.0, 1: 1.2, 2: 0.9}], "draws all pictures each")
 def test_the_page_says_what_is_best_and_what_is_not_known_yet(
     data: TableData, done: dict[int, float]
 ) -> None:
@@ -176,6 +177,7 @@ def test_the_page_says_what_is_best_and_what_is_not_known_yet(
     assert all(claim.title in text for claim in CLAIMS)
 
 
+@pytest.mark.slow("draws all pictures")
 def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: Path) -> None:
     trials = PROTOCOL.trials(data.digests)
     done = next(t for t in trials if (t.row, t.split) == (r.MLP, SEQUENCES))
@@ -210,6 +212,7 @@ def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: 
     assert "No judgement" not in (tmp_path / "claims.md").read_text()
 
 
+@pytest.mark.slow("draws all pictures each")
 @pytest.mark.parametrize("name", ["arm", "seven_joints"])
 def test_beside_another_arm_stand_only_the_papers_factors(
     name: str, data: TableData, tmp_path: Path, arm: Path

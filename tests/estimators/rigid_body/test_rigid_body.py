@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from lanes import sampled
 
 from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
 from estimators.rigid_body.base_parameters import find_base_parameters
@@ -149,6 +150,7 @@ def test_base_parameters_predict_what_full_parameters_do(iiwa):
     np.testing.assert_allclose(difference[70:], 0, atol=1e-9)
 
 
+@pytest.mark.slow("identifies a recording")
 def test_a_rail_is_identified_in_newtons(rail):
     friction = (CoulombFriction(joint=1, tau_c=3.0, v_eps=0.01), ViscousFriction(joint=3, f_v=20.0))
     found = identify(rail, [record(Simulation(str(rail.urdf), friction))]).simulation
@@ -157,6 +159,7 @@ def test_a_rail_is_identified_in_newtons(rail):
     assert by_place["viscous_friction, joint 3"].f_v == pytest.approx(20.0, abs=0.5)
 
 
+@pytest.mark.slow("identifies a recording of an arm of seven joints")
 def test_estimator_reaches_the_noise_on_other_motion():
     simulation = Simulation("iiwa14", FRICTION)
     model = RigidBodyModel("iiwa14", PAPER).fit([record(simulation)])
@@ -186,6 +189,7 @@ def test_estimator_says_what_is_missing():
         model.torque(sinusoids(6, 5, 0))
 
 
+@pytest.mark.slow("identifies a recording of an arm of seven joints")
 def test_friction_offset_and_sign_width_are_found():
     offsets = tuple(TorqueOffset(joint=j, offset=0.1 * j - 0.4) for j in range(1, 8))
     found = identify(
@@ -246,7 +250,7 @@ def hysteretic():
     return (*FRICTION, *memory)
 
 
-@pytest.mark.parametrize("seed", [None, 3, 5])  # the fixed frequencies of sinusoids are harder
+@sampled("seed", [None, 3, 5], "identifies a recording each")
 def test_hysteresis_does_not_pull_masses(iiwa, hysteretic, seed):
     motion = None if seed is None else explore(8, seed)
     found = identify(iiwa, [record(Simulation("iiwa14", hysteretic), motion=motion)])
@@ -256,7 +260,7 @@ def test_hysteresis_does_not_pull_masses(iiwa, hysteretic, seed):
         assert link.mass == pytest.approx(link.mass_nominal, rel=0.05)
 
 
-@pytest.mark.parametrize("seed", [3, 6])
+@sampled("seed", [3, 6], "identifies a recording each")
 def test_the_tolerance_holds_what_a_wrong_model_does_to_the_torque(iiwa, hysteretic, seed):
     heavy = {
         link: Inertial(1.2 * body.mass, body.com, body.inertia)
@@ -271,7 +275,9 @@ def test_the_tolerance_holds_what_a_wrong_model_does_to_the_torque(iiwa, hystere
     assert off[[1, 3]].max() < found.tolerances.inertia  # they carry the arm
 
 
-@pytest.mark.parametrize(("mass", "tolerance"), [(5.0, None), (30.0, None), (30.0, 0.1)])
+@sampled(
+    ("mass", "tolerance"), [(5.0, None), (30.0, None), (30.0, 0.1)], "identifies a recording each"
+)
 def test_bodies_far_from_the_description_are_found(iiwa, mass, tolerance):
     tool = Payload(mass=mass, com=(0.0, 0.1, 0.2), inertia=(0.05, 0, 0, 0.05, 0, 0.05))
     recording = record(Simulation("iiwa14", (*FRICTION, tool)), T=2000)
@@ -280,6 +286,7 @@ def test_bodies_far_from_the_description_are_found(iiwa, mass, tolerance):
     assert found.rmse_consistent.max() < NOISE
 
 
+@pytest.mark.slow("identifies a recording")
 def test_a_changed_mass_is_found_beside_hysteresis(iiwa, hysteretic):
     body = iiwa.inertials["link4"]
     heavier = {"link4": Inertial(1.5 * body.mass, body.com, body.inertia)}
@@ -320,6 +327,7 @@ def test_deviations_hold_when_errors_last(iiwa):
     assert np.all(found.fit.effective < 2 * 10.0 * recording.duration / 3)
 
 
+@pytest.mark.slow("identifies recordings")
 def test_base_parameters_are_less_sure_where_the_model_is_wrong(iiwa):
     """Other recordings of an arm with hysteresis give other values: by as much as is said."""
     slip = [PreslidingHysteresis(joint=j, stiffness=(40.0,), width=(0.05,)) for j in range(1, 8)]

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import sampled
 from one_file import check_page, drawn, title_of
 from rich.console import Console
 
@@ -105,6 +106,7 @@ def test_json_holds_the_findings(recording, identify):
     }
 
 
+@pytest.mark.slow("identifies a recording of an arm of seven joints")
 def test_every_base_parameter_has_a_name_and_an_uncertainty(recording, identify):
     _, printed, _ = identify(recording, "--json", "--no-offset", "--no-armature")
     base = {item["name"]: item for item in json.loads(printed)["base"]}
@@ -125,7 +127,7 @@ def test_every_base_parameter_has_a_name_and_an_uncertainty(recording, identify)
     assert "my_3 - mz_4" in table
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("more", "message"),
     [
         (("--robot", "robot9"), "'robot9' is neither built in"),
@@ -144,6 +146,8 @@ def test_every_base_parameter_has_a_name_and_an_uncertainty(recording, identify)
             for value in ("0", "-1", "nan", "1e-12")
         ),
     ],
+    "identifies before it refuses",
+    first=11,
 )
 def test_bad_input_is_one_line_and_status_2(tmp_path, recording, identify, more, message):
     status, _, notes = identify(recording, *more)

@@ -79,6 +79,7 @@ def test_a_delay_of_fewer_states_than_a_filter_takes_is_refused(two_links_urdf):
         opened.service(10.0)
 
 
+@pytest.mark.slow("compiles in a process of its own")
 def test_the_first_states_find_everything_compiled(two_links_urdf):
     # in a process of its own, since other tests compile here
     subprocess.run(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import zenoh
+from lanes import sampled
 from malformed import KINDS, NAMES, PERIOD, START, mutated, state
 from sessions import sessions_of_two, wait_until
 
@@ -94,7 +95,7 @@ class TestBetweenStates:
         for t, estimate in answers.estimates.items():
             np.testing.assert_array_equal(estimate.torque, undisturbed[t].torque)
 
-    @pytest.mark.parametrize("seed", range(4))
+    @sampled("seed", range(4), "streams seconds each")
     def test_forged_ones_leave_the_champion_and_are_recovered_from(
         self, rigid, undisturbed, seed
     ) -> None:

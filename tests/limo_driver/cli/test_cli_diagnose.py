@@ -7,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from estimators.diagnosis.result import Diagnosis, Explanation, Traces
@@ -152,6 +153,7 @@ def test_writes_verdict_simulation_report_and_the_next_motion(tmp_path, recordin
     assert "The motion to record next" in page
 
 
+@pytest.mark.slow("runs all stages of a diagnosis but the search")
 @pytest.mark.usefixtures("found")
 def test_json_is_the_verdict_and_nothing_else(tmp_path, recording, diagnose):
     status, printed, notes = diagnose(recording, more=("--json",))
@@ -160,6 +162,7 @@ def test_json_is_the_verdict_and_nothing_else(tmp_path, recording, diagnose):
     assert json.loads(printed) == json.loads((tmp_path / "out" / "verdict.json").read_text())
 
 
+@pytest.mark.slow("runs all stages of a diagnosis but the search")
 def test_without_ambiguity_there_is_no_next_motion_nor_an_old_one(
     tmp_path, recording, diagnose, found
 ):
@@ -172,6 +175,7 @@ def test_without_ambiguity_there_is_no_next_motion_nor_an_old_one(
     assert json.loads((tmp_path / "out" / "verdict.json").read_text())["next_motion"] is None
 
 
+@pytest.mark.slow("plans a motion")
 def test_the_pairs_that_the_search_asks_for_come_first(tmp_path, recording, diagnose, found):
     found["separates"] = (("coulomb_friction", "presliding_hysteresis"),)
     diagnose(recording)
@@ -179,6 +183,7 @@ def test_the_pairs_that_the_search_asks_for_come_first(tmp_path, recording, diag
     assert verdict["next_motion"]["separates"] == [["coulomb_friction", "presliding_hysteresis"]]
 
 
+@pytest.mark.slow("runs all stages of a diagnosis but the search")
 def test_what_no_motion_tells_apart_is_said_in_the_report(tmp_path, recording, diagnose, found):
     found["equivalent"] = ()
     found["separates"] = (("payload", "link_inertia"),)
@@ -191,6 +196,7 @@ def test_what_no_motion_tells_apart_is_said_in_the_report(tmp_path, recording, d
     assert not (tmp_path / "out" / "next_motion.parquet").exists()
 
 
+@pytest.mark.slow("runs all stages of a diagnosis but the search")
 def test_a_motion_that_cannot_be_replayed_does_not_fail_the_diagnosis(
     tmp_path, recording, diagnose, found
 ):
@@ -207,15 +213,19 @@ def _failing(*_args, **_more):
 
 
 @pytest.mark.usefixtures("found")
-@pytest.mark.parametrize(
+@sampled(
     ("place", "stage", "missing"),
     [
         ("estimators.diagnosis.saving.write_report", "report", {"report.html"}),
         ("limo_driver.workflow.diagnosing.with_replay", "replay on the simulated robot", set()),
-        ("limo_driver.workflow.diagnosing.with_next_motion", "next motion",
-         {"next_motion.parquet"}),
+        (
+            "limo_driver.workflow.diagnosing.with_next_motion",
+            "next motion",
+            {"next_motion.parquet"},
+        ),
     ],
-)  # fmt: skip
+    "runs all stages of a diagnosis but the search, each",
+)
 def test_where_a_later_stage_fails_the_verdict_is_written_and_says_so(
     tmp_path, recording, diagnose, monkeypatch, place, stage, missing
 ):
@@ -240,6 +250,7 @@ def test_a_search_that_fails_leaves_no_folder(tmp_path, recording, diagnose, mon
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow("runs all stages of a diagnosis but the search, twice")
 @pytest.mark.usefixtures("found")
 def test_python_prints_what_the_terminal_does(recording, diagnose):
     _, printed, _ = diagnose(recording)
@@ -295,12 +306,13 @@ def _exchanged(path, tmp_path, a, b):
     return tmp_path / "exchanged.parquet"
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("a", "b", "said"),
     [
         ("torque_2", "torque_4", "torque_2 belongs to joint 4 and torque_4 to joint 2"),
         ("position_4", "position_6", "position_4 belongs to joint 6 and position_6 to joint 4"),
     ],
+    "looks where a recording belongs",
 )
 def test_exchanged_columns_are_refused_in_one_line_before_any_search(
     tmp_path, recording, refused, a, b, said
@@ -308,12 +320,13 @@ def test_exchanged_columns_are_refused_in_one_line_before_any_search(
     refused(_exchanged(recording, tmp_path, a, b), said)
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("columns", "said"),
     [
         ({"torque_4": lambda tau: -tau}, "torque_4 has the other sign than expected"),
         ({"torque_4": lambda tau: tau / 1000}, "torque_4 is 0.001 times what its motion makes"),
     ],
+    "looks where a recording belongs",
 )
 def test_torques_of_another_sign_or_unit_are_refused_in_one_line(
     tmp_path, recording, refused, columns, said

@@ -61,6 +61,7 @@ def test_commands_that_are_no_set_points_are_refused(mistake, told, identified, 
     assert not (tmp_path / "sim.yaml").exists()
 
 
+@pytest.mark.slow("identifies servos twice")
 def test_what_is_odd_is_told_and_written(identified, position, tmp_path):
     stalled = position.copy()
     stalled[300:, 1] = stalled[300, 1]

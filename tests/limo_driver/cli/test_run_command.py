@@ -74,13 +74,8 @@ def test_recording_can_be_thinned(limo, tmp_path, trajectory):
     assert np.diff(pq.read_table(record)["time"].to_numpy()) == pytest.approx(np.full(50, 0.004))
 
 
-@pytest.mark.parametrize(
-    "number",
-    [
-        signal.SIGINT,
-        pytest.param(signal.SIGTERM, marks=pytest.mark.slow("moves an arm for seconds")),
-    ],
-)
+@pytest.mark.slow("plays a motion in a process of its own")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path, number):
     trajectory = write_trajectory(tmp_path / "long.parquet", 600.0)
     record = tmp_path / "run.parquet"

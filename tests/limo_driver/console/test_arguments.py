@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import backends
 import estimators
 import limo_driver
@@ -68,6 +70,7 @@ def test_an_error_that_speaks_of_options_is_noticed(tmp_path):
     assert said_of_options(path) == [f"{path}:2: give --sim"]
 
 
+@pytest.mark.slow("starts two processes")
 def test_a_command_says_which_of_its_options(tmp_path):
     """From argument to option on the whole way, in a process of its own."""
     trajectory = tmp_path / "any.parquet"

@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[3]
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 SAID = "limo: interrupted"
-SEED, MOMENTS = 18, 3  # of random moments for each command
+SEED = 18  # of a random moment for each command
 LATEST = 1.0  # [s]
 STARTS = pytest.mark.slow("starts a process and interrupts it, once more for each import")
 LISTENING = "importlib.metadata"  # the first module that `main` imports behind its guard
@@ -102,21 +102,20 @@ def test_while_it_imports(command, module, tmp_path):
     assert interrupted(arguments, tmp_path, module) == (130, [SAID])
 
 
-@pytest.mark.slow("starts every command several times")
+@pytest.mark.slow("starts every command")
 @pytest.mark.parametrize("name", COMMANDS)
 def test_at_a_random_moment_of_the_first_second(name, folder):
-    moments = random.Random(f"{SEED} {name}")  # noqa: S311
-    for k in range(MOMENTS):
-        after = LATEST * moments.random() ** 2  # most of them early
-        arguments = COMMANDS[name].format(f"{name}{k}")
-        status, told = interrupted(arguments, folder, LISTENING, after)
-        text = "\n".join(told)
-        assert not [w for w in ("Traceback", "Exception ignored", "Keyboard") if w in text], text
-        if status == -signal.SIGINT:  # Python had taken its handlers down already: 130 to a shell
-            assert told == []
-        elif status:  # else it had ended, or ends well by Ctrl-C, as a service does
-            assert status == 130
-            assert told.count(SAID) == 1 or name == "run"  # which says that the arm holds
+    moment = random.Random(f"{SEED} {name}").random()  # noqa: S311
+    arguments = COMMANDS[name].format(name)
+    # most of them early
+    status, told = interrupted(arguments, folder, LISTENING, LATEST * moment**2)
+    text = "\n".join(told)
+    assert not [w for w in ("Traceback", "Exception ignored", "Keyboard") if w in text], text
+    if status == -signal.SIGINT:  # Python had taken its handlers down already: 130 to a shell
+        assert told == []
+    elif status:  # else it had ended, or ends well by Ctrl-C, as a service does
+        assert status == 130
+        assert told.count(SAID) == 1 or name == "run"  # which says that the arm holds
 
 
 @pytest.mark.slow("makes recordings and a model first")
@@ -198,6 +197,7 @@ def test_a_command_that_ends_well_by_an_interrupt_says_nothing():
     assert (ended.returncode, ended.stderr) == (0, "")
 
 
+@pytest.mark.slow("starts a process that imports everything")
 def test_no_command_loads_a_window_library():
     """The one that MuJoCo comes with is slow to load, and prints at Ctrl-C."""
     code = (

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from limo_driver.descriptions.enclosing import box_corners, enclosing_capsule
@@ -12,6 +12,7 @@ def distance(points, start, end):
     return np.linalg.norm(points - start - np.clip(part, 0, 1)[:, None] * along, axis=1)
 
 
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 60))
 def test_every_corner_is_inside(seed, many):
     random = np.random.default_rng(seed)

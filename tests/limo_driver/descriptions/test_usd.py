@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lanes import sampled
 from usd_arms import usd_of
 
 from limo_driver.errors import ConfigError
@@ -11,7 +12,7 @@ pytest.importorskip("pxr", reason="needs usd-core: pip install limo[usd]")
 
 
 @pytest.mark.parametrize("ending", ["usda", "usdc"])
-@pytest.mark.parametrize("seed", range(3))
+@sampled("seed", range(3), "writes and reads a description each")
 def test_an_arm_needs_the_torque_that_it_needs_as_urdf(tmp_path, seed, ending):
     urdf = RobotModel.load("iiwa14")
     usd = RobotModel(usd_of(urdf, tmp_path / f"arm.{ending}", seed))

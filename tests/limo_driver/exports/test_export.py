@@ -65,7 +65,7 @@ def model(tmp_path):
     return path
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 6), inertials=st.booleans())
 def test_to_limo_and_back_nothing_changes(tmp_path_factory, seed, joints, inertials):
     folder = tmp_path_factory.mktemp("arm")
@@ -76,7 +76,7 @@ def test_to_limo_and_back_nothing_changes(tmp_path_factory, seed, joints, inerti
     assert written.file.read_bytes() == path.read_bytes()
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 6))
 def test_a_plain_simulator_has_what_was_found(tmp_path_factory, seed, joints):
     folder = tmp_path_factory.mktemp("arm")
@@ -110,6 +110,7 @@ def test_only_lines_of_what_was_found_change(model, tmp_path):
     assert model.read_text() == arm_of(3)
 
 
+@pytest.mark.slow("writes a file, and has MuJoCo prove it")
 def test_what_is_not_expressible_is_said_with_its_size(model, tmp_path):
     bare = replace(Simulation.load(model), effects=())
     effects = (

@@ -58,6 +58,7 @@ def test_what_was_found_is_a_layer_over_the_file(asset, tmp_path):
     assert stage.GetDefaultPrim().GetName() == "robot"
 
 
+@pytest.mark.slow("writes four files")
 def test_a_later_export_over_a_layer_says_what_changed_since(asset, tmp_path):
     found, masses = found_on(asset), lambda file: RobotModel(file).inertials["link7"].mass
     first = limo.export(found, "usd", tmp_path / "1").file

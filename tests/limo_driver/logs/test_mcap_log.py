@@ -321,6 +321,7 @@ def bomb(size, packed=None, says=None):
     )  # fmt: skip
 
 
+@pytest.mark.slow("packs 256 MiB each")
 @pytest.mark.parametrize("says", [1 << 28, 1 << 20, (1 << 63) - 1])
 def test_a_small_chunk_that_unpacks_to_much_is_left_out(tmp_path, says):
     path = tmp_path / "bomb.mcap"

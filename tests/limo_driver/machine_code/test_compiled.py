@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 from limo_driver.compiled import compiled
 from limo_driver.console.compilation_line import compilation_line
@@ -130,7 +131,12 @@ def test_what_two_threads_asked_for_at_once_is_found_at_once_ever_after(monkeypa
     assert len(asked) == 2
 
 
-@pytest.mark.parametrize("change", [{"factor": 4.0}, {"offset": 2.0}], ids=["called", "own"])
+@sampled(
+    "change",
+    [{"factor": 4.0}, {"offset": 2.0}],
+    "starts processes that compile",
+    ids=["called", "own"],
+)
 def test_a_change_of_the_sources_is_seen_whatever_their_times(folder, change):
     times = (folder / "inner.py").stat()
     ask(folder)
@@ -212,6 +218,7 @@ def test_a_function_keeps_its_bits_whoever_calls_it_first():
     assert ask_for(x, x * x) == 0.0  # fused, it is the rounding of the product, 2⁻⁵⁴
 
 
+@pytest.mark.slow("starts processes that compile")
 def test_versions_that_share_a_cache_leave_each_other_alone(folder):
     ask(folder)
     write(folder, factor=4.0)
@@ -222,6 +229,7 @@ def test_versions_that_share_a_cache_leave_each_other_alone(folder):
     assert ask(folder) == (8.0, False)
 
 
+@pytest.mark.slow("compiles many versions")
 def test_old_versions_do_not_pile_up(folder):
     for factor in range(kept_code._KEPT + 2):
         write(folder, factor=float(factor))
@@ -267,8 +275,10 @@ def _a_folder(file):
     file.mkdir()
 
 
-@pytest.mark.parametrize(
-    "damage", [_cut, _empty, _turn_a_bit, _of_no_known_class, _of_something_else, _a_folder]
+@sampled(
+    "damage",
+    [_cut, _empty, _turn_a_bit, _of_no_known_class, _of_something_else, _a_folder],
+    "compiles each time",
 )
 def test_damaged_files_are_compiled_anew(folder, damage):
     ask(folder)
@@ -373,6 +383,7 @@ def test_killed_while_writing(folder):
     assert ask(folder) == (6.0, False)
 
 
+@pytest.mark.slow("compiles in a process of its own")
 def test_ctrl_c_while_compiling_is_one_line_and_130(folder):
     child = compiling(folder)
     child.send_signal(signal.SIGINT)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from lanes import sampled
 from ports import free_port
 from sessions import sessions_of_two, wait_until
 
@@ -57,13 +58,14 @@ def claimed(part, config, arm="arm"):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("centre", "part", "arm"),
     [
         ("driver", "service", "arm"),
         ("service", "driver", "arm"),
         pytest.param("service", "driver", "seen", id="an arm called as a key"),
     ],
+    "starts three processes each",
 )
 def test_a_second_one_in_a_star_is_refused_until_the_first_has_gone(star, centre, part, arm):
     hub, *ends = star
@@ -80,6 +82,7 @@ def test_a_second_one_in_a_star_is_refused_until_the_first_has_gone(star, centre
             again.communicate("\n")
 
 
+@pytest.mark.slow("starts two processes")
 def test_of_two_that_begin_together_at_the_ends_of_a_star_one_stays(star):
     hub, *ends = star
     with Presence(["other"], "driver", config=hub) as middle:
@@ -92,6 +95,7 @@ def test_of_two_that_begin_together_at_the_ends_of_a_star_one_stays(star):
     assert said[1].startswith("refused:")
 
 
+@pytest.mark.slow("waits in vain")
 def test_no_name_is_had_while_somebody_does_not_tell_whom_it_sees(tmp_path, monkeypatch):
     """As a witness that is flooded with queries, whose ring drops ours."""
     monkeypatch.setattr(claims, "PATIENCE", 1.0)
@@ -107,6 +111,7 @@ def test_no_name_is_had_while_somebody_does_not_tell_whom_it_sees(tmp_path, monk
         token.undeclare()
 
 
+@pytest.mark.slow("starts a process")
 def test_a_driver_that_publishes_is_a_hub_too(star):
     hub, end, _ = star
     with (

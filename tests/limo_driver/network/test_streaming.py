@@ -224,6 +224,7 @@ class TestPublishing:
 
 
 class TestPresence:
+    @pytest.mark.slow("opens three sessions that look for each other")
     def test_of_a_second_service_of_an_arm_is_refused(self, tmp_path):
         here, there = configurations_of_two(tmp_path)
         with Presence(["left", "arm"], "service", config=here) as first:
@@ -253,6 +254,7 @@ class TestPresence:
             assert len(refused) == 1
             assert "'left'" in refused[0]
 
+    @pytest.mark.slow("opens three sessions that look for each other")
     def test_ends_where_nobody_waited_for_it(self, tmp_path):
         here, there = configurations_of_two(tmp_path)
         with open_session(config=there) as other:

@@ -184,7 +184,7 @@ def test_a_file_reads_back_equal(tmp_path):
     assert Simulation.load(path) == HYSTERETIC
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     tau_c=st.floats(0, 1e3),
     v_eps=st.floats(1e-6, 1.0),

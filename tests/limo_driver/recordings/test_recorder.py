@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from lanes import sampled
 
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.recorder import (
@@ -143,7 +144,7 @@ def test_the_header_is_on_the_disk_before_the_first_row(tmp_path):
     recorder.close()
 
 
-@pytest.mark.parametrize("flushes", [1, 4])
+@sampled("flushes", [1, 4], "starts and kills a process each")
 def test_killed_process_keeps_all_that_was_flushed(tmp_path, flushes):
     assert FLUSH_PERIOD <= 0.25  # [s], so that at most the last second is lost
     path = tmp_path / "run.parquet"
@@ -182,6 +183,7 @@ def test_a_killed_rerun_is_told_when_the_older_recording_is_read(tmp_path):
     assert any("run.parquet.partial beside it" in text for text in recording.warnings)
 
 
+@pytest.mark.slow("starts and kills a process")
 def test_the_log_of_a_killed_run_is_not_written_over(tmp_path):
     path = tmp_path / "run.parquet"
     killed_run(path)

@@ -74,7 +74,7 @@ def unfinished(tmp_path, monkeypatch):
 
 def test_log_of_a_killed_process_is_read_up_to_where_it_is_cut(tmp_path, unfinished):
     path = tmp_path / "run.parquet"
-    sizes = np.linspace(0, len(unfinished), 120).astype(int)
+    sizes = np.linspace(0, len(unfinished), 30).astype(int)
     lengths = []
     for size in sizes:
         (tmp_path / "run.parquet.partial").write_bytes(unfinished[:size])

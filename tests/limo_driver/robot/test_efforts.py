@@ -125,7 +125,7 @@ class TestGains:
         assert gains[2][0] == pytest.approx(sign * 100.0)
         assert gains[2][0] - gains[1][0] * velocity[0] == pytest.approx(sign * 95.0, abs=STEP[0])
 
-    @settings(max_examples=200)
+    @settings(max_examples=60)
     @given(st.lists(st.floats(-1.0, 1.0), min_size=24, max_size=24))
     def test_never_step(self, drawn):
         draw = np.array(drawn).reshape(8, 3)

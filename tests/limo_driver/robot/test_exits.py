@@ -11,6 +11,7 @@ import textwrap
 import numpy as np
 import pyarrow as pa
 import pytest
+from lanes import sampled
 from robot_commands import START, smooth_move
 
 from limo_driver.errors import RecordingError
@@ -159,7 +160,7 @@ class TestSignals:
             monkeypatch.undo()
             assert np.array_equal(robot.setpoint, sent)
 
-    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    @sampled("number", [signal.SIGINT, signal.SIGTERM], "opens and closes an arm for each line")
     def test_at_any_line_of_closing_leave_the_arm_at_rest(self, number):
         files, line, left = {exits.__file__, robot_module.__file__}, 0, False
         while line == 0 or left:

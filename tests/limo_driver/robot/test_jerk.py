@@ -60,7 +60,7 @@ def wandering(draw):
     return np.vstack([*targets, np.tile(last, (40, 1))])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(wandering())
 def test_of_any_stream_is_kept_with_all_other_limits(targets):
     path, _, met = run(targets)
@@ -70,7 +70,7 @@ def test_of_any_stream_is_kept_with_all_other_limits(targets):
         assert hit == 0 or names_of(hit)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(wandering(), st.integers(0, 60))
 def test_of_braking_is_kept_from_anywhere(targets, cycles):
     """It comes to rest inside the range, whatever was going on."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 from backends.mujoco_sim import MujocoRobot
 from limo_driver.physics import CoulombFriction, ExternalContact, PreslidingHysteresis, Simulation
@@ -73,10 +74,11 @@ def play(
     return robot, summary
 
 
-@pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize(
+@sampled("every", [1, 3], "plays seconds of motion twice each")
+@sampled(
     ("simulation", "fast", "looks_ahead"),
     [(ARM, 1.0, True), (ARM, 40.0, False), (PUSHED, 1.0, True)],
+    "plays seconds of motion twice each",
     ids=["ordinary", "limited", "pushed"],
 )
 def test_the_recording_is_the_same_to_the_bit(

@@ -86,6 +86,7 @@ def test_the_collector_is_off_in_the_loop_and_garbage_stays_bounded() -> None:
     assert gc.isenabled()
 
 
+@pytest.mark.slow("freezes all objects of the process")
 def test_what_came_about_later_can_be_frozen_too() -> None:
     with Realtime() as realtime:
         kept = [[number] for number in range(2 * YOUNG_LIMIT)]

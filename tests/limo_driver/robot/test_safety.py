@@ -49,6 +49,7 @@ print(warm, count())
 """
 
 
+@pytest.mark.slow("compiles in a process of its own")
 def test_nothing_is_compiled_once_a_contract_was_warmed_up():
     done = subprocess.run([sys.executable, "-c", WARM], capture_output=True, text=True, check=True)
     warm, after = map(int, done.stdout.split())

@@ -36,7 +36,7 @@ from limo_driver.errors import BackendError, ConfigError, JointLimitError, Shape
 from limo_driver.robot.safety import SafetyContract, check_readable
 from limo_driver.types import JointCommand, PositionCommand
 
-some = settings(max_examples=40)
+some = settings(max_examples=20)
 each_joint = pytest.mark.parametrize("j", range(3))
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 each_kind = pytest.mark.parametrize("kind", COMMANDS)

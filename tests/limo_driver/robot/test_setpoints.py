@@ -36,7 +36,7 @@ MIDDLE = np.array([0.25, 2.25, -1.5])
 ZERO = np.zeros(3)
 JUST = 1e-7  # relative; less than what rounding is allowed
 ROUNDING = 1e-6  # relative, as the module says: a set-point this close to a limit keeps it
-some = settings(max_examples=40)
+some = settings(max_examples=20)
 each_joint = pytest.mark.parametrize("j", range(3))
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 

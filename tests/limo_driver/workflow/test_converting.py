@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from lanes import sampled
 from logged import arm, measured, numbered, written
 
 from limo_driver.errors import RecordingError
@@ -75,7 +76,12 @@ def as_matrices(columns, folder):
     return folder / "log.npz"
 
 
-@pytest.mark.parametrize("write", [as_text, as_parquet, as_dates, as_arrays, as_matrices])
+@sampled(
+    "write",
+    [as_text, as_parquet, as_dates, as_arrays, as_matrices],
+    "converts a log twice each",
+    first=2,
+)
 def test_block_by_block_it_is_the_same(tmp_path, monkeypatch, write):
     path = write(log(), tmp_path)
     found = convert_log(path, tmp_path / "long.parquet", arm())
@@ -145,6 +151,7 @@ def as_bag(path, order):
     return path
 
 
+@pytest.mark.slow("converts a bag twice")
 def test_a_long_bag_is_in_order_of_its_stamps(tmp_path, monkeypatch):
     order = np.arange(TIME.size)
     for k in (500, 999, 1010, 2999, 4000):  # also across the end of a block
@@ -162,6 +169,7 @@ def test_a_long_bag_is_in_order_of_its_stamps(tmp_path, monkeypatch):
     np.testing.assert_allclose(both[0].time, TIME, atol=1e-9)
 
 
+@pytest.mark.slow("writes and reads a bag of many messages")
 def test_a_bag_whose_clock_starts_again_is_refused(tmp_path):
     order = np.concatenate([np.arange(3000), np.arange(2000)])
     with pytest.raises(RecordingError, match="run backwards"):

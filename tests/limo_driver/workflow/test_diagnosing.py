@@ -1,7 +1,7 @@
 """What a diagnosis reads of recordings that are longer than memory and time should bear."""
 
 import numpy as np
-import pytest
+from lanes import sampled
 
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow import diagnosing
@@ -12,13 +12,15 @@ def still(seconds, rate):
     return Recording.from_arrays(time, np.zeros((time.size, 1)), np.zeros((time.size, 1)))
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("rate", "bandwidth", "read"),
     [
         (100.0, 10.0, 800.0),  # 20 000 rows of 1/25 s
         (100.0, 5.0, 1600.0),  # as many rows, of 1/12.5 s
         (1000.0, 10.0, 500.0),  # 500 000 samples are fewer rows than that
     ],
+    "an hour at 1 kHz",
+    first=2,
 )
 def test_of_an_hour_it_reads_as_many_rows_as_time_and_memory_bear(rate, bandwidth, read):
     (part,) = diagnosing._within_memory((still(3600.0, rate),), bandwidth)

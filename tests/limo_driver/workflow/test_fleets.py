@@ -118,6 +118,7 @@ def test_a_full_disk_leaves_no_row_and_is_said(fleet, tmp_path, monkeypatch):
     assert "Parquet" in done.error
 
 
+@pytest.mark.slow("diagnoses a recording")
 def test_a_full_disk_where_it_runs_is_no_finished_row(fleet, monkeypatch):
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -244,6 +245,7 @@ def test_a_pool_runs_no_more_than_memory_bears(fleet, monkeypatch):
     assert not pool.has_room(row)
 
 
+@pytest.mark.slow("diagnoses a recording twice")
 def test_objects_of_a_store_are_recordings_too(fleet, tmp_path):
     archive = tmp_path / "recordings.zip"
     with zipfile.ZipFile(archive, "w") as file:

@@ -184,6 +184,7 @@ class TestFiles:
         recording.save(tmp_path / name)
         assert len(limo.Recording.load(tmp_path / name)) == len(recording)
 
+    @pytest.mark.slow("plays a motion")
     def test_a_trajectory_may_be_a_file(self, trajectory, tmp_path):
         trajectory.save(tmp_path / "motion.parquet")
         with limo.open_robot("virtual", robot="iiwa14") as robot:

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from lanes import sampled
 from logged import measured, numbered, written
 
 import limo_driver as limo
@@ -69,6 +70,7 @@ def test_two_readings_of_one_arm_are_asked_without_a_pattern():
     assert not any("`columns`" in question for question in limo.inspect(log, "iiwa14").questions)
 
 
+@pytest.mark.slow("inspects a log again and again")
 def test_an_answered_mapping_is_tried(run, tmp_path):
     written(one_arm(), tmp_path / "log.csv")
     run(*INSPECT)
@@ -108,7 +110,7 @@ def of_other_joints():
     return limo.inspect(one_arm(), "iiwa14").mapping.as_file.replace("joint7", "j7")
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("there", "why"),
     [
         (of_other_columns, "it reads t, left_q0"),
@@ -116,6 +118,7 @@ def of_other_joints():
         (lambda: "robot: [", ""),
         (lambda: "topics: {a: b}", ""),
     ],
+    "inspects a log each",
     ids=["other columns", "other joints", "damaged", "something else"],
 )
 def test_a_mapping_of_something_else_is_neither_proposed_nor_written_over(
@@ -139,6 +142,7 @@ def test_a_mapping_of_something_else_is_neither_proposed_nor_written_over(
     assert "name another file by --out" in errors
 
 
+@pytest.mark.slow("inspects a log again and again")
 def test_answers_that_are_open_still_are_asked_for_again(run, tmp_path):
     written(two_arms(), tmp_path / "log.csv")
     run(*INSPECT)

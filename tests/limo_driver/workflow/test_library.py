@@ -99,6 +99,7 @@ class TestFollow:
             with pytest.raises(JointLimitError, match="first position"):
                 robot.follow(planned)
 
+    @pytest.mark.slow("plays a motion")
     def test_a_second_motion_has_to_go_on_from_the_first(self, planned):
         start = planned.trajectory.position[0]
         with limo.open_robot("virtual", simulation=TRUE) as robot:

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from lanes import sampled
 from logged import written
 from mjcf_arms import arm_of
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -153,7 +154,7 @@ def test_the_table_is_that_of_the_document():
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("kind", KINDS)
+@sampled("kind", KINDS, "writes and reads a log each")
 def test_a_log_is_read_as_what_was_measured(kind, robot, robots, tmp_path):
     place, (time, q, torque) = robots[robot]
     names = limo.RobotModel.load(place).joint_names
@@ -200,7 +201,7 @@ def told(log, place):
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("kind", KINDS)
+@sampled("kind", KINDS, "writes and reads a log each")
 def test_units_that_are_mixed_are_refused_or_read_right(kind, fault, robots, tmp_path):
     place, measured = robots["iiwa14"]
     names = limo.RobotModel.load(place).joint_names
@@ -210,7 +211,7 @@ def test_units_that_are_mixed_are_refused_or_read_right(kind, fault, robots, tmp
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "arrays in Python"])
-@pytest.mark.parametrize("share", [0.02, 0.6, 0.999])
+@sampled("share", [0.02, 0.6, 0.999], "writes and reads a log each")
 def test_files_that_are_cut_off_are_refused_or_read_as_far_as_they_go(
     kind, share, robots, tmp_path
 ):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import RecordingError
@@ -43,7 +44,7 @@ def identified(*recordings, robot=ARM):
     return limo.identify(robot, recordings, terms, Rows(BANDWIDTH), tolerance=0.1)
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("matrix", "said"),
     [
         (EXCHANGED, "torque_2 belongs to joint 4 and torque_4 to joint 2"),
@@ -52,6 +53,7 @@ def identified(*recordings, robot=ARM):
         (1e-3 * ONE, r"the torques are 0\.00\d+ times .*; are they in kN m or A"),
         (8.0 * ONE, r"the torques are 8\.?\d* times .*; are they in N mm or mA"),
     ],
+    "identifies a recording each",
 )
 def test_torques_in_the_wrong_place_sign_or_unit_are_refused(recording, matrix, said):
     mistaken = replace(recording, torque=recording.torque @ matrix.T)
@@ -65,6 +67,7 @@ def test_positions_in_the_wrong_place_are_refused_beside_a_good_recording(record
         identified(recording, mistaken)
 
 
+@pytest.mark.slow("identifies a recording")
 def test_what_may_be_another_arm_is_identified_and_doubted_first(recording):
     """Finding other bodies than the description has is what an identification is for."""
     found = identified(replace(recording, torque=np.roll(recording.torque, 300, axis=0)))
@@ -72,6 +75,7 @@ def test_what_may_be_another_arm_is_identified_and_doubted_first(recording):
     assert not any("load of" in warning for warning in identified(recording).warnings)
 
 
+@pytest.mark.slow("identifies recordings")
 def test_a_robot_on_the_wall_is_judged_as_it_hangs():
     wall = (0.0, -9.81, 0.0)
     from limo_driver.physics import GravityDirection
@@ -84,6 +88,7 @@ def test_a_robot_on_the_wall_is_judged_as_it_hangs():
         )
 
 
+@pytest.mark.slow("identifies a recording")
 def test_a_mounting_that_the_description_does_not_have_is_said_first():
     from limo_driver.physics import GravityDirection
 
@@ -97,6 +102,7 @@ def test_too_little_to_judge_by_is_said(recording):
     assert found.warnings[0].startswith("signs, units and order of the columns cannot be checked:")
 
 
+@pytest.mark.slow("inspects and converts two logs")
 def test_an_inspection_asks_and_a_conversion_doubts_what_would_be_refused(recording, tmp_path):
     """A log that is converted may be mended later, so it is written all the same."""
     log = {"time_s": recording.time, "q_rad": recording.position}

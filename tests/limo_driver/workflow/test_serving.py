@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from lanes import sampled
 from sessions import configurations_of_two
 
 import limo_driver as limo
@@ -52,7 +53,7 @@ def test_a_driver_is_answered_and_the_process_is_left_as_it_was(ends, tmp_path):
     assert before == (sys.getswitchinterval(), signal.getsignal(signal.SIGTERM), gc.isenabled())
 
 
-@pytest.mark.parametrize("thread", ["limo-join_0", "limo-a", "limo-status"])
+@sampled("thread", ["limo-join_0", "limo-a", "limo-status"], "starts a service each")
 def test_ctrl_c_while_a_thread_is_started_leaves_none(ends, tmp_path, monkeypatch, thread):
     """A thread that nobody ends would keep the process from ending."""
     started = threading.Thread.start

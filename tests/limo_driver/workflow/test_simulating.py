@@ -7,6 +7,7 @@ from concurrent.futures import CancelledError
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
@@ -25,7 +26,7 @@ def motion(size: float) -> limo.Trajectory:
     return limo.Trajectory(t, position, rest, rest, robot="iiwa14")
 
 
-@pytest.mark.parametrize("workers", [1, 2, 3])
+@sampled("workers", [1, 2, 3], "simulates four motions side by side and alone")
 def test_side_by_side_they_are_what_each_is_alone(workers):
     motions, seeds = [motion(0.02), motion(0.04)], [1, 2]
     found = limo.simulate(ARM, motions, seeds, workers=workers)

@@ -166,6 +166,7 @@ def test_two_joints_of_a_urdf(arm):
     assert (found.trajectory.peaks().velocity < arm.limits.velocity).all()
 
 
+@pytest.mark.slow("optimises motions")
 def test_a_seed_gives_one_motion(arm):
     motions = [excite(arm, Conditioning(arm), SMALL, seed).trajectory for seed in (3, 3, 4)]
     np.testing.assert_array_equal(motions[0].position, motions[1].position)
@@ -179,6 +180,7 @@ def test_the_flange_stays_in_the_workspace(arm):
     assert flange[:, 2].min() >= -0.2 - 1e-9
 
 
+@pytest.mark.slow("optimises a motion")
 def test_progress_ends_at_its_end(arm):
     told = []
     excite(arm, Conditioning(arm), SMALL, 1, lambda *figures: told.append(figures))
@@ -197,6 +199,7 @@ FEW = ("--duration", 10, "--harmonics", 3, "--starts", 1, "--iterations", 4,
        "--no-self-collision", "--table-height", -1)  # fmt: skip
 
 
+@pytest.mark.slow("optimises a motion and draws it")
 def test_the_command_writes_motion_figures_and_picture(run, two_links_urdf, tmp_path):
     out, picture = tmp_path / "a.traj.parquet", tmp_path / "a.png"
     result = run(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 from backends.mujoco_sim import MujocoRobot
 from limo_driver.errors import ConfigError, InfeasiblePathError
@@ -26,8 +27,14 @@ KINDS = (
 )
 
 
-@pytest.mark.parametrize("joints", [(2,), (6, 7)])
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+@sampled("joints", [(2,), (6, 7)], "plans a motion of a minute or more each")
+@sampled(
+    "kind",
+    KINDS,
+    "plans a motion of a minute or more each",
+    first=4,
+    ids=lambda kind: kind.__name__,
+)
 def test_a_motion_keeps_every_limit_between_its_samples(iiwa, kind, joints):
     motion = kind(iiwa, START, joints)
     peaks, limits = motion.peaks(), iiwa.limits

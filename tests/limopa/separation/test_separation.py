@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.physics import (
@@ -61,7 +62,7 @@ APART = [
 ]
 
 
-@pytest.mark.parametrize(("first", "second"), APART, ids=lambda effect: effect.name)
+@sampled(("first", "second"), APART, "plans a motion each", first=3, ids=lambda effect: effect.name)
 def test_in_its_motion_neither_effect_passes_for_the_other(iiwa, first, second):
     trajectory = motion_for(iiwa, [J], (first.name, second.name), START)
     motion = trajectory[np.arange(0, len(trajectory), 4)]

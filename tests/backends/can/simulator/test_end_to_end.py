@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bus_master import GROUP, DrivesBus
+from lanes import later
 from ports import free_port
 
 from backends.can import ArmConfig, CanRobot
@@ -53,7 +54,7 @@ def arm(tmp_path, two_links_urdf):
     return lambda convention: write_arm(tmp_path, two_links_urdf, convention)
 
 
-@pytest.fixture(scope="module", params=CONVENTIONS)
+@pytest.fixture(scope="module", params=later(CONVENTIONS, "starts processes"))
 def flawless(request, tmp_path_factory, two_links_urdf):
     """Drives with which nothing goes wrong: their configuration."""
     path = write_arm(tmp_path_factory.mktemp("arm"), two_links_urdf, request.param)
@@ -272,6 +273,7 @@ def test_drives_do_not_join_a_bus_that_has_them(flawless):
         SimulatedDrives(flawless)
 
 
+@pytest.mark.slow("waits until the watchdog of the drives has run out")
 def test_drives_that_stopped_since_a_program_was_killed_are_enabled_by_the_next(arm):
     config = ArmConfig.load(arm("cia402"))
     bus = DrivesBus(config)

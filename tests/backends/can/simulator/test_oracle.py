@@ -21,6 +21,8 @@ from ports import free_port
 
 from backends.can.simulator import SimulatedDrives
 
+pytestmark = pytest.mark.slow("starts drives in a process of its own")
+
 NODE = 11
 COUNTS_PER_TURN = 65536 * 160
 VARIABLES = {

@@ -18,15 +18,14 @@ ORDER = ["IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMM
 @sampled(
     ("version", "generation", "mode", "period", "multiplier"),
     [
-        ("1.15", "1", "position", 3, 3),
         ("1.11", "1", "torque", 5, 1),
+        ("1.15", "1", "position", 3, 3),
         ("1.16", "1", "wrench", 4, 1),
         ("2.5", "2.5", "position", 5, 1),
         ("2.7", "2.7", "torque", 2, 2),
         ("2.7", "2.7", "wrench", 5, 1),
     ],
     "sessions with processes of their own, at the pace of a real controller",
-    first=2,
 )
 def test_an_unmodified_client_is_led_through_a_session(
     version: str, generation: str, mode: str, period: int, multiplier: int

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from controller_runs import session
+from lanes import sampled
 
 from backends.fri.codec.codec import encode_command
 from backends.fri.codec.messages import (
@@ -105,9 +106,10 @@ def test_clients_of_another_version_are_told_by_how_they_answer() -> None:
         assert bool(said) == bool(monitored_as_of(Command(Header(0, 0), data), version))
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("spoken_by", "fri", "mismatch"),
     [("2.5", "1.15", True), ("2.5", "2.5", False), ("1", "1.15", False)],
+    "a session each, at the pace of a real controller",
 )
 def test_a_client_of_another_version_is_told_over_udp(
     spoken_by: str, fri: str, *, mismatch: bool

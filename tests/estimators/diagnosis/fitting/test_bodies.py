@@ -61,6 +61,7 @@ def test_a_body_that_exists_stays_as_it_was_fitted():
     np.testing.assert_allclose(found.com, body[1:4] / body[0])
 
 
+@pytest.mark.slow("fits a load to an arm of seven joints")
 def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to():
     """Noise makes the inertia of a rod impossible; what the motion shows of its length stays."""
     problem, solution, body = loaded(ROD)
@@ -77,6 +78,7 @@ def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to():
     assert np.any(rmse(shrunk, rows) > 1.5 * linear)
 
 
+@pytest.mark.slow("fits a load to an arm of seven joints")
 def test_gravity_gives_no_way_to_an_inertia_where_slow_errors_are_thought_likely():
     problem, _ = laid_out(observed(ROD))
     walk = np.cumsum(np.random.default_rng(1).normal(size=problem.target.shape), axis=0)
@@ -96,6 +98,7 @@ def feigned():
     return problem, fitted(problem, (link,), noise)
 
 
+@pytest.mark.slow("fits the bodies of an arm of seven joints")
 def test_a_body_whose_mass_would_be_out_of_reach_is_drawn_to_where_its_link_is():
     problem, solution = feigned()
     observed = problem.observed
@@ -111,6 +114,7 @@ def test_a_body_whose_mass_would_be_out_of_reach_is_drawn_to_where_its_link_is()
     assert extent.holds(parameters_of(found))
 
 
+@pytest.mark.slow("fits three loads to an arm of seven joints")
 def test_what_only_a_load_out_of_reach_explains_does_not_speak_for_one():
     far = Payload(mass=0.5, com=(0.0, 0.0, 3.0))
     problem, solution, _ = loaded(far)
@@ -121,6 +125,7 @@ def test_what_only_a_load_out_of_reach_explains_does_not_speak_for_one():
         assert not lost_by(problem, solution)
 
 
+@pytest.mark.slow("fits a load to an arm of seven joints")
 def test_a_load_that_is_stated_may_have_another_mass():
     """A simulation that was improved has the load that was found, and is diagnosed again."""
     heavier = replace(CRATE, mass=4.0)

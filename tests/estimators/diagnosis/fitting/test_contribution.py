@@ -47,6 +47,7 @@ def test_what_it_does_elsewhere_by_what_is_beside_it_does_not_count(sprung):
     assert material(problem, alone, other) < 0.5
 
 
+@pytest.mark.slow("fits an arm of seven joints each")
 @pytest.mark.parametrize(("drag", "named"), [(0.0, True), (5.0, False)])
 def test_what_is_small_beside_a_large_effect_may_be_imprecision_of_that(drag, named):
     there = (QuadraticDrag(joint=3, coefficient=drag), TorqueOffset(joint=3, offset=0.022))

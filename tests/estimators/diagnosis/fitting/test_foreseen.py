@@ -32,6 +32,7 @@ def slow():
     return Foreseen.of(moved(1, 0.02), GIVEN, ())
 
 
+@pytest.mark.slow("fits an arm of seven joints to three recordings")
 def test_a_slope_learned_from_slow_motion_is_open_at_speed(slow):
     near, far = slow.rms(moved(2, 0.02)), slow.rms(moved(3, 0.5))
     assert far[0] > 4 * near[0]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 from estimators.diagnosis import diagnose
 from estimators.diagnosis.fitting.laws import sentence_of
@@ -59,12 +60,13 @@ LAWS = {
 SHIFTS = pytest.mark.slow("searches shifts in time, which takes seconds")
 
 
-@pytest.mark.parametrize(
+@sampled(
     "law",
     [
         pytest.param(law, marks=SHIFTS if isinstance(hidden, TimeDelay) else ())
         for law, hidden in LAWS.items()
     ],
+    "a whole diagnosis each",
 )
 def test_the_hidden_law_is_named_with_its_odds(given, seen, law):
     hidden = LAWS[law]
@@ -75,6 +77,7 @@ def test_the_hidden_law_is_named_with_its_odds(given, seen, law):
     assert "likelier than" in finding.evidence.split("Its law is")[1]
 
 
+@pytest.mark.slow("a whole diagnosis")
 def test_laws_that_come_to_the_same_are_not_told_apart(given, seen):
     """LuGre without an excess at rest is Dahl's law with an exponent of 1."""
     hidden = slip(law="lugre", sigma_0=60.0, tau_c=0.6)

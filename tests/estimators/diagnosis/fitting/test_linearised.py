@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import sampled
 from wandering import wander
 
 from estimators.diagnosis.fitting import linearised
@@ -155,13 +156,14 @@ def test_a_fit_that_is_at_its_end_stays(given):
     assert Linearised.of(once, ()).step(observed.moving) is None
 
 
-@pytest.mark.parametrize(
+@sampled(
     "inertia",
     [
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),  # a point
         (1e-5, 0.0, 0.0, 1e-5, 0.0, 1e-5),  # smaller than a step of one moment
         (0.005, 0.0, 0.0, 0.005, 0.0, 0.01),  # a thin disc, at the edge of what can exist
     ],
+    "fits an arm of seven joints each",
 )
 def test_bodies_that_no_single_moment_can_leave_are_fitted(given, inertia):
     load = Payload(mass=0.3, com=(0.1, 0.0, 0.0), inertia=inertia)

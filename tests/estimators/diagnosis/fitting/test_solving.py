@@ -62,6 +62,7 @@ def carrying():
     return problem_of(BODY)
 
 
+@pytest.mark.slow("fits an arm of seven joints")
 def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(carrying):
     problem, noise = carrying
     payload, soft = place_of(problem, "payload", 7), place_of(problem, "joint_elasticity", 4)
@@ -80,6 +81,7 @@ def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(c
     assert pruned(problem, runaway).members == (payload,)
 
 
+@pytest.mark.slow("fits the bodies of an arm of seven joints")
 def test_links_that_would_be_no_bodies_give_way_to_what_can_be():
     """Two sensors tell half of the torque: more mass would have to be gone than is there."""
     gains = (TorqueGain(joint=2, gain=-0.5), TorqueGain(joint=4, gain=-0.5))
@@ -107,6 +109,7 @@ def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(carryi
     assert acts_most(problem, solution, drag, floor) == 5
 
 
+@pytest.mark.slow("fits an arm of seven joints each")
 @pytest.mark.parametrize(("offset", "stays"), [(0.008, False), (0.014, True)])
 def test_what_sensors_would_take_at_their_limit_is_no_idle_member(offset, stays):
     """No simulation has what sensors add: it would err by an offset that seems to matter little."""
@@ -124,6 +127,7 @@ def test_of_two_that_predict_alike_the_simpler_stays():
     assert simplified(problem, fitted(problem, (offset,), noise)).members == (offset,)
 
 
+@pytest.mark.slow("fits an arm of seven joints")
 def test_friction_of_one_joint_stays_where_that_of_two_coupled_predicts_alike():
     problem, noise = problem_of(CoulombFriction(joint=5, tau_c=0.5))
     (coupling, *_) = (
@@ -135,6 +139,7 @@ def test_friction_of_one_joint_stays_where_that_of_two_coupled_predicts_alike():
     assert problem.candidates[kept].joints == (4,)
 
 
+@pytest.mark.slow("fits an arm of seven joints")
 def test_what_is_more_than_the_simpler_explains_keeps_its_name():
     problem, noise = problem_of(SpringLoad(joint=3, stiffness=2.0, rest=0.3))
     knots = place_of(problem, "spring_load", 3)
@@ -151,6 +156,7 @@ def test_a_load_has_the_name_of_the_wrong_last_link_that_it_equals(carrying):
     assert loaded(problem, fitted(problem, (other,), noise)).members == (other,)
 
 
+@pytest.mark.slow("lays out a problem of seven joints")
 def test_a_small_load_is_likelier_as_one_that_is_expected_to_be_small():
     small = Payload(mass=0.05, com=(0.0, 0.0, 0.1), inertia=(3e-4, 0.0, 0.0, 3e-4, 0.0, 3e-4))
     problem, noise = problem_of(small)
@@ -160,12 +166,14 @@ def test_a_small_load_is_likelier_as_one_that_is_expected_to_be_small():
     assert solution.search.gain((narrowest,)) > solution.search.gain((widest,)) + 3.0
 
 
+@pytest.mark.slow("fits an arm of seven joints")
 def test_how_sharp_a_sign_is_makes_no_friction_simpler_than_another():
     problem, noise = problem_of(CoulombFriction(joint=3, tau_c=0.5))
     coulomb = place_of(problem, "coulomb_friction", 3)
     assert simplified(problem, fitted(problem, (coulomb,), noise)).members == (coulomb,)
 
 
+@pytest.mark.slow("lays out two problems of seven joints")
 def test_friction_has_to_bring_nothing_to_be_believed_where_none_is_stated():
     problem, _ = problem_of()
     stated = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=0.5) for j in range(1, 7)))
@@ -180,6 +188,7 @@ def test_friction_has_to_bring_nothing_to_be_believed_where_none_is_stated():
     assert rarity(problem, "spring_load", 3) == rarity(other, "spring_load", 3) > 5.0
 
 
+@pytest.mark.slow("fits the bodies of an arm of seven joints")
 def test_a_last_link_that_lacks_mass_carries_no_load():
     given = Simulation("iiwa14")
     body = given.model.inertials["link7"].joined(BODY.load)
@@ -188,6 +197,7 @@ def test_a_last_link_that_lacks_mass_carries_no_load():
     assert loaded(problem, lighter) is lighter
 
 
+@pytest.mark.slow("fits an arm of seven joints each")
 @pytest.mark.parametrize(("stated", "suspicious"), [(12.7, False), (15.0, True)])
 def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(stated, suspicious):
     """Three deviations of a tenth allow 10 N m s/rad to be stated as 14.3 at most."""

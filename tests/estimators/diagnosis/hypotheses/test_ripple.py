@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lanes import sampled
 from noisy_recordings import half_sines, motion, observed
 
 from estimators.diagnosis.hypotheses.responses import response
@@ -25,7 +24,8 @@ def test_a_ripple_is_found_at_its_joint_with_its_cycles() -> None:
     assert found[0].settings == pytest.approx((37.3,), abs=0.1)
 
 
-@sampled("periods", [1.8, 3.0, 5.0], "fits many sines, for seconds")
+@pytest.mark.slow("fits many sines, for seconds")
+@pytest.mark.parametrize("periods", [1.8, 3.0, 5.0])
 def test_a_ripple_of_few_periods_over_the_range_is_offered(periods: float) -> None:
     cycles = periods * 2 * np.pi / np.ptp(motion(1).position[:, 3])
     o = observed(TorqueRipple(joint=4, cycles_per_rev=(cycles,), amplitude=(0.06,), phase=(0.7,)))
@@ -35,6 +35,7 @@ def test_a_ripple_of_few_periods_over_the_range_is_offered(periods: float) -> No
     assert min(abs(line - cycles) for line in offered) < 0.3
 
 
+@pytest.mark.slow("fits many sines, for seconds")
 def test_harmonics_are_offered_together() -> None:
     true = TorqueRipple(joint=2, cycles_per_rev=(20, 40), amplitude=(0.06, 0.03), phase=(0.0, 1.0))
     o = observed(true)
@@ -45,6 +46,7 @@ def test_harmonics_are_offered_together() -> None:
     assert len(both.terms) == 4
 
 
+@pytest.mark.slow("fits many sines, for seconds")
 def test_all_lines_of_a_motor_are_found() -> None:
     """Pole pairs, slots, and what they have in common."""
     cycles, amplitude = (28, 48, 56, 84, 112, 144), (0.2, 0.06, 0.08, 0.13, 0.07, 0.05)
@@ -58,6 +60,7 @@ def test_all_lines_of_a_motor_are_found() -> None:
     assert [N for N in cycles if min(abs(line - N) for line in found) > 0.3 * resolution] == []
 
 
+@pytest.mark.slow("fits many sines, for seconds")
 def test_lines_that_overlap_are_found_and_no_others() -> None:
     """A line blurs its neighbours, and what is left of itself then looks like more of them."""
     cycles = (20.0, 24.0, 28.0, 56.0, 60.0)
@@ -72,6 +75,7 @@ def test_lines_that_overlap_are_found_and_no_others() -> None:
     assert sorted(found) == pytest.approx(cycles, abs=resolution)
 
 
+@pytest.mark.slow("fits many sines, for seconds")
 def test_lines_are_found_beside_those_that_are_known() -> None:
     true = TorqueRipple(joint=2, cycles_per_rev=(40.0,), amplitude=(0.05,), phase=(1.0,))
     o = observed(true)
@@ -83,6 +87,7 @@ def test_lines_are_found_beside_those_that_are_known() -> None:
     assert any(abs(line - 40.0) < 0.15 for h in found for line in h.settings)
 
 
+@pytest.mark.slow("fits many sines, for seconds")
 def test_a_ripple_realises_as_the_sum_of_its_terms() -> None:
     o = observed(TorqueRipple(joint=2, cycles_per_rev=(20,), amplitude=(0.06,), phase=(0.4,)))
     (found,) = ripples(o, o.residual)
@@ -94,7 +99,8 @@ def test_a_ripple_realises_as_the_sum_of_its_terms() -> None:
     assert response(effect, o).values == pytest.approx(c[0] * parts[0] + c[1] * parts[1])
 
 
-@sampled("seed", range(4), "more draws of noise, seconds each")
+@pytest.mark.slow("fits many sines, for seconds")
+@pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_found_in_coloured_noise(seed: int) -> None:
     o = observed(seeds=(seed, seed + 50))
 
@@ -102,6 +108,7 @@ def test_nothing_is_found_in_coloured_noise(seed: int) -> None:
     assert pushes(o, o.residual) == ()
 
 
+@pytest.mark.slow("fits many sines, for seconds")
 def test_a_ripple_is_no_push_and_rows_without_pushes_have_no_ripple() -> None:
     shaken = observed(TorqueRipple(joint=4, cycles_per_rev=(37,), amplitude=(0.1,), phase=(0.0,)))
     pushed = observed(half_sines())

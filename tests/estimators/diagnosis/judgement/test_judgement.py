@@ -89,6 +89,7 @@ def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_be
     assert abstained(problem, solution, quiet) == ((), ())
 
 
+@pytest.mark.slow("fits an arm of seven joints each")
 @pytest.mark.parametrize(
     ("effect", "named"),
     [

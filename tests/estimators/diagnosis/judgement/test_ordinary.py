@@ -227,6 +227,7 @@ def test_friction_that_is_but_sharper_or_softer_is_a_value(monkeypatch, within, 
     assert list(found) == values
 
 
+@pytest.mark.slow("searches and fits lines of a ripple of seven joints")
 @pytest.mark.parametrize(("amplitude", "detail"), [(0.07, True), (0.2, False)])
 def test_little_more_of_a_stated_effect_is_a_value_of_it(amplitude, detail):
     stated = TorqueRipple(joint=3, cycles_per_rev=(14.0,), amplitude=(1.0,), phase=(0.3,))

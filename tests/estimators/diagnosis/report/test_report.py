@@ -422,6 +422,7 @@ def test_a_push_is_drawn_on_all_joints_with_its_wrench_and_is_no_missing_physics
     assert {curve["name"] for curve in drawn["data"]} == {"joint 1", "joint 2"}
 
 
+@pytest.mark.slow("has plotly check every number of every chart")
 def test_every_chart_is_a_figure_that_plotly_accepts_with_units_on_its_axes(page):
     text = re.search(r'id="figures">(.*?)</script>', page, re.DOTALL).group(1)
     charts = json.loads(text)

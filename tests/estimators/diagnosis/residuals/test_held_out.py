@@ -90,6 +90,7 @@ def test_a_joint_that_is_below_its_floor_already_takes_nothing_from_the_others()
     assert reducible_removed(before, np.array([1.0, 0.5]), floor) == pytest.approx(1.0)
 
 
+@pytest.mark.slow("forty bootstraps")
 def test_the_interval_contains_the_truth_as_often_as_it_says(observed):
     """Errors of known size before and after, drawn anew; 95 % of the intervals hold the truth."""
     shape, rows = observed.residual.shape, np.ones(observed.residual.shape, dtype=bool)

@@ -95,7 +95,7 @@ def scale(factor, *joints):
 ALL = tuple(range(7))
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("matrix", "said"),
     [
         (exchange(1, 3), "torque_2 belongs to joint 4 and torque_4 to joint 2"),
@@ -113,12 +113,14 @@ ALL = tuple(range(7))
         (scale(5.0, *ALL), r"the torques are 5 times .*in N mm or mA, or is it another robot"),
         (ONE[[1, 2, 3, 4, 5, 6, 0]], "torque_1 belongs to joint"),
     ],
+    "each looks where a recording belongs",
+    first=6,
 )
 def test_torques_in_the_wrong_place_sign_or_unit_are_named(recording, matrix, said):
     refused(replace(recording, torque=recording.torque @ matrix.T), said)
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("matrix", "turn", "said"),
     [
         (exchange(1, 3), 0, "position_2 belongs to joint 4 and position_4 to joint 2"),
@@ -127,6 +129,8 @@ def test_torques_in_the_wrong_place_sign_or_unit_are_named(recording, matrix, sa
         (scale(np.pi / 180, *ALL), 0, "positions of all joints are 57.3 times too small"),
         (ONE, np.pi / 2 * ONE[1], "the zero of position_2 is 90° away"),
     ],
+    "each looks where a recording belongs",
+    first=3,
 )
 def test_positions_in_the_wrong_place_sign_or_unit_are_named(recording, matrix, turn, said):
     position = recording.position @ matrix.T + turn
@@ -278,7 +282,7 @@ FAR_BEYOND = sampled(
         (ExternalContact(windows=((10.0, 12.0),), wrench=((60.0, 0.0, 60.0, 0.0, 0.0, 0.0),)),),
     ],
     "each observes a recording of its own",
-    first=4,
+    first=2,
     ids=lambda hidden: hidden[0].name,
 )
 
@@ -315,8 +319,13 @@ def test_a_joint_that_does_not_move_is_noted():
     )
 
 
-@pytest.mark.parametrize("simulation", [GIVEN, Simulation("iiwa14")], ids=["friction", "bare"])
-@pytest.mark.parametrize("joint", [2, 3, 4, 5])
+@sampled(
+    "simulation",
+    [GIVEN, Simulation("iiwa14")],
+    "each reads a recording of seven joints",
+    ids=["friction", "bare"],
+)
+@sampled("joint", [2, 3, 4, 5], "each reads a recording of seven joints")
 def test_a_stuck_encoder_is_named(recording, joint, simulation):
     position = recording.position.copy()
     position[:, joint - 1] = 0.3
@@ -356,7 +365,12 @@ def heavier(*links):
     return replace(GIVEN, inertials=changed)
 
 
-@pytest.mark.parametrize("given", [GIVEN, Simulation("iiwa14")], ids=["friction", "bare"])
+@sampled(
+    "given",
+    [GIVEN, Simulation("iiwa14")],
+    "looks for other bodies in a recording each",
+    ids=["friction", "bare"],
+)
 def test_an_arm_of_other_bodies_is_noted(given):
     true = heavier("link2", "link3", "link4", "link5", "link6")
     observed = observe(given, [record(true)], BANDWIDTH)
@@ -377,7 +391,7 @@ def test_no_other_physics_makes_another_arm(hidden):
 
 
 @FAR_BEYOND
-@pytest.mark.parametrize("joint", [3, 4])
+@sampled("joint", [3, 4], "each looks where a recording belongs")
 def test_a_locked_joint_is_not_taken_for_a_stuck_encoder(hidden, joint):
     true = replace(GIVEN, effects=GIVEN.effects + hidden)
     observe(GIVEN, [record(true, motion=locked(joint))], BANDWIDTH)

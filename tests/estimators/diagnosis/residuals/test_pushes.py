@@ -74,6 +74,7 @@ def test_a_push_is_found_though_a_joint_that_feels_it_turns_meanwhile() -> None:
     assert (found.start, found.end) == pytest.approx((start, end), abs=0.1)
 
 
+@pytest.mark.slow("looks for pushes in a minute")
 def test_what_recurs_is_no_push() -> None:
     o = observed()
     residual = o.residual.copy()
@@ -137,6 +138,7 @@ def test_half_a_second_of_motion_has_no_pushes() -> None:
     assert covered(o, [Push(0, 1.0, 2.0, 1.0, (0,))]).sum() == pytest.approx(1.6 * 25, abs=2)
 
 
+@pytest.mark.slow("looks for pushes in a minute twice")
 def test_what_one_joint_does_at_times_more_and_at_times_less_is_no_push() -> None:
     o = observed()
     residual = o.residual.copy()

@@ -100,6 +100,7 @@ def gains(observed):
     return {item.joints[0] for item in found if item.effect == TorqueGain.name}
 
 
+@pytest.mark.slow("lays out four problems")
 def test_no_gain_competes_where_most_torque_is_friction_that_nothing_is_stated_of(
     bare, training_recording
 ):

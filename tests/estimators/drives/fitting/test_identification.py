@@ -57,6 +57,7 @@ def found(bare, recordings):
     return identify_drives(bare, recordings[:1])
 
 
+@pytest.mark.slow("fits servos")
 def test_what_moves_a_joint_alike_is_tried_once(arm, bare, monkeypatch):
     """Commands that never repeat follow a profile whether or not it leads to repeated ones."""
     given = Simulation.load(arm)
@@ -140,6 +141,7 @@ def test_the_armature_is_within_its_interval_or_said_to_be_undecided(found):
         assert (joint, "inertia") in found.undecided or low < 1.5 * ARMATURE < 3.0 * high
 
 
+@pytest.mark.slow("fits servos")
 def test_without_gravity_only_ratios_are_known(bare, recordings):
     weightless = replace(bare, effects=(GravityDirection(gravity=(0.0, 0.0, 0.0)),))
 
@@ -158,6 +160,7 @@ def test_gravity_tells_a_joint_that_counts_the_other_way(bare, recordings):
     assert told.sentence().startswith("By gravity, positions are counted otherwise: joint 2 with")
 
 
+@pytest.mark.slow("fits servos")
 def test_another_convention_that_predicts_no_better_is_not_told(bare, recordings):
     found = conventions_of(bare.body, recordings)
     misled = replace(
@@ -187,6 +190,7 @@ def test_a_joint_that_no_command_moves_is_like_the_others(bare, recordings):
     assert found.fits[1].value("kp") == pytest.approx(found.fits[0].value("kp"))
 
 
+@pytest.mark.slow("simulates and fits forty seconds of servos")
 def test_the_torque_at_which_a_servo_saturates_is_found(bare, tmp_path):
     """Of MuJoCo's own servos without damping: the voltage limits them, and their motors brake."""
     limit = 1.9  # [N m]; gravity takes 2.1 at full reach
@@ -212,6 +216,7 @@ def test_gravity_tells_columns_that_are_exchanged(bare, recordings):
     assert likeliest_order(bare.body, exchanged) == (1, 0)
 
 
+@pytest.mark.slow("diagnoses an arm of servos")
 def test_a_diagnosis_scores_positions(bare, recordings, tmp_path):
     diagnosis = diagnose_drives(bare, recordings)
 
@@ -247,6 +252,7 @@ def test_a_joint_that_never_moves_tells_no_floor_and_ends_no_report(bare, record
     assert (tmp_path / "out" / "report.html").is_file()
 
 
+@pytest.mark.slow("diagnoses an arm of servos")
 def test_a_wrong_gain_is_a_finding(found, recordings):
     wrong = replace(
         found.simulation,

@@ -56,6 +56,7 @@ def named(simulation, recordings):
     return [(item.effect, item.joints) for item in verdict.findings], verdict
 
 
+@pytest.mark.slow("diagnoses an arm of servos")
 def test_an_arm_as_stated_has_no_finding(stated, recordings):
     found, verdict = named(stated, recordings)
 
@@ -72,6 +73,7 @@ def moved(simulation, recordings):
     ]
 
 
+@pytest.mark.slow("diagnoses an arm of servos")
 def test_a_payload_has_its_first_moment(stated, recordings):
     """Of two joints whose gains have tolerances, mass alone is less sure than mass times arm."""
     heavy = moved(with_payload(stated, 0.15), recordings)
@@ -83,6 +85,7 @@ def test_a_payload_has_its_first_moment(stated, recordings):
     assert values["mass"].value * values["com"].value[0] == pytest.approx(0.15 * 0.2, rel=0.1)
 
 
+@pytest.mark.slow("diagnoses an arm of servos")
 def test_play_between_motor_and_joint_has_its_gap(stated, recordings):
     loose = replace(
         stated, drives=tuple(replace(d, play=0.03 if d.joint == 2 else 0.0) for d in stated.drives)
@@ -95,6 +98,7 @@ def test_play_between_motor_and_joint_has_its_gap(stated, recordings):
     assert verdict.findings[0].parameters["gap"].value == pytest.approx(0.03, rel=0.2)
 
 
+@pytest.mark.slow("diagnoses an arm of servos")
 def test_a_joint_that_counts_the_other_way_is_a_finding(stated, recordings):
     turned = [recorded(r.time, r.command * [1, -1], r.position * [1, -1]) for r in recordings]
 

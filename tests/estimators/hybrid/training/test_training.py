@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import torch
+from lanes import sampled
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.features import feature_set
@@ -40,7 +41,7 @@ def mse(model: HybridModel, recording: Recording) -> tuple[float, float]:
     )
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("settings", "factor"),
     [
         (TrainingSettings(features="drive", epochs=25, rate=50.0, learning_rate=3e-3), 30),
@@ -65,6 +66,7 @@ def mse(model: HybridModel, recording: Recording) -> tuple[float, float]:
             4,
         ),
     ],
+    "trains a network each",
     ids=["mlp7 drive", "mlp7", "lstm-fcl"],
 )
 def test_hybrid_beats_the_rigid_body_on_other_motion(
@@ -79,6 +81,7 @@ def test_hybrid_beats_the_rigid_body_on_other_motion(
     assert rigid_body / hybrid > factor
 
 
+@pytest.mark.slow("trains a network")
 def test_recurrent_memory_does_not_drift(
     rigid: Simulation, record: Callable[[int, float], Recording]
 ) -> None:
@@ -99,20 +102,16 @@ def test_recurrent_memory_does_not_drift(
     assert np.sqrt(np.mean(late**2)) < 1.5 * np.sqrt(np.mean(early**2))
 
 
-def test_same_seed_same_weights(rigid: Simulation, training_recording: Recording) -> None:
-    for model in NETWORKS:
-        settings = TrainingSettings(
-            model=model,
-            features="own-joint",
-            epochs=1,
-            hidden=4,
-            seed=3,
-            folds=2,
-            sequence_length=20,
-        )
-        first, second = (train(rigid, [training_recording], settings).network for _ in range(2))
-        for name, weight in first.weights.items():
-            np.testing.assert_array_equal(weight, second.weights[name])
+@sampled("model", NETWORKS, "trains each kind twice")
+def test_same_seed_same_weights(
+    rigid: Simulation, training_recording: Recording, model: str
+) -> None:
+    settings = TrainingSettings(
+        model=model, features="own-joint", epochs=1, hidden=4, seed=3, folds=2, sequence_length=20
+    )
+    first, second = (train(rigid, [training_recording], settings).network for _ in range(2))
+    for name, weight in first.weights.items():
+        np.testing.assert_array_equal(weight, second.weights[name])
 
 
 def test_another_seed_other_weights(rigid: Simulation, training_recording: Recording) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import torch
+from lanes import sampled
 
 from estimators.hybrid.features import feature_set
 from estimators.hybrid.model import train
@@ -87,10 +88,11 @@ def distance(found: torch.Tensor, expected: torch.Tensor) -> float:
     return float(((found - expected).norm() / expected.norm()).detach())
 
 
-@pytest.mark.parametrize("kind", [RowPasses, CompiledRowPasses])
-@pytest.mark.parametrize(
+@sampled("kind", [CompiledRowPasses, RowPasses], "trains a network each")
+@sampled(
     ("features", "outputs", "size"),
     [("all-joints", 1, 1.0), ("own-joint", 1, 1.0), ("drive", 2, 1.0), ("all-joints", 1, 10.0)],
+    "trains a network each",
     ids=["same inputs", "own joint", "two outputs a part", "every gradient clipped"],
 )
 def test_an_epoch_is_that_of_a_plain_loop(

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from lanes import sampled
 from scipy.signal import lfilter
 
 from estimators.service.comparison.gate import FEWEST_BLOCKS, LEVEL, accuracy, compare
@@ -79,7 +80,7 @@ def test_what_is_said_to_be_needed_is_about_enough() -> None:
     assert told >= 30
 
 
-@pytest.mark.parametrize("remembers", [0.05, 1.0, 5.0])
+@sampled("remembers", [0.05, 1.0, 5.0], "400 comparisons each")
 def test_equal_models_are_seldom_promoted(remembers: float) -> None:
     """Errors that are as large but not the same; a one-sided test at 95 % errs in 2.5 %."""
     random = np.random.default_rng(5)

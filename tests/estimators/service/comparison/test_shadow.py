@@ -41,6 +41,7 @@ def test_the_better_model_is_found_better(rigid, learned, motion) -> None:
     assert (found.challenger < found.champion).all()
 
 
+@pytest.mark.slow("streams a minute and a half through two models")
 def test_only_states_that_came_since_are_judged(rigid, learned, motion) -> None:
     # The latest second and a bit may turn out to be a contact.
     assert shadow_over(rigid, learned, motion).seconds == pytest.approx(80.0 - 1.15, abs=1.01)

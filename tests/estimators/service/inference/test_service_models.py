@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from fed_service import DELAY, RATE, feed, live, messages, service_of
+from lanes import sampled
 
 from estimators.joint_physics import JointPhysics
 from estimators.service.inference.live_model import LiveModel
@@ -39,7 +40,7 @@ class Failing:
 
 
 class TestFallback:
-    @pytest.mark.parametrize("how", ["error", "not finite"])
+    @sampled("how", ["error", "not finite"], "streams seconds each")
     def test_physics_takes_over_without_a_missing_answer(self, rigid, learned, motion, how) -> None:
         failing = Failing(Stream(learned, RATE, DELAY), 300, how)
         service, kept = service_of(rigid, LiveModel("bad", failing, np.full(2, 1e3)))
@@ -52,7 +53,7 @@ class TestFallback:
         # Its memory was made from the last second.
         np.testing.assert_allclose(kept.torque[320:], kept_physics.torque[320:], atol=1e-6)
 
-    @pytest.mark.parametrize("after", [0, 1, 30])
+    @sampled("after", [0, 1, 30], "streams seconds each")
     def test_also_of_a_model_that_fails_at_once(self, rigid, learned, motion, after) -> None:
         failing = Failing(Stream(learned, RATE, DELAY), after, "error")
         service, kept = service_of(rigid, LiveModel("bad", failing, np.full(2, 1e3)))
@@ -88,6 +89,7 @@ class TestSwap:
         feed(all_along, sent[:200] + sent[300:])
         np.testing.assert_allclose(kept.torque[350:], kept_all.torque[350:], atol=1e-6)
 
+    @pytest.mark.slow("learns a model of its own")
     def test_other_weights_inherit_memory_that_no_history_reaches(
         self, rigid, learned, motion, training_recording
     ) -> None:
@@ -102,6 +104,7 @@ class TestSwap:
         np.testing.assert_array_equal(kept.torque[400:], kept_alone.torque[400:])
         assert not np.allclose(kept.torque[:400], kept_alone.torque[:400], atol=1e-4)
 
+    @pytest.mark.slow("learns two models of its own")
     def test_another_simulation_does_not(
         self, rigid, true_arm, learned, training_recording
     ) -> None:

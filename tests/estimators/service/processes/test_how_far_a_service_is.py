@@ -150,6 +150,7 @@ def test_a_driver_that_waits_is_interrupted_in_one_line(
     assert not list(trajectory.parent.glob("run.parquet*"))
 
 
+@pytest.mark.slow("starts a process, which waits in vain")
 def test_a_shell_that_waits_in_vain_is_told_so(network: Network) -> None:
     with open_session(config=network.here):
         vain = watch(network, "--arm", "nobody", "--until", "serving", "--timeout", 0.5)

@@ -70,6 +70,7 @@ def test_versions_of_a_service_are_listed_loaded_promoted_and_rolled_back(
         assert "cannot train now" in str(refused.exception)
 
 
+@pytest.mark.slow("looks for a service in vain, and waits")
 def test_a_service_that_is_not_there_is_said(network: Network) -> None:
     with open_session(config=network.here):
         found = run("list", "--arm", "nobody", "--zenoh-config", network.there)

@@ -34,6 +34,7 @@ def told(detector: DriftDetector, values: np.ndarray) -> list[tuple[int, tuple[i
 
 
 class TestDetector:
+    @pytest.mark.slow("hours of residuals")
     def test_hours_of_the_same_residual_are_no_drift(self) -> None:
         assert not told(DriftDetector(2), residual(4 * 3600))
 

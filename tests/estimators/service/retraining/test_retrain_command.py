@@ -39,6 +39,7 @@ def test_a_challenger_is_added_and_compared(store: ModelStore, logs: Path) -> No
     assert store.verify(3) <= 1e-6
 
 
+@pytest.mark.slow("trains a model")
 def test_it_is_signed_and_of_a_kind_if_that_is_wanted(
     store: ModelStore, logs: Path, tmp_path: Path
 ) -> None:
@@ -74,6 +75,7 @@ def test_what_cannot_be_is_refused(
     assert told in str(found.exception)
 
 
+@pytest.mark.slow("trains a model")
 def test_logs_of_several_arms_need_a_name(store: ModelStore, logs: Path) -> None:
     (log,) = logs.glob("arm_*.mcap")
     log.with_name(log.name.replace("arm", "other")).write_bytes(log.read_bytes())

@@ -80,6 +80,7 @@ class TestJudgement:
                 run.feed(arm.states(physics, seconds))
         return run
 
+    @pytest.mark.slow("streams minutes through two models")
     def test_a_worse_challenger_is_dropped(self, store, tmp_path, true_arm) -> None:
         store.challenge(2, "left over")
         run = self.judged(store, tmp_path, Arm(200.0), (true_arm, 60.0))
@@ -166,6 +167,7 @@ class FakeTraining:
 
 
 class TestOtherReasons:
+    @pytest.mark.slow("streams half a minute of motion")
     def test_the_schedule_calls_for_training_now_and_then(
         self, store, tmp_path, true_arm, monkeypatch
     ) -> None:
@@ -179,6 +181,7 @@ class TestOtherReasons:
         assert "h since the last" in run.event("training").text
         assert run.event("refused").text == "no logs"
 
+    @pytest.mark.slow("streams half a minute of motion")
     def test_a_failure_of_the_program_is_told_and_life_goes_on(
         self, store, tmp_path, true_arm, monkeypatch
     ) -> None:

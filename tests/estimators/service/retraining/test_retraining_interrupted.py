@@ -102,6 +102,7 @@ class TestProbation:
         assert "version 2 could not be served" in run.event("rollback").text
         assert store.aliases.champion == 1
 
+    @pytest.mark.slow("streams a minute through two models")
     def test_going_back_is_tried_again_where_it_fails(
         self,
         store: ModelStore,
@@ -198,6 +199,7 @@ class TestTraining:
 
 
 class TestByHand:
+    @pytest.mark.slow("streams a minute through two models")
     def test_a_challenger_replaces_only_the_champion_that_it_was_judged_against(
         self, store: ModelStore, tmp_path: Path, worn_arm: Simulation
     ) -> None:

@@ -85,6 +85,7 @@ def test_a_version_gives_the_model_that_was_added(
     assert store.verify("champion") <= 1e-6
 
 
+@pytest.mark.slow("learns a model")
 def test_joint_physics_is_kept_as_well(
     store: ModelStore, rigid: Simulation, training_recording: Recording, tmp_path: Path
 ) -> None:

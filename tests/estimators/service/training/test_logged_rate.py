@@ -86,6 +86,7 @@ def write(folder: Path, *runs: NDArray[np.int64]) -> None:
 
 
 class TestMotion:
+    @pytest.mark.slow("writes and reads logs for seconds")
     def test_at_another_rate_is_left_out(self, tmp_path: Path) -> None:
         write(tmp_path, stamps_at(250.0, 0.0, 8.0), stamps_at(100.0, 10.0, 20.0))
         motion = newest_motion(tmp_path, "arm", NAMES, Span(60.0))

@@ -104,6 +104,7 @@ class TestMotion:
         assert motion.contact == pytest.approx(6.0, abs=0.1)
         assert motion.recording.time[-1] == pytest.approx(test_recording.time[-1])
 
+    @pytest.mark.slow("writes and reads logs for seconds")
     def test_says_what_is_missing(self, test_recording, tmp_path) -> None:
         with pytest.raises(RecordingError, match="holds no logs of arm"):
             newest_motion(tmp_path / "nothing", "arm", NAMES, Span(10.0))
@@ -128,6 +129,7 @@ class TestTraining:
         assert store.verify(2) <= 1e-6
         assert store.aliases.champion == 1
 
+    @pytest.mark.slow("learns a model first")
     def test_of_little_motion_is_refused(self, store, training_recording, tmp_path) -> None:
         write_log(tmp_path / "logs", training_recording[:1500])
         motion = newest_motion(tmp_path / "logs", "arm", NAMES, Span(60.0))
@@ -149,6 +151,7 @@ class TestKinds:
         store.promote(1, "the first")
         return store
 
+    @pytest.mark.slow("trains a model")
     def test_a_challenger_is_of_the_kind_of_the_champion(
         self, hybrid, training_recording, tmp_path
     ) -> None:
@@ -160,6 +163,7 @@ class TestKinds:
         settings = [model.fitted.record["settings"] for model in (first, second)]
         assert settings[0] | {"device": "cpu"} == settings[1]
 
+    @pytest.mark.slow("trains a model")
     def test_or_of_another_one_if_that_is_wanted(
         self, hybrid, training_recording, tmp_path
     ) -> None:

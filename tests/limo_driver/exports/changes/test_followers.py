@@ -23,6 +23,7 @@ def test_a_simulation_as_the_file_has_it_changes_nothing(model, tmp_path):
     assert exported.share < 1e-3
 
 
+@pytest.mark.slow("writes files, and has MuJoCo prove each")
 def test_friction_that_was_found_is_that_of_both(model, tmp_path):
     found = Simulation(str(model), (CoulombFriction(joint=2, tau_c=2.0, v_eps=0.005),))
     exported = limo.export(found, "mjcf", tmp_path / "out")

@@ -1,6 +1,7 @@
 """What a file states of its joints stays where a simulation says nothing of it."""
 
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.descriptions.description import JointDynamics
@@ -50,12 +51,13 @@ def test_only_the_kinds_that_were_found_of_a_joint_change(arm, tmp_path):
     assert written.share < 1e-3
 
 
-@pytest.mark.parametrize(
+@sampled(
     "friction",
     [
         CoulombFriction(joint=YAW, tau_c=0.7, v_eps=0.01),
         StribeckFriction(joint=YAW, tau_s=0.8, v_s=0.2, delta=1.0),
     ],
+    "writes and simulates a file each",
 )
 def test_friction_that_was_found_replaces_all_of_the_files(arm, tmp_path, friction):
     written = limo.export(Simulation(str(arm), (friction,)), "mjcf", tmp_path / "out")
@@ -80,6 +82,7 @@ def rubbing(arm, *joints):
     return Simulation(str(arm), tuple(found))
 
 
+@pytest.mark.slow("writes four files, and has MuJoCo prove each")
 def test_what_an_earlier_export_wrote_goes_with_its_effect(arm, tmp_path):
     first = limo.export(rubbing(arm, YAW, ELBOW), "mjcf", tmp_path / "1").file
     assert first.read_text().count("<!-- limo wrote") == 1
@@ -104,6 +107,7 @@ def test_a_number_that_the_user_changed_since_stays(arm, tmp_path):
     assert any("joint elbow: the file's own dry friction 0.4" in line for line in second.kept)
 
 
+@pytest.mark.slow("writes two files, and has MuJoCo prove each")
 def test_motors_that_an_earlier_export_wrote_go_too(arm, tmp_path):
     effects = (
         PreslidingHysteresis(joint=YAW, law="lugre", sigma_0=900.0, tau_c=0.7),
@@ -127,7 +131,11 @@ def test_a_urdf_has_its_own_numbers_back(tmp_path, two_links_urdf):
     assert "limo wrote" not in second.file.read_text()
 
 
-@pytest.mark.parametrize("said", ["{}", '{"yaw": 3}', '{"yaw": {"friction": ["a", 1]}}', "{]}"])
+@sampled(
+    "said",
+    ["{}", '{"yaw": 3}', '{"yaw": {"friction": ["a", 1]}}', "{]}"],
+    "writes a file each, and has MuJoCo prove it",
+)
 def test_a_comment_that_makes_no_sense_says_nothing(arm, tmp_path, said):
     arm.write_text(ARM.replace("</worldbody>", f"</worldbody>\n<!-- limo wrote: {said} -->"))
     written = limo.export(Simulation(str(arm)), "mjcf", tmp_path / "out")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import later
 
 import limo_driver as limo
 from limo_driver.descriptions.inertial import Inertial
@@ -23,10 +24,10 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody>
 """
 HEAVY = Payload(mass=0.9, com=(0.01, 0.02, 0.35), inertia=(0.002, 0, 0, 0.002, 0, 0.001))
 LIGHT = Payload(mass=0.2, com=(0.0, 0.0, 0.3))
-KINDS = ["mjcf", "urdf", "drake", "isaaclab"]
+KINDS = ["urdf", "mjcf", "drake", "isaaclab"]
 
 
-@pytest.fixture(params=KINDS)
+@pytest.fixture(params=later(KINDS, "writes files, and has a simulator read each"))
 def arm(request, tmp_path, two_links_urdf):
     """A kind of export, and an arm for it."""
     if request.param != "mjcf":

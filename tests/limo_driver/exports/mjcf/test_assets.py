@@ -5,6 +5,7 @@ import os
 import mujoco
 import numpy as np
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
@@ -44,7 +45,7 @@ def arm(tmp_path):
 
 
 @pytest.mark.parametrize("up", ["..", "../.."])
-@pytest.mark.parametrize("attribute", ["meshdir", "assetdir"])
+@sampled("attribute", ["meshdir", "assetdir"], "writes and compiles a file each")
 def test_a_folder_beside_that_of_the_file_stands_in_that_of_the_copy(arm, tmp_path, up, attribute):
     path = arm(f'{attribute}="{up}/assets/"', "sub/link.stl", f"{up}/assets/sub/link.stl")
     before = path.read_bytes()

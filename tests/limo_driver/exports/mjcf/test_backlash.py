@@ -115,6 +115,7 @@ def test_the_link_is_where_limo_says(arm, tmp_path):
         np.testing.assert_allclose(shift, expected, rtol=0.03, atol=1e-3)
 
 
+@pytest.mark.slow("writes and reads four files")
 def test_there_and_back_changes_nothing(arm, tmp_path):
     path = arm(PLAY)
     written = limo.export(Simulation.load(path), "mjcf", tmp_path / "out")
@@ -124,6 +125,7 @@ def test_there_and_back_changes_nothing(arm, tmp_path):
     assert again.diff == ""
 
 
+@pytest.mark.slow("writes two files, and has MuJoCo prove each")
 def test_another_gap_and_none_change_that_hinge(arm, tmp_path):
     simulation = Simulation.load(arm(PLAY))
     others = [effect for effect in simulation.effects if not isinstance(effect, Backlash)]
@@ -134,6 +136,7 @@ def test_another_gap_and_none_change_that_hinge(arm, tmp_path):
         assert ("slack" in text.replace("limo wrote", "")) == bool(gap)
 
 
+@pytest.mark.slow("writes two files, and has MuJoCo prove each")
 def test_play_that_is_found_no_longer_goes(arm, tmp_path):
     path = arm()
     first = limo.export(with_play(path), "mjcf", tmp_path / "1").file

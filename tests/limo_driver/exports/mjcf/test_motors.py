@@ -79,6 +79,7 @@ def test_plain_mujoco_has_friction_with_memory_and_cogging(model, tmp_path):
     assert (error[:3] < 0.01 * rms[:3]).all()
 
 
+@pytest.mark.slow("writes two files, and has MuJoCo prove one")
 def test_slip_elements_are_one_bristle_that_leaves_little(model, tmp_path):
     slips = PreslidingHysteresis(
         joint=1, stiffness=(300.0, 88.0, 25.0), width=(0.0017, 0.0052, 0.013)
@@ -93,6 +94,7 @@ def test_slip_elements_are_one_bristle_that_leaves_little(model, tmp_path):
     assert max(left.rms) < 0.2 * max(to_urdf.remainder[0].rms)  # that has dry friction only
 
 
+@pytest.mark.slow("writes four files, and has MuJoCo prove each")
 def test_there_and_back_and_in_place(model, tmp_path):
     first = limo.export(with_effects(model, BRISTLES, RIPPLE, DAHL), "mjcf", tmp_path / "first")
     read = Simulation.load(first.file)
@@ -116,6 +118,7 @@ def test_there_and_back_and_in_place(model, tmp_path):
     assert [effect.joints for effect in left] == [(1,)]
 
 
+@pytest.mark.slow("writes a file, and has MuJoCo prove it")
 def test_controls_and_actuators_of_the_user_keep_their_numbers(model, tmp_path):
     before = mujoco.MjModel.from_xml_path(str(model))
     written = limo.export(with_effects(model, BRISTLES), "mjcf", tmp_path / "out")

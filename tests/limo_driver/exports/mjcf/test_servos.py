@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import mujoco
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
@@ -35,7 +36,7 @@ def exported(tmp_path, actuators):
     return limo.export(simulation, "mjcf", tmp_path / "out").file
 
 
-@pytest.mark.parametrize(
+@sampled(
     "actuators",
     [
         "",
@@ -45,6 +46,7 @@ def exported(tmp_path, actuators):
         'biasprm="0 -9 -1"/></actuator>',
         '<actuator><position joint="shoulder" kp="1"/><position joint="elbow" kp="2"/></actuator>',
     ],
+    "writes a file each, and has MuJoCo prove it",
 )
 def test_the_copy_has_the_drives(tmp_path, actuators):
     file = exported(tmp_path, actuators)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from lanes import sampled
 from logged import arm, measured
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -100,7 +101,7 @@ def trajectory_state(fields, torque):
     return make
 
 
-@pytest.mark.parametrize("storage", list(StoragePlugin))
+@sampled("storage", list(StoragePlugin), "writes and reads a bag each")
 @pytest.mark.parametrize(
     ("name", "fields", "torque"),
     [
@@ -128,9 +129,10 @@ BODIES = "trajectory_msgs/MultiDOFJointTrajectoryPoint"
 SIX = ("reference", "feedback", "error", "output", "desired", "actual")
 
 
-@pytest.mark.parametrize(
+@sampled(
     ("points", "bodies"),
     [(("desired", "actual", "error"), False), (("desired", "actual", "error"), True), (SIX, True)],
+    "writes and reads a bag each",
     ids=["Galactic", "Humble before 4.4", "Humble"],
 )
 def test_bags_without_definitions_have_the_states_of_controllers(tmp_path, points, bodies):
@@ -201,7 +203,7 @@ def flat_state(types, k):  # noqa: ARG001
     )
 
 
-@pytest.mark.parametrize("storage", list(StoragePlugin))
+@sampled("storage", list(StoragePlugin), "writes and reads a bag each")
 @pytest.mark.parametrize(
     ("kind", "make"),
     [

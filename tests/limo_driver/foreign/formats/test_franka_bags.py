@@ -3,7 +3,7 @@
 import sqlite3
 
 import numpy as np
-import pytest
+from lanes import sampled
 from logged import arm, measured
 from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -77,8 +77,8 @@ def filled(store, kind, known):
     return store.types[kind](*values)
 
 
-@pytest.mark.parametrize("kind", ["FrankaState", "FrankaRobotState"])
-@pytest.mark.parametrize("flags", [36, 41])
+@sampled("kind", ["FrankaState", "FrankaRobotState"], "writes and reads a bag each")
+@sampled("flags", [36, 41], "writes and reads a bag each")
 def test_states_of_franka_arms_in_bags_without_definitions(tmp_path, kind, flags):
     store, name = get_typestore(Stores.ROS2_HUMBLE), f"franka_msgs/msg/{kind}"
     for own, text in OF_FRANKA.items():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
@@ -75,7 +76,7 @@ def test_a_place_that_is_stated_stays(robot):
     assert found.proposal.model.description.locked["jaw"] == 0.01
 
 
-@pytest.mark.parametrize("jaw", [0.9, np.nan, 30.0])
+@sampled("jaw", [0.9, np.nan, 30.0], "inspects a log each")
 def test_a_gripper_in_another_or_no_unit_is_locked_as_near_to_zero_as_it_can_be(robot, jaw):
     found = limo.inspect(log_of(robot, jaw), robot)
     assert found.proposal.model.description.locked["jaw"] == 0.0
@@ -86,6 +87,7 @@ def test_a_gripper_in_a_stated_unit_is_locked_there(robot):
     assert limo.inspect(log, robot).proposal.model.description.locked["jaw"] == 0.03
 
 
+@pytest.mark.slow("identifies and diagnoses an arm")
 def test_identification_and_diagnosis_keep_its_place(robot, tmp_path):
     log = log_of(robot)
     found = limo.inspect(log, robot)
@@ -145,6 +147,7 @@ def pincers(tmp_path):
     return path
 
 
+@pytest.mark.slow("reads a log twice")
 def test_coupled_fingers_that_move_in_a_log_of_the_whole_model_are_locked_in_the_middle(pincers):
     time = np.arange(0, 12, 0.005)
     phase = np.outer(time, [0.9, 1.3]) + np.arange(2)

@@ -426,6 +426,7 @@ def test_more_joints_than_the_robot_has_are_a_question():
     )
 
 
+@pytest.mark.slow("proposes for 4000 columns")
 def test_an_array_with_rows_and_columns_exchanged_makes_short_questions():
     rows = 2000
     on_its_side = np.random.default_rng(0).normal(size=(7, rows))

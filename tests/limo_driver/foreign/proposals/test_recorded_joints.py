@@ -143,6 +143,7 @@ def test_a_joint_is_locked_as_near_to_zero_as_it_can_be(robot):
     assert "joint back is locked at 0.2; what it carries is lumped" in model.notes
 
 
+@pytest.mark.slow("reads a description of 48 joints again and again")
 def test_a_log_of_a_torso_and_an_arm_is_of_8_of_the_joints_of_tiago():
     found = next(file for file in files("example-robot-data") if file.name == "tiago.urdf")
     robot = str(found.locate())

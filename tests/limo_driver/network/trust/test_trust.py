@@ -260,6 +260,7 @@ class TestStrangers:
         }
         self.refused(trust, nothing)
 
+    @pytest.mark.slow("tries for two seconds, and waits")
     def test_with_a_certificate_of_another_authority(self, trust, tmp_path):
         hosts = {"driver": Host("127.0.0.1", 1), "service": Host("localhost", 2)}
         other = write_trust(tmp_path / "other", hosts).path / "viewer"
@@ -272,10 +273,12 @@ class TestStrangers:
     def test_with_a_wrong_password(self, trust):
         self.refused(trust, {"transport/auth/usrpwd/password": "guessed"})
 
+    @pytest.mark.slow("tries for two seconds, and waits")
     def test_without_a_password(self, trust):
         nobody = {"transport/auth/usrpwd/user": None, "transport/auth/usrpwd/password": None}
         self.refused(trust, nobody)
 
+    @pytest.mark.slow("tries for two seconds, and waits")
     def test_in_the_clear(self, trust):
         endpoint = json.loads(
             read_config(trust.configurations["viewer"]).get_json("connect/endpoints")
