@@ -30,6 +30,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from unittest.mock import patch
@@ -61,6 +62,7 @@ DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shar
 SO101 = DATA / "so101"
 GUESSED = 17.8  # [N m/rad], the gain of the vendor's joints_properties.xml
 DEEP = 0.04  # [m] below the base's underside, where no recorded joint follows its command
+PEERS = {"pace": "cma", "sysid": "mujoco.sysid"}  # and what each needs
 REVERTED = {
     "kp": ("kp",),
     "damping": (DAMPING,),
@@ -80,6 +82,9 @@ def main() -> None:
     options.add_argument("--peers", default="pace,sysid", help="that stand beside limo")
     asked = options.parse_args()
     minutes, peers = asked.minutes, asked.peers.split(",")
+    for peer, needed in PEERS.items():
+        if peer in peers and find_spec(needed) is None:  # told before all fits, not between
+            options.error(f"{peer} needs {needed}: pip install -e .[bench]")
     vendor = Simulation.load(SO101 / "robot" / "so101_new_calib.xml")
     recordings = [Recording.load(path) for path in sorted(SO101.glob("*.parquet"))]
     seen, unseen = recordings[0::2], recordings[1::2]
