@@ -13,11 +13,9 @@ import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
-from estimators.service.inference.forecast import Forecast
-from estimators.service.inference.inbox import RING, Inbox, source_of
+from estimators.service.inference.inbox import RING, Inbox
 from estimators.service.inference.outlet import LogWatch, NetworkOutlet
 from estimators.service.inference.source import FollowedSource, StateSilence
-from estimators.service.inference.warmth import Alarm, Warmth
 from estimators.service.inference.window import Window
 from estimators.service.opening import Opening
 from estimators.service.queries import ModelQueries
@@ -28,11 +26,10 @@ from limo_driver.network.readiness import ServicePhase
 from limo_driver.network.ros import RosReader
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from estimators.service.inference.arm_service import ArmService
     from estimators.service.inference.bulletin import Bulletin
-    from estimators.service.inference.inbox import Arrived
     from estimators.service.inference.live_model import LiveModel
     from estimators.service.roles import Retrainer
     from estimators.service.settings import ServiceSettings
@@ -89,9 +86,6 @@ class ArmServer:
         key = self.keys.joints if ros is None else ros.key_of_any_hash
         self._queries = ModelQueries(session, self)
         self._wait_for_states(f"joint states are waited for on {key}")
-        self._latest: zenoh.Sample | None = None  # that was answered
-        self._forecast = Forecast()
-        self._alarm = Alarm(session, key, self._forecast)
         self._subscriber = session.declare_subscriber(key, RingChannel(RING))
         self._thread = threading.Thread(
             target=self._receive, args=(self._subscriber.handler,), name=f"limo-{self.arm}"
@@ -232,7 +226,6 @@ class ArmServer:
             pass
         if self.keeper is not None:
             self.keeper.close()
-        self._alarm.close()
         self._subscriber.undeclare()
         self._thread.join()
         if self._opener is not None:
@@ -277,70 +270,46 @@ class ArmServer:
 
     def _receive(self, states: zenoh.Handler[zenoh.Sample]) -> None:
         """Take one state after the other until the subscription ends."""
-        warmth = Warmth(self._rehearse, self._forecast, self._alarm)
-        inbox = Inbox(states, self._foreign, warmth)
+        inbox = Inbox(states, self._foreign)
         while True:
             try:
-                arrived = inbox.next()
+                sample = inbox.next()
             except zenoh.ZError:  # closed
                 return
             try:
-                self._take(arrived)
+                self._take(sample)
             except Exception as error:  # noqa: BLE001  # of our own; the stream has to go on
                 self._failures += 1
                 if self._failures == 1:
                     self.outlet.event("failure", f"{error!r}", Level.FATAL, trace=format_exc())
 
-    def _foreign(self, source: str) -> bool:
+    def _foreign(self, sample: zenoh.Sample) -> bool:
         """Say whether a state is of another source; those of ROS say so in what is attached."""
-        if self._ros is not None or not self._source.is_foreign(source):
+        if self._ros is not None or not self._source.is_foreign(_source_of(sample)):
             return False
         self._counts["foreign"] += 1
         return True
 
-    def _take(self, arrived: Arrived) -> None:
-        try:
-            payload, attachment, source = self._read(arrived.sample, arrived.source)
-        except WireFormatError as error:
-            self._refuse(error)
-            return
+    def _take(self, sample: zenoh.Sample) -> None:
+        payload, source = sample.payload.to_bytes(), _source_of(sample)
+        attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
+        if self._ros is not None:
+            try:
+                payload, about, source = self._ros.read(payload, attachment)
+            except WireFormatError as error:
+                self._refuse(error)
+                return
+            attachment = about.encode()
         if self._source.is_foreign(source):
             self._counts["foreign"] += 1
             return
         if self.answering and self.service is not None:
             if self.service.handle(payload, attachment):
-                self._answered(arrived, source)
+                self._follow(source)
             if self.service.other_rate is not None:
                 self._stop_for(self.service.arm.rate, self.service.other_rate)
         elif not self._preparing and time.monotonic() >= self._next_try:
             self._find_rate(payload, attachment, source)
-
-    def _read(self, sample: zenoh.Sample, source: str) -> tuple[bytes, bytes, str]:
-        """Return a state as a driver of this arm would have published it, and its source.
-
-        Raises:
-            WireFormatError: It is of ROS, and malformed.
-        """
-        payload = sample.payload.to_bytes()
-        attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
-        if self._ros is None:
-            return payload, attachment, source
-        payload, about, source = self._ros.read(payload, attachment)
-        return payload, about.encode(), source
-
-    def _answered(self, arrived: Arrived, source: str) -> None:
-        """Note what follows from a state for the next one."""
-        self._follow(source)
-        self._latest = arrived.sample
-        if self.service is not None and (stamp := self.service.latest_stamp) is not None:
-            self._forecast.came(stamp, arrived.at)
-
-    def _rehearse(self) -> Iterator[None]:
-        """Do all that is done for a state, part by part, with the latest one and without effect."""
-        service, sample = self.service, self._latest
-        if self.answering and service is not None and sample is not None:
-            payload, attachment, _ = self._read(sample, source_of(sample))
-            yield from service.rehearse(payload, attachment)
 
     def _wait_for_states(self, text: str) -> None:
         self._bulletin.enter(ServicePhase.WAITING, text, state=_WAITING_FOR_STATES)
@@ -421,6 +390,11 @@ class ArmServer:
             self.service = service
             text = f"{version} serves at {rate:g} Hz"
             self._bulletin.enter(ServicePhase.SERVING, text, rate=rate, version=version)
+
+
+def _source_of(sample: zenoh.Sample) -> str:
+    info = sample.source_info  # each time that it is asked for, it is made anew
+    return "" if info is None else str(info.source_id)
 
 
 def _condition(service: ArmService, window: Window) -> dict[str, Any]:

@@ -25,8 +25,6 @@ from limo_driver.network.messages import (
 from limo_driver.network.streaming import Arrivals
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from estimators.service.inference.contact import Contact, ContactWatchdog
     from estimators.service.inference.live_model import Answer, LiveModel
     from limo_driver.network.messages import JointStateMessage
@@ -102,7 +100,7 @@ class ArmService:
         self.other_rate: float | None = None  # [Hz] of the states; nothing is answered any more
         self._untold_resets, self._next_reset = 0, 0.0  # and when the next is told [s]
         self._told_joints = False  # that states of other joints came
-        self._rate, self._rehearsed = RateWatch(arm.rate), RateWatch(arm.rate)
+        self._rate = RateWatch(arm.rate)
         self._states = JointStateCodec(arm.joint_names, arm.name)
         self._estimates = TorqueEstimateCodec(arm.joint_names, arm.name)
         self._boundary = threading.Lock()  # held while a state is answered
@@ -143,35 +141,6 @@ class ArmService:
                 self._last = np.nan
             self._outlet.state(payload, state.stamp_ns, about.sequence)
         return True
-
-    def rehearse(self, payload: bytes, attachment: bytes) -> Iterator[None]:
-        """Answer a state that was answered once more, as if it were the next, for nobody.
-
-        Nothing is sent, kept or counted. It brings code and data of an answer into the caches, just
-        before the next state is due. Belongs on the thread of `handle`.
-
-        Raises:
-            LimoError: The answer would fail, too.
-        """
-        about, state = Attachment.decode(attachment), self._states.decode(payload)
-        self._usable(state)
-        Arrivals().take(about.sequence, state.stamp_ns)
-        self._rehearsed.take(about.sequence, state.stamp_ns)
-        torque = state.torque if self._measured else None
-        yield
-        model, now = self.model, self._last + 1.0 / self.arm.rate
-        answer = model.foresee(now, state.position, torque)
-        yield
-        self._estimates.encode(
-            state.stamp_ns - model.delay_ns,
-            answer.torque,
-            answer.std,
-            answer.external,
-            answer.outside,
-            model=model.version,
-            fallback=model.physics_only,
-        )
-        relabelled(attachment, model.version)
 
     def swap(self, model: LiveModel) -> LiveModel:
         """Let another model serve from the next state on, and return the one that did.

@@ -2,33 +2,21 @@
 
 What comes waits in a ring in Rust, which a flood fills. Between any two answers all of it is taken
 out and sorted: of the source that is followed, the latest few wait on, and the oldest of them go;
-states of others are counted, and nothing of them is read. A sample may be there to wake who waits:
-it is no state, and what comes while that one is awake is taken at once.
+states of others are counted, and nothing of them is read.
 """
 
 from __future__ import annotations
 
-import time
 from collections import deque
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import zenoh
 
-    from estimators.service.inference.warmth import Warmth
-
 RING: Final = 4096  # samples of anybody
 WAITING: Final = 32  # states; older ones are lost rather than answered late
-
-
-class Arrived(NamedTuple):
-    """A state that waits, not yet read."""
-
-    sample: zenoh.Sample
-    source: str  # whose it is
-    at: float  # [s] of this machine's clock
 
 
 class Inbox:
@@ -36,20 +24,16 @@ class Inbox:
 
     Args:
         samples: Handler of a subscription, with a ring of `RING`.
-        foreign: Says of a source, and counts, that it is not the one that is followed.
-        warmth: What is done while the next state is awaited, once that is woken.
+        foreign: Says of a sample, and counts, that it is not of the source that is followed.
     """
 
     def __init__(
-        self,
-        samples: zenoh.Handler[zenoh.Sample],
-        foreign: Callable[[str], bool],
-        warmth: Warmth | None = None,
+        self, samples: zenoh.Handler[zenoh.Sample], foreign: Callable[[zenoh.Sample], bool]
     ) -> None:
-        self._samples, self._foreign, self._warmth = samples, foreign, warmth
-        self._waiting: deque[Arrived] = deque(maxlen=WAITING)
+        self._samples, self._foreign = samples, foreign
+        self._waiting: deque[zenoh.Sample] = deque(maxlen=WAITING)
 
-    def next(self) -> Arrived:
+    def next(self) -> zenoh.Sample:
         """Wait for a state, and return the oldest of those that still wait.
 
         Raises:
@@ -58,32 +42,14 @@ class Inbox:
         waiting, samples = self._waiting, self._samples
         while True:
             if not waiting:
-                self._wait()
+                self._sort(samples.recv())
             for _ in range(RING):  # a flood may come as fast as it is read
                 if (sample := samples.try_recv()) is None:
                     break
-                self._sort(sample, time.perf_counter())
+                self._sort(sample)
             if waiting:
                 return waiting.popleft()
 
-    def _wait(self) -> None:
-        woken = self._sort(self._samples.recv(), time.perf_counter())
-        if woken and self._warmth is not None:
-            sample, at = self._warmth.wait(self._samples.try_recv)
-            if sample is not None:
-                self._sort(sample, at)
-
-    def _sort(self, sample: zenoh.Sample, at: float) -> bool:
-        """Let a state wait, and say whether it is none, but a sample that wakes."""
-        source = source_of(sample)
-        if self._warmth is not None and source == self._warmth.alarm.source:
-            return True
-        if not self._foreign(source):
-            self._waiting.append(Arrived(sample, source, at))
-        return False
-
-
-def source_of(sample: zenoh.Sample) -> str:
-    """Return the identity of who sent a sample; empty where it does not say."""
-    info = sample.source_info  # each time that it is asked for, it is made anew
-    return "" if info is None else str(info.source_id)
+    def _sort(self, sample: zenoh.Sample) -> None:
+        if not self._foreign(sample):
+            self._waiting.append(sample)

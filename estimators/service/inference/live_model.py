@@ -62,15 +62,6 @@ class LiveModel:
         estimate, self.state = self.stream.step(self.state, time, position, torque)
         return bounded(estimate, self.bound)
 
-    def foresee(self, time: float, position: FloatArray, torque: FloatArray | None) -> Answer:
-        """Answer as `step` would, and keep nothing of the state.
-
-        Raises:
-            LimoError: As `step` does.
-        """
-        estimate, _ = self.stream.step(self.state, time, position, torque)
-        return bounded(estimate, self.bound)
-
     def prime(self, rows: StateRows) -> None:
         """Set memory as if the model had answered these states from the first on."""
         self.state = self.stream.init()

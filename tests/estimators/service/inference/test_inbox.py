@@ -2,17 +2,8 @@
 
 from collections import deque
 from contextlib import suppress
-from types import SimpleNamespace
 
 from estimators.service.inference.inbox import RING, WAITING, Inbox
-
-
-class Sample(int):
-    """A numbered state; those below 0 are of a source that is not followed."""
-
-    @property
-    def source_info(self):
-        return SimpleNamespace(source_id="other" if self < 0 else "own")
 
 
 class EndedError(Exception):
@@ -28,20 +19,20 @@ class Samples:
     def recv(self):
         if not self.there:
             raise EndedError
-        return Sample(self.there.popleft())
+        return self.there.popleft()
 
     def try_recv(self):
-        return Sample(self.there.popleft()) if self.there else None
+        return self.there.popleft() if self.there else None
 
 
 def answered(samples, coming=()):
     """Return what is answered, where some more come between one answer and the next."""
     told, more = [], iter(coming)
     foreign = []
-    inbox = Inbox(samples, lambda source: source == "other" and not foreign.append(source))
+    inbox = Inbox(samples, lambda sample: sample < 0 and not foreign.append(sample))
     with suppress(EndedError):
         while True:
-            told.append(inbox.next().sample)
+            told.append(inbox.next())
             samples.there.extend(next(more, ()))
     return told, foreign
 
@@ -64,7 +55,7 @@ def test_a_flood_of_others_costs_no_state_of_the_source():
 def test_a_flood_that_never_ends_does_not_keep_a_state_from_its_answer():
     class Endless(Samples):
         def try_recv(self):
-            return super().try_recv() or Sample(-1)
+            return super().try_recv() or -1
 
-    inbox = Inbox(Endless(5), lambda source: source == "other")
-    assert inbox.next().sample == 5
+    inbox = Inbox(Endless(5), lambda sample: sample < 0)
+    assert inbox.next() == 5
