@@ -19,7 +19,7 @@ from estimators.diagnosis.judgement.judgement import (
     remaining_residual,
     worse_at,
 )
-from estimators.diagnosis.judgement.ordinary import to_identify
+from estimators.diagnosis.judgement.ordinary import beyond_siblings, to_identify
 from estimators.diagnosis.residuals.held_out import rmse
 
 if TYPE_CHECKING:
@@ -56,8 +56,9 @@ class JudgedSet:
         remaining = remaining_residual(problem.observed, left)
         named, unknown = abstained(problem, solution, remaining)
         if not gains(problem, solution, beside.residual, remaining):
-            values = to_identify(problem, solution)
-            named = tuple(member for member in named if member in values)
+            # friction far beyond its siblings' is in what the gain is counted from, and as sure
+            stay = {*to_identify(problem, solution), *beyond_siblings(problem, solution)}
+            named = tuple(member for member in named if member in stay)
         return cls(problem, solution, beside, remaining, named, unknown)
 
     @property

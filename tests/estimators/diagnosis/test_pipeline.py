@@ -547,6 +547,22 @@ def test_a_joint_without_torque_is_left_out_by_name_and_the_others_are_judged():
     assert line.split() == ["3", "-", "-", "-", "-", "0", "%", "-", "-"]
 
 
+@pytest.mark.slow("a whole diagnosis of seven joints")
+def test_a_joint_that_binds_is_named_though_nothing_else_is_unusual():
+    """Its friction is in what predictions have to beat; nothing of it may be lost for that."""
+    usual = np.array([2.2, 2.8, 1.6, 1.5, 1.0, 0.4, 0.4])  # [N m]
+    binds = np.where(np.arange(7) == 2, 8.0, 1.0) * usual
+    arm = Simulation(
+        "iiwa14", tuple(CoulombFriction(joint=j, tau_c=tau) for j, tau in enumerate(binds, start=1))
+    )
+    found = diagnose(Simulation("iiwa14"), [record(arm, 4, duration=25.0)])
+    assert names(found) == {("coulomb_friction", "missing", (3,))}
+    (finding,) = found.findings
+    assert finding.parameters["tau_c"].value == pytest.approx(8.0 * 1.6, rel=0.05)
+    dry = {item.joint for item in found.verdict.identified if item.effect == "coulomb_friction"}
+    assert dry == {1, 2, 4, 5, 6, 7}
+
+
 def test_recordings_without_any_torque_are_refused(given):
     whole = record(given, 0)
     with pytest.raises(RecordingError, match="N m in all rows; expected measured torque"):
