@@ -46,22 +46,19 @@ def check_recordings(recordings: Sequence[Recording], model: RobotModel) -> None
     check_different(recordings)
 
 
-def joints_with_torque(model: RobotModel, recordings: Sequence[Recording]) -> NDArray[np.bool_]:
+def joints_with_torque(model: RobotModel, recording: Recording) -> NDArray[np.bool_]:
     """Mark the joints whose torque is a measurement of what the joint carries, (n,).
 
     One that never changes is none, nor is one that is next to nothing of what gravity asks for.
 
     Args:
         model: The robot.
-        recordings: Measured motions and torques, one or more.
+        recording: Measured motion and torque.
     """
-    changes = np.any([np.ptp(item.torque, axis=0) > 0 for item in recordings], axis=0)
-    squares = np.zeros((2, model.n))
-    for item in recordings:
-        rows = slice(None, None, max(1, len(item) // _ROWS))
-        load = model.gravity_torque(item.position[rows])
-        squares += [np.sum(x**2, axis=0) for x in (item.torque[rows], load)]
-    return np.asarray(changes & (squares[0] >= WEIGHTLESS**2 * squares[1]))
+    rows = slice(None, None, max(1, len(recording) // _ROWS))
+    torque, load = recording.torque[rows], model.gravity_torque(recording.position[rows])
+    carries = np.sum(torque**2, axis=0) >= WEIGHTLESS**2 * np.sum(load**2, axis=0)
+    return np.asarray(carries & (np.ptp(recording.torque, axis=0) > 0))
 
 
 def check_different(recordings: Sequence[Recording]) -> None:

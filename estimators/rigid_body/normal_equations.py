@@ -157,7 +157,7 @@ def accumulate(
             moves, no torque was measured, or no row is left.
     """
     check_recordings(recordings, model)
-    sums = _Sums(model, terms, joints_with_torque(model, recordings))
+    sums = _Sums(model, terms)
     for recording in recordings:
         for done in sums.add(recording, rows):
             if progress is not None:
@@ -193,8 +193,8 @@ def _chunks(fold: NDArray[np.int64]) -> Iterator[slice]:
 class _Sums:
     """The running sums; each joint's columns are its own links' and its own terms'."""
 
-    def __init__(self, model: RobotModel, terms: JointTerms, measured: NDArray[np.bool_]) -> None:
-        self.terms, self.measured = terms, measured
+    def __init__(self, model: RobotModel, terms: JointTerms) -> None:
+        self.model, self.terms = model, terms
         self.chain = RegressorChain.of(model)
         self.n = model.n
         self.links = self.chain.width
@@ -215,17 +215,24 @@ class _Sums:
         halo = int(np.ceil(_MEMORY / rows.bandwidth * recording.rate))
         inside = ~recording.edges(rows.bandwidth)
         places = _Places(blocks_of(recording), fold_of(recording))
+        measured = joints_with_torque(self.model, recording)
         for start in range(0, len(recording), BLOCK):
             stop = min(start + BLOCK, len(recording))
             first = max(0, start - halo)
             last = min(stop + halo, len(recording))
             use = np.zeros(last - first, dtype=bool)
             use[start - first : stop - first] = inside[start:stop]
-            self._add_block(recording[first:last], use, places[first:last], rows)
+            piece = recording[first:last]
+            self._add_block(piece, use, places[first:last], measured, rows)
             yield stop - start
 
     def _add_block(
-        self, piece: Recording, use: NDArray[np.bool_], places: _Places, rows: Rows
+        self,
+        piece: Recording,
+        use: NDArray[np.bool_],
+        places: _Places,
+        measured: NDArray[np.bool_],
+        rows: Rows,
     ) -> None:
         smoothed = piece.motion(rows.bandwidth)
         step = max(1, int(piece.rate / (_DENSE * rows.bandwidth)))
@@ -234,7 +241,7 @@ class _Sums:
         torque = piece.filtered_torque(rows.bandwidth)[kept]
         motion = smoothed[kept]
         count = (np.abs(motion.velocity) > MOVING) | (not rows.moving_only)
-        count &= self.measured
+        count &= measured
         fold = places.fold[kept]
         for chunk in _chunks(fold):
             self._add_chunk(

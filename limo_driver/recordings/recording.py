@@ -285,7 +285,7 @@ class Recording(FilteredSamples, Displayed):
         columns = Columns(
             self.time,
             self.position,
-            self.torque if self.has_torque else np.full_like(self.torque, np.nan),
+            self._measured_torque(),
             self.velocity,
             dict(self.extras),
             robot=self.robot,
@@ -293,6 +293,13 @@ class Recording(FilteredSamples, Displayed):
             command=self.command,
         )
         write_columns(columns, Path(path))
+
+    def _measured_torque(self) -> FloatArray:
+        """Return the torque, (T, n) [N m]; NaN for joints whose 0 stands for none."""
+        if not self.has_torque:
+            return np.full_like(self.torque, np.nan)
+        known = self.torque.any(axis=0)
+        return np.where(known, self.torque, np.nan) if known.any() else self.torque
 
     def headline(self) -> str:
         """Say how long it is, how fast, of what, and what was left out."""

@@ -16,7 +16,7 @@ from limo_driver.foreign.proposals.recorded_joints import mapped_part
 from limo_driver.logs.joint_state_log import joint_state_blocks
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.file import columns_writer
-from limo_driver.recordings.gate import LeftOut, inspect
+from limo_driver.recordings.gate import LeftOut, inspect, without_silent_torques
 from limo_driver.recordings.recording import Recording
 from limo_driver.workflow.reading import columns_of, mapping_of, said
 
@@ -242,7 +242,8 @@ class _Judged:
             RecordingError: It cannot be used, or is of an earlier time.
         """
         try:
-            findings = inspect(columns)
+            judged = without_silent_torques(columns)
+            findings = inspect(judged)
         except RecordingError as error:
             raise self._placed(error, columns.time.size) from None
         self._head = self._head or columns
@@ -257,7 +258,7 @@ class _Judged:
         for item in findings.left_out:
             self._left_out[item.reason] += [self._rows + row for row in item.rows]
         own = findings.warnings if self._is_whole else ()  # of one block they say little
-        self._warnings |= dict.fromkeys((*columns.warnings, *own))
+        self._warnings |= dict.fromkeys((*judged.warnings, *own))
         self._first = self._first if self._blocks else float(columns.time[0])
         self._last, self._blocks = float(time[-1]), self._blocks + 1
         self._rows, self._usable = self._rows + columns.time.size, self._usable + time.size

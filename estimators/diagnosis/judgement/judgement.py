@@ -291,7 +291,8 @@ def trusted_gains(
     bodies = [item.effect for item in findings if is_of_bodies(item.effect)]
     if not bodies or simulation.tolerances.gain:
         return
-    share = float(np.median([friction_share(simulation, recording) for recording in recordings]))
+    shares = [friction_share(simulation, recording) for recording in recordings]
+    share = float(np.median([known for known in shares if not np.isnan(known)] or [0.0]))
     if share > MOTOR_SIDE:
         yield (
             f"The torques seem to be those of drives: friction is {share:.1%} of what these can "

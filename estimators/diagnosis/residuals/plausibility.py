@@ -268,15 +268,25 @@ def _size_of(values: FloatArray) -> FloatArray:
 
 
 def _weightless_in(observed: Observations) -> list[str]:
-    """Ask of each joint that is left out for its torque why that is so small."""
+    """Ask of each joint whose torque is small beside its load why, and say what becomes of it."""
     load, torque = _size_of(observed.load[observed.kept]), _size_of(observed.measured)
-    slides = observed.simulation.model.sliding
-    return [
-        f"Joint {j + 1} is left out: its torque is {torque[j]:.3g} {'N' if slides[j] else 'N m'} "
-        f"where its load asks for {load[j]:.3g} (root mean squares). Is it in another unit, or "
-        "does something balance the load?"
-        for j in without_load(observed)
-    ]
+    slides, left_out = observed.simulation.model.sliding, without_load(observed)
+    light = np.flatnonzero(torque < PLAUSIBILITY.light * load).tolist()
+    told: list[str] = []
+    for j in light:
+        if j in without_torque(observed):
+            continue
+        unit = "N" if slides[j] else "N m"
+        sizes = f"its torque is {torque[j]:.3g} {unit} where its load asks for {load[j]:.3g}"
+        question = (
+            f"{sizes} (root mean squares). Is it in another unit, or does something balance the "
+            "load?"
+        )
+        if j in left_out:
+            told.append(f"Joint {j + 1} is left out: {question}")
+        else:
+            told.append(f"Joint {j + 1}: {question} Taken as it is, it bends the bodies.")
+    return told
 
 
 def _check_measured(observed: Observations) -> None:

@@ -158,6 +158,9 @@ class PlausibilitySettings:
     expected: float = setting(0.25, "of the torque",
         "that the load should make, if its lack is to tell",
         "lower judges where there is no load; higher judges seldom")
+    light: float = setting(0.2, "of the load", "below which a torque is asked about",
+        "higher asks about balanced joints; lower lets another unit bend the bodies",
+        chosen="0.55 and more on the arms of the real recordings")
     alive: float = setting(3.0, "noise floors",
         "of torque on a joint that does not move, beyond its load",
         "lower doubts encoders for noise; higher misses stuck ones")

@@ -64,6 +64,8 @@ class ContactWatchdog:
         NaN torque, which is not known, begins nothing.
         """
         self._time = time
+        if external.shape != self._since.shape:
+            raise ShapeError("external", external.shape, f"({self._since.size},)")
         if not _watch(
             time,
             external,

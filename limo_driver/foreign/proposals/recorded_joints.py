@@ -55,8 +55,10 @@ class RecordedPart:
 def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
     """Return a robot with the joints that a log names, if it names some of them alone.
 
-    A choice that was made stays, and so does a robot of which the log names all joints, none, or
-    only the first ones of a series: what is missing there may well be moving.
+    Where it holds torques, too, those that have one are taken, and the others of their series
+    (`arm_1`, `arm_2`, ...). A choice that was made stays, and so does a robot of which the log
+    names all joints, none, or only the first ones of a series: what is missing there may well be
+    moving.
 
     Args:
         table: What the log holds.
@@ -70,8 +72,8 @@ def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
     positions = _named(table, model, (POSITION,))
     torques = _named(table, model, (TORQUE, CURRENT))
     known = positions.keys() & torques.keys() if torques else positions.keys()
-    if any(name not in known and _is_cut(known, (name,)) for name in positions):
-        known = positions.keys()  # torques of some joints of a series: the others of it move, too
+    # of a series, joints that lack a torque move like the others
+    known = {*known, *(name for name in positions if _is_cut(known, (name,)))}
     taken = [name for name in model.joint_names if name in known]
     missing = [name for name in model.joint_names if name not in taken]
     if not taken or not missing or _is_cut(taken, missing):

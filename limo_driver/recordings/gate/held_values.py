@@ -126,7 +126,10 @@ def _sticks(
     """
     away = np.abs(position[stops] - position[stops - 1])
     reach = 0.25 * MOST_ACCELERATION * (time[stops] - time[stops - 1]) ** 2
-    swing = np.array([np.ptp(command[a:b]) for a, b in zip(starts, stops, strict=True)])
+    behind = stops[-1]  # runs follow one another without a gap
+    swing = np.maximum.reduceat(command[:behind], starts) - np.minimum.reduceat(
+        command[:behind], starts
+    )
     second, most = np.sort(swing)[-2:]
     other = np.where(swing == most, second, most)
     return (away < reach) & ((starts == 0) | (other > _ALIKE * swing))

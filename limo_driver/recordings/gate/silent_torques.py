@@ -18,15 +18,16 @@ if TYPE_CHECKING:
 _MOSTLY: Final = 0.5  # of the rows in which a joint moves
 _WITHIN: Final = 0.1  # [s], in which a joint that moves does so
 _BY: Final = 1e-3  # [rad], beyond the noise of encoders
+_FARTHEST: Final = 0.02  # [rad], that a joint at rest does not reach by the steps of its encoder
 
 
 def without_silent_torques(columns: Columns) -> Columns:
     """Return the same with 0 for torques that nobody measured, and say so.
 
-    A column without a number is one. So is one that holds a single value in most of the rows in
+    A column without a number is one. So is one that is 0, or at its limit, in most of the rows in
     which its joint moves, for longer than the noise of the others allows: a current within its dead
-    band, or a sensor at its limit. The few rows between say when it wakes, and not what the joint
-    feels.
+    band, or a sensor that can tell no more. The few rows between say when it wakes, and not what
+    the joint feels.
     """
     torque, told = np.array(columns.torque), list(columns.warnings)
     if not np.isfinite(torque).any():
@@ -59,17 +60,19 @@ def _mostly(
         torque: (T,) [N m], of the same joint.
     """
     known = np.isfinite(time) & np.isfinite(position) & np.isfinite(torque)
+    latest = np.maximum.accumulate(np.where(known, time, -np.inf))
+    known[1:] &= time[1:] > latest[:-1]  # rows out of time are judged one by one, later
     time, position, torque = time[known], position[known], torque[known]
-    if time.size < 2 or not np.all(np.diff(time) > 0):  # noqa: PLR2004  # a rate takes two
-        return None  # rows out of time are judged one by one
+    if time.size < 2 or np.ptp(position) < _FARTHEST:  # noqa: PLR2004  # a rate takes two
+        return None
     moves = _moves(time, position)
     if not moves.any():
         return None
     value = float(np.median(torque[moves]))  # that of more than half, if there is one
     part = float(np.mean(torque[moves] == value))
-    if part <= _MOSTLY or not held_torque(time, position, torque).any():
+    if part <= _MOSTLY or value not in {0.0, float(torque.min()), float(torque.max())}:
         return None
-    return value, part
+    return (value, part) if held_torque(time, position, torque).any() else None
 
 
 def _moves(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:

@@ -485,3 +485,19 @@ def test_a_joint_without_torque_says_nothing_of_bodies_and_gets_no_friction(iiwa
     np.testing.assert_allclose(
         found.rmse_consistent[others], beside.rmse_consistent[others], rtol=0.1
     )
+
+
+def test_where_one_recording_of_two_lacks_a_torque_the_other_tells_it(iiwa):
+    given = Simulation("iiwa14", FRICTION)
+    whole, other = record(given), record(given, seed=1)
+    torque = np.array(other.torque)
+    torque[:, 3] = 0.0
+    part = Recording.from_arrays(other.time, other.position, torque)
+    both, alone = identify(iiwa, [whole, part]), identify(iiwa, [whole])
+    assert both.rmse_consistent[3] == pytest.approx(alone.rmse_consistent[3], rel=0.1)
+    (dry,) = [
+        effect.tau_c
+        for effect in both.simulation.effects
+        if isinstance(effect, CoulombFriction) and effect.joint == 4
+    ]
+    assert dry == pytest.approx(1.3, rel=0.05)

@@ -207,6 +207,51 @@ def test_a_torque_that_is_one_value_in_most_of_a_motion_is_told_and_kept_as_zero
     assert part.torque[:, 1].any()
 
 
+def mostly_zero():
+    columns = noisy_columns()
+    values = columns["torque_2"]
+    return columns | {"torque_2": np.where(np.abs(values - 1.0) < 4.5, 0.0, values)}
+
+
+def test_one_row_out_of_time_does_not_hide_that_a_torque_measures_nothing(tmp_path):
+    columns = mostly_zero()
+    columns["time"][1000] = columns["time"][999]
+    recording = Recording.load(write(columns, tmp_path / "a.parquet"))
+    assert not recording.torque[:, 1].any()
+    assert len(recording) > 3900
+
+
+def coarse(middle, T=4000):
+    random = np.random.default_rng(1)
+    return middle + 0.5 * random.choice([-1, 0, 1], T, p=[0.02, 0.96, 0.02])
+
+
+def flicker(T=4000):
+    return 1.5e-3 * np.random.default_rng(2).integers(0, 2, T)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        # dry friction of a joint that turns one way, by a coarse sensor
+        lambda c: c | {"position_2": 0.2 * c["time"], "torque_2": coarse(2.5)},
+        # a joint that rests between two steps of its encoder
+        lambda c: c | {"position_2": flicker(), "torque_2": coarse(0.0)},
+    ],
+)
+def test_torques_that_seldom_change_are_measurements_where_they_may(tmp_path, change):
+    recording = Recording.load(write(change(noisy_columns()), tmp_path / "a.parquet"))
+    assert not any("measures nothing" in told for told in recording.warnings)
+
+
+def test_a_file_says_again_that_a_torque_was_not_measured(tmp_path):
+    recording = Recording.load(write(mostly_zero(), tmp_path / "a.parquet"))
+    recording.save(tmp_path / "b.parquet")
+    again = Recording.load(tmp_path / "b.parquet")
+    assert "torque_2 is never measured; it is kept as 0" in again.warnings
+    np.testing.assert_array_equal(again.torque, recording.torque)
+
+
 @pytest.mark.parametrize(
     "change",
     [

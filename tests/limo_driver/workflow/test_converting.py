@@ -95,6 +95,19 @@ def test_block_by_block_it_is_the_same(tmp_path, monkeypatch, write):
     np.testing.assert_allclose(long.time, short.time, atol=1e-9)
 
 
+def test_a_torque_that_nobody_measured_costs_the_other_joints_no_row(tmp_path):
+    columns = log()
+    name = next(key for key in columns if "4" in key and "tau" in key)
+    columns[name] = np.where(np.arange(TIME.size) % 40, 0.0, columns[name])
+    for key in (key for key in columns if "5" in key and "tau" in key):
+        columns[key] = np.full(TIME.size, np.nan)
+    found = convert_log(as_text(columns, tmp_path), tmp_path / "part.parquet", arm())
+    assert found.usable == TIME.size
+    recording = Recording.load(tmp_path / "part.parquet")
+    assert len(recording) == TIME.size
+    assert recording.torque.any(axis=0).sum() == recording.n - 2
+
+
 def test_rows_that_are_left_out_are_those_of_the_log(tmp_path):
     columns = log()
     columns["q3"][[7, 3210, 3211]] = np.nan

@@ -463,3 +463,10 @@ def test_a_lift_in_amperes_is_left_out_and_says_nothing_of_the_bodies(on_a_lift)
     )
     assert observed.moving.any(axis=0).tolist() == [False, True, True]
     assert not any("too little to compare" in note for note in notes_on(observed))
+    torque[:, 0] = 0.1 * own.torque[:, 0]  # too much to be beyond doubt, and still asked about
+    log = Recording.from_arrays(motion.time, motion.position, torque)
+    observed = observe(on_a_lift, [log], BANDWIDTH)
+    doubt = doubts_on(observed)[0]
+    assert doubt.startswith("Joint 1: its torque is 13")
+    assert doubt.endswith("bends the bodies.")
+    assert observed.moving.any(axis=0).all()

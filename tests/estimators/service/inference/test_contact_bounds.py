@@ -184,3 +184,9 @@ def test_motion_within_a_second_of_a_contact_is_not_judged() -> None:
 def test_a_contact_is_4_newton_metres_for_0_15_seconds_unless_told() -> None:
     torque, duration = ServiceSettings().contact(2)
     assert (torque.tolist(), duration.tolist()) == ([4.0, 4.0], [0.15, 0.15])
+
+
+def test_a_torque_too_few_or_too_many_is_refused():
+    watchdog = ContactWatchdog(THRESHOLD, DURATION)
+    with pytest.raises(ShapeError, match=r"external has shape \(3,\), expected \(2,\)"):
+        watchdog.step(0.0, np.zeros(3))
