@@ -6,16 +6,15 @@ hold no torque: the torque of its drives takes the place of the measured one.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from limo_driver.errors import ParameterError
 from limo_driver.parameters import JOINT, Declared, Parameter, parameter, shown
 from limo_driver.physics.effect import FARTHEST, MOST_SLOPE, MOST_STIFFNESS, MOST_TORQUE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from limo_driver.model import RobotModel
 
 LONGEST_DELAY: Final = 1.0  # [s]
@@ -134,6 +133,10 @@ class PositionServo(JointDrive):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        given: Any = self.tolerances
+        if not isinstance(given, Mapping):
+            raise ParameterError("tolerances", shown(given), "values by name", self.place)
+        object.__setattr__(self, "tolerances", dict(given))  # what is given may change later
         for name, value in self.tolerances.items():
             if name not in TOLERATED:
                 expected = f"parameters of {', '.join(TOLERATED)}"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, ParameterError
 from limo_driver.physics import DcMotor, PositionServo, Simulation
 
 MJCF = """<mujoco>
@@ -119,3 +119,12 @@ def test_mistakes_are_named_with_their_line(described, tmp_path, entry, message)
 def test_two_servos_of_one_joint_are_refused(described):
     with pytest.raises(ConfigError, match="position_servo, joint 1 is given more than once"):
         Simulation(described("").robot, drives=DRIVES[:1] * 2)
+
+
+def test_tolerances_are_checked_and_do_not_change_with_what_was_given():
+    given = {"kp": 0.1}
+    servo = PositionServo(joint=1, kp=20.0, tolerances=given)
+    given["kp"] = -5.0
+    assert servo.tolerances == {"kp": 0.1}
+    with pytest.raises(ParameterError, match="values by name"):
+        PositionServo(joint=1, kp=20.0, tolerances=[0.1])
