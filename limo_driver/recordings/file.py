@@ -56,7 +56,7 @@ def read_columns(path: Path) -> Columns:
     arrays = {
         quantity: _stack(table, names, path)
         for quantity, names in by_quantity.items()
-        if len(names) == n
+        if len(names) == n and quantity != "torque"
     }
     arrays["torque"] = _torques(table, n, path)
     partial = sorted(by_quantity.keys() - arrays.keys())

@@ -251,36 +251,37 @@ def without_torque(observed: Observations) -> tuple[int, ...]:
     return tuple(np.flatnonzero(np.ptp(observed.measured, axis=0) < PLAUSIBILITY.constant).tolist())
 
 
-def without_load(observed: Observations) -> tuple[int, ...]:
+def without_load(observed: Observations, least: float = WEIGHTLESS) -> tuple[int, ...]:
     """Return the joints (0-based) whose torque is next to nothing of what their load asks for.
 
     Where the load hardly changes, as that of a lift, no scale and no unit shows in its course.
+
+    Args:
+        observed: The recordings beside a simulation.
+        least: Part of the load that a torque has to be.
     """
-    load, torque = _size_of(observed.load[observed.kept]), _size_of(observed.measured)
+    load, torque = _sizes(observed)
+    light = np.flatnonzero(torque < least * load)
     silent = without_torque(observed)
-    light = np.flatnonzero(torque < WEIGHTLESS * load).tolist()
-    return tuple(j for j in light if j not in silent)
+    return tuple(j for j in light.tolist() if j not in silent)
 
 
-def _size_of(values: FloatArray) -> FloatArray:
-    """Return the root mean square of each column, rest included, (n,)."""
-    return np.sqrt(np.mean(values**2, axis=0))
+def _sizes(observed: Observations) -> tuple[FloatArray, FloatArray]:
+    """Return the root mean squares of load and torque of each joint, rest included, (n,) each."""
+    load, torque = observed.load[observed.kept], observed.measured
+    return np.sqrt(np.mean(load**2, axis=0)), np.sqrt(np.mean(torque**2, axis=0))
 
 
 def _weightless_in(observed: Observations) -> list[str]:
     """Ask of each joint whose torque is small beside its load why, and say what becomes of it."""
-    load, torque = _size_of(observed.load[observed.kept]), _size_of(observed.measured)
+    load, torque = _sizes(observed)
     slides, left_out = observed.simulation.model.sliding, without_load(observed)
-    light = np.flatnonzero(torque < PLAUSIBILITY.light * load).tolist()
     told: list[str] = []
-    for j in light:
-        if j in without_torque(observed):
-            continue
-        unit = "N" if slides[j] else "N m"
-        sizes = f"its torque is {torque[j]:.3g} {unit} where its load asks for {load[j]:.3g}"
+    for j in without_load(observed, PLAUSIBILITY.light):
         question = (
-            f"{sizes} (root mean squares). Is it in another unit, or does something balance the "
-            "load?"
+            f"its torque is {torque[j]:.3g} {'N' if slides[j] else 'N m'} where its load asks for "
+            f"{load[j]:.3g} (root mean squares). Is it in another unit, or does something balance "
+            "the load?"
         )
         if j in left_out:
             told.append(f"Joint {j + 1} is left out: {question}")

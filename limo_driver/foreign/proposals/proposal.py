@@ -271,8 +271,7 @@ def _of_some_joints(draft: _Draft, positions: ColumnFamily) -> ColumnFamily | No
     found = [(family, filled) for family, filled in some if filled is not None]
     if not found:
         return None
-    rank = {TORQUE: 0, CURRENT: 1}
-    return min(found, key=lambda pair: (rank[pair[0].quantity], -len(pair[0].names)))[1]
+    return min(found, key=lambda pair: (pair[0].quantity != TORQUE, -len(pair[0].names)))[1]
 
 
 def _beside(draft: _Draft, time: TimeFound, torques: ColumnFamily | None) -> Beside:

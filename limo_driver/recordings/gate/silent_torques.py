@@ -29,24 +29,24 @@ def without_silent_torques(columns: Columns) -> Columns:
     band, or a sensor that can tell no more. The few rows between say when it wakes, and not what
     the joint feels.
     """
-    torque, told = np.array(columns.torque), list(columns.warnings)
-    if not np.isfinite(torque).any():
+    if not np.isfinite(columns.torque).any():
         return columns
-    every = zip(columns.position.T, torque.T, strict=True)
-    for number, (position, values) in enumerate(every, start=1):
+    told: dict[int, str] = {}  # by joint, 0-based
+    every = zip(columns.position.T, columns.torque.T, strict=True)
+    for j, (position, values) in enumerate(every):
         if not np.isfinite(values).any():
-            told.append(f"torque_{number} is never measured; it is kept as 0")
+            told[j] = "is never measured; it is kept as 0"
         elif (held := _mostly(columns.time, position, values)) is not None:
-            told.append(
-                f"torque_{number} is {held[0] + 0.0:.4g} in {held[1]:.0%} of the rows in which its "
-                "joint moves, and measures nothing; it is kept as 0"
+            told[j] = (
+                f"is {held[0] + 0.0:.4g} in {held[1]:.0%} of the rows in which its joint moves, "
+                "and measures nothing; it is kept as 0"
             )
-        else:
-            continue
-        values[:] = 0.0
-    if len(told) == len(columns.warnings):
+    if not told:
         return columns
-    return replace(columns, torque=torque, warnings=tuple(told))
+    torque = np.array(columns.torque)
+    torque[:, list(told)] = 0.0
+    said = (f"torque_{j + 1} {what}" for j, what in told.items())
+    return replace(columns, torque=torque, warnings=(*columns.warnings, *said))
 
 
 def _mostly(
