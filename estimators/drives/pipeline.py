@@ -23,7 +23,14 @@ from estimators.drives.hypotheses.stated import is_stated, proven, stated_arm
 from estimators.drives.judgement.evidence import DriveEvidence, Fold
 from estimators.drives.judgement.held_out import position_errors, resolution_of, split
 from estimators.drives.judgement.verdict import verdict_of
-from estimators.drives.judgement.wording import about_counting, about_scale, not_shown, plays, sags
+from estimators.drives.judgement.wording import (
+    about_counting,
+    about_drift,
+    about_scale,
+    not_shown,
+    plays,
+    sags,
+)
 from estimators.drives.result import DriveDiagnosis, DriveReplay
 from estimators.drives.simulation.loads import ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of, tolerances_of
@@ -87,7 +94,7 @@ def diagnose_drives(
     """
     progress("reading motion", 0.0)
     odd = check_commanded(simulation, recordings)
-    given = with_servos(simulation)
+    given, recordings = with_servos(simulation, recordings)
     seen, unseen = split(recordings)
     progress("fitting drives and friction", 0.05)
     stated = is_stated(simulation, seen)
@@ -108,6 +115,7 @@ def diagnose_drives(
         conventions.sentence(),
         *(about_counting(one) for one in evidence.turned),
         *about_scale(final, stated=stated),
+        *about_drift(given),
         *sags(final),
         *plays(final.fits),
     )

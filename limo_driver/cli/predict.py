@@ -61,8 +61,9 @@ def command(
     the torque, which is that much before the position that came with it.
 
     With --free-running, the closed loop of arm and drives is simulated forward from command_j
-    alone, from the first recorded position on: time [s] and position_1 … position_n [rad]. Other
-    positions may be missing; where they are there, commands are held against them first.
+    or command_velocity_j alone, from the first recorded position on: time [s] and position_1 …
+    position_n [rad]. Other positions may be missing; where they are there, commands are held
+    against them first.
 
     Examples:
         limo predict run.parquet --sim sim.yaml --out torque.parquet

@@ -59,7 +59,7 @@ class JointDynamics:
 
 @dataclass(frozen=True)
 class StatedServo:
-    """What a description states of the position servo of one joint."""
+    """What a description states of the servo of one joint; one of velocity has a kp of 0."""
 
     kp: float  # [N m/rad]
     kd: float  # [N m s/rad]

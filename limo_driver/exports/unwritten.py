@@ -5,18 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.exports.formats import ISAAC_LAB, MJCF
-from limo_driver.physics import PositionServo
+from limo_driver.parameters import parameters_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics import Simulation
+    from limo_driver.physics import JointDrive, Simulation
 
-BEYOND_ACTUATORS: Final = {  # of a position servo, with its unit
+BEYOND_ACTUATORS: Final = {  # of a servo, with its unit
     "dead_band": "rad",
     "punch": "N m",
     "play": "rad",
-    "ki": "N m/(rad s)",
+    "ki": "",  # of the drive's own
     "sag": "of the supply",
     "derating": "of the warm motor",
     "speed": "rad/s",
@@ -34,18 +34,35 @@ def unwritten(simulation: Simulation, kind: str) -> tuple[str, ...]:
         kind: The target.
     """
     names = simulation.model.joint_names
-    servos = [drive for drive in simulation.drives if isinstance(drive, PositionServo)]
+    servos = [drive for drive in simulation.drives if drive.channel is not None]
     if kind == MJCF:
-        return tuple(_numbers(servos, names, "no position actuator has it"))
+        return tuple(_numbers(servos, names))
     if kind == ISAAC_LAB or not servos:  # whose module says so itself
         return ()
     where = ", ".join(names[servo.joint - 1] for servo in servos)
-    return (f"position servos of {where}: this format has no number for them",)
+    kinds = " and ".join(dict.fromkeys(_kind(servo) for servo in servos))
+    return (f"{kinds} servos of {where}: this format has no number for them",)
 
 
-def _numbers(servos: list[PositionServo], names: tuple[str, ...], reason: str) -> Iterator[str]:
+def _numbers(servos: list[JointDrive], names: tuple[str, ...]) -> Iterator[str]:
     for servo in servos:
-        for key, unit in BEYOND_ACTUATORS.items():
-            if value := getattr(servo, key):
-                joint = names[servo.joint - 1]
+        reason = f"no {_kind(servo)} actuator has it"
+        for key in BEYOND_ACTUATORS:
+            if value := getattr(servo, key, None):
+                joint, unit = names[servo.joint - 1], unit_of(servo, key)
                 yield f"{key} {value:.4g} {unit} of the servo of {joint}: {reason}"
+
+
+def unit_of(servo: JointDrive, key: str) -> str:
+    """Return the unit of what an actuator has no attribute for.
+
+    Args:
+        servo: The servo.
+        key: Name of the parameter.
+    """
+    own = {known.name: known.unit for known in parameters_of(type(servo))}
+    return BEYOND_ACTUATORS[key] or own[key]
+
+
+def _kind(servo: JointDrive) -> str:
+    return servo.name.removesuffix("_servo")

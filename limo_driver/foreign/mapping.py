@@ -27,6 +27,7 @@ from limo_driver.foreign.columns.names import NO_COLUMN
 from limo_driver.foreign.columns.units import CURRENTS, SECONDS, UNITS
 from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
+from limo_driver.recordings.channels import CHANNELS, POSITION
 from limo_driver.recordings.columns import Columns
 from limo_driver.recordings.recorded_time import seconds
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-QUANTITIES: Final = ("position", "velocity", "torque", "command", "temperature")
+QUANTITIES: Final = ("position", "velocity", "torque", *CHANNELS, "temperature")
 _EVERY: Final = tuple(dict.fromkeys(unit for units in UNITS.values() for unit in units))
 _DECIDE: Final = (
     "state it in a mapping, which `limo inspect` writes, and delete the question under `undecided:`"
@@ -145,6 +146,9 @@ class LogMapping(Declared, Displayed):
         torque: Columns of the torques; None where the log has none.
         velocity: Columns of velocities, where it has some.
         command: Columns of the set-points of the positions, likewise.
+        command_velocity: Columns of the velocities that were commanded, likewise; with `command`,
+            each joint has one of both, and `-` in the other, where one drive takes this and
+            another that.
         temperature: Columns of temperatures, likewise.
         robot: Name of the robot.
         topic: Of the joint states in a bag; found by the joints' names if empty.
@@ -166,6 +170,7 @@ class LogMapping(Declared, Displayed):
     torque: Channels | None = None
     velocity: Channels | None = None
     command: Channels | None = None
+    command_velocity: Channels | None = None
     temperature: Channels | None = None
     robot: str = parameter("", "its name", default="-")
     topic: str = parameter("", "of a bag", default="-")
@@ -182,7 +187,7 @@ class LogMapping(Declared, Displayed):
                 raise ConfigError(
                     f"{quantity}: has {len(channels.columns)} columns for {len(self.joints)} joints"
                 )
-            if quantity != "torque" and NO_COLUMN in channels.columns:
+            if quantity not in {"torque", *CHANNELS} and NO_COLUMN in channels.columns:
                 raise ConfigError(
                     f"{quantity}: has no column of joint "
                     f"{self.joints[channels.columns.index(NO_COLUMN)]}; only torques may lack some"
@@ -193,9 +198,24 @@ class LogMapping(Declared, Displayed):
                         f"{quantity}: unit is {unit!r}, expected one of "
                         f"{', '.join(UNITS[quantity])}"
                     )
+        self._check_told()
         repeated = [name for name in self._columns() if self._columns().count(name) > 1]
         if repeated:
             raise ConfigError(f"column {repeated[0]} stands for two quantities or joints")
+
+    def _check_told(self) -> None:
+        """Check that each joint is told something, where some are."""
+        told = self._told()
+        for j, joint in enumerate(self.joints if told else ()):
+            if all(channels.columns[j] == NO_COLUMN for channels in told.values()):
+                raise ConfigError(
+                    f"{' and '.join(told)}: no column of joint {joint}; only torques may lack some"
+                )
+
+    def _told(self) -> dict[str, Channels]:
+        """Return the columns of commands, by channel."""
+        every = {name: getattr(self, name) for name in CHANNELS}
+        return {name: channels for name, channels in every.items() if channels is not None}
 
     def _columns(self) -> list[str]:
         every = [getattr(self, quantity) for quantity in QUANTITIES]
@@ -275,7 +295,8 @@ class LogMapping(Declared, Displayed):
             )
         mapping = self if model is None else self._for(model)
         time, told = mapping.time.read(table, origin)
-        position, extras = mapping.position.read(table, "position"), {}
+        position = mapping.position.read(table, "position")
+        command, led, extras = mapping._commands(table)
         if mapping.temperature is not None:
             extras["temperature"] = mapping.temperature.read(table, "temperature")
         return Columns(
@@ -283,17 +304,36 @@ class LogMapping(Declared, Displayed):
             position=position,
             torque=mapping._torques(table),
             velocity=None if mapping.velocity is None else mapping.velocity.read(table, "velocity"),
-            command=None if mapping.command is None else mapping.command.read(table, "command"),
+            command=command,
+            channels=led,
             extras=extras,
             warnings=(*table.notes, *told),
             robot="" if model is None else model.name,
             spread=table.spread,
         )
 
+    def _commands(
+        self, table: LogTable
+    ) -> tuple[FloatArray | None, tuple[str, ...], dict[str, FloatArray]]:
+        """Return what drives were told (T, n), each joint's channel, and all that was beside it.
+
+        Beside torques, which need no drive, set-points of positions alone are taken for commands.
+        """
+        values = {name: own.read(table, name) for name, own in self._told().items()}
+        has = [
+            [name for name, own in self._told().items() if own.columns[j] != NO_COLUMN]
+            for j in range(len(self.joints))
+        ]
+        led = tuple(names[0] for names in has if names)
+        if not led or (self.torque is not None and set(led) != {POSITION.name}):
+            return None, (), values
+        command = np.stack([values[name][:, j] for j, name in enumerate(led)], axis=1)
+        return command, led, {name: own for name, own in values.items() if name not in led}
+
     def _torques(self, table: LogTable) -> FloatArray:
         """Return the torques of T rows, (T, n) [N m]; NaN where there are commands instead."""
         if self.torque is None:
-            if self.command is None:
+            if not self._told():
                 raise RecordingError(
                     "has no measured torque; motion alone says nothing of friction and inertia",
                     path=table.source or None,

@@ -3,7 +3,7 @@
 from limo_driver.parameters import Parameter, parameter
 from limo_driver.physics.catalogue import CATALOGUE, spoken
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.drives import DcMotor, JointDrive, PositionServo
+from limo_driver.physics.drives import DcMotor, JointDrive, PositionServo, VelocityServo
 from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
@@ -98,6 +98,7 @@ __all__ = [
     "TorqueGain",
     "TorqueOffset",
     "TorqueRipple",
+    "VelocityServo",
     "ViscousFriction",
     "parameter",
     "spoken",

@@ -10,42 +10,58 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
+from limo_driver.descriptions.description import StatedServo
 from limo_driver.errors import ParameterError
 from limo_driver.parameters import JOINT, Declared, Parameter, parameter, shown
 from limo_driver.physics.effect import FARTHEST, MOST_SLOPE, MOST_STIFFNESS, MOST_TORQUE
+from limo_driver.recordings.channels import POSITION, VELOCITY, Channel
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from limo_driver.model import RobotModel
 
 LONGEST_DELAY: Final = 1.0  # [s]
 LONGEST_HEATING: Final = 1e4  # [s]
 MOST_SAG: Final = 10.0  # of a supply that one servo takes to a tenth of its voltage
-TOLERATED: Final = (  # parameters of a position servo that are believed within a tolerance
-    "kp",
-    "kd",
-    "ki",
-    "dead_band",
-    "punch",
-    "speed",
-    "acceleration",
-    "torque_limit",
-    "delay",
-    "play",
-)
 TOLERANCE: Final = Parameter("tolerance", "1", lower=0.0, above=True)
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointDrive(Declared):
-    """What a drive declares: its kind, and the joint that it moves."""
+    """What a drive declares: its kind, the joint that it moves, and how well it is known.
+
+    Args:
+        tolerances: Relative standard deviations of parameters, by name, of those `tolerated`; of
+            others, the simulation has one.
+    """
 
     name: ClassVar[str]  # the identifier in sim.yaml
+    channel: ClassVar[Channel | None] = None  # of its commands; None: it takes none
+    tolerated: ClassVar[tuple[str, ...]] = ()  # parameters that are believed within a tolerance
     joint: int = parameter(JOINT, "the joint, 1-based")
+    tolerances: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
     def place(self) -> str:
         """Kind and joint, as they stand in messages."""
         return f"{self.name}, joint {self.joint}"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given: Any = self.tolerances
+        if not isinstance(given, Mapping):
+            raise ParameterError("tolerances", shown(given), "values by name", self.place)
+        object.__setattr__(self, "tolerances", dict(given))  # what is given may change later
+        for name, value in self.tolerances.items():
+            if name not in self.tolerated:
+                expected = f"parameters of {', '.join(self.tolerated)}"
+                raise ParameterError("tolerances", shown(name), expected, self.place)
+            try:
+                TOLERANCE.checked(value)
+            except ParameterError as error:
+                called = f"tolerance of {name}"
+                raise ParameterError(called, error.given, error.expected, self.place) from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,13 +80,22 @@ class PositionServo(JointDrive):
     damping, falls to 1 / (1 + sag d) as servos are driven: d is 1 for each that is stalled at its
     torque limit, and less for those that turn. Torque falls alike as the servo's own motor warms:
     to 1 / (1 + derating) in the end, where it is stalled.
-
-    Args:
-        tolerances: Relative standard deviations of parameters, by name, one of `TOLERATED`; of
-            others, the simulation has one.
     """
 
     name: ClassVar[str] = "position_servo"
+    channel: ClassVar[Channel | None] = POSITION
+    tolerated: ClassVar[tuple[str, ...]] = (
+        "kp",
+        "kd",
+        "ki",
+        "dead_band",
+        "punch",
+        "speed",
+        "acceleration",
+        "torque_limit",
+        "delay",
+        "play",
+    )
     kp: float = parameter("N m/rad", "proportional gain", lower=0.0, upper=MOST_STIFFNESS)
     kd: float = parameter("N m s/rad", "derivative gain", lower=0, upper=MOST_SLOPE, default=0.0)
     ki: float = parameter(
@@ -129,23 +154,32 @@ class PositionServo(JointDrive):
     heating: float = parameter(
         "s", "in which it gains that", lower=0.0, above=True, upper=LONGEST_HEATING, default=20.0
     )
-    tolerances: Mapping[str, float] = field(default_factory=dict[str, float])
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        given: Any = self.tolerances
-        if not isinstance(given, Mapping):
-            raise ParameterError("tolerances", shown(given), "values by name", self.place)
-        object.__setattr__(self, "tolerances", dict(given))  # what is given may change later
-        for name, value in self.tolerances.items():
-            if name not in TOLERATED:
-                expected = f"parameters of {', '.join(TOLERATED)}"
-                raise ParameterError("tolerances", shown(name), expected, self.place)
-            try:
-                TOLERANCE.checked(value)
-            except ParameterError as error:
-                called = f"tolerance of {name}"
-                raise ParameterError(called, error.given, error.expected, self.place) from None
+
+@dataclass(frozen=True, kw_only=True)
+class VelocityServo(JointDrive):
+    """A velocity controller with the gear behind it, as of wheels.
+
+    tau = kv e + ki ∫e dt, within the torque limit, where e is the velocity commanded `delay` ago
+    minus that of the joint. As the arm is at rest at first, the integral holds it there.
+
+    Gains are those seen at the joint.
+    """
+
+    name: ClassVar[str] = "velocity_servo"
+    channel: ClassVar[Channel | None] = VELOCITY
+    tolerated: ClassVar[tuple[str, ...]] = ("kv", "ki", "torque_limit", "delay")
+    kv: float = parameter("N m s/rad", "proportional gain", lower=0.0, above=True, upper=MOST_SLOPE)
+    ki: float = parameter("N m/rad", "integral gain", lower=0.0, upper=MOST_STIFFNESS, default=0.0)
+    integral_limit: float | None = parameter(
+        "N m", "most torque of the integral", lower=0.0, upper=MOST_TORQUE, default=None
+    )
+    torque_limit: float | None = parameter(
+        "N m", "most torque", lower=0.0, upper=MOST_TORQUE, default=None
+    )
+    delay: float = parameter(
+        "s", "from a command to its effect", lower=0.0, upper=LONGEST_DELAY, default=0.0
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,24 +228,51 @@ class DcMotor(JointDrive):
         return replace(self, kt=kt, resistance=kt * self.gear * self.supply / stall)
 
 
-DRIVES: Final[dict[str, type[JointDrive]]] = {kind.name: kind for kind in (PositionServo, DcMotor)}
+DRIVES: Final[dict[str, type[JointDrive]]] = {
+    kind.name: kind for kind in (PositionServo, VelocityServo, DcMotor)
+}
+
+
+def channels_of_drives(drives: Iterable[JointDrive], n: int) -> tuple[str | None, ...]:
+    """Return what the drive of each joint takes, by name of the channel; None where it has none.
+
+    Args:
+        drives: Of an arm.
+        n: Number of its joints.
+    """
+    known = {drive.joint: drive.channel.name for drive in drives if drive.channel is not None}
+    return tuple(known.get(j) for j in range(1, n + 1))
 
 
 def described_drives(model: RobotModel) -> tuple[JointDrive, ...]:
-    """Return the position servos that a robot's description states.
+    """Return the servos that a robot's description states, of position and of velocity.
 
     Args:
         model: The robot.
     """
     stated = model.description.servos
     return tuple(
-        PositionServo(
-            joint=joint,
-            kp=stated[name].kp,
-            kd=stated[name].kd,
-            torque_limit=stated[name].limit,
-            delay=stated[name].delay,
-        )
+        _described(joint, stated[name])
         for joint, name in enumerate(model.joint_names, start=1)
         if name in stated
     )
+
+
+def as_described(drive: JointDrive) -> StatedServo | None:
+    """Return a servo as descriptions state it; None of what is none.
+
+    Args:
+        drive: Any drive; what a description has no number for is left out.
+    """
+    if isinstance(drive, PositionServo):
+        return StatedServo(drive.kp, drive.kd, drive.torque_limit, drive.delay)
+    if isinstance(drive, VelocityServo):
+        return StatedServo(0.0, drive.kv, drive.torque_limit, drive.delay)
+    return None
+
+
+def _described(joint: int, stated: StatedServo) -> JointDrive:
+    limit, delay = stated.limit, stated.delay
+    if stated.kp == 0.0:
+        return VelocityServo(joint=joint, kv=stated.kd, torque_limit=limit, delay=delay)
+    return PositionServo(joint=joint, kp=stated.kp, kd=stated.kd, torque_limit=limit, delay=delay)

@@ -17,7 +17,7 @@ from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import RobotModel
 from limo_driver.parameters import JOINT
 from limo_driver.physics.described import described_effects
-from limo_driver.physics.drives import described_drives
+from limo_driver.physics.drives import channels_of_drives, described_drives
 from limo_driver.physics.effect import (
     ArmEffect,
     ArmMotion,
@@ -113,12 +113,25 @@ class Simulation(Displayed):
                 )
             if places.count(drive.place) > 1:
                 raise ConfigError(f"drives: {drive.place} is given more than once")
+        led = [drive for drive in self.drives if drive.channel is not None]
+        for number, drive in enumerate(led):
+            for other in led[:number]:
+                if drive.joint == other.joint:
+                    raise ConfigError(
+                        f"drives: joint {drive.joint} has a {other.name} and a {drive.name}, "
+                        "expected one of them"
+                    )
 
     @cached_property
     def model(self) -> RobotModel:
         """The nominal rigid body, with the inertias of this simulation."""
         described = self.described or RobotModel.load(self.robot)
         return described.with_inertials(self.inertials)
+
+    @property
+    def channels(self) -> tuple[str | None, ...]:
+        """What the drive of each joint takes, by name of its columns; None where it has none."""
+        return channels_of_drives(self.drives, self.model.n)
 
     @cached_property
     def body(self) -> RobotModel:

@@ -15,7 +15,7 @@ from limo_driver.outputs import whole
 from limo_driver.parameters import Declared, parameter
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects
-from limo_driver.physics.drives import DRIVES, TOLERANCE, PositionServo, described_drives
+from limo_driver.physics.drives import DRIVES, TOLERANCE, described_drives
 from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
 
@@ -156,10 +156,10 @@ def _drives(given: Given, model: RobotModel) -> tuple[JointDrive, ...]:
 
 
 def _drive(given: Given, n: int) -> JointDrive:
-    """Read a drive; a position servo may tell how well each of its parameters is known."""
+    """Read a drive, which may tell how well each of its parameters is known."""
     kind = DRIVES[given.named("drive", tuple(DRIVES))]
-    if kind is not PositionServo:
-        return given.make(kind, joints=n, beside=("drive",))
+    if not kind.tolerated and "tolerances" in given:
+        given["tolerances"].fail(f"{kind.name}: has no 'tolerances'")
     own = given.of_kind(kind, ("drive",)).optional("tolerances")
     tolerances = {name: float(item.value(TOLERANCE)) for name, item in own.entries.items()}
     return given.make(kind, {"tolerances": tolerances}, joints=n, beside=("drive",))
@@ -172,7 +172,8 @@ def _drive_entry(drive: JointDrive) -> dict[str, Any]:
         for item in fields(drive)
         if getattr(drive, item.name) != _default(item)
     }
-    return {"drive": drive.name, **values}
+    tolerances = {name: values.pop(name) for name in ("tolerances",) if name in values}
+    return {"drive": drive.name, **values, **tolerances}
 
 
 def _default(item: Field[Any]) -> Any:  # noqa: ANN401  # of the field's own type

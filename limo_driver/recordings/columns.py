@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.recordings.channels import by_channel, channels_of
 from limo_driver.recordings.unwrapping import unwrapped
 
 if TYPE_CHECKING:
@@ -25,14 +26,20 @@ class Columns:
     warnings: tuple[str, ...] = ()
     robot: str = ""  # as the file names it, if it does
     torque_resolution: FloatArray | None = None  # (n,) [N m], where the file tells it
-    command: FloatArray | None = None  # (T, n) [rad], set-point in force at each row
+    command: FloatArray | None = None  # (T, n), in force at each row, as the joint's channel has it
+    channels: tuple[str, ...] = ()  # of the commands, by joint; set-points of positions, if empty
     spread: int = 0  # rows of the log of which these are evenly spread stretches; 0 if they are all
+
+    @property
+    def led(self) -> tuple[str, ...]:
+        """Channel of each joint's command."""
+        return channels_of(self.channels, self.position.shape[1])
 
     def quantities(self) -> dict[str, FloatArray]:
         """Return all that was measured or commanded of the joints, by name, (T, n) each."""
         measured = {"position": self.position, "torque": self.torque, **self.extras}
         if self.command is not None:
-            measured["command"] = self.command
+            measured |= by_channel(self.command, self.led)
         return measured if self.velocity is None else measured | {"velocity": self.velocity}
 
 

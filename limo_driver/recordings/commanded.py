@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from limo_driver.errors import RecordingError
+from limo_driver.recordings.channels import channels_of, chosen
 from limo_driver.recordings.checks import check_arm
 from limo_driver.recordings.gate import LeftOut, about_gaps, inspect_commands
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import readonly
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
@@ -33,7 +36,8 @@ class Commanded:
 
     Args:
         time: (T,) [s], strictly increasing.
-        command: (T, n) [rad], each in force until the next.
+        command: (T, n), each in force until the next, in the unit of each joint's channel: [rad]
+            where that is `command`, [rad/s] where it is `command_velocity`.
         start: (n,) [rad], recorded at the first of these rows.
         rows: Row of the file of each, (T,).
         rows_total: Rows of the file.
@@ -41,6 +45,8 @@ class Commanded:
         warnings: What a user should know of the rows that were kept.
         source: File it was read from, for messages.
         robot: Name of the robot that was commanded; empty where the file does not say it.
+        channels: Of the command of each joint; `command`, if empty.
+        others: What else was recorded of each joint, by name, (T, n) each.
         recorded: What commands can be held against; None where no motion was recorded.
 
     Raises:
@@ -62,8 +68,11 @@ class Commanded:
     source: str = ""
     robot: str = ""
     recorded: Recording | None = None
+    channels: tuple[str, ...] = ()
+    others: Mapping[str, FloatArray] = field(default_factory=dict[str, "FloatArray"])
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "channels", channels_of(self.channels, self.start.size))
         for name in ("time", "command", "start"):
             object.__setattr__(self, name, readonly(getattr(self, name)))
 
@@ -116,6 +125,8 @@ class Commanded:
             source,
             columns.robot,
             _moved(recorded),
+            columns.led,
+            {name: values[rows] for name, values in columns.extras.items()},
         )
 
     @classmethod
@@ -145,7 +156,22 @@ class Commanded:
             source,
             recording.robot,
             _moved(recording),
+            recording.channels,
+            recording.extras,
         )
+
+    def led(self, wanted: Sequence[str | None]) -> Commanded:
+        """Return the same with the commands that drives take.
+
+        Args:
+            wanted: Channel of each joint's drive; None where any will do.
+
+        Raises:
+            RecordingError: One was not recorded.
+        """
+        command, channels = chosen(self.command, self.channels, self.others, wanted, self.source)
+        recorded = None if self.recorded is None else self.recorded.led(wanted)
+        return replace(self, command=command, channels=channels, recorded=recorded)
 
     def check_robot(self, model: RobotModel) -> None:
         """Check that the commands can be of this robot, from where it was at first.

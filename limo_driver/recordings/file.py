@@ -17,6 +17,7 @@ import pyarrow as pa
 from limo_driver.errors import RecordingError
 from limo_driver.outputs import require_parquet, whole
 from limo_driver.recordings.batches import LONG_TEXT, Kept, kept_of, parquet_batches, text_batches
+from limo_driver.recordings.channels import CHANNELS, POSITION, recorded_channel
 from limo_driver.recordings.columns import Columns
 from limo_driver.recordings.recorded_time import seconds
 
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-_REQUIRED = ("position", "torque")
-_INSTEAD = "command"  # [rad], of a log without torque: the set-points of its drives
 _JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d*)")
 LOG_SUFFIX = ".partial"
 _LONGEST_HEADER = 65536  # bytes
@@ -53,13 +52,14 @@ def read_columns(path: Path) -> Columns:
     table = kept.table
     by_quantity = _joint_columns(table, path)
     n = len(by_quantity["position"])
+    command, channels = _commands(table, n, path)
     arrays = {
         quantity: _stack(table, names, path)
         for quantity, names in by_quantity.items()
-        if len(names) == n and quantity != "torque"
+        if len(names) == n and quantity not in {"torque", *channels}
     }
     arrays["torque"] = _torques(table, n, path)
-    partial = sorted(by_quantity.keys() - arrays.keys())
+    partial = sorted(by_quantity.keys() - arrays.keys() - {*channels})
     if partial:
         warnings += (f"{', '.join(partial)}: not one column for each of {n} joints; not read",)
     header, unread = _header(table)
@@ -69,7 +69,8 @@ def read_columns(path: Path) -> Columns:
         position=arrays.pop("position"),
         torque=arrays.pop("torque"),
         velocity=arrays.pop("velocity", None),
-        command=arrays.pop(_INSTEAD, None),
+        command=command,
+        channels=channels,
         spread=kept.spread,
         extras=arrays,
         warnings=warnings + taken + unread + ((kept.note,) if kept.note else ()),
@@ -125,17 +126,21 @@ def columns_writer(
 def _table_of(columns: Columns, about: Mapping[str, Any]) -> pa.Table:
     from limo_driver.recordings.recorder import METADATA_KEY
 
-    known = {
-        "position": columns.position,
-        "torque": None if np.isnan(columns.torque).all() else columns.torque,
-        _INSTEAD: columns.command,
-        **columns.extras,
-        "velocity": columns.velocity,
-    }
-    quantities = {name: values for name, values in known.items() if values is not None}
+    def by_joint(quantity: str, values: FloatArray | None) -> dict[str, FloatArray]:
+        if values is None:
+            return {}
+        return {f"{quantity}_{j}": own for j, own in enumerate(values.T, start=1)}
+
     table: dict[str, FloatArray] = {"time": columns.time}
-    for quantity, values in quantities.items():
-        table |= {f"{quantity}_{j + 1}": values[:, j] for j in range(values.shape[1])}
+    table |= by_joint("position", columns.position)
+    if not np.isnan(columns.torque).all():
+        table |= by_joint("torque", columns.torque)
+    if columns.command is not None:
+        pairs = zip(columns.led, columns.command.T, strict=True)
+        table |= {f"{name}_{j}": own for j, (name, own) in enumerate(pairs, start=1)}
+    for quantity, values in columns.extras.items():
+        table |= by_joint(quantity, values)
+    table |= by_joint("velocity", columns.velocity)
     header = ({"robot": columns.robot} if columns.robot else {}) | dict(about)
     if columns.torque_resolution is not None:
         header["torque_resolution"] = columns.torque_resolution.tolist()
@@ -212,13 +217,15 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
     for name in table.column_names:
         if match := _JOINT_COLUMN.fullmatch(name):
             joints.setdefault(match["quantity"], set()).add(int(match["joint"]))
-    needed = _REQUIRED
-    if "torque" not in joints and _INSTEAD in joints:
-        needed = ("position", _INSTEAD)
+    told = [] if "torque" in joints else [name for name in CHANNELS if name in joints]
+    needed = ("position", *(told or ("torque",)))
     n = max((max(joints[quantity]) for quantity in needed if quantity in joints), default=1)
-    if "torque" in joints:
-        needed = ("position",)  # some drives may tell no torque
-    expected = ["time", *(f"{q}_{j}" for q in needed for j in range(1, n + 1))]
+    expected = ["time", *(f"position_{j}" for j in range(1, n + 1))]
+    for j in range(1, n + 1):
+        if told:
+            expected.append(f"{recorded_channel(j, table.column_names) or told[0]}_{j}")
+        elif "torque" not in joints:  # some drives may tell no torque
+            expected.append(f"torque_{j}")
     if missing := [name for name in expected if name not in table.column_names]:
         raise RecordingError(
             f"lacks {_shorten(missing)}; a recording has time, position_1 … position_n and "
@@ -231,6 +238,20 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
         for quantity, numbers in joints.items()
         if numbers == set(range(1, max(numbers) + 1))
     }
+
+
+def _commands(table: pa.Table, n: int, path: Path) -> tuple[FloatArray | None, tuple[str, ...]]:
+    """Return what the drives were told (T, n), if all of them were, and each joint's channel.
+
+    Beside torques, which need no drive, set-points of positions alone are taken for commands.
+    """
+    columns = set(table.column_names)
+    found = [recorded_channel(j, columns) for j in range(1, n + 1)]
+    channels = tuple(name for name in found if name is not None)
+    torque = any(f"torque_{j}" in columns for j in range(1, n + 1))
+    if len(channels) < n or (torque and set(channels) != {POSITION.name}):
+        return None, ()
+    return _stack(table, [f"{name}_{j}" for j, name in enumerate(channels, 1)], path), channels
 
 
 def _shorten(names: list[str], most: int = 8) -> str:

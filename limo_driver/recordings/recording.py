@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.recordings.channels import CHANNELS, channels_of, chosen
 from limo_driver.recordings.checks import (
     check_arm,
     check_seconds,
@@ -64,7 +65,10 @@ class Recording(FilteredSamples, Displayed):
         torque_resolution: Step of each joint's measured torque, (n,) [N m]; None if not known.
         unmeasured: (T, n) true where a torque is no measurement; None where all are. Only
             `by_joint` returns such recordings, and logs that hold commands and no torque.
-        command: Set-point in force at each sample, (T, n) [rad]; None where it was not recorded.
+        command: In force at each sample, (T, n), in the unit of each joint's channel: set-points
+            [rad], or velocities [rad/s]; None where none was recorded.
+        channels: Of the command of each joint, as its columns are named; set-points of positions
+            (`command`), if empty.
         spread: Rows of a long log of which the samples are evenly spread stretches; 0 if they are
             all of it.
 
@@ -94,7 +98,8 @@ class Recording(FilteredSamples, Displayed):
     robot: str = ""  # name of the robot that was recorded, where the file says it
     torque_resolution: FloatArray | None = None  # (n,) [N m], step of each joint's torque; or None
     unmeasured: NDArray[np.bool_] | None = None  # (T, n), torques that are no measurement
-    command: FloatArray | None = None  # (T, n) [rad], set-point in force
+    command: FloatArray | None = None  # (T, n) [rad], or what the joint's channel has
+    channels: tuple[str, ...] = ()  # of the commands, by joint
     spread: int = 0  # rows of the log of which these are stretches; 0 if they are all
 
     def __post_init__(self) -> None:
@@ -114,6 +119,7 @@ class Recording(FilteredSamples, Displayed):
         if (step := self.torque_resolution) is not None and np.shape(step) != shape[1:]:
             raise ShapeError("torque_resolution", np.shape(step), f"({shape[1]},)")
         check_values(self.time, self.position, self.torque, self.source)
+        object.__setattr__(self, "channels", channels_of(self.channels, shape[1]))
 
     @classmethod
     def load(cls, path: Path | str) -> Recording:
@@ -146,6 +152,7 @@ class Recording(FilteredSamples, Displayed):
         extras: Mapping[str, ArrayLike] | None = None,
         source: str = "",
         command: ArrayLike | None = None,
+        channels: tuple[str, ...] = (),
     ) -> Recording:
         """Check arrays as `load` checks a file.
 
@@ -156,7 +163,9 @@ class Recording(FilteredSamples, Displayed):
             velocity: (T, n) [rad/s], where it was recorded.
             extras: What else was measured of each joint, by name, (T, n) each.
             source: Where it is from, for messages.
-            command: Set-point in force at each sample, (T, n) [rad].
+            command: In force at each sample, (T, n) [rad], or as `channels` say.
+            channels: Of the command of each joint: `command` [rad] or `command_velocity` [rad/s];
+                the former, if empty.
 
         Raises:
             RecordingError: The data cannot be used, or hold neither torques nor commands.
@@ -174,6 +183,7 @@ class Recording(FilteredSamples, Displayed):
             {name: numbers(name, values) for name, values in (extras or {}).items()},
             warnings=(taken,) if taken else (),
             command=None if command is None else numbers("command", command),
+            channels=channels,
         )
         return cls.from_columns(columns, source)
 
@@ -241,6 +251,7 @@ class Recording(FilteredSamples, Displayed):
             robot=columns.robot,
             torque_resolution=columns.torque_resolution,
             command=None if columns.command is None else columns.command[rows],
+            channels=columns.channels,
             spread=columns.spread,
         )
 
@@ -291,6 +302,7 @@ class Recording(FilteredSamples, Displayed):
             robot=self.robot,
             torque_resolution=self.torque_resolution,
             command=self.command,
+            channels=self.channels,
         )
         write_columns(columns, Path(path))
 
@@ -361,6 +373,20 @@ class Recording(FilteredSamples, Displayed):
             unmeasured=None if self.unmeasured is None else self.unmeasured[rows],
             command=None if self.command is None else self.command[rows],
         )
+
+    def led(self, wanted: Sequence[str | None]) -> Recording:
+        """Return the same with the commands that drives take.
+
+        Args:
+            wanted: Channel of each joint's drive, as its columns are named; None where any will do.
+
+        Raises:
+            RecordingError: It has commands, and not those that a drive takes.
+        """
+        if self.command is None and not self.extras.keys() & CHANNELS.keys():
+            return self
+        command, channels = chosen(self.command, self.channels, self.extras, wanted, self.source)
+        return replace(self, command=command, channels=channels)
 
     def at_most(self, rows: int) -> Recording:
         """Return evenly spread stretches of it; itself, if it has no more samples than that.

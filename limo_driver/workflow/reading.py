@@ -23,6 +23,7 @@ from limo_driver.foreign.mapping import LogMapping
 from limo_driver.foreign.proposals.proposal import propose
 from limo_driver.foreign.proposals.recorded_joints import mapped_part
 from limo_driver.foreign.table import LogTable, table_of
+from limo_driver.recordings.channels import CHANNELS
 from limo_driver.recordings.commanded import Commanded
 from limo_driver.recordings.file import LOG_SUFFIX, read_columns
 from limo_driver.recordings.recording import Recording
@@ -166,7 +167,9 @@ def model_is_enough(log: object) -> bool:
         with path.open("rb") as file:
             return file.read(len(_PARQUET)) == _PARQUET
     found = set(column_names(path))
-    return {"time", "position_1"} <= found and not found.isdisjoint({"torque_1", "command_1"})
+    return {"time", "position_1"} <= found and not found.isdisjoint(
+        {"torque_1", *(f"{name}_1" for name in CHANNELS)}
+    )
 
 
 def column_names(path: Path) -> list[str]:

@@ -78,6 +78,7 @@ class Case:
     stated: dict  # sim.yaml
     description: str  # MJCF
     servos: np.ndarray  # (n,) as they are, with the fields of `servo_plant.FIELDS`
+    channels: tuple[str, ...] = ()  # of the commands of each joint
 
     def write(self, folder: Path) -> tuple[Path, list[Path]]:
         """Write what a diagnosis is given; return the paths of simulation and recordings."""
@@ -86,7 +87,8 @@ class Case:
         (folder / "sim.yaml").write_text(yaml.safe_dump(self.stated))
         paths = [folder / f"moves{k}.parquet" for k in range(len(self.recordings))]
         for path, own in zip(paths, self.recordings, strict=True):
-            Recording.from_arrays(own.time, own.position, command=own.command).save(path)
+            told = {"command": own.command, "channels": self.channels}
+            Recording.from_arrays(own.time, own.position, **told).save(path)
         return folder / "sim.yaml", paths
 
 

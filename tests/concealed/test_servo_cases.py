@@ -2,6 +2,7 @@
 
 import pytest
 import servo_cases
+import turning_cases
 
 import limo_driver as limo
 
@@ -35,3 +36,14 @@ def test_what_is_hidden_is_named(seed, hidden, rate, name, within, tmp_path):
     if name:
         value = next(x for x in findings if x.effect == case.hidden[0].effect).parameters[name]
         assert value.value == pytest.approx(case.hidden[0].size, rel=within)
+
+
+@pytest.mark.slow("half a minute a case; benchmarks/diagnosis/concealed_servos.py runs many")
+@pytest.mark.parametrize(("seed", "hidden"), [(2, "velocity_servo"), (3, "drive_delay"), (4, "")])
+def test_what_is_hidden_in_an_arm_that_is_told_velocities_is_named(seed, hidden, tmp_path):
+    case = turning_cases.make(seed, (hidden,) if hidden else ())
+    sim, recordings = case.write(tmp_path)
+
+    findings = limo.diagnose(sim, recordings).verdict.findings
+
+    assert {(x.effect, x.joints) for x in findings} == {(x.effect, x.joints) for x in case.hidden}

@@ -9,8 +9,11 @@ import numpy as np
 
 from estimators.drives.checks.frames import dropped_frames
 from estimators.drives.checks.led import led_away
+from estimators.drives.checks.likeness import correlation
 from estimators.drives.checks.steps import odd_steps
 from estimators.drives.checks.stuck import AT_REST, stuck
+from estimators.drives.checks.velocities import check_velocities, set_points_alone
+from estimators.drives.simulation.commanded import commanded_range
 from estimators.drives.simulation.free_run import commands_of
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.checks import MOST_NORMALISED
@@ -55,7 +58,7 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
         RecordingError: Names what the commands seem to be.
     """
     odd = check_set_points(recordings)
-    if not any((np.ptp(commands_of(each), axis=0) > _MOVES).any() for each in recordings):
+    if not (commanded_range(recordings) > _MOVES).any():
         raise RecordingError(
             f"no command changes by more than {_MOVES:g} rad; expected set-points that move the "
             "joints: nothing of a drive shows while it rests",
@@ -67,6 +70,8 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
 def check_set_points(recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Refuse commands that are not set-points of their joints in rad; tell what is odd otherwise.
 
+    Velocities that are commanded are judged by how fast joints move, in rad/s.
+
     Args:
         recordings: With commands.
 
@@ -77,6 +82,9 @@ def check_set_points(recordings: Sequence[Recording]) -> tuple[str, ...]:
     Raises:
         RecordingError: Names what the commands seem to be.
     """
+    every = enumerate(recordings, start=1)
+    velocities = [text for number, each in every for text in check_velocities(each, number)]
+    recordings = [set_points_alone(each) for each in recordings]
     for recording in recordings:
         mistake = (
             _unit_mistake(recording)
@@ -87,11 +95,12 @@ def check_set_points(recordings: Sequence[Recording]) -> tuple[str, ...]:
         )
         if mistake:
             raise RecordingError(mistake, path=recording.source or None)
-    return tuple(
+    odd = [
         text
         for number, recording in enumerate(recordings, start=1)
         for text in _odd(recording, recording.source or f"recording {number}")
-    )
+    ]
+    return (*odd, *velocities)
 
 
 def _unit_mistake(recording: Recording) -> str:
@@ -156,7 +165,7 @@ def _scale_mistake(recording: Recording) -> str:
     told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
     judged = np.flatnonzero((does > _MOVES) & (told > 0))
     beyond = judged[told[judged] > _NORMALISED * does[judged]]
-    if any(_correlation(command[:, j], position[:, j]) > _UNLIKE for j in beyond.tolist()):
+    if any(correlation(command[:, j], position[:, j]) > _UNLIKE for j in beyond.tolist()):
         j = int(beyond[0])
         unit = _unit(told[beyond], does[beyond], command)
         return (
@@ -164,7 +173,7 @@ def _scale_mistake(recording: Recording) -> str:
             f"rad; expected set-points in rad; are the commands {unit}?"
         )
     far = np.flatnonzero((told > _MOVES) & (does > _NORMALISED * told))
-    if far.size and _correlation(command[:, far[0]], position[:, far[0]]) > _ALIKE:
+    if far.size and correlation(command[:, far[0]], position[:, far[0]]) > _ALIKE:
         j = int(far[0])
         unit = _unit(does[far], told[far], position)
         return (
@@ -232,7 +241,7 @@ def _ringed(recording: Recording, better: NDArray[np.bool_]) -> NDArray[np.bool_
     command, position, n = commands_of(recording), recording.position, recording.n
     late = range(min(round(_LAG * recording.rate), len(recording) // 2) + 1)
     lost = [
-        max(_correlation(command[: len(command) - k, j], position[k:, j]) for k in late) < _UNLIKE
+        max(correlation(command[: len(command) - k, j], position[k:, j]) for k in late) < _UNLIKE
         for j in range(n)
     ]
     step = better & np.array(lost)[:, None]
@@ -263,14 +272,14 @@ def _mistake(recording: Recording) -> str:
 
 def _likeness(command: FloatArray, position: FloatArray) -> FloatArray:
     """Return the correlation of each position with each command, (n, n)."""
-    return np.array([[_correlation(told, did) for told in command.T] for did in position.T])
+    return np.array([[correlation(told, did) for told in command.T] for did in position.T])
 
 
 def _is_change(command: FloatArray, position: FloatArray, j: int) -> bool:
     """Say whether a command tells how a position changes: at once, or summed up."""
     told, did = command[:, j], position[:, j]
-    at_once = _correlation(told[:-1], np.diff(did))
-    return max(at_once, _correlation(np.cumsum(told), did)) > _ALIKE
+    at_once = correlation(told[:-1], np.diff(did))
+    return max(at_once, correlation(np.cumsum(told), did)) > _ALIKE
 
 
 def _odd(recording: Recording, name: str) -> Iterator[str]:
@@ -373,13 +382,7 @@ def _left(command: FloatArray, position: FloatArray) -> bool:
 
 def _slope(command: FloatArray, position: FloatArray) -> float:
     """Return how far a joint moves for each unit of its command; 0 if they are not much alike."""
-    if _correlation(command, position) < _STRAIGHT:
+    if correlation(command, position) < _STRAIGHT:
         return 0.0
     told = command - command.mean()
     return float(told @ position) / float(told @ told)
-
-
-def _correlation(x: FloatArray, y: FloatArray) -> float:
-    x, y = x - x.mean(), y - y.mean()
-    power = float(np.sqrt((x @ x) * (y @ y)))
-    return float(x @ y) / power if power > 0 else 0.0

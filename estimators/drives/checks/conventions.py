@@ -21,6 +21,7 @@ from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.loads import ArmChange, ArmLoads
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.channels import VELOCITY, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -120,7 +121,7 @@ class _Rows:
 
     position: FloatArray  # (K, n) [rad]
     velocity: FloatArray  # (K, n) [rad/s]
-    error: FloatArray  # (K, n) command minus position [rad]
+    error: FloatArray  # (K, n) command minus position [rad], or velocity [rad/s] where it is told
 
 
 def conventions_of(
@@ -212,7 +213,9 @@ def likeliest_order(
     described = Convention((1,) * body.n, (0.0,) * body.n)
     independent = _INDEPENDENT * sum(recording.duration for recording in recordings)
     scores = dict[tuple[int, ...], float]()
-    for j, k in [(0, 0), *combinations(range(body.n), 2)]:
+    channels = recordings[0].channels
+    pairs = [(j, k) for j, k in combinations(range(body.n), 2) if channels[j] == channels[k]]
+    for j, k in [(0, 0), *pairs]:
         order = list(range(body.n))
         order[j], order[k] = k, j
         own = _Rows(rows.position[:, order], rows.velocity[:, order], rows.error[:, order])
@@ -259,7 +262,9 @@ def _rows(recordings: Sequence[Recording], delay: float) -> _Rows:
         motion = recording.motion(bandwidth_for([recording]))
         since = recording.time - delay
         at = np.maximum(np.searchsorted(recording.time, since, side="right") - 1, 0)
-        error = commands_of(recording)[at] - motion.position
+        told = led_by(VELOCITY, recording.channels)
+        followed = np.where(told, motion.velocity, motion.position)
+        error = commands_of(recording)[at] - followed
         parts.append((motion.position, motion.velocity, error))
     position, velocity, error = (np.concatenate(x) for x in zip(*parts, strict=True))
     moving = np.flatnonzero((np.abs(velocity) > _MOVING).any(axis=1))

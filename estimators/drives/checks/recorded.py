@@ -40,8 +40,8 @@ def check_commanded(simulation: Simulation, recordings: Sequence[Recording]) -> 
     for recording in recordings:
         recording.check_robot(simulation.model)
     check_different(recordings)
-    odd = check_commands(recordings)
-    return (*odd, *check_timing(with_servos(simulation), recordings))
+    given, led = with_servos(simulation, recordings)
+    return (*check_commands(led), *check_timing(given, led))
 
 
 def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:
@@ -59,6 +59,7 @@ def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:
             before the motion.
     """
     told.check_robot(simulation.model)
+    told = told.led(simulation.channels)
     if told.recorded is None:
         return check_alone(simulation.model, told)
     told.recorded.check_robot(simulation.model)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 DAMPING, COULOMB = "damping", "coulomb"  # columns that recordings cannot tell apart, as one
 BASE: Final = ("kp", DAMPING, COULOMB, "delay", "inertia", "offset")
+GAINS: Final = ("kp", "kv")  # of which a servo has one
 SIGNED: Final = ("offset", "zero")  # what may be below zero
 LEAST, MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
 STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
@@ -44,6 +45,24 @@ class BelievedValue:
 def value_in(row: FloatArray, name: str) -> float:
     """Return one of the constants, by name."""
     return float(row[NAMES.index(_TIED.get(name, (name,))[0])])
+
+
+def gain_of(row: FloatArray) -> str:
+    """Return which gain a servo has, of `GAINS`.
+
+    Args:
+        row: The constants of its joint.
+    """
+    return "kv" if value_in(row, "kv") > 0.0 else "kp"
+
+
+def base_of(row: FloatArray) -> tuple[str, ...]:
+    """Return the constants that every joint with such a servo has.
+
+    Args:
+        row: The constants of its joint.
+    """
+    return (gain_of(row), *BASE[1:])
 
 
 def with_values(row: FloatArray, values: Mapping[str, float]) -> FloatArray:

@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.fitting.constants import (
-    BASE,
     COULOMB,
+    GAINS,
     LEAST,
     BelievedValue,
+    base_of,
+    gain_of,
     value_in,
     with_values,
 )
@@ -42,6 +44,15 @@ class Extra:
     shape: Mapping[str, float] = field(default_factory=dict)  # of its law, not fitted
     # Parts that are left of constants which a fit without it has raised in its place
     eased: Mapping[str, float] = field(default_factory=dict)
+    of: tuple[str, ...] = GAINS  # gains of the servos that may have it
+
+    def fits(self, row: FloatArray) -> bool:
+        """Say whether a servo can have it.
+
+        Args:
+            row: The constants of its joint.
+        """
+        return gain_of(row) in self.of
 
     def begun(self, parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
         """Return constants and where their fit begins; none where nothing speaks for a limit.
@@ -89,16 +100,22 @@ class Extra:
 
 
 PROFILE: Final = Extra(
-    "profile_acceleration", {}, "acceleration", {"straight": 1.0}, {"inertia": 0.2}
+    "profile_acceleration",
+    {},
+    "acceleration",
+    {"straight": 1.0},
+    {"inertia": 0.2},
+    of=("kp",),
 )
 EXTRAS: Final = (
     Extra("stribeck_friction", {"stribeck": 0.05, "v_s": 0.05}),
     Extra("load_dependent_friction", {"by_load": 0.4}, eased={COULOMB: 0.3}),
-    Extra("dead_band", {"dead_band": 0.005}),
-    Extra("profile_speed", {}, "speed"),
-    Extra("profile_acceleration", {}, "acceleration"),
+    Extra("dead_band", {"dead_band": 0.005}, of=("kp",)),
+    Extra("profile_speed", {}, "speed", of=("kp",)),
+    Extra("profile_acceleration", {}, "acceleration", of=("kp",)),
     PROFILE,
     Extra("torque_limit", {}, "torque_limit"),
+    Extra("integral_gain", {"ki": 10.0}, of=("kv",)),
 )
 MOST: Final = 3  # of one joint
 GAIN: Final = 0.97  # of the error on motion not seen, which an effect has to get below
@@ -132,10 +149,10 @@ def grown(
     seen, unseen = apart(parts)
     found: list[str] = []
     best = _best(seen, row, names, priors)
-    score, waiting = _score(unseen, best.row), list(EXTRAS)
+    score, waiting = _score(unseen, best.row), [one for one in EXTRAS if one.fits(row)]
     while len(found) < MOST:
         # a servo that is mostly at a limit looks like another, of less gain
-        kept = (*(name for name in names if name not in BASE), *PROFILE.shape)
+        kept = (*(name for name in names if name not in base_of(row)), *PROFILE.shape)
         other = with_values(row, {name: best.value(name) for name in kept})
         bases = [
             (one, base) for one in waiting for base in (best.row, other)[: 1 + bool(one.limit)]
@@ -253,7 +270,8 @@ def _best(
     priors: Mapping[str, BelievedValue],
 ) -> JointFit:
     """Return the best fit of those that begin with each of the lags."""
-    begun = [fit_joint(parts, lagging(row, lag), names, priors, _SCREENING) for lag in LAGS]
+    lags = LAGS[gain_of(row)]
+    begun = [fit_joint(parts, lagging(row, lag), names, priors, _SCREENING) for lag in lags]
     best = min(begun, key=lambda fit: fit.mean_error)
     return fit_joint(parts, best.row, names, priors)
 

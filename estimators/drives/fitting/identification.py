@@ -8,25 +8,27 @@ Where gravity hardly loads a joint, only their ratios are known.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.drives.fitting.constants import (
-    BASE,
     COULOMB,
     DAMPING,
+    GAINS,
     LEAST,
     BelievedValue,
+    base_of,
+    gain_of,
     value_in,
     with_values,
 )
 from estimators.drives.fitting.extras import GAIN, PROFILE, OfAKind, every_joint, of_a_kind
 from estimators.drives.fitting.joint import JointFit, errors
 from estimators.drives.fitting.starts import TYPICAL, nearer_start, typical_start, with_gain
-from estimators.drives.simulation.columns import geared
+from estimators.drives.simulation.columns import NAMES, geared
 from estimators.drives.simulation.commanded import MOVED, commanded_range
 from estimators.drives.simulation.one_joint import loaded_joints
 from estimators.drives.simulation.plant import rows_of
@@ -41,8 +43,10 @@ from limo_driver.physics import (
     SpringLoad,
     StribeckFriction,
     TorqueOffset,
+    VelocityServo,
     ViscousFriction,
 )
+from limo_driver.recordings.channels import POSITION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -58,8 +62,13 @@ if TYPE_CHECKING:
 _LOADED: Final = 0.05  # of the largest load of the arm, from which on gravity gives a scale
 _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
-_USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0}  # deviations of their logarithms
-ASKED: Final = ("kp", "delay", "inertia")  # said to be undecided where recordings do not show them
+_USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0, "kv": 1.5}  # of their logarithms
+UNITS: Final = {"kp": "N m/rad", "kv": "N m s/rad"}  # of gains
+ASKED: Final = (
+    *GAINS,
+    "delay",
+    "inertia",
+)  # said to be undecided where recordings do not show them
 _OF_A_KIND: Final = 0.7  # deviation of the logarithm of the gains of an arm's servos
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
 _FITTED: Final = (
@@ -96,16 +105,24 @@ class DriveIdentification(Displayed):
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the usual constants of each joint, and how sure the gain is."""
         fits = self.fits
+        gains = [gain_of(fit.row) for fit in fits]
+        named = {
+            f"{gain} [{UNITS[gain]}]": [
+                fit.value(gain) if gain == own else "-"
+                for fit, own in zip(fits, gains, strict=True)
+            ]
+            for gain in dict.fromkeys(gains)
+        }
         return {
             "joint": self.simulation.model.joint_names,
-            "kp [N m/rad]": [fit.value("kp") for fit in fits],
+            **named,
             "95 %": [
-                "{:.3g} to {:.3g}".format(*fit.interval("kp"))
-                if "kp" in fit.names
+                "{:.3g} to {:.3g}".format(*fit.interval(gain))
+                if gain in fit.names
                 else "ratios"
                 if moved
                 else "of others"
-                for fit, moved in zip(fits, self.moved, strict=True)
+                for fit, gain, moved in zip(fits, gains, self.moved, strict=True)
             ],
             "damping [N m s/rad]": [fit.value(DAMPING) for fit in fits],
             "dry friction [N m]": [fit.value(COULOMB) for fit in fits],
@@ -137,7 +154,8 @@ class DriveIdentification(Displayed):
             (joint, name)
             for joint, fit in enumerate(self.fits, start=1)
             for name in ASKED
-            if self.moved[joint - 1] and (self.scaled[joint - 1] or name != "kp")
+            if name not in GAINS or name == gain_of(fit.row)
+            if self.moved[joint - 1] and (self.scaled[joint - 1] or name not in GAINS)
             if not 0.0 < fit.deviation.get(name, 0.0) <= SURE
         )
 
@@ -162,38 +180,42 @@ def fit_drives(
         ConfigError: The simulation has an effect that cannot be run forward.
         RecordingError: A recording has no commands.
     """
-    given = with_servos(simulation)
+    given, recordings = with_servos(simulation, recordings)
     parts = loaded_joints(given.body, recordings)
     stated = rows_of(given)
     load = largest_load(given.body, recordings)
     scaled = gives_scale(load)
     moved = commanded_range(recordings) > MOVED
     rows = np.stack([typical_start(row) for row in stated])
-    first = np.flatnonzero(scaled & moved).tolist()
-    for j in first:
-        rows[j] = nearer_start(parts[j], rows[j])
-    believed = [_believed(rows[j], float(load[j])) for j in first]
-    found = _fitted(parts, rows, first, BASE, believed, intervals=intervals)
-    sure = [j for j in first if found[j][0].deviation["kp"] < SURE]
-    kp = [found[j][0].value("kp") for j in sure or first] or [TYPICAL["kp"]]
-    kind = float(np.exp(np.mean(np.log(kp))))  # servos are of one kind more often than not
-    if sure and (unsure := [j for j in first if j not in sure]):
-        for j in unsure:
+    gains = np.array([gain_of(row) for row in rows])
+    found = dict[int, tuple[JointFit, tuple[str, ...]]]()
+    for gain in GAINS:  # joints behind one kind of servo
+        own = gains == gain
+        first = np.flatnonzero(scaled & moved & own).tolist()
+        for j in first:
+            rows[j] = nearer_start(parts[j], rows[j])
+        believed = [_believed(rows[j], float(load[j])) for j in first]
+        found |= _fitted(parts, rows, first, believed, intervals=intervals)
+        sure = [j for j in first if found[j][0].deviation[gain] < SURE]
+        values = [found[j][0].value(gain) for j in sure or first] or [TYPICAL[gain][gain]]
+        kind = float(np.exp(np.mean(np.log(values))))  # are of one kind more often than not
+        if sure and (unsure := [j for j in first if j not in sure]):
+            for j in unsure:
+                rows[j] = with_gain(rows[j], kind)
+            believed = [
+                {**_believed(rows[j], float(load[j])), gain: BelievedValue(kind, _OF_A_KIND)}
+                for j in unsure
+            ]
+            found |= _fitted(parts, rows, unsure, believed, intervals=intervals)
+        weightless = np.flatnonzero(~scaled & moved & own).tolist()
+        for j in weightless:
             rows[j] = with_gain(rows[j], kind)
-        believed = [
-            {**_believed(rows[j], float(load[j])), "kp": BelievedValue(kind, _OF_A_KIND)}
-            for j in unsure
-        ]
-        found |= _fitted(parts, rows, unsure, BASE, believed, intervals=intervals)
-    weightless = np.flatnonzero(~scaled & moved).tolist()
-    for j in weightless:
-        rows[j] = with_gain(rows[j], kind)
-    believed = [_believed(rows[j], None) for j in weightless]
-    found |= _fitted(parts, rows, weightless, BASE[1:], believed, intervals=intervals)
+        believed = [_believed(rows[j], None) for j in weightless]
+        found |= _fitted(parts, rows, weightless, believed, scaled=False, intervals=intervals)
     found = _of_a_kind(parts, found, stated, load, scaled, intervals=intervals)
     shown = [fit for fit, _ in found.values()]
     for j in np.flatnonzero(~moved).tolist():
-        row = _of_others(rows[j], shown)
+        row = _of_others(rows[j], [fit for fit in shown if gain_of(fit.row) == gains[j]])
         found[j] = (JointFit(row, (), {}, errors(parts[j], row)), ())
     fits, extras = zip(*(found[j] for j in range(len(rows))), strict=True)
     improved = with_rows(given, [fit.row for fit in fits])
@@ -206,13 +228,18 @@ def _fitted(
     parts: Sequence[Sequence[LoadedJoint]],
     rows: FloatArray,
     joints: Sequence[int],
-    names: tuple[str, ...],
     believed: Sequence[Mapping[str, BelievedValue]],
     *,
+    scaled: bool = True,
     intervals: bool,
 ) -> dict[int, tuple[JointFit, tuple[str, ...]]]:
-    """Return the fit of some joints, by joint, with the effects beyond the usual ones."""
-    own = [parts[j] for j in joints]
+    """Return the fit of some joints of one kind of servo, with effects beyond the usual ones.
+
+    By joint. Of those whose scale is not known, the gain is not fitted.
+    """
+    if not joints:
+        return {}
+    own, names = [parts[j] for j in joints], base_of(rows[joints[0]])[0 if scaled else 1 :]
     done = every_joint(own, rows[list(joints)], names, believed, intervals=intervals)
     return dict(zip(joints, done, strict=True))
 
@@ -240,7 +267,11 @@ def _of_a_kind(
         intervals: Whether fits that leave motion out tell how sure values are.
     """
     has = {j for j, (fit, _) in found.items() if value_in(fit.row, "straight") > 0.0}
-    others = [j for j in found if j not in has and PROFILE.effect not in found[j][1]]
+    others = [
+        j
+        for j, (fit, own) in found.items()
+        if j not in has and PROFILE.effect not in own and PROFILE.fits(fit.row)
+    ]
     if not has or not others:
         return found
 
@@ -261,7 +292,7 @@ def _of_others(row: FloatArray, fits: Sequence[JointFit]) -> FloatArray:
         return row
     usual = {
         name: float(np.exp(np.mean([np.log(max(fit.value(name), LEAST)) for fit in fits])))
-        for name in TYPICAL
+        for name in TYPICAL[gain_of(row)]
     }
     return with_values(row, usual)
 
@@ -269,8 +300,9 @@ def _of_others(row: FloatArray, fits: Sequence[JointFit]) -> FloatArray:
 def _believed(row: FloatArray, load: float | None) -> dict[str, BelievedValue]:
     """Return what is believed of a joint before any data.
 
-    Slow motion shows neither delay nor inertia nor, under much friction, damping: without a belief
-    they would run to nothing or to anything, and fast motion would be predicted by these.
+    Slow motion shows neither delay nor inertia nor, under much friction, damping, and that of a
+    servo which follows its velocity at once no gain: without a belief they would run to nothing or
+    to anything, and other motion would be predicted by these.
 
     Args:
         row: The constants that the fit starts from.
@@ -305,15 +337,31 @@ def largest_load(body: RobotModel, recordings: Sequence[Recording]) -> FloatArra
     )
 
 
-def with_servos(simulation: Simulation) -> Simulation:
-    """Return the same with a typical position servo at each joint that has none."""
-    served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
+def with_servos(
+    simulation: Simulation, recordings: Sequence[Recording]
+) -> tuple[Simulation, list[Recording]]:
+    """Return the same with a typical servo at each joint that has none, and what they are told.
+
+    Args:
+        simulation: What is stated.
+        recordings: Of the arm. By what the first one tells a joint, its servo is of position or of
+            velocity.
+
+    Raises:
+        RecordingError: What a drive takes was not recorded.
+    """
+    led = [recording.led(simulation.channels) for recording in recordings]
+    kinds = led[0].channels if led else (POSITION.name,) * simulation.model.n
+    stated = simulation.channels
     more = tuple(
-        PositionServo(joint=j, kp=TYPICAL["kp"])
-        for j in range(1, simulation.model.n + 1)
-        if j not in served
+        PositionServo(joint=j, kp=TYPICAL["kp"]["kp"])
+        if kind == POSITION.name
+        else VelocityServo(joint=j, kv=TYPICAL["kv"]["kv"])
+        for j, (kind, own) in enumerate(zip(kinds, stated, strict=True), start=1)
+        if own is None
     )
-    return replace(simulation, drives=(*simulation.drives, *more)) if more else simulation
+    given = replace(simulation, drives=(*simulation.drives, *more)) if more else simulation
+    return given, [recording.led(given.channels) for recording in led]
 
 
 def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
@@ -342,25 +390,14 @@ def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
     if isinstance(drive, DcMotor):
         limits = value_in(row, "stall"), value_in(row, "free_speed")
         return replace(drive, gear=ratio * drive.gear).limited(*limits)
-    if not isinstance(drive, PositionServo):
-        return drive
-    return replace(
-        drive,
-        kp=value_in(row, "kp"),
-        kd=value_in(row, "kd") + value_in(row, "inside") * value_in(row, DAMPING),
-        delay=value_in(row, "delay"),
-        dead_band=value_in(row, "dead_band"),
-        play=value_in(row, "play"),
-        ki=value_in(row, "ki"),
-        sag=value_in(row, "sag"),
-        punch=value_in(row, "punch"),
-        derating=value_in(row, "derating"),
-        heating=value_in(row, "heating") if value_in(row, "derating") else drive.heating,
-        torque_limit=_finite(value_in(row, "torque_limit")),
-        speed=_finite(value_in(row, "speed")),
-        acceleration=_finite(value_in(row, "acceleration")),
-        straight=value_in(row, "straight"),
-    )
+    values = {
+        item.name: _finite(value_in(row, item.name)) for item in fields(drive) if item.name in NAMES
+    }
+    if "kd" in values:
+        values["kd"] = value_in(row, "kd") + value_in(row, "inside") * value_in(row, DAMPING)
+    if not value_in(row, "derating"):
+        values.pop("heating", None)
+    return replace(drive, **values)  # pyright: ignore[reportArgumentType]  # by name
 
 
 def _finite(value: float) -> float | None:

@@ -11,10 +11,10 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
 from estimators.drives.fitting.constants import (
-    BASE,
     LEAST,
     SIGNED,
     STEP,
+    base_of,
     inner,
     outer,
     stepped,
@@ -95,7 +95,7 @@ class _Latest:
 def fit_joint(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
-    names: Sequence[str] = BASE,
+    names: Sequence[str] | None = None,
     priors: Mapping[str, BelievedValue] | None = None,
     evaluations: int = _EVALUATIONS,
 ) -> JointFit:
@@ -107,7 +107,7 @@ def fit_joint(
     Args:
         parts: Recorded stretches.
         row: All constants; those fitted start from here.
-        names: Of the constants to be fitted.
+        names: Of the constants to be fitted; what every joint has, if not given.
         priors: What is believed of some of them.
         evaluations: Of the whole motion at each size of errors, at most, but for those of slopes.
 
@@ -115,6 +115,7 @@ def fit_joint(
         The constants, with deviations from the curvature at the best, for as many independent
         errors as their correlation leaves.
     """
+    names = base_of(row) if names is None else tuple(names)
     known = {name: prior for name, prior in (priors or {}).items() if name in names}
     whole = [LoadedJoint.joined(parts)]
     held = whole[0].time.size
@@ -146,7 +147,6 @@ def fit_joint(
 
     start = np.array([inner(name, value_in(row, name)) for name in names])
     weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
-    names = tuple(names)
     # Far from the best nearly all errors are large, and counted in proportion they lead astray.
     typical = float(np.median(np.abs(errors(whole, row))))
     large = max(_COARSE * typical, _ROBUST)

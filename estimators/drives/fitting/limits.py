@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.constants import value_in, with_values
+from estimators.drives.fitting.constants import gain_of, value_in, with_values
 from estimators.drives.fitting.starts import away
+from estimators.drives.simulation.one_joint import lag
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -94,8 +95,8 @@ def most_of(name: str, parts: Sequence[LoadedJoint], row: FloatArray) -> float:
         row: The constants without it.
     """
     if name == "torque_limit":
-        error = [np.abs(part.command - part.position) for part in parts]
-        return value_in(row, "kp") * float(np.quantile(np.concatenate(error), _RARE))
+        error = [np.abs(lag(part, row)) for part in parts]
+        return value_in(row, gain_of(row)) * float(np.quantile(np.concatenate(error), _RARE))
     pace = [part.velocity for part in parts]
     if name == "acceleration":
         pace = [np.gradient(part.velocity, part.time) for part in parts]

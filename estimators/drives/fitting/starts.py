@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy.optimize import nnls
 
-from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
+from estimators.drives.fitting.constants import COULOMB, DAMPING, gain_of, value_in, with_values
 from estimators.drives.fitting.joint import errors
+from estimators.drives.simulation.one_joint import lag
 from limo_driver.types import FloatArray
 
 if TYPE_CHECKING:
@@ -16,9 +18,17 @@ if TYPE_CHECKING:
 
     from estimators.drives.simulation.one_joint import LoadedJoint
 
-TYPICAL: Final = {"kp": 15.0, DAMPING: 1.0, COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
+_USUAL: Final = {COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
+TYPICAL: Final = {  # by gain: of servos of position, and of velocity
+    "kp": {"kp": 15.0, DAMPING: 1.0, **_USUAL},
+    "kv": {"kv": 3.0, DAMPING: 0.3, **_USUAL},
+}
 # A lag is a delay or damping over gain: what a fit finds depends on which of them it begins with.
-LAGS: Final = ({"delay": 0.004, DAMPING: 1.0 / 15.0}, {"delay": 0.04, DAMPING: 0.4 / 15.0})
+# With a servo of velocity, it is inertia over gain, and damping over gain is how much is lacking.
+LAGS: Final = {
+    "kp": ({"delay": 0.004, DAMPING: 1.0 / 15.0}, {"delay": 0.04, DAMPING: 0.4 / 15.0}),
+    "kv": ({"delay": 0.004, "inertia": 0.02}, {"delay": 0.04, "inertia": 0.005}),
+}
 _DELAYS: Final = (0.0, 0.02, 0.06)  # [s], tried
 _MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the motion
 _ENOUGH: Final = 50  # moving rows
@@ -34,10 +44,10 @@ def typical_start(row: FloatArray) -> FloatArray:
         row: The stated constants of a joint.
     """
     none = dict.fromkeys(_NONE_AT_FIRST, 0.0)
-    return with_values(row, {**none, **TYPICAL, "speed": np.inf})
+    return with_values(row, {**none, **TYPICAL[gain_of(row)], "speed": np.inf})
 
 
-def with_gain(row: FloatArray, kp: float) -> FloatArray:
+def with_gain(row: FloatArray, gain: float) -> FloatArray:
     """Return constants to start from with another gain.
 
     Gain, damping, dry friction and inertia times one factor move a joint alike where nothing but
@@ -45,10 +55,11 @@ def with_gain(row: FloatArray, kp: float) -> FloatArray:
 
     Args:
         row: The constants of a joint.
-        kp: Another gain [N m/rad].
+        gain: Another one [N m/rad], or of velocity [N m s/rad].
     """
-    factor = kp / value_in(row, "kp")
-    scaled = {name: factor * value_in(row, name) for name in ("kp", DAMPING, COULOMB, "inertia")}
+    own = gain_of(row)
+    factor = gain / value_in(row, own)
+    scaled = {name: factor * value_in(row, name) for name in (own, DAMPING, COULOMB, "inertia")}
     return with_values(row, scaled)
 
 
@@ -57,9 +68,11 @@ def lagging(row: FloatArray, lag: dict[str, float]) -> FloatArray:
 
     Args:
         row: The constants of a joint.
-        lag: Delay [s], and damping over gain [s].
+        lag: Delay [s], and damping or inertia over gain [s].
     """
-    return with_values(row, {"delay": lag["delay"], DAMPING: lag[DAMPING] * value_in(row, "kp")})
+    gain = value_in(row, gain_of(row))
+    own = {name: part * gain for name, part in lag.items() if name != "delay"}
+    return with_values(row, {"delay": lag["delay"], **own})
 
 
 def nearer_start(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
@@ -75,10 +88,10 @@ def nearer_start(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
     Returns:
         Those that, simulated forward, stay nearer to the recorded joint.
     """
-    kp = _gain(parts)
-    if kp is None:
+    gain = _gain(parts, row)
+    if gain is None:
         return row
-    other = with_gain(row, kp)
+    other = with_gain(row, gain)
     return other if away(parts, other) < away(parts, row) else row
 
 
@@ -93,14 +106,14 @@ def away(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
     return float(np.abs(error).mean())
 
 
-def _gain(parts: Sequence[LoadedJoint]) -> float | None:
-    """Return the gain by which the lag of moving rows explains their load best [N m/rad]."""
-    found = [_regressed(parts, delay) for delay in _DELAYS]
-    left, kp = min(found)
-    return kp if np.isfinite(left) and kp > _LEAST_GAIN else None
+def _gain(parts: Sequence[LoadedJoint], row: FloatArray) -> float | None:
+    """Return the gain by which the lag of moving rows explains their load best."""
+    found = [_regressed(parts, row, delay) for delay in _DELAYS]
+    left, gain = min(found)
+    return gain if np.isfinite(left) and gain > _LEAST_GAIN else None
 
 
-def _regressed(parts: Sequence[LoadedJoint], delay: float) -> tuple[float, float]:
+def _regressed(parts: Sequence[LoadedJoint], row: FloatArray, delay: float) -> tuple[float, float]:
     """Return what is left of the load, and the gain, of a servo of some delay."""
     columns, loads = list[FloatArray](), list[FloatArray]()
     for part in parts:
@@ -108,7 +121,8 @@ def _regressed(parts: Sequence[LoadedJoint], delay: float) -> tuple[float, float
         moving = np.abs(part.velocity) > _MOVING
         pace = part.velocity[moving]
         change = np.gradient(part.velocity, part.time)[moving]
-        error, one = (part.command[at] - part.position)[moving], np.ones_like(pace)
+        late = replace(part, command=part.command[at])
+        error, one = lag(late, row)[moving], np.ones_like(pace)
         columns.append(np.stack([error, -pace, -np.sign(pace), -change, one, -one], axis=1))
         loads.append((part.load + part.inertia * np.gradient(part.velocity, part.time))[moving])
     load = np.concatenate(loads)

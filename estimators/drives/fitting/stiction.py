@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.constants import COULOMB, value_in, with_values
+from estimators.drives.fitting.constants import COULOMB, gain_of, value_in, with_values
 from estimators.drives.fitting.starts import away
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ SHAPES: Final = (1.0, 2.0)  # exponents of the fading: exponential, and as a bel
 _AMOUNTS: Final = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)  # of the dry friction, tried
 _FADES: Final = (0.015, 0.02, 0.03, 0.06, 0.12)  # [rad/s] at which it fades, tried
 _DRY: Final = (1.0, 0.85)  # of the fitted dry friction that is left, tried
-_LEAST: Final = 0.005  # [rad] of lag that a joint of no dry friction is taken to have
+_LEAST: Final = 0.005  # [rad, rad/s] of lag that a joint of no dry friction is taken to have
 
 
 def stiction_begun_at(
@@ -42,7 +42,7 @@ def stiction_begun_at(
     Returns:
         Constants by name, dry friction among them.
     """
-    dry = max(value_in(row, COULOMB), _LEAST * value_in(row, "kp"))
+    dry = max(value_in(row, COULOMB), _LEAST * value_in(row, gain_of(row)))
     tried = [
         {"stribeck": share * dry, "v_s": pace, COULOMB: left * value_in(row, COULOMB)}
         for share, pace, left in product(_AMOUNTS, _FADES, _DRY)

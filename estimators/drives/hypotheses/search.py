@@ -22,10 +22,11 @@ from estimators.drives.fitting.arm import (
     glance_at,
 )
 from estimators.drives.fitting.constants import (
-    BASE,
     COULOMB,
     DAMPING,
     BelievedValue,
+    base_of,
+    gain_of,
     value_in,
     with_values,
 )
@@ -82,7 +83,7 @@ def stated_guess(stated: FloatArray) -> ArmGuess:
             for row in stated
         ]
     )
-    names = tuple((*BASE, *stated_beside(row)) for row in rows)
+    names = tuple((*base_of(row), *stated_beside(row)) for row in rows)
     return ArmGuess(rows, names, ArmChange.none(len(rows)))
 
 
@@ -93,12 +94,12 @@ def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str
         rows: Stated constants of each joint, (n, columns).
         tolerance: Deviations of their logarithms, likewise, or one of all.
     """
-    own = ("kp", DAMPING, COULOMB, "delay", "inertia")
+    own = (DAMPING, COULOMB, "delay", "inertia")
     return [
         {
             **{
                 name: _belief(value_in(row, name), value_in(reach, name))
-                for name in (*own, *stated_beside(row))
+                for name in (gain_of(row), *own, *stated_beside(row))
             },
             "offset": BelievedValue(value_in(row, "offset"), OFFSET),
             "v_s": _FADES,

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.drives.checks.conventions import conventions_of, likeliest_order
 from estimators.drives.fitting.arm import ArmFit, glance_at
-from estimators.drives.fitting.constants import value_in, with_values
+from estimators.drives.fitting.constants import GAINS, gain_of, value_in, with_values
 from estimators.drives.fitting.identification import (
     DriveIdentification,
     gives_scale,
@@ -24,7 +24,7 @@ from estimators.drives.simulation.columns import SAG
 from estimators.drives.simulation.commanded import MOVED, busiest, commanded_range
 from estimators.drives.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of
-from limo_driver.physics import EncoderOffset, Payload, PositionServo
+from limo_driver.physics import EncoderOffset, Payload
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _LOADED: Final = 0.2  # of the arm's largest load, from which on a joint's gain is looked at
-_LEAST: Final = 1e-6  # [N m/rad]
+_LEAST: Final = 1e-6  # [N m/rad, N m s/rad]
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
 _GLANCE: Final = 8  # evaluations
 _REFITTED: Final = 8  # steps
@@ -92,8 +92,7 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
         simulation: What is stated.
         recordings: Of the arm.
     """
-    served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
-    if len(served) < simulation.model.n:
+    if None in simulation.channels:
         return False
     told = tuple(range(simulation.model.n))
     order = likeliest_order(simulation.body, recordings)
@@ -125,7 +124,8 @@ def _apart(
     found = list[float]()
     for j in joints:
         fit = fit_joint(parts[j], typical_start(stated[j]), evaluations=_GLANCE)
-        found.append(abs(np.log(fit.value("kp") / max(value_in(stated[j], "kp"), _LEAST))))
+        gain = gain_of(stated[j])
+        found.append(abs(np.log(fit.value(gain) / max(value_in(stated[j], gain), _LEAST))))
     return float(np.median(found))
 
 
@@ -197,7 +197,7 @@ def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedAr
             rows[one.joint] = _about_rest(rows[one.joint], stated[one.joint])
     fits = list[JointFit]()
     for j, known in enumerate(fit.own):
-        deviation = {name: x for name, x in known.items() if name != "kp" or scaled[j]}
+        deviation = {name: x for name, x in known.items() if name not in GAINS or scaled[j]}
         fits.append(JointFit(rows[j], tuple(deviation), deviation, fit.errors[j]))
     own = tuple(
         tuple(x.effect for x in found.suspects if x.joint == j and not (x.shared or x.freed))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.checks.conventions import likeliest_order
-from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
+from estimators.drives.fitting.constants import COULOMB, DAMPING, gain_of, value_in, with_values
 from estimators.drives.fitting.limits import LIMITS, begun_at, motor_begun_at
 from estimators.drives.fitting.starts import away
 from estimators.drives.fitting.stiction import SHAPES, stiction_begun_at
@@ -31,6 +31,7 @@ NEUTRAL: Final = {
 _START_MASS: Final = 0.05  # of the arm's own
 _FREED: Final = {
     "kp": "position_servo",
+    "kv": "velocity_servo",
     DAMPING: "viscous_friction",
     COULOMB: "coulomb_friction",
     "delay": "drive_delay",
@@ -159,19 +160,22 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
             continue  # no command moves it: nothing of its drive shows
         yield Suspect("joint_sign", j, (), shared=True)
         for name, effect in _FREED.items():
-            yield Suspect(effect, j, (), freed=name)
+            if name in guess.names[j]:
+                yield Suspect(effect, j, (), freed=name)
         for name in guess.names[j]:
             if name in _BESIDE:
                 yield Suspect(_BESIDE[name], j, (), freed=name)
         for one in (
             *_stiction(parts[j], guess.rows[j], guess.names[j]),
-            *_of_joints(),
+            *_of_joints(guess.rows[j]),
             *_limits(parts[j], guess, j, stated[j]),
         ):
             own = replace(one, joint=j)
             if not set(own.names) & set(guess.names[j]):
                 yield own
-        if np.isfinite(most[j]):  # how warm a motor gets is in units of its stall
+        if (
+            np.isfinite(most[j]) and gain_of(guess.rows[j]) == "kp"
+        ):  # how warm a motor gets is in units of its stall
             start = (("derating", 1.0), ("heating", 15.0))
             yield Suspect("thermal_derating", j, start)
 
@@ -189,14 +193,17 @@ def _stiction(
         yield Suspect("stribeck_friction", None, own, shape=(("delta", delta),), bent=bent)
 
 
-def _of_joints() -> Iterator[Suspect]:
-    """Yield what else any joint may have, at no joint yet."""
+def _of_joints(row: FloatArray) -> Iterator[Suspect]:
+    """Yield what else any joint may have, at no joint yet; some of it behind position servos."""
+    of_position = gain_of(row) == "kp"
     start = (("by_load", 0.1), ("assisted", 1.0))
     yield Suspect("load_dependent_friction", None, start)
-    yield Suspect("dead_band", None, (("dead_band", 0.01),))
-    yield Suspect("punch", None, (("punch", 0.05),))
+    if of_position:
+        yield Suspect("dead_band", None, (("dead_band", 0.01),))
+        yield Suspect("punch", None, (("punch", 0.05),))
     yield Suspect("spring_load", None, (("spring", 0.1),))
-    yield Suspect("backlash", None, (("play", 0.01),))
+    if of_position:
+        yield Suspect("backlash", None, (("play", 0.01),))
     yield Suspect("gear_ratio", None, (("gear", 1.0),))
     yield Suspect("integral_gain", None, (("ki", 1.0),))
 
@@ -212,7 +219,8 @@ def _limits(
     row, names = guess.rows[j], guess.names[j]
     known = away(parts, row)
     as_stated = with_values(row, {name: value_in(stated, name) for name in names})
-    for limit in (*LIMITS, "voltage_limit"):
+    limits = LIMITS if gain_of(row) == "kp" else ("torque_limit",)
+    for limit in (*limits, "voltage_limit"):
         tried = [
             (begun_at(limit, parts, own) if limit in LIMITS else motor_begun_at(parts, own), own)
             for own in (row, as_stated)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 # What is said of each: the effect, the constants that are its values, with their units.
 KINDS: Final[dict[str, dict[str, str]]] = {
     "position_servo": {"kp": "N m/rad"},
+    "velocity_servo": {"kv": "N m s/rad"},
     "drive_delay": {"delay": "s"},
     "coulomb_friction": {COULOMB: "N m"},
     "viscous_friction": {DAMPING: "N m s/rad"},
@@ -43,6 +44,15 @@ KINDS: Final[dict[str, dict[str, str]]] = {
     "thermal_derating": {"derating": "1", "heating": "s"},
     "voltage_limit": {"free_speed": "rad/s", "stall": "N m"},
 }
+USUAL: Final = (  # what every joint has
+    "position_servo",
+    "velocity_servo",
+    "drive_delay",
+    "coulomb_friction",
+    "viscous_friction",
+    "armature",
+    "torque_offset",
+)
 _NAMES: Final = {
     COULOMB: "tau_c",
     DAMPING: "f_v",
@@ -125,8 +135,9 @@ def _is_wrong(
         value, believed = fit.value(name), value_in(nominal, name)
         if name == DAMPING:
             believed += value_in(nominal, "kd")
-        if name == "delay" and abs(value - believed) < period:
-            return False  # no recording tells delays within a sample
+        lag = {"delay": 1.0, "inertia": value_in(nominal, "kv")}  # that of servos of velocity
+        if abs(value - believed) < period * lag.get(name, 0.0):
+            return False  # no recording tells lags within a sample
         if not np.isfinite(believed):  # stated to be without limit
             return True
         deviation = fit.deviation[name]

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.simulation.free_run import commands_of, free_run
+from estimators.drives.simulation.free_run import commands_of, restarted_run
 from estimators.drives.simulation.one_step import row_errors
+from limo_driver.recordings.channels import VELOCITY, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,12 +53,16 @@ def _cut(recording: Recording) -> int:
 def _speed(recording: Recording) -> float:
     """Return how fast commands move, as their root mean square [rad/s]."""
     change = np.diff(commands_of(recording), axis=0) / np.diff(recording.time)[:, None]
+    change = np.where(led_by(VELOCITY, recording.channels), commands_of(recording)[:-1], change)
     return float(np.sqrt(np.mean(change**2)))
 
 
 def position_errors(simulation: Simulation, recordings: Sequence[Recording]) -> FloatArray:
-    """Return free-running position errors of all rows, (K, n) [rad]."""
-    return np.concatenate([free_run(simulation, r) - r.position for r in recordings])
+    """Return free-running position errors of all rows, (K, n) [rad].
+
+    What is told by velocity is put back where it was, as often as its drive asks for.
+    """
+    return np.concatenate([restarted_run(simulation, r) - r.position for r in recordings])
 
 
 def rms_of_rows(

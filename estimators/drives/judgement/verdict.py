@@ -14,16 +14,17 @@ from estimators.diagnosis.verdict import (
     Unexplained,
     Verdict,
 )
-from estimators.drives.judgement.findings import KINDS, findings_of, is_known, parameters_of
+from estimators.drives.judgement.findings import KINDS, USUAL, findings_of, is_known, parameters_of
 from estimators.drives.judgement.held_out import (
     LEAST,
     by_recording,
     resolution_of,
     rms_of_rows,
 )
-from estimators.drives.judgement.wording import undecided
+from estimators.drives.judgement.wording import joints_named, undecided
 from estimators.drives.simulation.one_joint import loaded_joints
-from estimators.drives.simulation.plant import rows_of
+from estimators.drives.simulation.plant import DRIFTS, rows_of
+from limo_driver.recordings.channels import VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -48,7 +49,7 @@ def verdict_of(
 
     Args:
         stated: The simulation as it was given.
-        given: The same with a position servo at each joint.
+        given: The same with a servo at each joint.
         evidence: What was identified.
         before: Free-running errors of the held-out rows, as given, (K, n) [rad].
         after: The same with what was identified.
@@ -99,7 +100,7 @@ def verdict_of(
             tuple(floor.tolist()),
             removed,
             blocks,
-            unit="rad",
+            unit=_unit(given),
             one_step_rmse_before=step_before,
             one_step_rmse_after=step_after,
             inverse_dynamics_rmse_before=torque_before,
@@ -116,7 +117,16 @@ def verdict_of(
         identified=tuple(
             Identified(effect, joint, parameters_of(fit, KINDS[effect]))
             for joint, fit in enumerate(final.fits, start=1)
-            for effect in list(KINDS)[:6]
+            for effect in USUAL
             if is_known(fit, KINDS[effect])
         ),
     )
+
+
+def _unit(given: Simulation) -> str:
+    """Return the unit of errors: of a whole run, or of as long as what is told by velocity has."""
+    drifting = [j for j, name in enumerate(given.channels, start=1) if name == VELOCITY.name]
+    if not drifting:
+        return "rad"
+    where = "" if len(drifting) == given.model.n else f" at {joints_named(drifting)}"
+    return f"rad in {DRIFTS:g} s{where}"

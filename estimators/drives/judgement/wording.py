@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.constants import value_in
+from estimators.drives.fitting.constants import gain_of, value_in
 from estimators.drives.fitting.joint import NORMAL
 from estimators.drives.judgement.findings import KINDS, is_known
 from estimators.drives.simulation.columns import geared
-from estimators.drives.simulation.plant import most_torque, rows_of
+from estimators.drives.simulation.plant import DRIFTS, most_torque, rows_of
+from limo_driver.recordings.channels import VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -26,6 +27,7 @@ _POSES: Final = 2000  # tried for the one that loads a joint most
 _WORTH: Final = 0.01  # [rad], sag below which nothing is said
 _SHOWS: Final = {  # constants, as what they are told, and what explains the motion as well
     "kp": ("position_servo", "dry friction"),
+    "kv": ("velocity_servo", "friction"),
     "delay": ("drive_delay", "damping"),
     "inertia": ("armature", "damping"),
 }
@@ -37,7 +39,7 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
     said: list[str] = []
     for j, (fit, load) in enumerate(zip(found.fits, full.tolist(), strict=True), start=1):
         kp = value_in(geared(fit.row), "kp")
-        shown = found.scaled[j - 1] and found.moved[j - 1]
+        shown = kp > 0.0 and found.scaled[j - 1] and found.moved[j - 1]
         if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
             reach = float(np.exp(NORMAL * fit.deviation["kp"]))
             said.append(
@@ -73,24 +75,24 @@ def undecided(found: DriveIdentification, rate: float) -> Iterator[tuple[str, st
         if joints := [j for j, own in found.undecided if own == name]:
             yield (
                 effect,
-                f"{name} of {_joints(joints)} is not decidable at this rate ({rate:.0f} Hz): "
+                f"{name} of {joints_named(joints)} is not decidable at this rate ({rate:.0f} Hz): "
                 f"{other} explains the motion as well",
             )
     if light := _weightless(found):
         yield (
             "position_servo",
-            f"gravity never loads {_joints(light)}: kp is known there in ratio to friction, "
-            "damping and inertia alone",
+            f"gravity never loads {joints_named(light)}: {_gains(found, light)} is known there in "
+            "ratio to friction, damping and inertia alone",
         )
     if still := _still(found):
-        yield "position_servo", f"no command moves {_joints(still)}: its drive does not show"
+        yield "position_servo", f"no command moves {joints_named(still)}: its drive does not show"
 
 
 def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterator[tuple[str, str]]:
     """Yield effects that no recording of this arm with these drives shows, and why.
 
     Args:
-        given: With a position servo for each joint.
+        given: With a servo for each joint.
         told: Joints whose sign gravity tells, 1-based.
         stated: Whether the drives are those that the arm has.
     """
@@ -101,11 +103,29 @@ def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterat
             f"gravity hardly loads joint{'s' * (len(untold) > 1)} {', '.join(untold)}: whether "
             "positions and commands count against the description is not decidable there",
         )
-    if stated and not np.isfinite(most_torque(rows_of(given))).all():
+    if stated and VELOCITY.name in given.channels:
+        yield "supply_sag", "what servos of velocity draw from the supply is not known"
+    elif stated and not np.isfinite(most_torque(rows_of(given))).all():
         yield (
             "supply_sag",
             "the drives state no `torque_limit`: how far the supply is loaded is not known",
         )
+
+
+def about_drift(given: Simulation) -> tuple[str, ...]:
+    """Say how errors are told where commands are velocities.
+
+    Args:
+        given: With a servo for each joint.
+    """
+    drifting = [j for j, name in enumerate(given.channels, start=1) if name == VELOCITY.name]
+    if not drifting:
+        return ()
+    return (
+        f"Velocities are commanded at {joints_named(drifting)}, and where these lead drifts from "
+        f"where the joint was: each {DRIFTS:g} s it is put back there, and its errors are of the "
+        "position until then.",
+    )
 
 
 def about_counting(one: Suspect) -> str:
@@ -134,18 +154,24 @@ def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
         scale = (
             "their scale is that of the stated values, all within their tolerance"
             if stated
-            else "kp is taken from the other joints"
+            else f"{_gains(final, light)} is taken from the other joints"
         )
         told.append(
-            f"Gravity never loads {_joints(light)}: of kp, friction, damping and "
-            f"inertia only the ratios are known there; {scale}."
+            f"Gravity never loads {joints_named(light)}: of {_gains(final, light)}, friction, "
+            f"damping and inertia only the ratios are known there; {scale}."
         )
     if still := _still(final):
         taken = "the stated values are kept" if stated else "the mean of the other joints is taken"
         told.append(
-            f"No command moves {_joints(still)}: nothing is known of the drives there, and {taken}."
+            f"No command moves {joints_named(still)}: nothing is known of the drives there, and "
+            f"{taken}."
         )
     return tuple(told)
+
+
+def _gains(found: DriveIdentification, joints: Sequence[int]) -> str:
+    """Return the gains that servos of some joints have, 1-based."""
+    return " or ".join(dict.fromkeys(gain_of(found.fits[j - 1].row) for j in joints))
 
 
 def _weightless(found: DriveIdentification) -> list[int]:
@@ -159,5 +185,10 @@ def _still(found: DriveIdentification) -> list[int]:
     return [j for j, moved in enumerate(found.moved, start=1) if not moved]
 
 
-def _joints(numbers: Sequence[int]) -> str:
+def joints_named(numbers: Sequence[int]) -> str:
+    """Return joints in words.
+
+    Args:
+        numbers: 1-based.
+    """
     return f"joint{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"

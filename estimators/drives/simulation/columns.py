@@ -44,6 +44,8 @@ NAMES: Final = (
     "derating",  # resistance that a stalled motor's winding gains in the end, over its own
     "heating",  # [s], in which it does
     "inside",  # share of the damping that the servo makes, within its torque limit
+    "kv",  # [N m s/rad], of a servo of velocity, which has no kp
+    "restart",  # [s], after which errors begin anew where the joint was
     "straight",  # whether a command that is sent again is followed at once, without the profile
 )
 (
@@ -83,6 +85,8 @@ NAMES: Final = (
     DERATING,
     HEATING,
     INSIDE,
+    KV,
+    RESTART,
     STRAIGHT,
 ) = range(len(NAMES))
 UNLIMITED: Final = (
@@ -92,9 +96,10 @@ UNLIMITED: Final = (
     "torque_limit",
     "stall",
     "free_speed",
+    "restart",
 )
 _GEARED: Final = {  # powers of the gear's ratio in what is seen at the joint
-    1: (KP, KI, INTEGRAL_LIMIT, PUNCH, TORQUE_LIMIT, STALL, PLUS, MINUS, STRIBECK),
+    1: (KP, KV, KI, INTEGRAL_LIMIT, PUNCH, TORQUE_LIMIT, STALL, PLUS, MINUS, STRIBECK),
     2: (KD, INERTIA, VISCOUS_PLUS, VISCOUS_MINUS),
     -1: (FREE_SPEED,),
 }

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.simulation.free_run import commands_of
+from limo_driver.recordings.channels import VELOCITY, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,10 +22,18 @@ _ENOUGH: Final = 0.5  # [rad], beyond which more range says little more
 def commanded_range(recordings: Sequence[Recording]) -> FloatArray:
     """Return the largest range of each joint's commands within a recording, (n,) [rad].
 
+    Of velocities that are told [rad/s], that from rest: one that never changes moves a joint, too.
+
     Args:
         recordings: With commands.
     """
-    return np.max([np.ptp(commands_of(each), axis=0) for each in recordings], axis=0)
+    return np.max([_range(each) for each in recordings], axis=0)
+
+
+def _range(recording: Recording) -> FloatArray:
+    command = commands_of(recording)
+    rest = np.where(led_by(VELOCITY, recording.channels), 0.0, command[0])
+    return np.ptp(np.vstack([command, rest]), axis=0)
 
 
 def busiest(recordings: Sequence[Recording]) -> Recording:

@@ -14,15 +14,19 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.simulation.columns import DELAY, DERATING, SAG, ZERO
+from estimators.drives.simulation.columns import DELAY, DERATING, KV, RESTART, SAG, ZERO
 from estimators.drives.simulation.joint_step import (
+    begins_anew,
+    caught_up,
     commanded,
     derated,
     driven,
     error_of,
     heated,
+    held,
     integrated,
     led,
+    longest_step,
     next_velocity,
     sagged,
     sent_again,
@@ -32,6 +36,7 @@ from estimators.drives.simulation.plant import ServoArm
 from estimators.rigid_body.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
+from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.commanded import set_points
 
 if TYPE_CHECKING:
@@ -53,7 +58,7 @@ def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
     It starts at rest at the first recorded position, and after each gap at the first one behind it.
 
     Args:
-        simulation: With a position servo for each joint.
+        simulation: With a servo for each joint.
         recording: T samples of n joints, with commands; of its positions only the first is used.
 
     Returns:
@@ -65,16 +70,28 @@ def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
         RecordingError: The recording is of another robot, or has no commands.
     """
     recording.check_robot(simulation.model)
-    return run_forward(ServoArm.of(simulation), recording)
+    led = recording.led(simulation.channels)
+    return run_forward(ServoArm.of(simulation).without_restarts(), led)
+
+
+def restarted_run(simulation: Simulation, recording: Recording) -> FloatArray:
+    """Do as `free_run` does, but begin anew where each joint was, as often as its drive asks for.
+
+    What is told by velocity drifts from where it was, and the longer a run, the less its position
+    says of the drive; joints behind position servos are never put back.
+    """
+    recording.check_robot(simulation.model)
+    return run_forward(ServoArm.of(simulation), recording.led(simulation.channels))
 
 
 def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
     """Simulate an arm forward from commands, from where it was at the first of them.
 
-    What it was told before a gap stays in force; after a minute of that it rests.
+    What it was told before a gap stays in force; after a minute of that it rests, unless it is
+    told velocities.
 
     Args:
-        simulation: With a position servo for each joint.
+        simulation: With a servo for each joint.
         told: T set-points of n joints, and the first position.
 
     Returns:
@@ -83,29 +100,41 @@ def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
     Raises:
         ConfigError: As for `free_run`.
     """
-    steps = np.minimum(np.diff(told.time), _RESTS)
+    told, arm = told.led(simulation.channels), ServoArm.of(simulation).without_restarts()
+    rests = np.inf if (arm.rows[:, KV] > 0.0).any() else _RESTS  # what is told to turn, turns on
+    steps = np.minimum(np.diff(told.time), rests)
     time = told.time[0] + np.concatenate([[0.0], np.cumsum(steps)])
-    return follow(ServoArm.of(simulation), time, told.command, told.start)
+    return follow(arm, time, told.command, told.start[None, :], np.zeros(told.n))
 
 
 def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
-    """Do as `free_run` does, with an arm that is taken apart already."""
-    command = commands_of(recording)
+    """Do as `restarted_run` does, with an arm that is taken apart already."""
+    command, velocity = commands_of(recording), np.zeros_like(recording.position)
+    if np.isfinite(arm.rows[:, RESTART]).any():
+        velocity = recording.motion(bandwidth_for([recording])).velocity
     position = np.empty_like(recording.position)
     for rows in recording.segments:
-        start = recording.position[rows][0]
-        position[rows] = follow(arm, recording.time[rows], command[rows], start)
+        recorded = recording.position[rows], velocity[rows][0]
+        position[rows] = follow(arm, recording.time[rows], command[rows], *recorded)
     return position
 
 
-def follow(arm: ServoArm, time: FloatArray, command: FloatArray, start: FloatArray) -> FloatArray:
-    """Simulate an arm forward from commands, at rest at first.
+def follow(
+    arm: ServoArm,
+    time: FloatArray,
+    command: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+) -> FloatArray:
+    """Simulate an arm forward from commands, at rest at first but where joints are put back.
 
     Args:
         arm: Of n joints.
         time: Increasing, (T,) [s].
-        command: Each in force until the next, (T, n) [rad].
-        start: Where the arm is at first, as its encoders read it, (n,) [rad].
+        command: Each in force until the next, (T, n) [rad], or [rad/s] of servos of velocity.
+        position: Where the arm is, as its encoders read it, (T, n) [rad]; the first row is enough
+            where no joint is put back.
+        velocity: At first, (n,) [rad/s], of joints that are put back.
 
     Returns:
         Positions as the encoders would read them, (T, n) [rad].
@@ -123,7 +152,9 @@ def follow(arm: ServoArm, time: FloatArray, command: FloatArray, start: FloatArr
         arm.rows,
         time,
         np.ascontiguousarray(command),
-        np.array(start),
+        np.ascontiguousarray(position),
+        np.array(velocity),
+        min(longest_step(row, LONGEST_STEP) for row in arm.rows),
     )
     if not settled:
         raise ConfigError(
@@ -135,7 +166,7 @@ def follow(arm: ServoArm, time: FloatArray, command: FloatArray, start: FloatArr
 
 
 def commands_of(recording: Recording) -> FloatArray:
-    """Return the commands of a recording, (T, n) [rad].
+    """Return the commands of a recording, (T, n) [rad], or [rad/s] where velocity is told.
 
     Raises:
         RecordingError: It has none.
@@ -182,6 +213,62 @@ def _warm(
             heat[j] = heated(rows[j], heat[j], error[j], velocity[j], h)
 
 
+@compiled(nogil=True)
+def _inertia(
+    rotation: FloatArray,
+    translation: FloatArray,
+    axis: FloatArray,
+    links: FloatArray,
+    q: FloatArray,
+    M: FloatArray,
+) -> None:
+    """Write the mass matrix of a pose into `M`."""
+    n = q.size
+    still, weightless, unit, column = np.zeros(n), np.zeros(3), np.zeros(n), np.empty(n)
+    for j in range(n):
+        unit[j] = 1.0
+        inverse_dynamics(rotation, translation, axis, weightless, links, q, still, unit, column)
+        M[:, j] = column
+        unit[j] = 0.0
+
+
+@compiled(nogil=True)
+def _settled(
+    rows: FloatArray,
+    position: FloatArray,
+    v: FloatArray,
+    error: FloatArray,
+    integral: FloatArray,
+    M: FloatArray,
+    bias: FloatArray,
+    volts: FloatArray,
+    h: float,
+    after: FloatArray,
+    mean: FloatArray,
+) -> bool:
+    """Write the velocities behind a step and within it; say whether those of all joints agree."""
+    for _ in range(_SWEEPS):
+        moved = 0.0
+        for j in range(v.size):
+            load = _load(bias, M, after, v, h, j) - M[j, j] * (after[j] - v[j]) / h
+            new, mean[j] = next_velocity(
+                rows[j],
+                position[j],
+                v[j],
+                error[j],
+                integral[j],
+                M[j, j],
+                load,
+                volts[j],
+                h,
+            )
+            moved = max(moved, abs(new - after[j]))
+            after[j] = new
+        if moved < _CONVERGED:
+            return True
+    return False
+
+
 @compiled(
     reads=(
         "rotation",
@@ -192,7 +279,8 @@ def _warm(
         "rows",
         "time",
         "command",
-        "start",
+        "position",
+        "velocity",
     ),
     nogil=True,
 )
@@ -205,39 +293,41 @@ def _advance(
     rows: FloatArray,
     time: FloatArray,
     command: FloatArray,
-    start: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    longest: float,
 ) -> tuple[FloatArray, bool]:
     """Return the positions (T, n) [rad] of one stretch without a gap, and whether all settled."""
     T, n = command.shape
     result = np.empty((T, n))
     zero = rows[:, ZERO]
+    start, begun = position[0], np.full(n, -math.inf)
     q, v = start - zero, np.zeros(n)
     target, pace, integral = command[0].copy(), np.zeros(n), np.zeros(n)
     at = np.zeros(n, dtype=np.int64)
     bias, error, after, mean = np.empty(n), np.empty(n), np.zeros(n), np.zeros(n)
-    still, weightless, unit, column = np.zeros(n), np.zeros(3), np.zeros(n), np.empty(n)
-    M, fresh = np.empty((n, n)), -math.inf
+    still, M, fresh = np.zeros(n), np.empty((n, n)), -math.inf
     ahead = np.zeros(n)  # drives, within their play
     heat, volts = np.zeros(n), np.ones(n)
     inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
     for j in range(n):
+        integral[j] = held(rows[j], q[j] + zero[j], bias[j])
         ahead[j] = slack(rows[j], bias[j])
         q[j] += ahead[j]
     result[0] = start
     for i in range(T - 1):
-        steps = max(1, math.ceil((time[i + 1] - time[i]) / LONGEST_STEP - ROUNDING))
+        for j in range(n):
+            if begins_anew(rows[j], begun[j], time[i]):
+                q[j], begun[j] = position[i, j] - zero[j] + ahead[j], time[i]
+                if i == 0:
+                    v[j] = velocity[j]
+        steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - ROUNDING))
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):
             now = time[i] + h * s
             if now - fresh >= LONGEST_STEP - ROUNDING:
                 fresh = now
-                for j in range(n):
-                    unit[j] = 1.0
-                    inverse_dynamics(
-                        rotation, translation, axis, weightless, links, q, still, unit, column
-                    )
-                    M[:, j] = column
-                    unit[j] = 0.0
+                _inertia(rotation, translation, axis, links, q, M)
             inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
             for j in range(n):
                 begin = now - rows[j, DELAY]
@@ -249,29 +339,10 @@ def _advance(
                 integral[j] = integrated(rows[j], integral[j], error[j], h)
             volts[:] = _supplied(rows, error, v)
             _warm(rows, volts, heat, error, v, h)
-            moved = math.inf
-            for _ in range(_SWEEPS):
-                moved = 0.0
-                for j in range(n):
-                    load = _load(bias, M, after, v, h, j) - M[j, j] * (after[j] - v[j]) / h
-                    new, mean[j] = next_velocity(
-                        rows[j],
-                        q[j] + zero[j],
-                        v[j],
-                        error[j],
-                        integral[j],
-                        M[j, j],
-                        load,
-                        volts[j],
-                        h,
-                    )
-                    moved = max(moved, abs(new - after[j]))
-                    after[j] = new
-                if moved < _CONVERGED:
-                    break
-            if moved >= _CONVERGED:
+            if not _settled(rows, q + zero, v, error, integral, M, bias, volts, h, after, mean):
                 return result, False
             for j in range(n):
+                integral[j] = caught_up(rows[j], integral[j], error[j], mean[j], h)
                 ahead[j] = slack(rows[j], _load(bias, M, after, v, h, j))
                 q[j] += h * mean[j]
             v[:] = after

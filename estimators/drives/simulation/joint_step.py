@@ -28,6 +28,7 @@ from estimators.drives.simulation.columns import (
     KD,
     KI,
     KP,
+    KV,
     MINUS,
     OFFSET,
     PLAY,
@@ -36,6 +37,7 @@ from estimators.drives.simulation.columns import (
     RESISTED,
     RESOLUTION,
     REST,
+    RESTART,
     SPEED,
     SPRING,
     STALL,
@@ -52,6 +54,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _PRESSED: Final = 0.01  # [N m], from which on a flank is touched
+# [s]; inertia over the gain of a servo of velocity, in which it follows, is 10 ms or so
+_QUICK_STEP: Final = 0.002
 
 
 @compiled(nogil=True)
@@ -123,7 +127,12 @@ def led(
 
 @compiled(nogil=True)
 def error_of(row: FloatArray, target: float, position: float) -> float:
-    """Return the error that the servo acts on [rad]."""
+    """Return the error that the servo acts on [rad].
+
+    Of a servo of velocity, what it is told [rad/s]: the rest of its error is damping.
+    """
+    if row[KV] > 0.0:
+        return target
     step, band = row[RESOLUTION], row[DEAD_BAND]
     if step > 0.0:
         position = step * math.floor(position / step + 0.5)
@@ -135,9 +144,70 @@ def error_of(row: FloatArray, target: float, position: float) -> float:
 
 @compiled(nogil=True)
 def integrated(row: FloatArray, integral: float, error: float, h: float) -> float:
-    """Return the torque of the integral [N m] a step later."""
+    """Return the torque of the integral [N m] a step later; of a servo of velocity, as it is."""
+    if row[KV] > 0.0:
+        return integral
     most = row[INTEGRAL_LIMIT]
     return min(max(integral + row[KI] * error * h, -most), most)
+
+
+@compiled(nogil=True)
+def caught_up(row: FloatArray, integral: float, told: float, mean: float, h: float) -> float:
+    """Return the torque of the integral [N m] of a servo of velocity behind a step.
+
+    Args:
+        row: The constants of the joint.
+        integral: Before the step [N m].
+        told: Velocity [rad/s].
+        mean: That of the joint within the step [rad/s].
+        h: Step [s].
+    """
+    if row[KV] == 0.0:
+        return integral
+    most = row[INTEGRAL_LIMIT]
+    return min(max(integral + row[KI] * (told - mean) * h, -most), most)
+
+
+@compiled(nogil=True)
+def longest_step(row: FloatArray, usual: float) -> float:
+    """Return the longest step [s] in which a joint is simulated.
+
+    Args:
+        row: The constants of the joint.
+        usual: That behind a servo of position [s].
+    """
+    return min(usual, _QUICK_STEP) if row[KV] > 0.0 else usual
+
+
+@compiled(nogil=True)
+def begins_anew(row: FloatArray, begun: float, now: float) -> bool:
+    """Say whether errors of a joint begin anew, as those of what drifts do from time to time.
+
+    Args:
+        row: The constants of the joint.
+        begun: When they began [s]; -inf where they have not yet.
+        now: [s].
+    """
+    return row[RESTART] < math.inf and now - begun >= row[RESTART]
+
+
+@compiled(nogil=True)
+def held(row: FloatArray, position: float, load: float) -> float:
+    """Return the torque of an integral [N m] that holds a joint at rest.
+
+    That of a servo of position begins with none: its error holds the joint.
+
+    Args:
+        row: The constants of the joint.
+        position: [rad].
+        load: Torque that the rigid body needs [N m].
+    """
+    if row[KV] == 0.0 or row[KI] == 0.0:
+        return 0.0
+    away = position - row[REST]
+    pull = load + row[OFFSET] + (row[SPRING] + row[CUBIC] * away * away) * away
+    most = min(row[INTEGRAL_LIMIT], row[TORQUE_LIMIT], row[STALL])
+    return min(max(pull, -most), most)
 
 
 @compiled(nogil=True)
@@ -240,7 +310,7 @@ def next_velocity(
         row: The constants of the joint.
         position: [rad].
         velocity: [rad/s].
-        error: That the servo acts on [rad].
+        error: That the servo acts on [rad], or what one of velocity is told [rad/s].
         integral: Torque of the servo's integral [N m].
         inertia: Of the rigid body about the joint [kg m²].
         load: Torque that the rigid body needs at no acceleration of this joint [N m].
@@ -256,7 +326,11 @@ def next_velocity(
     soft = slope - braked + row[DRAG] * abs(velocity) + 0.5 * spring * h
     passive = heavy * velocity - load - row[OFFSET] - spring * away
     push, stiff = integral, row[KD] + braked
-    if error != 0.0:
+    if row[KV] > 0.0:
+        gain = row[KV] + 0.5 * row[KI] * h
+        push += gain * error
+        stiff += gain
+    elif error != 0.0:
         push += row[KP] * error + math.copysign(row[PUNCH], error)
         stiff += 0.5 * row[KP] * h
     push, stiff = supply * push, supply * stiff

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from estimators.drives.simulation.columns import DELAY
+from estimators.drives.simulation.columns import DELAY, KV
 from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.joint_step import draws
 from estimators.drives.simulation.one_joint import LoadedJoint
@@ -215,7 +215,10 @@ class ArmLoads:
     @property
     def shows_supply(self) -> bool:
         """Whether the stated drives say how far they are driven."""
-        return self.stated is not None and bool(np.isfinite(most_torque(self.stated)).all())
+        if self.stated is None:
+            return False
+        known = np.isfinite(most_torque(self.stated)) & (self.stated[:, KV] == 0.0)
+        return bool(known.all())
 
     def _supply(self, change: ArmChange) -> FloatArray:
         """Return the voltage over that without load, of all rows (T,), of one supply.
@@ -269,10 +272,18 @@ def as_described(recording: Recording, change: ArmChange) -> Recording:
         change: How the arm that was recorded differs.
     """
     order, sign = list(change.order or range(recording.n)), np.array(change.sign)
+    channels = tuple(recording.channels[j] for j in order)
     position, command = (
         values[:, order] * sign for values in (recording.position, commands_of(recording))
     )
-    return replace(recording, position=position, command=command, velocity=None, extras={})
+    return replace(
+        recording,
+        position=position,
+        command=command,
+        channels=channels,
+        velocity=None,
+        extras={},
+    )
 
 
 def _linked(motion: Motion, change: ArmChange) -> Motion:

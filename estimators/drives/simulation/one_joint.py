@@ -13,15 +13,19 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from estimators.drives.simulation.columns import DELAY, DERATING, NAMES, geared
+from estimators.drives.simulation.columns import DELAY, DERATING, KV, NAMES, geared
 from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.joint_step import (
+    begins_anew,
+    caught_up,
     commanded,
     derated,
     error_of,
     heated,
+    held,
     integrated,
     led,
+    longest_step,
     next_velocity,
     sent_again,
     slack,
@@ -48,7 +52,7 @@ class LoadedJoint:
     """Recorded motion of one joint over T samples, and what loads it."""
 
     time: FloatArray  # (T,) [s]
-    command: FloatArray  # (T,) [rad]
+    command: FloatArray  # (T,) [rad], or [rad/s] of a servo of velocity
     position: FloatArray  # (T,) [rad]
     velocity: FloatArray  # (T,) [rad/s], zero-phase
     load: FloatArray  # (T,) [N m], rigid body without the joint's own acceleration
@@ -85,7 +89,9 @@ class LoadedJoint:
     def simulate(self, row: FloatArray) -> FloatArray:
         """Return the positions that a joint of these constants takes, (T,) [rad].
 
-        It begins at rest where the recorded one was, in each stretch anew.
+        It begins at rest where the recorded one was, in each stretch anew; behind a servo of
+        velocity as fast as that was, and is put back where that was each time that its errors begin
+        anew.
         """
         return _advance(
             geared(row),
@@ -93,10 +99,21 @@ class LoadedJoint:
             self.time,
             self.command,
             self.position,
+            self.velocity,
             self.load,
             self.inertia,
             self.supply,
         )
+
+
+def lag(part: LoadedJoint, row: FloatArray) -> FloatArray:
+    """Return by how much a joint lags what its servo is told (T,): [rad], or of velocity [rad/s].
+
+    Args:
+        part: A recorded stretch.
+        row: The constants of the joint.
+    """
+    return part.command - (part.velocity if row[KV] > 0.0 else part.position)
 
 
 _BY_ROW: Final = ("time", "command", "position", "velocity", "load", "inertia", "supply")
@@ -135,7 +152,17 @@ def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[lis
 
 
 @compiled(
-    reads=("constants", "begins", "time", "command", "position", "load", "inertia", "supply"),
+    reads=(
+        "constants",
+        "begins",
+        "time",
+        "command",
+        "position",
+        "velocity",
+        "load",
+        "inertia",
+        "supply",
+    ),
     nogil=True,
 )
 def _advance(
@@ -144,6 +171,7 @@ def _advance(
     time: FloatArray,
     command: FloatArray,
     position: FloatArray,
+    velocity: FloatArray,
     load: FloatArray,
     inertia: FloatArray,
     supply: FloatArray,
@@ -157,7 +185,8 @@ def _advance(
             constants,
             time[own],
             command[own],
-            float(position[begins[k]]),
+            position[own],
+            velocity[own],
             load[own],
             inertia[own],
             supply[own],
@@ -165,12 +194,16 @@ def _advance(
     return result
 
 
-@compiled(reads=("constants", "time", "command", "load", "inertia", "supply"), nogil=True)
+@compiled(
+    reads=("constants", "time", "command", "position", "velocity", "load", "inertia", "supply"),
+    nogil=True,
+)
 def _advance_one(
     constants: FloatArray,
     time: FloatArray,
     command: FloatArray,
-    start: float,
+    position: FloatArray,
+    velocity: FloatArray,
     load: FloatArray,
     inertia: FloatArray,
     supply: FloatArray,
@@ -179,12 +212,17 @@ def _advance_one(
     # scalars: views of arrays are counted at each call, which takes as long as the step itself
     row = to_fixed_tuple(constants, _COLUMNS)  # pyright: ignore[reportCallIssue]  # an intrinsic
     result = np.empty(time.size)
-    ahead = slack(row, load[0])
-    q, v, integral, at = start + ahead, 0.0, 0.0, 0
+    start, ahead = position[0], slack(row, load[0])
+    q, v, integral, at = start + ahead, 0.0, held(row, start, load[0]), 0
     target, pace, delay, heat = command[0], 0.0, row[DELAY], 0.0
-    result[0] = start
+    result[0], begun = start, -math.inf
+    longest = longest_step(row, FIT_STEP)
     for i in range(time.size - 1):
-        steps = max(1, math.ceil((time[i + 1] - time[i]) / FIT_STEP - LONGER))
+        if begins_anew(row, begun, time[i]):
+            q, begun = position[i] + ahead, time[i]
+            if i == 0:
+                v = velocity[0]
+        steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - LONGER))
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):
             begin = time[i] + h * s - delay
@@ -201,6 +239,7 @@ def _advance_one(
                 volts = derated(row, volts, heat)
                 heat = heated(row, heat, error, v, h)
             after, mean = next_velocity(row, q, v, error, integral, inertia[i], now, volts, h)
+            integral = caught_up(row, integral, error, mean, h)
             ahead = slack(row, now + inertia[i] * (after - v) / h)
             v = after
             q += h * mean

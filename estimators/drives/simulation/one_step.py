@@ -15,12 +15,15 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from estimators.drives.simulation.columns import DELAY, DERATING, INERTIA, NAMES, geared
 from estimators.drives.simulation.joint_step import (
+    caught_up,
     commanded,
     derated,
     error_of,
     heated,
+    held,
     integrated,
     led,
+    longest_step,
     next_velocity,
     sent_again,
     slack,
@@ -94,13 +97,14 @@ def _each_row(
     """Return the errors of a step [rad] and of torque [N m] of one stretch, (2, T - 1)."""
     row = to_fixed_tuple(constants, _COLUMNS)  # pyright: ignore[reportCallIssue]  # an intrinsic
     found = np.empty((2, time.size - 1))
-    integral, at, heat = 0.0, 0, 0.0
+    integral, at, heat = held(row, position[0], load[0]), 0, 0.0
     target, pace, delay = command[0], 0.0, row[DELAY]
+    longest = longest_step(row, FIT_STEP)
     for i in range(time.size - 1):
         v = velocity[i] if abs(velocity[i]) > _STILL else 0.0
         ahead = slack(row, load[i] + inertia[i] * acceleration[i])
         q = position[i] + ahead
-        steps = max(1, math.ceil((time[i + 1] - time[i]) / FIT_STEP - LONGER))
+        steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - LONGER))
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):
             begin = time[i] + h * s - delay
@@ -123,6 +127,7 @@ def _each_row(
             part = (s + 0.5) / steps
             now = load[i] + part * (load[i + 1] - load[i])
             after, mean = next_velocity(row, q, v, error, integral, inertia[i], now, volts, h)
+            integral = caught_up(row, integral, error, mean, h)
             ahead = slack(row, now + inertia[i] * (after - v) / h)
             v = after
             q += h * mean

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from estimators.drives.simulation.columns import (
     KD,
     NAMES,
     RESISTED,
+    RESTART,
     STALL,
     TORQUE_LIMIT,
     UNLIMITED,
@@ -30,7 +31,6 @@ from limo_driver.physics import (
     DcMotor,
     EncoderOffset,
     LoadDependentFriction,
-    PositionServo,
     QuadraticDrag,
     SensorEffect,
     SpringLoad,
@@ -39,6 +39,8 @@ from limo_driver.physics import (
     TorqueOffset,
     ViscousFriction,
 )
+from limo_driver.physics.drives import DRIVES
+from limo_driver.recordings.channels import VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -48,6 +50,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _Values = dict[str, float]  # by column
+_LED: Final = tuple(name for name, kind in DRIVES.items() if kind.channel is not None)
+DRIFTS: Final = 1.0  # [s] of a run, after which what is told by velocity is put back where it was
 # Load-dependent friction that can be run forward: its factors as the load resists and as it drives.
 PRESSED: Final = {"absolute": (1.0, 1.0), "positive": (1.0, 0.0), "negative": (0.0, 1.0)}
 
@@ -65,9 +69,15 @@ class ServoArm:
         """Take a simulation apart.
 
         Raises:
-            ConfigError: A joint has no position servo, or an effect cannot be run forward.
+            ConfigError: A joint has no servo, or an effect cannot be run forward.
         """
         return cls.with_rows(simulation.body, rows_of(simulation))
+
+    def without_restarts(self) -> ServoArm:
+        """Return the same arm, which is never put back where it was."""
+        rows = self.rows.copy()
+        rows[:, RESTART] = np.inf
+        return replace(self, rows=rows)
 
     @classmethod
     def with_rows(cls, body: RobotModel, rows: FloatArray) -> ServoArm:
@@ -79,13 +89,13 @@ def rows_of(simulation: Simulation) -> FloatArray:
     """Return the constants of each joint, (n, columns).
 
     Raises:
-        ConfigError: A joint has no position servo, or an effect cannot be run forward.
+        ConfigError: A joint has no servo, or an effect cannot be run forward.
     """
     n = simulation.model.n
-    served = {drive.joint for drive in simulation.drives if isinstance(drive, PositionServo)}
-    if missing := [j for j in range(1, n + 1) if j not in served]:
+    missing = [j for j, own in enumerate(simulation.channels, start=1) if own is None]
+    if missing:
         raise ConfigError(
-            f"`drives:` has no position_servo for joint{'s' * (len(missing) > 1)} "
+            f"`drives:` has no {' or '.join(_LED)} for joint{'s' * (len(missing) > 1)} "
             f"{', '.join(map(str, missing))} of {simulation.model.name}; without one, nothing says "
             "what a command does there"
         )
@@ -102,6 +112,8 @@ def rows_of(simulation: Simulation) -> FloatArray:
         rows[:, NAMES.index(name)] = value
     for drive in simulation.drives:
         _enter(rows[drive.joint - 1], _of_drive(drive))
+        if drive.channel is VELOCITY:
+            rows[drive.joint - 1, RESTART] = DRIFTS
     for effect in simulation.effects:
         if isinstance(effect, (BodyEffect, SensorEffect, TorqueDrift)):
             continue  # in the rigid body already, or nothing that moves an arm
@@ -115,12 +127,12 @@ def tolerances_of(simulation: Simulation) -> FloatArray:
     That of damping is of servo and joint together.
 
     Raises:
-        ConfigError: A joint has no position servo, or an effect cannot be run forward.
+        ConfigError: A joint has no servo, or an effect cannot be run forward.
     """
     usual, rows = simulation.tolerances.drive, rows_of(simulation)
     found = np.full(rows.shape, usual)
     for drive in simulation.drives:
-        if isinstance(drive, PositionServo):
+        if drive.channel is not None:
             _enter(found[drive.joint - 1], drive.tolerances)
     for column in (VISCOUS_PLUS, VISCOUS_MINUS):
         whole = rows[:, KD] + rows[:, column]

@@ -1,27 +1,27 @@
-"""Drives written into an MJCF file: a position actuator for each servo."""
+"""Drives written into an MJCF file: an actuator of position or velocity for each servo."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from limo_driver.descriptions.description import StatedServo
 from limo_driver.errors import ConfigError
 from limo_driver.exports.xml_edits import as_attribute, differ
-from limo_driver.physics import PositionServo
+from limo_driver.physics.drives import as_described
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from limo_driver.descriptions.description import StatedServo
     from limo_driver.exports.changes.target import Target
     from limo_driver.exports.xml_edits import Element, XmlText
 
 
 def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into: Path) -> None:
-    """Write gains, limits and delays of position servos.
+    """Write gains, limits and delays of servos.
 
-    What a position actuator has no attribute for (dead band, play, profile, integrator, motor,
+    What these actuators have no attribute for (dead band, play, profile, integrator, motor,
     supply) is not written, and told by `unwritten`.
 
     Args:
@@ -35,11 +35,10 @@ def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into
     """
     names = target.model.joint_names
     new: list[str] = []
-    for servo in target.simulation.drives:
-        if not isinstance(servo, PositionServo):
+    for drive in target.simulation.drives:
+        if (wanted := as_described(drive)) is None:
             continue
-        name = names[servo.joint - 1]
-        wanted = StatedServo(servo.kp, servo.kd, servo.torque_limit, servo.delay)
+        name, tag = names[drive.joint - 1], "velocity" if wanted.kp == 0.0 else "position"
         stated = target.model.description.servos.get(name)
         if stated is not None and _alike(stated, wanted):
             continue
@@ -47,17 +46,18 @@ def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into
         text, element = _actuator(texts, name)
         if text is None or element is None:
             written = " ".join(f'{key}="{value}"' for key, value in values.items())
-            new.append(f'<position joint="{as_attribute(name)}" {written}/>')
-        elif element.tag not in ("position", "general") or stated is None:
+            new.append(f'<{tag} joint="{as_attribute(name)}" {written}/>')
+        elif element.tag not in (tag, "general") or stated is None:
             raise ConfigError(
-                f"joint {name} is moved by <{element.tag}>; expected <position>, or no actuator, "
+                f"joint {name} is moved by <{element.tag}>; expected <{tag}>, or no actuator, "
                 "to write its servo",
                 path=into,
             )
         else:
             if element.tag == "general":
-                kp, kv = values.pop("kp"), values.pop("kv")
-                values |= {"gainprm": kp, "biasprm": f"0 -{kp} -{kv}"}
+                kp, kv = values.pop("kp", "0"), values.pop("kv")
+                gain = kv if tag == "velocity" else kp
+                values |= {"gainprm": gain, "biasprm": f"0 -{kp} -{kv}"}
             for key, value in values.items():
                 text.set(element, key, value)
     if new:
@@ -81,6 +81,8 @@ def _actuator(texts: Sequence[XmlText], joint: str) -> tuple[XmlText | None, Ele
 
 def _attributes(servo: StatedServo, stated: StatedServo | None, timestep: float) -> dict[str, str]:
     values = {"kp": f"{servo.kp:.10g}", "kv": f"{servo.kd:.10g}"}
+    if servo.kp == 0.0:
+        del values["kp"]
     if servo.limit is not None:
         values["forcerange"] = f"{-servo.limit:.10g} {servo.limit:.10g}"
     elif stated is not None and stated.limit is not None:

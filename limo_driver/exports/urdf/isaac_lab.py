@@ -2,7 +2,8 @@
 
 Dry friction there is an effort that resists at rest (`friction`) and in motion
 (`dynamic_friction`), and `viscous_friction` goes with speed: in N m, from Isaac Sim 5 on. A
-position servo is `stiffness`, `damping` and `effort_limit_sim`; comments say what else it has.
+position servo is `stiffness`, `damping` and `effort_limit_sim`, one of velocity a `damping` without
+stiffness; comments say what else they have.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ import ast
 import json
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.exports.unwritten import BEYOND_ACTUATORS
-from limo_driver.physics import PositionServo
+from limo_driver.exports.unwritten import BEYOND_ACTUATORS, unit_of
+from limo_driver.physics.drives import as_described
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -30,11 +31,10 @@ _TABLES: Final = {
 _SERVO: Final = {
     "STIFFNESS": ("stiffness", "kp", "of the servo [N m/rad]"),
     "SERVO_DAMPING": ("damping", "kd", "of the servo [N m s/rad]"),
-    "EFFORT": ("effort_limit_sim", "torque_limit", "most of the servo [N m]"),
+    "EFFORT": ("effort_limit_sim", "limit", "most of the servo [N m]"),
 }
-_BEYOND: Final = {  # what no `ImplicitActuatorCfg` says, and why
+_OWN: Final = {  # what no `ImplicitActuatorCfg` says, beside what no actuator of MJCF does
     "delay": "s; `DelayedPDActuatorCfg` has delays in steps of its simulation",
-    **BEYOND_ACTUATORS,
 }
 
 
@@ -50,9 +50,11 @@ def actuators(
         asset: Name of the URDF beside it.
         names: Of the joints.
         joints: Physics of each.
-        drives: Their drives, of which position servos are written.
+        drives: Their drives, of which servos are written.
     """
-    servos = [drive for drive in drives if isinstance(drive, PositionServo)]
+    pairs = [(drive, as_described(drive)) for drive in drives]
+    servos = [drive for drive, own in pairs if own is not None]
+    stated = {drive.joint - 1: own for drive, own in pairs if own is not None}
     lines = [
         f'"""Friction and armature of the joints of {asset}, whose inertias are in that file.',
         "",
@@ -69,7 +71,7 @@ def actuators(
         lines += ["}"]
     given = dict[str, str]()
     for table, (argument, key, said) in _SERVO.items():
-        known = {names[servo.joint - 1]: getattr(servo, key) for servo in servos}
+        known = {names[j]: getattr(servo, key) for j, servo in stated.items()}
         known = {name: value for name, value in known.items() if value is not None}
         if known:
             lines += [f"{table} = {{  # {said}"]
@@ -97,11 +99,13 @@ def actuators(
     return "\n".join(lines)
 
 
-def _beyond(servos: Sequence[PositionServo], names: Sequence[str]) -> Iterator[str]:
+def _beyond(servos: Sequence[JointDrive], names: Sequence[str]) -> Iterator[str]:
     """Yield comments on what of servos is not written."""
-    for key, unit in _BEYOND.items():
-        told = [(names[s.joint - 1], getattr(s, key)) for s in servos if getattr(s, key)]
+    for key in (*_OWN, *BEYOND_ACTUATORS):
+        own = [s for s in servos if getattr(s, key, None)]
+        told = [(names[s.joint - 1], getattr(s, key)) for s in own]
         if told:
+            unit = _OWN.get(key) or unit_of(own[0], key)
             values = ", ".join(f"{json.dumps(name)}: {value:.4g}" for name, value in told)
             yield f"# not written: {key} [{unit}] of {values}"
 

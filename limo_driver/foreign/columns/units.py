@@ -41,6 +41,7 @@ UNITS: Final[dict[str, dict[str, float]]] = {
     "temperature": {"°C": 1.0},
 }
 UNITS["command"] = UNITS["position"]
+UNITS["command_velocity"] = UNITS["velocity"]
 CURRENTS: Final = ("A", "mA")
 
 # How names and brackets write them; a name is cut into words, in lower case, without signs.

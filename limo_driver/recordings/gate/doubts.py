@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.recordings.channels import VELOCITY, led_by
 from limo_driver.recordings.gate.gaps import contiguous
 from limo_driver.recordings.gate.velocities import velocity_factors
 
@@ -63,10 +64,11 @@ def about_gaps(time: FloatArray) -> list[str]:
 
 def _about_joints(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
     found: list[str] = []
+    turning = led_by(VELOCITY, columns.led)  # as wheels do, turn after turn
     for j in range(columns.position.shape[1]):
         position = columns.position[rows, j]
         torque = columns.torque[rows, j]
-        if (farthest := float(np.abs(position).max())) > _TURNS:
+        if not turning[j] and (farthest := float(np.abs(position).max())) > _TURNS:
             found.append(
                 f"position_{j + 1} reaches {farthest:.4g} rad, {farthest / (2 * np.pi):.3g} "
                 "turns; is it in degrees?"

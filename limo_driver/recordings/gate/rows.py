@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
+from limo_driver.recordings.channels import POSITION, by_channel, led_by
 from limo_driver.recordings.gate.doubts import STILL, doubts_about_rows
 from limo_driver.recordings.gate.gaps import contiguous, longest_step
 from limo_driver.recordings.gate.held_values import held_position, held_torque
@@ -34,7 +35,13 @@ SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
 _BACKWARDS = 0.5  # share of steps back in time above which the rows are in reverse order
 # rad (a hundred turns are 628), rad/s, N m: what no arm does. What this arm cannot do is seen once
 # the arm is known, by `Recording.check_robot`.
-_IMPOSSIBLE = {"position": 1e3, "command": 1e3, "velocity": 1e3, "torque": 1e6}
+_IMPOSSIBLE = {
+    "position": 1e3,
+    "command": 1e3,
+    "command_velocity": 1e3,
+    "velocity": 1e3,
+    "torque": 1e6,
+}
 _IMPOSSIBLE_TORQUE = (1e3, 1e3)  # times a joint's median torque, and at least so many N m
 _IMPOSSIBLE_TIME = 10.0  # of the recording's length, from its middle
 _IMPOSSIBLE_EXTRA = 1e6  # of any other quantity
@@ -42,6 +49,7 @@ _UNIT_HINT = {
     "position": "rad; is it in degrees or encoder counts?",
     "command": "rad; is it in degrees or encoder counts?",
     "velocity": "rad/s; is it in degrees or counts?",
+    "command_velocity": "rad/s; is it in degrees or counts?",
     "torque": "N m; is it in N mm or mA?",
 }
 _DEGREES = (30.0, 90.0)  # ratio of difference quotient to velocity that says degrees (57.3)
@@ -198,7 +206,7 @@ class _Gate:
             return ""
         kinds = {"position": columns.position, "torque": columns.torque}
         if columns.command is not None:
-            kinds["command"] = columns.command
+            kinds |= by_channel(columns.command, columns.led)
         named = [
             f"{kind}_{j + 1}"
             for kind, values in kinds.items()
@@ -315,11 +323,14 @@ class _Gate:
 
     def held_positions(self) -> dict[str, NDArray[np.int64]]:
         """Return the rows with a position that an encoder repeats in motion, by reason."""
+        led = led_by(POSITION, self.columns.led)
         command = self.columns.command
         return {
             f"position_{j + 1} repeats a value while the joint moves": self.rows[
                 held_position(
-                    self.time, position, None if command is None else command[self.rows, j]
+                    self.time,
+                    position,
+                    command[self.rows, j] if command is not None and led[j] else None,
                 )
             ]
             for j, position in enumerate(self.columns.position[self.rows].T)

@@ -27,6 +27,30 @@ ARM = """<mujoco>
 </mujoco>"""
 
 
+KV = (6.0, 3.0)
+VELOCITY = ("command_velocity",) * 2  # channels of such an arm
+TURNED = """<actuator>
+    <velocity joint="shoulder" kv="{kv[0]}"/>
+    <velocity joint="elbow" kv="{kv[1]}"/>
+  </actuator>"""
+
+
+def write_turned_arm(path, *, friction=0.0):
+    """Write the arm behind servos of velocity as MJCF and return the path."""
+    write_arm(path, friction=friction)
+    before, _, rest = path.read_text().partition("<actuator>")
+    path.write_text(before + TURNED.format(kv=KV) + rest.partition("</actuator>")[2])
+    return path
+
+
+def velocities(duration, rate, seed):
+    """Return times (T,) [s] and velocities of both joints, (T, 2) [rad/s]."""
+    random, time = np.random.default_rng(seed), np.arange(round(duration * rate)) / rate
+    pace = np.exp(random.uniform(np.log(0.5), np.log(6.0), (4, 2)))
+    phase = random.uniform(0.0, 2.0 * np.pi, (4, 2))
+    return time, 0.5 * np.sin(pace * time[:, None, None] + phase).sum(axis=1)
+
+
 def write_arm(path, *, friction=0.0, limit=50.0, kd=KD, damping=DAMPING):
     """Write the arm as MJCF and return the path."""
     values = {"kp": KP, "kd": kd, "damping": damping, "armature": ARMATURE}
@@ -43,20 +67,40 @@ def commands(duration, rate, pace=1.0):
     return time, np.stack([shoulder, elbow], axis=1)
 
 
-def recorded(time, command, position):
+def recorded(time, command, position, channels=()):
     """Return a recording without torque."""
-    return Recording.from_arrays(time, position, command=command)
+    return Recording.from_arrays(time, position, command=command, channels=channels)
 
 
-def simulated(path, time, command):
+def simulated(path, time, command, start=None):
     """Return where MuJoCo moves the arm, (T, 2) [rad], each command in force until the next one."""
     model = mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(model)
-    data.qpos[:] = command[0]
+    data.qpos[:] = command[0] if start is None else start
     position = np.empty_like(command)
     steps = round(float(time[1] - time[0]) / model.opt.timestep)
     for k, wanted in enumerate(command):
         position[k] = data.qpos
         data.ctrl[:] = wanted
         mujoco.mj_step(model, data, steps)
+    return position
+
+
+def turned(path, time, command, start, *, kv=KV, ki=(0.0, 0.0), late=0.0):
+    """Return where servos of velocity move the arm as MuJoCo has its body, (T, 2) [rad]."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    for actuator in spec.actuators:
+        actuator.set_to_motor()
+    model = spec.compile()
+    data, asked = mujoco.MjData(model), np.zeros(2)
+    data.qpos[:] = start
+    position, h = np.empty_like(command), model.opt.timestep
+    for k, now in enumerate(time):
+        position[k] = data.qpos
+        for step in range(round((time[1] - time[0]) / h)):
+            row = np.searchsorted(time, now + h * step - late + 1e-9, side="right") - 1
+            error = command[max(row, 0)] - data.qvel
+            asked += np.array(ki) * error * h
+            data.ctrl[:] = np.array(kv) * error + asked
+            mujoco.mj_step(model, data)
     return position

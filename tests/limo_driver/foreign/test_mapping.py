@@ -129,3 +129,35 @@ def test_mistakes_in_a_file_have_a_line(tmp_path):
     path.write_text("joints: [a]\ntime: {columns: t}\nposition:\n  columns: [q]\n  unit: yard\n")
     with pytest.raises(ConfigError, match=r"mapping.yaml, line 5: position: .*yard"):
         LogMapping.load(path)
+
+
+def told(*joints):
+    """Return columns of commands of some joints, 0-based."""
+    return Channels(columns=tuple(f"c{j}" if j in joints else "-" for j in range(7)), unit=("rad",))
+
+
+def test_velocities_that_are_told_are_commands_of_their_joints():
+    log = LOG | {f"c{j}": np.full(ROWS, 10.0 * j) for j in range(7)}
+    speeds = Channels(columns=told(5, 6).columns, unit=("deg/s",))
+    given = mapping(torque=None, command=told(0, 1, 2, 3, 4), command_velocity=speeds)
+
+    found = given.columns(table_of(log), arm())
+
+    assert found.led == ("command",) * 5 + ("command_velocity",) * 2
+    np.testing.assert_allclose(found.command[0], [0, 10, 20, 30, 40, *np.deg2rad([50.0, 60.0])])
+    assert np.isnan(found.torque).all()
+
+
+def test_beside_torques_they_are_kept():
+    log = LOG | {f"c{j}": np.full(ROWS, 10.0 * j) for j in range(7)}
+    speeds = Channels(columns=tuple(f"c{j}" for j in range(7)), unit=("rad/s",))
+
+    found = mapping(command_velocity=speeds).columns(table_of(log), arm())
+
+    assert found.command is None
+    np.testing.assert_allclose(found.extras["command_velocity"][0], 10.0 * np.arange(7))
+
+
+def test_a_joint_that_is_told_nothing_is_named():
+    with pytest.raises(ConfigError, match=f"command: no column of joint {JOINTS[6]}"):
+        mapping(torque=None, command=told(0, 1, 2, 3, 4, 5))

@@ -87,7 +87,10 @@ def test_a_file_without_drives_has_those_of_its_robot(described, tmp_path):
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ("{drive: servo, joint: 1}", "drive is 'servo', expected one of position_servo, dc_motor"),
+        (
+            "{drive: servo, joint: 1}",
+            "drive is 'servo', expected one of position_servo, velocity_servo, dc_motor",
+        ),
         ("{drive: position_servo, joint: 1}", "lacks kp"),
         ("{drive: position_servo, joint: 2, kp: 1}", "joint is 2, expected a joint from 1 to 1"),
         ("{drive: position_servo, joint: 1, kp: -1}", "kp is -1"),

@@ -67,3 +67,71 @@ def test_a_command_of_fewer_joints_is_refused(tmp_path):
 def test_commands_in_degrees_are_refused():
     with pytest.raises(RecordingError, match=r"command_1 .* rad; is it in degrees"):
         Recording.from_arrays(TIME, POSITION, command=1e4 * (1.1 + COMMAND))
+
+
+VELOCITY = ("command_velocity",) * 2
+MIXED = ("command", "command_velocity")
+
+
+@pytest.mark.parametrize("channels", [VELOCITY, MIXED])
+def test_velocities_come_back_from_a_file(tmp_path, channels):
+    Recording.from_arrays(TIME, POSITION, command=COMMAND, channels=channels).save(
+        tmp_path / "run.parquet"
+    )
+
+    back = Recording.load(tmp_path / "run.parquet")
+
+    assert back.channels == channels
+    assert back.command == pytest.approx(COMMAND)
+    assert not back.has_torque
+    assert not back.warnings
+
+
+def test_a_joint_that_is_told_nothing_is_refused(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("time,position_1,position_2,command_velocity_2\n0.0,0.1,0.1,0.2\n")
+    with pytest.raises(RecordingError, match="lacks command_velocity_1"):
+        Recording.load(path)
+
+
+def test_beside_torques_velocities_that_are_told_are_kept(tmp_path):
+    told = {"command_velocity": COMMAND}
+    Recording.from_arrays(TIME, POSITION, 0.1 + COMMAND, extras=told).save(tmp_path / "a.parquet")
+
+    back = Recording.load(tmp_path / "a.parquet")
+
+    assert back.command is None
+    assert back.has_torque
+    led = back.led(VELOCITY)
+    assert led.channels == VELOCITY
+    assert led.command == pytest.approx(COMMAND)
+
+
+def test_a_drive_gets_its_own_channel_or_is_told_what_lacks():
+    both = Recording.from_arrays(
+        TIME, POSITION, command=COMMAND, extras={"command_velocity": 2.0 * COMMAND}
+    )
+    led = both.led((None, "command_velocity"))
+    assert led.channels == MIXED
+    assert led.command[:, 0] == pytest.approx(COMMAND[:, 0])
+    assert led.command[:, 1] == pytest.approx(2.0 * COMMAND[:, 1])
+
+    alone = Recording.from_arrays(TIME, POSITION, command=COMMAND)
+    message = (
+        r"lacks command_velocity_2: the drive of joint 2 takes rad/s, and what was recorded is "
+        r"command_2 \[rad\]"
+    )
+    with pytest.raises(RecordingError, match=message):
+        alone.led((None, "command_velocity"))
+
+
+def test_a_wheel_that_turns_on_is_no_arm_in_degrees():
+    turned = 3.0 * TIME[:, None] * np.array([1.0, 2.0])
+    recording = Recording.from_arrays(TIME, turned, command=3.0 + COMMAND, channels=VELOCITY)
+    assert not recording.warnings
+
+
+@pytest.mark.parametrize("channels", [("command",), ("command", "torque")])
+def test_channels_that_are_none_are_refused(channels):
+    with pytest.raises((RecordingError, ShapeError), match="channel"):
+        Recording.from_arrays(TIME, POSITION, command=COMMAND, channels=channels)

@@ -118,7 +118,7 @@ def test_a_start_whose_errors_are_all_large_leads_to_the_same_constants(bare, re
     """Fast motion: with a lag four times its own, errors are many times what counts as one."""
     (part,) = loaded_joints(bare.body, recordings[:1])[0]
     far = {"kp": KP[0] / 3, "damping": 2.0 * KD[0], "inertia": 3.0 * ARMATURE}
-    row = with_values(rows_of(with_servos(bare))[0], far)
+    row = with_values(rows_of(with_servos(bare, [])[0])[0], far)
     assert np.median(np.abs(errors([part], row))) > 0.03
 
     fit = fit_joint([part], row, ("kp", "damping", "coulomb", "inertia", "offset"))
@@ -155,7 +155,7 @@ def test_gravity_tells_a_joint_that_counts_the_other_way(bare, recordings):
     turned = [recorded(r.time, r.command * [1, -1], r.position * [1, -1]) for r in recordings]
 
     assert conventions_of(bare.body, recordings).as_described
-    told = confirmed(with_servos(bare), turned, conventions_of(bare.body, turned))
+    told = confirmed(with_servos(bare, [])[0], turned, conventions_of(bare.body, turned))
     assert told.best.sign == (1, -1)
     assert told.sentence().startswith("By gravity, positions are counted otherwise: joint 2 with")
 
@@ -171,7 +171,7 @@ def test_another_convention_that_predicts_no_better_is_not_told(bare, recordings
         as_described=False,
     )
 
-    told = confirmed(with_servos(bare), recordings, misled)
+    told = confirmed(with_servos(bare, [])[0], recordings, misled)
     assert not told.confirmed
     assert told.sentence() == (
         "Signs and zeros of joint 1 are those of the description (beyond doubt likelier than "

@@ -10,7 +10,7 @@ from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
-from limo_driver.physics import PositionServo, Simulation
+from limo_driver.physics import PositionServo, Simulation, VelocityServo
 
 ARM = """<mujoco>
   <worldbody>
@@ -81,3 +81,49 @@ def test_what_an_actuator_has_no_attribute_for_is_told(tmp_path):
     )
     simulation = replace(simulation, drives=FOUND)
     assert limo.export(simulation, "mjcf", tmp_path / "plain").unwritten == ()
+
+
+TURNING = (
+    VelocityServo(joint=1, kv=3.5, torque_limit=3.0, delay=0.0145),
+    PositionServo(joint=2, kp=16.0, kd=0.6),
+)
+
+
+@pytest.mark.parametrize(
+    "actuators",
+    [
+        "",
+        '<actuator><velocity joint="shoulder" kv="9" forcerange="-9 9"/></actuator>',
+        '<actuator><general joint="shoulder" biastype="affine" gainprm="9" biasprm="0 0 -9"/>'
+        "</actuator>",
+    ],
+)
+def test_the_copy_has_servos_of_velocity(tmp_path, actuators):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=actuators))
+
+    written = limo.export(replace(Simulation.load(path), drives=TURNING), "mjcf", tmp_path / "out")
+
+    assert sorted(Simulation.load(written.file).drives, key=lambda x: x.joint) == list(TURNING)
+    assert written.unwritten == ()
+
+
+def test_what_an_actuator_of_velocity_has_no_attribute_for_is_told(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=""))
+    simulation = replace(Simulation.load(path), drives=(replace(TURNING[0], ki=8.0),))
+
+    assert limo.export(simulation, "mjcf", tmp_path / "out").unwritten == (
+        "ki 8 N m/rad of the servo of shoulder: no velocity actuator has it",
+    )
+
+
+def test_velocity_beside_another_actuator_is_damping(tmp_path):
+    both = '<velocity joint="shoulder" kv="2"/>'
+    for other, drives in (
+        ('<position joint="shoulder" kp="9"/>', (PositionServo(joint=1, kp=9.0),)),
+        ('<motor joint="shoulder"/>', ()),
+    ):
+        path = tmp_path / "arm.xml"
+        path.write_text(ARM.format(actuators=f"<actuator>{other}{both}</actuator>"))
+        assert Simulation.load(path).drives == drives
