@@ -2,10 +2,13 @@
 
 The numbers of what was found are free, settings that shape it among them, and everything else may
 move within its tolerance. One such sum takes a fit to its end, by Gauss-Newton, and gives the
-covariance of the numbers. Where errors are not what the noise model says, scores summed over blocks
-of time show it, and the larger of the two variances counts.
+covariance of the numbers. Where errors are not what the noise model says, scores show it, summed
+over blocks of time and over joints: physics that nobody knows errs alike at its joint for as long
+as the arm moves, and shows where joints disagree about what loads them all, such as a payload's
+mass. The largest of the three variances counts.
 
-Source: White, "Maximum likelihood estimation of misspecified models", Econometrica 1982.
+Sources: White, "Maximum likelihood estimation of misspecified models", Econometrica 1982; Liang and
+Zeger, "Longitudinal data analysis using generalized linear models", Biometrika 1986.
 """
 
 from __future__ import annotations
@@ -169,35 +172,47 @@ class Linearised:
     def covariance(self) -> FloatArray:
         """Return the covariance of all coefficients (c, c), were errors as the noise model says."""
         prior = joined(self.known, *self.own)
-        inverse, _ = self._information(prior)
+        inverse, *_ = self._information(prior)
         return inverse * np.outer(prior.deviation, prior.deviation)
 
     def _variance(self) -> FloatArray:
         """Return the variance of each coefficient, in its own unit squared.
 
-        The larger of the two that errors have by the noise model, and by their scores over blocks.
+        The largest of those that errors have by the noise model, by their scores over blocks of
+        time, and by those of joints, of which there are so few that their number less one counts.
         """
         prior = joined(self.known, *self.own)
-        inverse, scores = self._information(prior)
-        spread = inverse @ (scores.T @ scores + np.eye(len(inverse))) @ inverse
-        return np.maximum(np.diag(inverse), np.diag(spread)) * prior.deviation**2
+        inverse, of_blocks, of_joints = self._information(prior)
+        joints = int(self.observed.moving.any(axis=0).sum())
+        few = joints / max(joints - 1, 1)
+        variance = np.diag(inverse)
+        for scores, times in ((of_blocks, 1.0), (of_joints, few)):
+            spread = inverse @ (times * scores.T @ scores + np.eye(len(inverse))) @ inverse
+            variance = np.maximum(variance, np.diag(spread))
+        return variance * prior.deviation**2
 
-    def _information(self, prior: Prior) -> tuple[FloatArray, FloatArray]:
-        """Return covariance (c, c) and scores (blocks, c), in units of the prior deviations."""
+    def _information(self, prior: Prior) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return covariance (c, c) and scores, in units of the prior deviations.
+
+        Scores are of blocks of time, (blocks, c), and of joints, (n, c).
+        """
         observed = self.observed
         use, residual = observed.moving, observed.residual
         s, size = prior.deviation, prior.index.size
         noise = Noise.of(residual, use, observed.segment, observed.least_noise)
         block = _blocks(observed)
-        gram, scores = np.zeros((size, size)), np.zeros((int(block.max()) + 1, size))
+        gram, of_joints = np.zeros((size, size)), np.zeros((observed.n, size))
+        of_blocks = np.zeros((int(block.max()) + 1, size))
         for joint in range(observed.n):
             values, at = self.columns.of_joint(joint)
             rows = use[:, joint]
             A = noise.whiten(values, joint, rows) * s[at]
             y = noise.whiten(residual[:, joint], joint, rows)
             gram[np.ix_(at, at)] += A.T @ A
-            np.add.at(scores, np.ix_(block[rows], at), A * y[:, None])
-        return np.asarray(np.linalg.inv(gram + np.eye(size)), dtype=float), scores
+            of_joints[joint, at] = A.T @ y
+            np.add.at(of_blocks, np.ix_(block[rows], at), A * y[:, None])
+        inverse = np.asarray(np.linalg.inv(gram + np.eye(size)), dtype=float)
+        return inverse, of_blocks, of_joints
 
 
 def polished(
