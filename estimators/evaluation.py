@@ -44,12 +44,17 @@ _FREQUENCIES: Final = 2000  # of the filter's response
 class Errors:
     """Errors of one predictor, of each joint."""
 
-    rmse: FloatArray  # (n,) [N m]
+    rmse: FloatArray  # (n,) [N m]; NaN for joints whose torque was not measured
 
     @property
     def mse(self) -> FloatArray:
         """Mean squared error, (n,) [(N m)²]."""
         return self.rmse**2
+
+    @property
+    def mean_mse(self) -> float:
+        """Mean squared error over the joints whose torque was measured [(N m)²]."""
+        return float(np.nanmean(self.mse))
 
 
 @dataclass(frozen=True, repr=False)
@@ -64,7 +69,7 @@ class Evaluation(Displayed):
     model: str  # name of the estimator
     recording: Recording
     motion: Motion
-    measured: FloatArray  # (T, n) [N m], filtered
+    measured: FloatArray  # (T, n) [N m], filtered; NaN for joints whose torque was not measured
     estimate: Estimate  # filtered
     frictionless: FloatArray  # (T, n) [N m], of the simulation without its joint physics, filtered
     scored: NDArray[np.bool_]  # (T,)
@@ -95,7 +100,8 @@ class Evaluation(Displayed):
         error = np.abs(self.measured - self.estimate.torque)[self.scored]
         std = self.estimate.std[self.scored]
         within = np.mean(error <= DEVIATIONS * std, axis=0)
-        return np.where(np.isfinite(std).all(axis=0), within, np.nan)
+        known = np.isfinite(std).all(axis=0) & self.recording.measured_joints
+        return np.where(known, within, np.nan)
 
     @property
     def outside(self) -> FloatArray:
@@ -110,7 +116,7 @@ class Evaluation(Displayed):
     @property
     def mean_mse_ratio(self) -> float:
         """The same with both MSE averaged over the joints first, as in the paper's table."""
-        return float(self.rigid_body.mse.mean() / self.hybrid.mse.mean())
+        return self.rigid_body.mean_mse / self.hybrid.mean_mse
 
     def _errors(self, predicted: FloatArray) -> Errors:
         residual = (self.measured - predicted)[self.scored]
@@ -119,8 +125,8 @@ class Evaluation(Displayed):
     def headline(self) -> str:
         """Say how much less the error is than that of the rigid body."""
         return (
-            f"{self.model}: mean MSE {self.hybrid.mse.mean():.3g} (N m)², rigid body "
-            f"{self.rigid_body.mse.mean():.3g} (N m)², over {int(self.scored.sum())} samples"
+            f"{self.model}: mean MSE {self.hybrid.mean_mse:.3g} (N m)², rigid body "
+            f"{self.rigid_body.mean_mse:.3g} (N m)², over {int(self.scored.sum())} samples"
             + (f" of {self.recording.source}" if self.recording.source else "")
             + (", which it was trained on" if self.trained_on else "")
         )
@@ -132,7 +138,9 @@ class Evaluation(Displayed):
             "RMSE of the rigid body [N m]": self.rigid_body.rmse.tolist(),
             "of the model [N m]": self.hybrid.rmse.tolist(),
             "noise floor [N m]": self.noise_floor.tolist(),
-            "within the 95 % interval": [f"{part:.0%}" for part in self.coverage],
+            "within the 95 % interval": [
+                "-" if np.isnan(part) else f"{part:.0%}" for part in self.coverage
+            ],
         }
 
     def save(self, folder: Path | str) -> None:
@@ -179,8 +187,8 @@ class Evaluation(Displayed):
                 name: [float(v) if np.isfinite(v) else None for v in values]
                 for name, values in per_joint.items()
             },
-            "mean_mse_rigid_body": float(self.rigid_body.mse.mean()),
-            "mean_mse_hybrid": float(self.hybrid.mse.mean()),
+            "mean_mse_rigid_body": self.rigid_body.mean_mse,
+            "mean_mse_hybrid": self.hybrid.mean_mse,
             "mean_mse_ratio": self.mean_mse_ratio,
         }
 
@@ -196,12 +204,13 @@ def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
     bandwidth = model.bandwidth
     recording.check_robot(model.simulation.model)
     scored = recording.scored(bandwidth)
+    told = np.where(recording.measured_joints, 1.0, np.nan)
     motion, estimate = recording.motion(bandwidth), model.estimate(recording)
     return Evaluation(
         model.name,
         recording,
         motion,
-        recording.filtered_torque(bandwidth),
+        told * recording.filtered_torque(bandwidth),
         estimate.filtered(recording, bandwidth),
         recording.filtered(model.simulation.without_effects().predict(motion), bandwidth),
         scored,

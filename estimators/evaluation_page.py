@@ -48,7 +48,7 @@ def evaluation_page(found: Evaluation) -> Page:
     """Return the page of an evaluation."""
     charts = Charts()
     view = _arm(found)
-    rigid, model = (float(np.sqrt(side.mse.mean())) for side in (found.rigid_body, found.hybrid))
+    rigid, model = (float(np.sqrt(side.mean_mse)) for side in (found.rigid_body, found.hybrid))
     seen = ", on motion that it was trained on" if found.trained_on else ""
     title = (
         f"{found.model[:1].upper()}{found.model[1:]} is {model:.3g} N m off the measured torque, "
@@ -57,7 +57,7 @@ def evaluation_page(found: Evaluation) -> Page:
     of = f" of {found.recording.source}" if found.recording.source else ""
     source = (
         f"{int(found.scored.sum())} samples{of}. Motion and torque pass the same zero-phase filter "
-        f"of {found.bandwidth:g} Hz."
+        f"of {found.bandwidth:g} Hz.{_silent(found)}"
     )
     lead = (
         "Drag to turn. The ring around each joint is coloured by the error of the predicted torque "
@@ -87,6 +87,13 @@ def _harmed(found: Evaluation) -> str:
     every = len(names) == len(found.joint_names)
     where = "every joint" if every else f"{len(names)} of {len(found.joint_names)} joints"
     return f"; it is worse than the rigid body on {where}"
+
+
+def _silent(found: Evaluation) -> str:
+    """Say of which joints no torque was measured, if there are any."""
+    measured = found.recording.measured_joints
+    names = [name for name, told in zip(found.joint_names, measured, strict=True) if not told]
+    return f" No torque was measured at {', '.join(names)}." if names else ""
 
 
 def _errors(found: Evaluation, charts: Charts) -> str:
@@ -123,19 +130,21 @@ def _arm(found: Evaluation) -> ArmView:
     rows = lively_rows(found)
     rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
     ghosts = tuple(
-        Ghost(name, colour, (found.measured - torque)[rows])
+        Ghost(name, colour, np.nan_to_num(found.measured - torque)[rows])
         for (name, torque), (colour, _) in zip(torques_of(found), _STYLES, strict=True)
         if colour != MEASURED
     )
     time, position = found.recording.time[rows], found.motion.position[rows]
     said = f"{time[0]:.1f} to {time[-1]:.1f} s of the recording."
+    # rings of joints without torque have the colour of no error
     errors = (
-        (found.model, tuple(found.hybrid.rmse.tolist())),
-        (_RIGID, tuple(found.rigid_body.rmse.tolist())),
+        (found.model, tuple(np.nan_to_num(found.hybrid.rmse).tolist())),
+        (_RIGID, tuple(np.nan_to_num(found.rigid_body.rmse).tolist())),
     )
     known = _is_known(found)
-    largest = max(float(found.hybrid.rmse.max()), float(found.rigid_body.rmse.max()), _LEAST)
+    largest = float(np.nanmax([found.hybrid.rmse, found.rigid_body.rmse], initial=_LEAST))
     floor = found.noise_floor if known else np.full(len(found.joint_names), largest / 100)
+    floor = np.where(found.recording.measured_joints, floor, 0.0)
     beside = {} if known else {"scale": "1 to 100 % of the largest error"}
     return arm_view(
         found.robot,
@@ -148,8 +157,8 @@ def _arm(found: Evaluation) -> ArmView:
 
 
 def _is_known(found: Evaluation) -> bool:
-    """Say whether the noise floor of every joint is known."""
-    return bool(np.isfinite(found.noise_floor).all())
+    """Say whether the noise floor of every joint whose torque was measured is known."""
+    return bool(np.isfinite(found.noise_floor[found.recording.measured_joints]).all())
 
 
 def _measure(found: Evaluation) -> str:

@@ -100,6 +100,8 @@ def torques_of(evaluation: Evaluation) -> Iterator[tuple[str, FloatArray]]:
 
 def _figures(evaluation: Evaluation, j: int) -> str:
     rigid_body, hybrid = evaluation.rigid_body.rmse[j], evaluation.hybrid.rmse[j]
+    if not evaluation.recording.measured_joints[j]:
+        return "torque not measured"
     return f"RMSE {rigid_body:.3f} → {hybrid:.3f} N m"
 
 

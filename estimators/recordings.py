@@ -58,7 +58,25 @@ def joints_with_torque(model: RobotModel, recording: Recording) -> NDArray[np.bo
     rows = slice(None, None, max(1, len(recording) // _ROWS))
     torque, load = recording.torque[rows], model.gravity_torque(recording.position[rows])
     carries = np.sum(torque**2, axis=0) >= WEIGHTLESS**2 * np.sum(load**2, axis=0)
-    return np.asarray(carries & (np.ptp(recording.torque, axis=0) > 0))
+    return np.asarray(carries & recording.measured_joints)
+
+
+def check_every_joint(recordings: Sequence[Recording]) -> None:
+    """Check that the torque of every joint was measured: of none, a model would learn that it is 0.
+
+    Raises:
+        RecordingError: That of a joint was not.
+    """
+    for recording in recordings:
+        silent = (np.flatnonzero(~recording.measured_joints) + 1).tolist()
+        if silent:
+            raise RecordingError(
+                f"has no torque that changes at joint{'s' * (len(silent) > 1)} "
+                f"{', '.join(map(str, silent))}, of which a model would learn that there is none; "
+                "leave such joints out of recording and description. A simulation can be "
+                "identified from the others",
+                path=recording.source or None,
+            )
 
 
 def check_different(recordings: Sequence[Recording]) -> None:

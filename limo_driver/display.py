@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from html import escape
+from math import isnan
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -51,7 +52,9 @@ class Displayed:
 
 def _text(value: object) -> str:
     """Return a value of the table; four digits behind the point are enough of a torque."""
-    return f"{value:.4f}" if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return "-" if isnan(value) else f"{value:.4f}"
+    return str(value)
 
 
 def spanned(names: Sequence[str]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.joint_physics.columns import SETTLED
 from estimators.joint_physics.regions import REGIONS, Regions
-from estimators.recordings import check_recordings
+from estimators.recordings import check_every_joint, check_recordings
 from estimators.regression.normal_equations import NormalEquations
 from limo_driver.errors import RecordingError
 
@@ -90,9 +90,10 @@ class MotionEquations:
 
         Raises:
             RecordingError: There is none, one is of another robot or given twice, nothing moves, no
-                torque was measured, or no row is left.
+                torque was measured, or that of a joint was not, or no row is left.
         """
         check_recordings(recordings, simulation.model)
+        check_every_joint(recordings)
         folds, regions = Sums.none(FOLDS, columns), Sums.none(REGIONS, columns)
         kept: list[JudgedRows] = []
         every = _share(recordings, columns)

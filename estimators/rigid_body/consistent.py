@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from estimators.rigid_body.extent import Extent
     from limo_driver.types import FloatArray
 
-_ITERATIONS = 200
+_ITERATIONS = 2000  # contradictory data, such as torques without inertia, took 400
 _DECREMENT = 1e-10  # Newton decrement at which the minimum is reached
 _NEARLY = 0.1  # the same, over the precision, on the way to the minimum
 _NEAR = 1.5  # Newton steps to where a body ceases to exist, at which the way starts

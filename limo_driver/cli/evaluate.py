@@ -98,14 +98,13 @@ def table(evaluation: Evaluation) -> Table:
         "ratio\n\nof MSE",
     ):
         result.add_column(heading, justify="right", no_wrap=True)
+    squared = ("mse_rigid_body", "mse_hybrid", "mse_ratio")
     keys = ("rmse_rigid_body", "rms_network", "rmse_hybrid", "noise_floor")
     for j, name in enumerate(evaluation.joint_names):
         result.add_row(
             name,
             *("unknown" if values[key][j] is None else f"{values[key][j]:.4f}" for key in keys),
-            f"{values['mse_rigid_body'][j]:.3g}",
-            f"{values['mse_hybrid'][j]:.3g}",
-            f"{values['mse_ratio'][j]:.3g}",
+            *("unknown" if values[key][j] is None else f"{values[key][j]:.3g}" for key in squared),
         )
     result.add_section()
     result.add_row(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from limo_driver.display import Displayed
 
 if TYPE_CHECKING:
@@ -18,7 +20,7 @@ class Score(Displayed):
     """Errors of a predicted torque against a recorded one, behind one zero-phase filter.
 
     Args:
-        rmse: Root mean square error of each joint, (n,) [N m].
+        rmse: Root mean square error of each joint, (n,) [N m]; NaN where no torque was measured.
         torque: Root mean square of the measured torque, (n,) [N m], to compare with.
         joint_names: Of the n joints.
         samples: That were scored: all but those near the end of a stretch without a gap.
@@ -35,7 +37,7 @@ class Score(Displayed):
 
     def headline(self) -> str:
         """Say the largest error, and the motion on which it was found."""
-        worst = int(self.rmse.argmax())
+        worst = int(np.nanargmax(self.rmse))
         of = f" of {self.source}" if self.source else ""
         return (
             f"RMSE up to {self.rmse[worst]:.4f} N m ({self.joint_names[worst]}) over "

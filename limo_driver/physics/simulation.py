@@ -234,7 +234,8 @@ class Simulation(Displayed):
                 recording can bear.
 
         Returns:
-            Errors of each joint, (n,) [N m], beside the torque that was measured.
+            Errors of each joint, (n,) [N m], beside the torque that was measured; NaN for joints
+            without one.
 
         Raises:
             RecordingError: It is of another robot, too short, or the bandwidth is too high for the
@@ -244,7 +245,8 @@ class Simulation(Displayed):
         width = bandwidth_for([recording], bandwidth)
         scored, measured = recording.scored(width), recording.filtered_torque(width)
         predicted = recording.filtered(self.predict(recording, width), width)
-        error, measured = (measured - predicted)[scored], measured[scored]
+        told = np.where(recording.measured_joints, 1.0, np.nan)
+        error, measured = told * (measured - predicted)[scored], told * measured[scored]
         return Score(
             rmse=np.sqrt(np.mean(error**2, axis=0)),
             torque=np.sqrt(np.mean(measured**2, axis=0)),

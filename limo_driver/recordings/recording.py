@@ -260,6 +260,16 @@ class Recording(FilteredSamples, Displayed):
         """Whether any torque was measured."""
         return self.unmeasured is None or not bool(self.unmeasured.all())
 
+    @property
+    def measured_joints(self) -> NDArray[np.bool_]:
+        """Which joints' torque was measured, (n,).
+
+        One that is the same in all rows is none, but where all are, as coarse sensors show an arm
+        at rest.
+        """
+        changes = np.ptp(self.torque, axis=0) > 0
+        return np.asarray((changes | ~changes.any()) & self.has_torque, dtype=bool)
+
     def check_torque(self) -> None:
         """Check that torques were measured.
 

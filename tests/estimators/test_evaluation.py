@@ -113,6 +113,33 @@ def test_the_table_fits_a_narrow_terminal(evaluation: Evaluation) -> None:
     assert "…" not in shown
 
 
+def test_a_joint_without_torque_has_no_errors(
+    evaluation: Evaluation, model: HybridModel, test_recording: Recording
+) -> None:
+    torque = test_recording.torque.copy()
+    torque[:, 1] = 0.0
+    found = evaluate(model, replace(test_recording, torque=torque))
+    for own, whole in (
+        (found.hybrid.rmse, evaluation.hybrid.rmse),
+        (found.rigid_body.rmse, evaluation.rigid_body.rmse),
+        (found.coverage, evaluation.coverage),
+    ):
+        assert own[0] == pytest.approx(whole[0])
+        assert np.isnan(own[1])
+    assert found.mean_mse_ratio == pytest.approx(evaluation.mse_ratio[0])
+    values = found.as_values()
+    assert values["rmse_hybrid"][1] is None
+    assert values["mean_mse_hybrid"] == values["mse_hybrid"][0]
+    assert str(found).splitlines()[-1].split()[-1] == "-"
+    text = evaluation_page(found).html()
+    check_page(text)
+    assert f"No torque was measured at {found.joint_names[1]}." in text
+    assert "multiples of its noise floor" in text
+    score = model.simulation.score(found.recording)
+    assert np.isnan(score.rmse[1])
+    assert score.joint_names[0] in score.headline()
+
+
 def test_too_short_to_score(model: HybridModel, test_recording: Recording) -> None:
     with pytest.raises(RecordingError, match="too short"):
         evaluate(model, test_recording[:8])

@@ -14,6 +14,7 @@ from estimators.joint_physics import JointPhysics
 from estimators.recordings import check_different
 from estimators.rigid_body import identify
 from limo_driver.errors import RecordingError
+from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -49,6 +50,30 @@ def test_recordings_that_say_nothing_are_refused(
     given: Sequence[Recording] = runs(training_recording)
     with pytest.raises(RecordingError, match=message):
         FIT[name](rigid, given)
+
+
+@pytest.mark.parametrize("name", ["network", "joint-physics"])
+def test_of_a_joint_without_torque_nothing_is_learned(
+    rigid: Simulation, training_recording: Recording, name: str
+) -> None:
+    torque = training_recording.torque.copy()
+    torque[:, 1] = 0.0
+    with pytest.raises(RecordingError, match="seed 1: has no torque that changes at joint 2, of"):
+        FIT[name](rigid, [replace(training_recording, torque=torque)])
+
+
+def test_bodies_are_found_for_torques_that_no_bodies_have() -> None:
+    time = np.arange(0.0, 40.0, 0.01)
+    pace = np.array([0.31, 0.23, 0.41, 0.29, 0.37, 0.43, 0.47])
+    rest = np.deg2rad([10, 40, -20, -70, 30, 50, -40])
+    position = rest + 0.3 * np.sin(2 * np.pi * time[:, None] * pace)
+    robot = RobotModel.load("iiwa14")
+    rubs = 2.0 * np.sign(np.gradient(position, axis=0))
+    noise = np.random.default_rng(0).normal(0.0, 0.02, position.shape)
+    weightless = robot.gravity_torque(position) + rubs + noise  # nothing resists acceleration
+    found = identify(robot, [Recording.from_arrays(time, position, weightless)])
+    left = found.simulation.score(Recording.from_arrays(time, position, weightless)).rmse
+    assert (left < np.sqrt(np.mean(weightless**2, axis=0))).all()
 
 
 def later(recording: Recording) -> Recording:

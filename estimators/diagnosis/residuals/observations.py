@@ -415,13 +415,12 @@ def _unmeasured(recording: Recording, bandwidth: float) -> NDArray[np.bool_]:
 
     Those of a joint whose torque is one value in all rows are none, either.
     """
-    constant = np.ptp(recording.torque, axis=0) == 0
-    result = np.broadcast_to(constant & ~constant.all(), recording.torque.shape)
+    result = np.broadcast_to(~recording.measured_joints, recording.torque.shape)
     if recording.unmeasured is None:
         return result
     reach = max(1, round(ROWS.near_rest / bandwidth * recording.rate))
     spread = maximum_filter1d(recording.unmeasured, 2 * reach + 1, axis=0)
-    return np.asarray(result | spread, dtype=bool)
+    return np.logical_or(result, spread)
 
 
 def _even(time: FloatArray) -> FloatArray:

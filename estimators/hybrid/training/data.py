@@ -16,7 +16,7 @@ from estimators.hybrid.training.split import (
     split_recordings,
     split_sequences,
 )
-from estimators.recordings import check_recordings
+from estimators.recordings import check_every_joint, check_recordings
 from limo_driver.errors import RecordingError
 
 if TYPE_CHECKING:
@@ -70,7 +70,8 @@ def prepare(
 
     Raises:
         RecordingError: There is none, one is of another robot or given twice, nothing moves, no
-            torque was measured, their rates differ, or nothing is left to train on or hold out.
+            torque was measured, or that of a joint was not, their rates differ, or nothing is
+            left to train on or hold out.
     """
     _check(recordings, simulation)
     features, bandwidth = settings.features_for(simulation.model.n), settings.bandwidth
@@ -99,6 +100,7 @@ def prepare(
 
 def _check(recordings: Sequence[Recording], simulation: Simulation) -> None:
     check_recordings(recordings, simulation.model)
+    check_every_joint(recordings)
     first = recordings[0]
     for recording in recordings:
         if abs(recording.rate / first.rate - 1.0) > _SAME_RATE:
