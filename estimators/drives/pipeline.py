@@ -26,6 +26,7 @@ from estimators.drives.judgement.verdict import verdict_of
 from estimators.drives.judgement.wording import (
     about_counting,
     about_drift,
+    about_motors,
     about_scale,
     not_shown,
     plays,
@@ -116,6 +117,7 @@ def diagnose_drives(
         *(about_counting(one) for one in evidence.turned),
         *about_scale(final, stated=stated),
         *about_drift(given),
+        *(about_motors(simulation) if stated else ()),
         *sags(final),
         *plays(final.fits),
     )

@@ -6,6 +6,7 @@ hold no torque: the torque of its drives takes the place of the measured one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -62,6 +63,9 @@ class JointDrive(Declared):
             except ParameterError as error:
                 called = f"tolerance of {name}"
                 raise ParameterError(called, error.given, error.expected, self.place) from None
+            if not getattr(self, name):
+                expected = f"parameters that are stated: {name} is not"
+                raise ParameterError("tolerances", shown(name), expected, self.place)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,9 +191,13 @@ class DcMotor(JointDrive):
     """The motor behind a servo: its torque fades with the speed, as its voltage is limited.
 
     |tau + (kt gear)² dq / resistance| ≤ kt gear supply / resistance
+
+    Motion shows its torque at rest and its speed without load alone, and of tolerances those of
+    these two.
     """
 
     name: ClassVar[str] = "dc_motor"
+    tolerated: ClassVar[tuple[str, ...]] = ("kt", "resistance", "supply", "gear")
     kt: float = parameter("N m/A", "torque constant of the motor", lower=0.0, above=True)
     resistance: float = parameter("ohm", "of the winding", lower=0.0, above=True)
     supply: float = parameter("V", "voltage of the supply", lower=0.0, above=True)
@@ -204,6 +212,16 @@ class DcMotor(JointDrive):
     def free_speed(self) -> float:
         """Speed without load [rad/s]."""
         return self.supply / (self.kt * self.gear)
+
+    def tolerances_of_limits(self, usual: float) -> dict[str, float]:
+        """Return how well `stall` and `free_speed` are known, as deviations of their logarithms.
+
+        Args:
+            usual: Tolerance of parameters that have none of their own.
+        """
+        known = {name: self.tolerances.get(name, usual) for name in self.tolerated}
+        turned = math.hypot(known["kt"], known["gear"], known["supply"])
+        return {"stall": math.hypot(turned, known["resistance"]), "free_speed": turned}
 
     @classmethod
     def of_limits(cls, joint: int, stall: float, free_speed: float) -> DcMotor:

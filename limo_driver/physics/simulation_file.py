@@ -158,8 +158,6 @@ def _drives(given: Given, model: RobotModel) -> tuple[JointDrive, ...]:
 def _drive(given: Given, n: int) -> JointDrive:
     """Read a drive, which may tell how well each of its parameters is known."""
     kind = DRIVES[given.named("drive", tuple(DRIVES))]
-    if not kind.tolerated and "tolerances" in given:
-        given["tolerances"].fail(f"{kind.name}: has no 'tolerances'")
     own = given.of_kind(kind, ("drive",)).optional("tolerances")
     tolerances = {name: float(item.value(TOLERANCE)) for name, item in own.entries.items()}
     return given.make(kind, {"tolerances": tolerances}, joints=n, beside=("drive",))

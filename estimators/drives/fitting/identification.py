@@ -397,7 +397,8 @@ def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
         values["kd"] = value_in(row, "kd") + value_in(row, "inside") * value_in(row, DAMPING)
     if not value_in(row, "derating"):
         values.pop("heating", None)
-    return replace(drive, **values)  # pyright: ignore[reportArgumentType]  # by name
+    known = {name: own for name, own in drive.tolerances.items() if values.get(name)}
+    return replace(drive, tolerances=known, **values)  # pyright: ignore[reportArgumentType]
 
 
 def _finite(value: float) -> float | None:

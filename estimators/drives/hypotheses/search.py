@@ -74,17 +74,36 @@ class Searched:
 def stated_guess(stated: FloatArray) -> ArmGuess:
     """Return a guess that begins with the stated constants, damping of servos beyond their limits.
 
+    A stated motor has its servo's damping within its own limits, as it is simulated forward.
+
     Args:
         stated: Constants of each joint, (n, columns).
     """
     rows = np.stack(
         [
-            with_values(row, {DAMPING: value_in(row, DAMPING) + value_in(row, "kd"), "kd": 0.0})
+            with_values(
+                row,
+                {
+                    DAMPING: value_in(row, DAMPING) + value_in(row, "kd"),
+                    "kd": 0.0,
+                    "inside": _share(row) if _has_motor(row) else 0.0,
+                },
+            )
             for row in stated
         ]
     )
     names = tuple((*base_of(row), *stated_beside(row)) for row in rows)
     return ArmGuess(rows, names, ArmChange.none(len(rows)))
+
+
+def _share(row: FloatArray) -> float:
+    """Return which part of a joint's damping is its servo's, as stated."""
+    damping = value_in(row, "kd") + value_in(row, DAMPING)
+    return value_in(row, "kd") / damping if damping > 0.0 else 0.0
+
+
+def _has_motor(row: FloatArray) -> bool:
+    return bool(np.isfinite(value_in(row, "stall")))
 
 
 def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str, BelievedValue]]:
@@ -169,12 +188,14 @@ def _limited(guess: ArmGuess, stated: FloatArray) -> ArmGuess:
         stated: Constants of each joint, (n, columns), which tell the servos' own damping.
     """
     rows = guess.rows.copy()
-    within = any(value_in(row, "inside") for row in rows)
-    for j, row in enumerate(stated):
-        damping = value_in(row, "kd") + value_in(row, DAMPING)
-        if damping > 0.0 and np.isfinite(value_in(row, "torque_limit")):
-            share = 0.0 if within else value_in(row, "kd") / damping
-            rows[j] = with_values(rows[j], {"inside": share})
+    asked = [
+        j
+        for j, row in enumerate(stated)
+        if np.isfinite(value_in(row, "torque_limit")) and not _has_motor(row)
+    ]
+    within = any(value_in(rows[j], "inside") for j in asked)
+    for j in asked:
+        rows[j] = with_values(rows[j], {"inside": 0.0 if within else _share(stated[j])})
     return replace(guess, rows=rows)
 
 

@@ -46,6 +46,8 @@ _BESIDE: Final = {  # constants that a drive may be stated to have, and what eac
     "speed": "profile_speed",
     "acceleration": "profile_acceleration",
     "torque_limit": "torque_limit",
+    "stall": "voltage_limit",
+    "free_speed": "voltage_limit",
 }
 
 

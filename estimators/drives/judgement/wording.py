@@ -11,6 +11,7 @@ from estimators.drives.fitting.joint import NORMAL
 from estimators.drives.judgement.findings import KINDS, is_known
 from estimators.drives.simulation.columns import geared
 from estimators.drives.simulation.plant import DRIFTS, most_torque, rows_of
+from limo_driver.physics import DcMotor
 from limo_driver.recordings.channels import VELOCITY
 
 if TYPE_CHECKING:
@@ -125,6 +126,22 @@ def about_drift(given: Simulation) -> tuple[str, ...]:
         f"Velocities are commanded at {joints_named(drifting)}, and where these lead drifts from "
         f"where the joint was: each {DRIFTS:g} s it is put back there, and its errors are of the "
         "position until then.",
+    )
+
+
+def about_motors(stated: Simulation) -> tuple[str, ...]:
+    """Say what motion shows of stated motors.
+
+    Args:
+        stated: As it was given.
+    """
+    joints = [drive.joint for drive in stated.drives if isinstance(drive, DcMotor)]
+    if not joints:
+        return ()
+    return (
+        f"Of the motor of {joints_named(joints)}, motion shows the torque at rest and the speed "
+        "without load alone: kt, resistance, supply and gear are believed, fitted and told as far "
+        "as these two go.",
     )
 
 

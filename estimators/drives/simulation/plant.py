@@ -132,8 +132,10 @@ def tolerances_of(simulation: Simulation) -> FloatArray:
     usual, rows = simulation.tolerances.drive, rows_of(simulation)
     found = np.full(rows.shape, usual)
     for drive in simulation.drives:
-        if drive.channel is not None:
-            _enter(found[drive.joint - 1], drive.tolerances)
+        own = drive.tolerances
+        if isinstance(drive, DcMotor):
+            own = drive.tolerances_of_limits(usual)
+        _enter(found[drive.joint - 1], own)
     for column in (VISCOUS_PLUS, VISCOUS_MINUS):
         whole = rows[:, KD] + rows[:, column]
         share = np.divide(rows[:, KD], whole, out=np.zeros_like(whole), where=whole > 0.0)

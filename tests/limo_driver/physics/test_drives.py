@@ -105,8 +105,16 @@ def test_a_file_without_drives_has_those_of_its_robot(described, tmp_path):
         ),
         (
             "{drive: dc_motor, joint: 1, kt: 1, resistance: 1, supply: 1, gear: 1, "
-            "tolerances: {kt: 1}}",
-            "dc_motor: has no 'tolerances'",
+            "tolerances: {stall: 1}}",
+            "tolerances is 'stall', expected parameters of kt, resistance, supply, gear",
+        ),
+        (
+            "{drive: position_servo, joint: 1, kp: 1, tolerances: {torque_limit: 0.1}}",
+            "tolerances is 'torque_limit', expected parameters that are stated: torque_limit is",
+        ),
+        (
+            "{drive: velocity_servo, joint: 1, kv: 1, tolerances: {delay: 0.1}}",
+            "tolerances is 'delay', expected parameters that are stated: delay is not",
         ),
     ],
 )
