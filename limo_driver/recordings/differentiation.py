@@ -21,6 +21,8 @@ from limo_driver.errors import RecordingError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from limo_driver.types import FloatArray
 
 ORDER = 4  # of the Butterworth filter; run twice, hence 8
@@ -32,6 +34,7 @@ _PADDING = 6.0  # [1/bandwidth]; the filter has forgotten 1 - 5e-7 of what was b
 _FIT = 2.0  # [1/bandwidth], window of the quintic that continues an end
 _EVEN = 1e-4  # [sample periods], deviation from an even grid that needs no interpolation
 _CLOSE = 0.25  # [sample periods]; nearer neighbours would blow up their noise in a spline
+_AT_ONCE = 1024  # values that a stencil passes over
 _HALF = 6  # half width of the difference stencils
 
 
@@ -61,7 +64,7 @@ def differentiate(
     _check_lowest(bandwidth, time)
     result = Derivatives(*(np.empty(values.shape) for _ in range(3)))
     for rows in segments:
-        stretch = _Stretch(time[rows], bandwidth)
+        stretch = Stretch(time[rows], bandwidth)
         padded = stretch.filter(values[rows])
         result.value[rows] = stretch.read(padded)
         result.first[rows] = stretch.read(_stencil(padded, _FIRST) / stretch.period)
@@ -76,9 +79,19 @@ def smooth(
     _check_lowest(bandwidth, time)
     result = np.empty(values.shape)
     for rows in segments:
-        stretch = _Stretch(time[rows], bandwidth)
+        stretch = Stretch(time[rows], bandwidth)
         result[rows] = stretch.read(stretch.filter(values[rows]))
     return result
+
+
+def stretch_of(time: FloatArray, bandwidth: float) -> Stretch:
+    """Return the filter of one contiguous stretch (T,) [s], for whoever filters much of it.
+
+    Raises:
+        RecordingError: As `differentiate` does.
+    """
+    _check_lowest(bandwidth, time)
+    return Stretch(time, bandwidth)
 
 
 def impulse_responses(bandwidth: float, rate: float, half: int) -> FloatArray:
@@ -145,7 +158,7 @@ def _advance(row: FloatArray, first: FloatArray, second: FloatArray, section: Fl
         row[k] = y
 
 
-class _Stretch:
+class Stretch:
     """One contiguous stretch of samples, its even grid and its filter."""
 
     def __init__(self, time: FloatArray, bandwidth: float) -> None:
@@ -160,17 +173,28 @@ class _Stretch:
         _check_bandwidth(bandwidth, 1.0 / self.period)
         self.padding = int(np.ceil(_PADDING / bandwidth / self.period)) + _HALF
 
-    def filter(self, values: FloatArray) -> FloatArray:
-        """Return the filtered values on the grid, with `padding` rows before and after."""
-        even = values if self.even else self._to_grid(values)
-        padded = np.concatenate([self._before(even), even, self._before(even[::-1])[::-1]])
+    def filter(self, *signals: FloatArray) -> FloatArray:
+        """Filter signals (T, k) each, side by side.
+
+        Returns:
+            Their values on the grid, with `padding` rows before and after.
+        """
+        ends = np.cumsum([0, *(values.shape[1] for values in signals)])
+        padded = np.empty((self.grid.size + 2 * self.padding, int(ends[-1])))
+        even = padded[self.padding : self.padding + self.grid.size]
+        for values, first, stop in zip(signals, ends, ends[1:], strict=False):
+            even[:, first:stop] = values if self.even else self._to_grid(values)
+        padded[: self.padding] = self._before(even)
+        padded[self.padding + self.grid.size :] = self._before(even[::-1])[::-1]
         _there_and_back(padded, *_filter(self.bandwidth, self.period))
         return padded
 
-    def read(self, padded: FloatArray) -> FloatArray:
-        """Return grid values at the recorded instants."""
+    def read(self, padded: FloatArray, some: NDArray[np.int64] | None = None) -> FloatArray:
+        """Return grid values at the recorded instants, or at some of them."""
         on_grid = padded[self.padding : padded.shape[0] - self.padding]
-        return on_grid if self.even else _spline(self.grid, on_grid, self.time)
+        if self.even:
+            return on_grid if some is None else on_grid[some]
+        return _spline(self.grid, on_grid, self.time if some is None else self.time[some])
 
     def _to_grid(self, values: FloatArray) -> FloatArray:
         keep = np.append(True, np.diff(self.time) > _CLOSE * self.period)
@@ -185,11 +209,21 @@ class _Stretch:
         filter passes polynomials of that degree unchanged.
         """
         window = min(max(int(_FIT / self.bandwidth / self.period), 8), values.shape[0])
-        powers = np.vander(np.arange(window) / window, 6, increasing=True)
+        powers, even_before = _powers(window, self.padding)
         quintic = np.linalg.lstsq(powers, values[:window], rcond=None)[0]
         steps = np.arange(self.padding, 0, -1)
-        even = np.vander((steps / window) ** 2, 3, increasing=True) @ quintic[::2]
+        even = even_before @ quintic[::2]
         return 2 * even - values[np.minimum(steps, values.shape[0] - 1)]
+
+
+@lru_cache(maxsize=64)
+def _powers(window: int, steps: int) -> tuple[FloatArray, FloatArray]:
+    """Return powers 0 to 5 of time over a window (window, 6), and even ones before it (steps, 3).
+
+    Before it, the farthest of so many steps comes first.
+    """
+    before = np.vander((np.arange(steps, 0, -1) / window) ** 2, 3, increasing=True)
+    return np.vander(np.arange(window) / window, 6, increasing=True), before
 
 
 def _spline(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
@@ -229,11 +263,26 @@ def _check_lowest(bandwidth: float, time: FloatArray) -> None:
 def _stencil(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Apply a stencil of 2 _HALF + 1 weights along time; `_HALF` rows at each end stay zero."""
     result = np.zeros_like(values)
-    inside = result[_HALF:-_HALF]
-    for k, weight in enumerate(weights):
-        if weight:
-            inside += weight * values[k : values.shape[0] - 2 * _HALF + k]
+    _add_stencil(values, weights, result)
     return result
+
+
+@compiled()
+def _add_stencil(values: FloatArray, weights: FloatArray, result: FloatArray) -> None:
+    """Add what each weight makes of the rows (T, k) that it reaches, some at a time.
+
+    As many as stay in the fastest memory while all weights pass over them.
+    """
+    half, width = weights.size // 2, values.shape[1]
+    given, made = values.reshape(-1), result.reshape(-1)
+    last = given.size - half * width
+    for start in range(half * width, last, _AT_ONCE):
+        some = made[start : min(start + _AT_ONCE, last)]
+        for k in range(weights.size):
+            if weights[k] != 0.0:
+                reached = given[start + (k - half) * width :]
+                for i in range(some.size):
+                    some[i] += weights[k] * reached[i]
 
 
 def _weights(derivative: int) -> FloatArray:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.diagnosis.residuals.observations import Observations  # read by singledispatch
+from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import (
     ArmEffect,
-    ArmMotion,
     BodyEffect,
     Effect,
     MotionEffect,
@@ -50,7 +50,7 @@ def response(effect: Effect, observed: Observations) -> Response:
 def responses(effects: Sequence[Effect], observed: Observations) -> list[Response]:
     """Return what each of several effects adds; one pass of the filter serves all."""
     parts = [sharp(effect, observed) for effect in effects]
-    filtered = observed.filter(np.concatenate([part.values for part in parts], axis=1))
+    filtered = observed.filter_together([part.values for part in parts])
     ends = np.cumsum([part.values.shape[1] for part in parts])[:-1]
     own = np.split(filtered, ends, axis=1)
     found = [part.read(values) for part, values in zip(parts, own, strict=True)]
@@ -59,7 +59,8 @@ def responses(effects: Sequence[Effect], observed: Observations) -> list[Respons
 
 def _sensed(effect: Effect, found: Response, observed: Observations) -> Response:
     """Return a response as late as the torque sensors tell it, unless it is that of a sensor."""
-    if isinstance(effect, SensorEffect):
+    late = {j - 1 for e in observed.reference.effects if isinstance(e, TimeDelay) for j in e.joints}
+    if isinstance(effect, SensorEffect) or late.isdisjoint(found.joints):
         return found
     rows = [
         observed.sensed(row, joint) for row, joint in zip(found.values, found.joints, strict=True)
@@ -125,13 +126,7 @@ def _reaching(effect: SensorEffect, observed: Observations) -> FloatArray:
 
 @sharp.register
 def _(effect: ArmEffect, observed: Observations) -> Sharp:
-    values = [
-        effect.advance(
-            effect.initial_state(),
-            ArmMotion(observed.motion[rows], observed.load[rows], observed.reference.body),
-        )[0]
-        for rows in observed.segments
-    ]
+    values = [effect.advance(effect.initial_state(), arm)[0] for arm in observed.arms]
     return Sharp(np.concatenate(values), acting)
 
 
@@ -161,10 +156,7 @@ def _(effect: MotionEffect, observed: Observations) -> Sharp:
 def over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> FloatArray:
     """Evaluate an effect over all samples, its memory anew in each stretch; (T,)."""
     return np.concatenate(
-        [
-            effect.advance(effect.initial_state(), observed.seen_by(effect, rows))[0]
-            for rows in observed.segments
-        ]
+        [effect.advance(effect.initial_state(), own)[0] for own in observed.seen_by(effect)]
     )
 
 

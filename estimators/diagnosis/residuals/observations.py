@@ -23,7 +23,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.physics.effects.friction import SIGN_WIDTH
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.differentiation import Stretch, stretch_of
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -36,8 +36,10 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_OF_MOTION = ("chain", "in_time", "recording", "segment", "since_reversal", "sign_width")
-_OF_REFERENCE = ("load", "predicted", "regressor", "stiffness", "inertia")
+_OF_MOTION = (
+    "chain", "in_time", "recording", "segment", "since_reversal", "sign_width", "_filters"
+)  # fmt: skip
+_OF_REFERENCE = ("load", "arms", "_of_joints", "predicted", "regressor", "stiffness", "inertia")
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,8 @@ class Observations:
     @cached_property
     def regressor(self) -> FloatArray:
         """The same, as late as sensors tell it."""
+        if not any(isinstance(effect, TimeDelay) for effect in self.reference.effects):
+            return self.in_time
         return np.stack([self.sensed(Y, joint) for joint, Y in enumerate(self.in_time)])
 
     def sensed(self, torque: FloatArray, joint: int) -> FloatArray:
@@ -211,11 +215,29 @@ class Observations:
     def filter(self, values: FloatArray) -> FloatArray:
         """Filter full-rate columns (T, ...) as the torque was and keep the slow rows, (K, ...)."""
         flat = values.reshape(values.shape[0], -1)
-        result = np.empty_like(flat)
-        for rows in self.segments:
-            time = self.motion.time[rows]
-            result[rows] = smooth(time, flat[rows], self.bandwidth, [slice(0, time.size)])
-        return result[self.kept].reshape(self.kept.size, *values.shape[1:])  # even of no column
+        return self.filter_together([flat]).reshape(self.kept.size, *values.shape[1:])
+
+    def filter_together(self, signals: Sequence[FloatArray]) -> FloatArray:
+        """Filter several signals (T, m) each, and keep the slow rows of all, side by side.
+
+        One stretch after the other, since what of all signals is in one fits the processor's cache.
+        """
+        result = np.empty((self.kept.size, sum(values.shape[1] for values in signals)))
+        for rows, (stretch, own) in zip(self.segments, self._filters, strict=True):
+            some = self.kept[own] - rows.start
+            if some.size:
+                padded = stretch.filter(*(values[rows] for values in signals))
+                result[own] = stretch.read(padded, some)
+        return result
+
+    @cached_property
+    def _filters(self) -> tuple[tuple[Stretch, slice], ...]:
+        """The filter of each segment, and which of the slow rows are in it."""
+        inside = (np.searchsorted(self.kept, [rows.start, rows.stop]) for rows in self.segments)
+        return tuple(
+            (stretch_of(self.motion.time[rows], self.bandwidth), slice(int(first), int(stop)))
+            for rows, (first, stop) in zip(self.segments, inside, strict=True)
+        )
 
     def predict(self, simulation: Simulation) -> FloatArray:
         """Return the torque that a simulation says was measured, unfiltered, (T, n) [N m]."""
@@ -234,14 +256,28 @@ class Observations:
             motion.position, motion.velocity, motion.acceleration
         )
 
-    def seen_by(self, effect: TorqueEffect | MotionEffect, rows: slice) -> JointMotion:
-        """Return the motion and load of an effect's joint over some samples."""
+    @cached_property
+    def arms(self) -> tuple[ArmMotion, ...]:
+        """Motion and load of the arm in each segment."""
+        body = self.reference.body
+        return tuple(ArmMotion(self.motion[rows], self.load[rows], body) for rows in self.segments)
+
+    @cached_property
+    def _of_joints(self) -> tuple[tuple[JointMotion, ...], ...]:
+        """The same of each joint, in each segment."""
+        return tuple(tuple(arm.of_joint(j) for arm in self.arms) for j in range(self.n))
+
+    def seen_by(self, effect: TorqueEffect | MotionEffect) -> Sequence[JointMotion]:
+        """Return the motion and load of an effect's joint in each segment."""
         j = effect.joint - 1
-        own = ArmMotion(self.motion[rows], self.load[rows], self.reference.body).of_joint(j)
-        if isinstance(effect, MotionEffect) and effect.needs_inertia:
-            samples = np.arange(rows.start, rows.stop)
-            own = replace(own, inertia=np.interp(samples, self.kept, self.inertia[j, j]))
-        return own
+        own = self._of_joints[j]
+        if not (isinstance(effect, MotionEffect) and effect.needs_inertia):
+            return own
+        inertia = np.interp(np.arange(len(self.motion)), self.kept, self.inertia[j, j])
+        return [
+            replace(motion, inertia=inertia[rows])
+            for motion, rows in zip(own, self.segments, strict=True)
+        ]
 
     @cached_property
     def predicted(self) -> FloatArray:
