@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter
 
+from estimators.diagnosis.hypotheses.line_sums import line_sums
 from estimators.diagnosis.settings.hypotheses import RIPPLE
 from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.differentiation import ORDER
@@ -120,37 +121,34 @@ class _Angle:
         low, high = np.quantile(self.position, (0.01, 0.99))
         return float(high - low)
 
-    def passed(self, cycles: FloatArray) -> FloatArray:
-        """Return what the filter leaves of lines at each row, (R, len(cycles))."""
-        ratio = self.speed[:, None] * (cycles / (2 * np.pi * self.bandwidth))
-        gain = 1.0 / (1.0 + ratio ** (2 * ORDER))
+    def passed(self, cycles: float) -> FloatArray:
+        """Return what the filter leaves of a line at each row, (R,)."""
+        ratio = self.speed * (cycles / (2 * np.pi * self.bandwidth))
+        gain = 1.0 / (1.0 + (ratio * ratio) ** ORDER)
         gain[gain < RIPPLE.passed] = 0.0
         return gain
 
     def power(self, first: float, step: float, count: int) -> Spectrum:
-        """Return how much of the residual is in evenly spaced lines, and how much noise would be.
-
-        The phase of a line is a product, so that few exponentials are needed.
-        """
-        ahead = np.exp(-1j * step * self.position[:, None] * np.arange(min(count, RIPPLE.block)))
-        amount, noise = np.zeros(count), np.zeros(count)
-        energy = self.residual**2
-        for start in range(0, count, RIPPLE.block):
-            size = min(RIPPLE.block, count - start)
-            N = first + step * np.arange(start, start + size, dtype=np.float64)
-            gain = self.passed(N)
-            turned = self.residual * np.exp(-1j * N[0] * self.position)
-            sums = np.einsum("r,rb,rb->b", turned, ahead[:, :size], gain)
-            enough = (gain > 0).mean(axis=0) > RIPPLE.least_share
-            rows = slice(start, start + size)
-            amount[rows] = np.where(enough, np.abs(sums) ** 2, 0.0)
-            noise[rows] = energy @ gain**2
+        """Return how much of the residual is in evenly spaced lines, and of even noise."""
+        cosine, sine, noise, rows = line_sums(
+            self.position,
+            self.speed,
+            self.residual,
+            first,
+            step,
+            count,
+            self.bandwidth,
+            RIPPLE.passed,
+            RIPPLE.block,
+        )
+        enough = rows > RIPPLE.least_share * self.position.size
+        amount = np.where(enough, cosine**2 + sine**2, 0.0)
         cycles = first + step * np.arange(count, dtype=np.float64)
         return Spectrum(cycles, amount, np.maximum(noise, RIPPLE.tiny))
 
     def _waves(self, cycles: float) -> FloatArray:
         """Return what one line adds to all that is known, orthonormal, (R, at most 2)."""
-        gain = self.passed(np.array([cycles]))[:, 0]
+        gain = self.passed(cycles)
         angle = cycles * self.position
         waves = np.stack([gain * np.sin(angle), gain * np.cos(angle)], axis=1)
         return _orthonormal(_rest(waves, self.known), np.linalg.norm(waves, axis=0))
