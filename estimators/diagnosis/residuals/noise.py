@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.settings.residuals import NOISE
+from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -81,17 +82,44 @@ class Noise:
             All rows, or those in `use` (K,).
         """
         wanted = np.arange(values.shape[0]) if use is None else np.flatnonzero(use)
+        columns = np.ascontiguousarray(values.reshape(values.shape[0], -1).T)
         known = self.known[wanted, joint]
-        result = np.empty((wanted.size, *values.shape[1:]))
-        for order in range(NOISE.order + 1):
-            here = known == order
-            rows = wanted[here]
-            part = values[rows]
-            for lag in range(1, order + 1):
-                part -= self.weight[joint, order, lag - 1] * values[rows - lag]
-            part /= self.white[joint, order]
-            result[here] = part
+        white = _whitened(columns, wanted, known, self.weight[joint], self.white[joint])
+        return white.T.reshape(wanted.size, *values.shape[1:])
+
+
+@compiled(reads=("columns", "weight", "white"), nogil=True, error_model="numpy")
+def _whitened(
+    columns: FloatArray,
+    wanted: NDArray[np.int64],
+    known: NDArray[np.int64],
+    weight: FloatArray,
+    white: FloatArray,
+) -> FloatArray:
+    """Return the prediction errors of columns (p, K) over their deviation on R rows, (p, R).
+
+    Run after run of rows of which equally many before are known.
+    """
+    result = np.empty((columns.shape[0], wanted.size))
+    if not wanted.size:
         return result
+    same = (np.diff(known) == 0) & (np.diff(wanted) == 1)
+    ends = np.append(np.flatnonzero(~same) + 1, wanted.size)
+    for p in range(columns.shape[0]):
+        first = 0
+        for end in ends:
+            order, row, size = known[first], wanted[first], end - first
+            errors, given = result[p, first:end], columns[p, row : row + size]
+            for i in range(size):
+                errors[i] = given[i]
+            for lag in range(1, order + 1):
+                before = columns[p, row - lag : row - lag + size]
+                for i in range(size):
+                    errors[i] -= weight[order, lag - 1] * before[i]
+            for i in range(size):
+                errors[i] /= white[order]
+            first = end
+    return result
 
 
 def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int64]:
