@@ -258,8 +258,13 @@ def friction_share(
         The share [1]; NaN without a joint that moves and whose effort limit is known.
     """
     without = replace(simulation, effects=tuple(x for x in simulation.effects if not x.rubs))
-    torque = simulation.predict(recording, bandwidth) - without.predict(recording, bandwidth)
-    velocity = recording.motion(bandwidth_for([recording], bandwidth)).velocity
+    width = bandwidth_for([recording], bandwidth)
+    calm = recording.calm_motion(width)
+    with_all, rest = (
+        each.predict_stretches(calm, recording.segments, width) for each in (simulation, without)
+    )
+    torque = with_all - rest
+    velocity = recording.motion(width).velocity
     moving = np.abs(velocity) > _CRAWLS * np.abs(velocity).mean(axis=0)
     along = np.sum(torque * np.sign(velocity), axis=0, where=moving)  # whatever its law
     friction = along / np.maximum(np.sum(moving, axis=0), 1)
