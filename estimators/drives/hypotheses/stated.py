@@ -94,6 +94,8 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
     """
     if None in simulation.channels:
         return False
+    if not gives_scale(largest_load(simulation.body, recordings)).any():
+        return True  # what is stated is the only scale there is, and nothing speaks against it
     told = tuple(range(simulation.model.n))
     order = likeliest_order(simulation.body, recordings)
     return any(_near(simulation, recordings, own) for own in dict.fromkeys((told, order)))

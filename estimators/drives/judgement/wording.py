@@ -172,6 +172,8 @@ def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
             "their scale is that of the stated values, all within their tolerance"
             if stated
             else f"{_gains(final, light)} is taken from the other joints"
+            if any(final.scaled)
+            else f"{_gains(final, light)} is that of a usual servo, which nothing speaks for"
         )
         told.append(
             f"Gravity never loads {joints_named(light)}: of {_gains(final, light)}, friction, "

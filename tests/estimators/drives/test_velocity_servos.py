@@ -196,3 +196,31 @@ def test_it_comes_back_from_its_file(arm, tmp_path):
     saved.save(tmp_path / "sim.yaml")
 
     assert Simulation.load(tmp_path / "sim.yaml").drives == saved.drives
+
+
+WHEELS = """<mujoco><option timestep="0.001" integrator="implicitfast"/>
+  <default><joint axis="0 0 1" damping="0.05" frictionloss="0.1" armature="0.01"/>
+    <geom type="cylinder" size=".1 .02" mass="1" contype="0" conaffinity="0"/></default>
+  <worldbody><body><joint name="left"/><geom/>
+    <body><joint name="right"/><geom/></body></body></worldbody>
+  <actuator><velocity joint="left" kv="2"/><velocity joint="right" kv="2"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.slow("diagnoses wheels")
+def test_wheels_that_gravity_never_loads_are_held_against_what_is_stated(tmp_path):
+    path = tmp_path / "wheels.xml"
+    path.write_text(WHEELS)
+    stated = replace(Simulation.load(path), tolerances=Tolerances(drive=0.1))
+    time = np.arange(1000) / 50.0
+    goals = np.random.default_rng(1).uniform(-6.0, 6.0, (14, 2))
+    command = goals[(time / 1.5).astype(int)]
+    position = turned(path, time, command, np.zeros(2), kv=(2.0, 2.0))
+    recording = recorded(time, command, np.round(position / STEP) * STEP, VELOCITY)
+
+    verdict = diagnose_drives(stated, [recording]).verdict
+
+    assert verdict.findings == ()
+    assert any("of kv, friction, damping and inertia only the ratios" in x for x in verdict.notes)
+    friction = [x for x in verdict.identified if x.effect == "coulomb_friction"]
+    assert [x.parameters["tau_c"].value for x in friction] == pytest.approx([0.1, 0.1], rel=0.1)
