@@ -235,7 +235,26 @@ def polished(
     Returns:
         The recordings beside the fitted simulation.
     """
-    around = observed.beside(simulation)
+    return polished_from(observed.beside(simulation), observed.simulation, split, places)
+
+
+def polished_from(
+    around: Observations,
+    given: Simulation,
+    split: NDArray[np.bool_],
+    places: Sequence[tuple[str, Sequence[int], bool]],
+) -> Observations:
+    """Do the same from recordings beside the simulation to start from.
+
+    Args:
+        around: The recordings beside it.
+        given: The simulation whose tolerances hold.
+        split: As above.
+        places: As above.
+
+    Returns:
+        The recordings beside the fitted simulation.
+    """
     bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
     for _ in range(NEWTON.rounds):
         own = [
@@ -244,7 +263,7 @@ def polished(
         ]
         found = {id(effect): effect for effect in own if effect is not None}
         some = tuple(found.values())
-        better = Linearised.of(around, some, bodies, observed.simulation).step(split)
+        better = Linearised.of(around, some, bodies, given).step(split)
         if better is None:
             break
         around = better

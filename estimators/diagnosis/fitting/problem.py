@@ -53,6 +53,7 @@ class RegressionProblem:
     )
     _sums: list[tuple[Noise, NormalEquations]] = field(default_factory=list, init=False)
     _rotations: list[Rotation] = field(default_factory=list, init=False)
+    _beside: list[tuple[Solution, Observations]] = field(default_factory=list, init=False)
 
     @classmethod
     def of(cls, observed: Observations, progress: Progress) -> RegressionProblem:
@@ -172,6 +173,15 @@ class RegressionProblem:
             ]
         return self._rotations[0]
 
+    def beside(self, solution: Solution) -> Observations:
+        """Return the recordings beside the simulation of a fit; those of the last fit are kept.
+
+        A set that stays is asked about by whoever prunes, judges or searches around it.
+        """
+        if not (self._beside and self._beside[0][0] is solution):
+            self._beside[:] = [(solution, self.observed.beside(improve(self, solution)))]
+        return self._beside[0][1]
+
     def holding(self, limits: FloatArray | None) -> RegressionProblem:
         """Return the same, where some coefficients of the nuisance stay at a limit, NaN else."""
         return self._on_the_same_sums(replace(self, held=limits))
@@ -279,7 +289,7 @@ def improve(problem: RegressionProblem, solution: Solution) -> Simulation:
 
 def simulated(problem: RegressionProblem, solution: Solution) -> FloatArray:
     """Return what the simulation of a fit leaves, (K, n) [N m]."""
-    return problem.observed.beside(improve(problem, solution)).residual
+    return problem.beside(solution).residual
 
 
 def lost_by(problem: RegressionProblem, solution: Solution) -> dict[int, float]:

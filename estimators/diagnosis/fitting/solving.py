@@ -22,7 +22,6 @@ from estimators.diagnosis.fitting.problem import (
     Solution,
     fitted,
     impossible,
-    improve,
     lost_by,
     search_on,
     simulated,
@@ -439,7 +438,7 @@ def relinearised(
     Returns:
         The problem, and the members of the solution on it.
     """
-    improved = improve(problem, solution)
+    improved = problem.beside(solution).simulation
     new = RegressionProblem.of(
         problem.observed.beside(problem.observed.simulation, around=improved), progress
     )

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import TINY, left_by_base, own_joints
-from estimators.diagnosis.fitting.linearised import polished
-from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted, improve
+from estimators.diagnosis.fitting.linearised import polished_from
+from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted
 from estimators.diagnosis.judgement.judgement import (
     RemainingResidual,
     abstained,
@@ -148,9 +148,9 @@ class JudgedSet:
         move) may weigh more among all rows than among those of the proof, and a step has to make no
         joint's error larger.
         """
-        observed = self.problem.observed
-        start, places = self.beside.simulation, places_of(self.problem, self.solution)
-        return polished(observed, start, observed.moving, places)
+        observed, places = self.problem.observed, places_of(self.problem, self.solution)
+        start = self.beside.beside(self.beside.simulation)
+        return polished_from(start, observed.simulation, observed.moving, places)
 
     @property
     def _harmed(self) -> tuple[int, ...]:
@@ -199,5 +199,5 @@ def places_of(
 
 def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
     """Return the recordings beside a simulation that was fitted to no row held out."""
-    start, places = improve(problem, solution), places_of(problem, solution)
-    return polished(problem.observed, start, problem.split.fitted, places)
+    start, given = problem.beside(solution), problem.observed.simulation
+    return polished_from(start, given, problem.split.fitted, places_of(problem, solution))

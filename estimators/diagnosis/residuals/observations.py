@@ -123,8 +123,10 @@ class Observations:
         What does not depend on the change is not computed again.
         """
         other = replace(self, simulation=simulation, around=around)
-        same = other.reference is self.reference
-        return self._sharing(other, (*_OF_MOTION, "moving", *(_OF_REFERENCE if same else ())))
+        same = [*_OF_MOTION, "moving"]
+        same += _OF_REFERENCE if other.reference is self.reference else ()
+        same += ("simulated",) if simulation is self.simulation else ()
+        return self._sharing(other, same)
 
     def without_torque_of(self, joints: Sequence[int]) -> Observations:
         """Return the same with no torque of some joints (0-based) taken for a measurement."""

@@ -50,3 +50,14 @@ def test_sums_are_kept_for_sets_of_the_same_members(sprung):
     rotation, _ = rotation_and_residual(problem, solution)
     assert problem.rotation(solution.noise, ()) is rotation
     assert problem.rotation(solution.noise.larger(np.full(7, 2.0)), ()) is not rotation
+
+
+def test_the_simulation_of_a_fit_is_kept_until_another_is_asked_for(sprung):
+    problem, solution = sprung
+    beside = problem.beside(solution)
+    assert problem.beside(solution) is beside
+    bare = problem.beside(solution.having(()))
+    assert np.abs(bare.residual - beside.residual)[:, 2].max() > 1.0  # [N m], without the spring
+    again = problem.beside(solution)
+    assert again is not beside
+    np.testing.assert_array_equal(again.residual, beside.residual)
