@@ -189,3 +189,11 @@ def test_what_is_kept_beside_another_simulation_is_what_it_would_be_anew(
             np.testing.assert_array_equal(getattr(near, name), getattr(anew, name), err_msg=name)
     assert not observed.undisturbed(pushed).moving[:50].any()
     assert observed.undisturbed(pushed).undisturbed(None).moving[:50].any()
+
+
+def test_signals_that_are_filtered_together_are_filtered_as_each_alone(observed):
+    signals = [np.sign(observed.motion.velocity), observed.motion.position[:, :1]]
+    expected = np.concatenate([observed.filter(values) for values in signals], axis=1)
+    found = observed.filter_together(signals)
+    assert found.shape == (observed.kept.size, observed.n + 1)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
