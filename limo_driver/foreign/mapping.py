@@ -328,7 +328,7 @@ class LogMapping(Declared, Displayed):
         if not led or (self.torque is not None and set(led) != {POSITION.name}):
             return None, (), values
         command = np.stack([values[name][:, j] for j, name in enumerate(led)], axis=1)
-        return command, led, {name: own for name, own in values.items() if name not in led}
+        return command, led, {name: own for name, own in values.items() if set(led) != {name}}
 
     def _torques(self, table: LogTable) -> FloatArray:
         """Return the torques of T rows, (T, n) [N m]; NaN where there are commands instead."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import channels_of, chosen
+from limo_driver.recordings.channels import POSITION, channels_of, chosen, led_by
 from limo_driver.recordings.checks import check_arm
 from limo_driver.recordings.gate import LeftOut, about_gaps, inspect_commands
 from limo_driver.recordings.recording import Recording
@@ -211,7 +211,8 @@ def _moved(recording: Recording | None) -> Recording | None:
     if recording is None or recording.command is None:
         return None
     position = recording.position
-    told = np.array_equal(position, recording.command)
+    placed = led_by(POSITION, recording.channels).all()
+    told = placed and np.array_equal(position, recording.command)
     return None if told or np.ptp(position, axis=0).max() < _STILL else recording
 
 

@@ -52,13 +52,14 @@ def read_columns(path: Path) -> Columns:
     table = kept.table
     by_quantity = _joint_columns(table, path)
     n = len(by_quantity["position"])
-    command, channels = _commands(table, n, path)
+    command, channels, told = _commands(table, n, path)
     arrays = {
         quantity: _stack(table, names, path)
         for quantity, names in by_quantity.items()
         if len(names) == n and quantity not in {"torque", *channels}
     }
-    arrays["torque"] = _torques(table, n, path)
+    arrays |= told
+    arrays["torque"] = _by_joint(table, "torque", n, path)
     partial = sorted(by_quantity.keys() - arrays.keys() - {*channels})
     if partial:
         warnings += (f"{', '.join(partial)}: not one column for each of {n} joints; not read",)
@@ -139,7 +140,10 @@ def _table_of(columns: Columns, about: Mapping[str, Any]) -> pa.Table:
         pairs = zip(columns.led, columns.command.T, strict=True)
         table |= {f"{name}_{j}": own for j, (name, own) in enumerate(pairs, start=1)}
     for quantity, values in columns.extras.items():
-        table |= by_joint(quantity, values)
+        own = by_joint(quantity, values)
+        if quantity in CHANNELS:  # of some joints alone, where others are told otherwise
+            own = {name: each for name, each in own.items() if np.isfinite(each).any()}
+        table |= own
     table |= by_joint("velocity", columns.velocity)
     header = ({"robot": columns.robot} if columns.robot else {}) | dict(about)
     if columns.torque_resolution is not None:
@@ -240,18 +244,33 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
     }
 
 
-def _commands(table: pa.Table, n: int, path: Path) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """Return what the drives were told (T, n), if all of them were, and each joint's channel.
+def _commands(
+    table: pa.Table, n: int, path: Path
+) -> tuple[FloatArray | None, tuple[str, ...], dict[str, FloatArray]]:
+    """Return what the drives were told (T, n), each joint's channel, and all that was beside it.
 
-    Beside torques, which need no drive, set-points of positions alone are taken for commands.
+    None, if some were told nothing. Beside torques, which need no drive, set-points of positions
+    alone are taken for commands.
     """
     columns = set(table.column_names)
-    found = [recorded_channel(j, columns) for j in range(1, n + 1)]
+    values = {name: _by_joint(table, name, n, path) for name in CHANNELS}
+    numbers = {
+        f"{name}_{j}"
+        for name, own in values.items()
+        for j in (1 + np.flatnonzero(np.isfinite(own).any(axis=0))).tolist()
+    }
+    found = [recorded_channel(j, numbers) or recorded_channel(j, columns) for j in range(1, n + 1)]
     channels = tuple(name for name in found if name is not None)
     torque = any(f"torque_{j}" in columns for j in range(1, n + 1))
     if len(channels) < n or (torque and set(channels) != {POSITION.name}):
-        return None, ()
-    return _stack(table, [f"{name}_{j}" for j, name in enumerate(channels, 1)], path), channels
+        return None, (), {}
+    command = np.stack([values[name][:, j] for j, name in enumerate(channels)], axis=1)
+    beside = {
+        name: own
+        for name, own in values.items()
+        if set(channels) != {name} and any(f"{name}_{j}" in numbers for j in range(1, n + 1))
+    }
+    return command, channels, beside
 
 
 def _shorten(names: list[str], most: int = 8) -> str:
@@ -259,13 +278,13 @@ def _shorten(names: list[str], most: int = 8) -> str:
     return listed + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def _torques(table: pa.Table, n: int, path: Path) -> FloatArray:
-    """Return the torque of each joint, (T, n); NaN for those that have no column."""
-    torque = np.full((table.num_rows, n), np.nan)
-    for j, values in enumerate(torque.T, start=1):
-        if f"torque_{j}" in table.column_names:
-            values[:] = _values(table, f"torque_{j}", path)
-    return torque
+def _by_joint(table: pa.Table, quantity: str, n: int, path: Path) -> FloatArray:
+    """Return a quantity of each joint, (T, n); NaN for those that have no column."""
+    found = np.full((table.num_rows, n), np.nan)
+    for j, values in enumerate(found.T, start=1):
+        if f"{quantity}_{j}" in table.column_names:
+            values[:] = _values(table, f"{quantity}_{j}", path)
+    return found
 
 
 def _stack(table: pa.Table, names: list[str], path: Path) -> FloatArray:

@@ -183,6 +183,14 @@ def test_a_motion_is_predicted_from_velocities_and_the_first_position_alone(path
     assert np.array_equal(predicted, free_run(arm, recording))
 
 
+def test_positions_that_were_recorded_as_velocities_are_refused(path, arm):
+    recording = played(path, 1, seconds=5.0)
+    mistaken = replace(recording, command=recording.position)
+
+    with pytest.raises(RecordingError, match="are these set-points of positions"):
+        predict_forward(arm, Commanded.of(mistaken))
+
+
 def test_two_servos_of_a_joint_are_refused(arm):
     with pytest.raises(ConfigError, match="joint 1 has a velocity_servo and a position_servo"):
         with_drives(arm, *arm.drives, PositionServo(joint=1, kp=20.0))

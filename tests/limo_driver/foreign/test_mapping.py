@@ -148,6 +148,20 @@ def test_velocities_that_are_told_are_commands_of_their_joints():
     assert np.isnan(found.torque).all()
 
 
+def test_velocities_of_joints_that_are_told_positions_as_well_are_kept():
+    log = LOG | {f"c{j}": np.full(ROWS, 10.0 * j) for j in range(7)}
+    log |= {"goal": np.zeros(ROWS)}
+    speeds = Channels(columns=tuple(f"c{j}" for j in range(7)), unit=("rad/s",))
+    goals = Channels(columns=("goal", *("-",) * 6), unit=("rad",))
+
+    found = mapping(torque=None, command=goals, command_velocity=speeds).columns(
+        table_of(log), arm()
+    )
+
+    assert found.led == ("command",) + ("command_velocity",) * 6
+    np.testing.assert_allclose(found.extras["command_velocity"][0], 10.0 * np.arange(7))
+
+
 def test_beside_torques_they_are_kept():
     log = LOG | {f"c{j}": np.full(ROWS, 10.0 * j) for j in range(7)}
     speeds = Channels(columns=tuple(f"c{j}" for j in range(7)), unit=("rad/s",))

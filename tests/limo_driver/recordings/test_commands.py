@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from limo_driver.errors import RecordingError, ShapeError
@@ -135,3 +137,22 @@ def test_a_wheel_that_turns_on_is_no_arm_in_degrees():
 def test_channels_that_are_none_are_refused(channels):
     with pytest.raises((RecordingError, ShapeError), match="channel"):
         Recording.from_arrays(TIME, POSITION, command=COMMAND, channels=channels)
+
+
+@pytest.mark.parametrize("other", ["none", "empty"])
+def test_a_drive_gets_its_own_channel_where_few_joints_have_both(tmp_path, other):
+    columns = {"time": TIME, "position_1": POSITION[:, 0], "position_2": POSITION[:, 1]}
+    columns |= {f"command_velocity_{j}": COMMAND[:, 0] for j in (1, 2)}
+    columns["command_1"] = POSITION[:, 0] + 0.01 * TIME
+    if other == "empty":
+        columns["command_2"] = np.full(TIME.size, np.nan)
+    pq.write_table(pa.table(columns), tmp_path / "run.parquet")
+
+    recording = Recording.load(tmp_path / "run.parquet")
+
+    assert recording.channels == MIXED
+    assert recording.led(VELOCITY).command == pytest.approx(COMMAND)
+    recording.led(VELOCITY).save(tmp_path / "led.parquet")
+    back = Recording.load(tmp_path / "led.parquet")
+    assert back.led(VELOCITY).command == pytest.approx(COMMAND)
+    assert back.led(MIXED).command == pytest.approx(recording.command)
