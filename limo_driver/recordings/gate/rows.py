@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import POSITION, by_channel, led_by
+from limo_driver.recordings.channels import POSITION, VELOCITY, by_channel, led_by
 from limo_driver.recordings.gate.doubts import STILL, doubts_about_rows
 from limo_driver.recordings.gate.gaps import contiguous, longest_step
 from limo_driver.recordings.gate.held_values import held_position, held_torque
@@ -34,7 +34,7 @@ FEWEST_CONTIGUOUS = 10  # samples; fewer between two gaps cannot be differentiat
 SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
 _BACKWARDS = 0.5  # share of steps back in time above which the rows are in reverse order
 # rad (a hundred turns are 628), rad/s, N m: what no arm does. What this arm cannot do is seen once
-# the arm is known, by `Recording.check_robot`.
+# the arm is known, by `Recording.check_robot`. A joint that is told how fast to turn turns on.
 _IMPOSSIBLE = {
     "position": 1e3,
     "command": 1e3,
@@ -217,7 +217,7 @@ class _Gate:
     def impossible(self) -> Mask:
         bad = np.zeros(self.rows.size, dtype=bool)
         for quantity, values in self.columns.quantities().items():
-            limit = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
+            limit = self._farthest(quantity)
             size = np.abs(values[self.rows])
             self._refuse_systematic(quantity, size > limit, limit)  # NaN compares false
             if quantity == "torque" and size.size:
@@ -226,13 +226,19 @@ class _Gate:
             bad |= (size > limit).any(axis=1)
         return bad
 
-    def _refuse_systematic(self, quantity: str, beyond: Mask, limit: float) -> None:
+    def _farthest(self, quantity: str) -> FloatArray:
+        """Return how large a quantity of each joint may be, (n,)."""
+        usual = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
+        turning = led_by(VELOCITY, self.columns.led) & (quantity == "position")
+        return np.where(turning, _IMPOSSIBLE_EXTRA, usual)
+
+    def _refuse_systematic(self, quantity: str, beyond: Mask, limit: FloatArray) -> None:
         share = beyond.mean(axis=0) if beyond.size else np.zeros(1)
         j = int(share.argmax())
         if share[j] > SYSTEMATIC and quantity in _UNIT_HINT:
             raise RecordingError(
-                f"{quantity}_{j + 1} is beyond ±{limit:g} in {share[j]:.0%} of the rows, expected "
-                f"{_UNIT_HINT[quantity]}",
+                f"{quantity}_{j + 1} is beyond ±{limit[j]:g} in {share[j]:.0%} of the rows, "
+                f"expected {_UNIT_HINT[quantity]}",
                 rows=self.rows[np.flatnonzero(beyond[:, j])[:1]].tolist(),
             )
 
@@ -297,9 +303,22 @@ class _Gate:
         """Mark single values far from the median of their neighbours, against what is usual."""
         bad = np.zeros(self.rows.size, dtype=bool)
         for quantity, floor in _SPIKE_FLOOR.items():
-            for values in getattr(self.columns, quantity)[self.rows].T:
-                bad |= self._far_from_neighbours(values, floor)
+            every = getattr(self.columns, quantity)[self.rows].T
+            turned = self._turned() if quantity == "position" else np.zeros(len(every))
+            for values, further in zip(every, turned.tolist(), strict=True):
+                bad |= self._far_from_neighbours(values, floor + further)
         return bad
+
+    def _turned(self) -> FloatArray:
+        """Return how far each joint is told to turn in half a window at most, (n,) [rad].
+
+        So far from its neighbours is a wheel where it begins to turn the other way.
+        """
+        command, own = self.columns.command, led_by(VELOCITY, self.columns.led)
+        if command is None or not own.any() or self.rows.size < FEWEST_CONTIGUOUS:
+            return np.zeros(own.size)
+        fastest = np.abs(command[self.rows]).max(axis=0)
+        return own * (_SPIKE_WINDOW // 2) * fastest * float(np.median(np.diff(self.time)))
 
     def _far_from_neighbours(self, values: FloatArray, floor: float) -> Mask:
         from scipy.ndimage import median_filter  # slow to import, and a live stream needs it not

@@ -133,6 +133,27 @@ def test_a_wheel_that_turns_on_is_no_arm_in_degrees():
     assert not recording.warnings
 
 
+def test_a_wheel_may_turn_for_long_and_turn_the_other_way():
+    told = 20.0 * np.sign(np.sin(2.0 * TIME))[:, None] * np.array([1.0, 0.5])
+    turned = np.cumsum(told / 50.0, axis=0) + np.array([0.0, 5000.0])
+
+    recording = Recording.from_arrays(TIME, turned, command=told, channels=VELOCITY)
+
+    assert not recording.left_out
+    with pytest.raises(RecordingError, match="position_2 is beyond ±1000 in 100% of the rows"):
+        Recording.from_arrays(TIME, turned, command=told, channels=MIXED[::-1])
+
+
+def test_a_spike_of_a_wheel_is_left_out():
+    told = 2.0 + 0.0 * COMMAND
+    turned = 2.0 * TIME[:, None] * np.ones(2)
+    turned[80, 1] += 1.0
+
+    recording = Recording.from_arrays(TIME, turned, command=told, channels=VELOCITY)
+
+    assert [item.rows for item in recording.left_out] == [(80,)]
+
+
 @pytest.mark.parametrize("channels", [("command",), ("command", "torque")])
 def test_channels_that_are_none_are_refused(channels):
     with pytest.raises((RecordingError, ShapeError), match="channel"):
