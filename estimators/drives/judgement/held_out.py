@@ -97,8 +97,16 @@ def removes(squared: FloatArray, without: FloatArray, folds: int = 1) -> float:
 
 
 def resolution_of(recordings: Sequence[Recording], j: int) -> float:
-    """Return the step of an encoder [rad]; 0 if it has none that shows."""
-    steps = np.concatenate([np.abs(np.diff(r.position[:, j])) for r in recordings])
+    """Return the step of an encoder [rad]; 0 if it has none that shows.
+
+    The least by which positions change from row to row; of a joint that is told velocities, the
+    least between any two of them: a wheel turns on, and by many steps of its encoder in each row.
+    """
+    rows = [
+        np.sort(r.position[:, j]) if r.channels[j] == VELOCITY.name else r.position[:, j]
+        for r in recordings
+    ]
+    steps = np.concatenate([np.abs(np.diff(values)) for values in rows])
     steps = steps[steps > LEAST]
     return float(np.percentile(steps, 1)) if steps.size else 0.0
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from servo_arms import commands, recorded
+import pytest
+from servo_arms import VELOCITY, commands, recorded
 
-from estimators.drives.judgement.held_out import removes, split
+from estimators.drives.judgement.held_out import removes, resolution_of, split
 
 
 def moved(pace):
@@ -19,6 +20,18 @@ def test_the_fastest_motion_is_fitted_to():
 
     assert split(recordings[::-1]) == (recordings[0::2], recordings[1::2])
     assert split(recordings) == (recordings[0::2], recordings[1::2])
+
+
+def test_the_step_of_an_encoder_is_told_though_its_wheel_turns_by_many_in_each_row():
+    time, step = np.arange(3000) / 50.0, 2 * np.pi / 4096
+    speed = np.random.default_rng(0).uniform(12.0, 18.0, 3000) * np.sign(np.sin(time))
+    turned = np.round(np.cumsum(speed[:, None] / 50.0 * [1.0, 1.1], axis=0) / step) * step
+    rows = np.abs(np.diff(turned, axis=0)).min()
+
+    recording = recorded(time, np.stack([speed, 1.1 * speed], axis=1), turned, VELOCITY)
+
+    assert rows > 100 * step
+    assert resolution_of([recording], 0) == pytest.approx(step)
 
 
 def test_few_recordings_are_cut_where_they_are_slowest():
