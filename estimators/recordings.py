@@ -35,6 +35,7 @@ def check_recordings(recordings: Sequence[Recording], model: RobotModel) -> None
         raise RecordingError("no recording to fit to")
     for recording in recordings:
         recording.check_robot(model)
+        recording.check_torque()
     _check_torque(recordings)
     moved = max(float(np.ptp(recording.position, axis=0).max()) for recording in recordings)
     if moved < _STILL:

@@ -33,11 +33,20 @@ def constant(recording: Recording, name: str, value: float) -> Recording:
     return replace(recording, **{name: np.full(recording.position.shape, value)})
 
 
+def told(recording: Recording) -> Recording:
+    """Return what a drive that tells no torque would have recorded."""
+    command = recording.position + 0.01
+    return Recording.from_arrays(
+        recording.time, recording.position, command=command, source=recording.source
+    )
+
+
 @pytest.mark.parametrize("name", FIT)
 @pytest.mark.parametrize(
     ("runs", "message"),
     [
         (lambda _: [], "no recording to fit to"),
+        (lambda r: [told(r)], "seed 1: lacks torque_1: it holds commands and positions alone"),
         (lambda r: [constant(r, "torque", 0.0)], "seed 1: every torque is 0 N m"),
         (lambda r: [constant(r, "torque", 1.0)], "seed 1: no torque ever changes"),
         (lambda r: [constant(r, "position", 0.3)], "seed 1: no joint moves"),
