@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from io import StringIO
 from typing import TYPE_CHECKING
 
@@ -138,6 +139,15 @@ def test_a_joint_without_torque_has_no_errors(
     score = model.simulation.score(found.recording)
     assert np.isnan(score.rmse[1])
     assert score.joint_names[0] in score.headline()
+
+
+def test_torques_that_are_all_zero_are_no_measurement(
+    model: HybridModel, test_recording: Recording
+) -> None:
+    silent = replace(test_recording, torque=np.zeros_like(test_recording.torque))
+    for judged in (partial(evaluate, model), model.simulation.score):
+        with pytest.raises(RecordingError, match="every torque is 0 N m; was it measured"):
+            judged(silent)
 
 
 def test_too_short_to_score(model: HybridModel, test_recording: Recording) -> None:

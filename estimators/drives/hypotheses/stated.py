@@ -198,8 +198,9 @@ def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedAr
         if one.effect == "spring_load" and one.joint is not None:
             rows[one.joint] = _about_rest(rows[one.joint], stated[one.joint])
     fits = list[JointFit]()
+    told_by_stated = scaled | ~scaled.any()  # where gravity tells no joint's, stated values do
     for j, known in enumerate(fit.own):
-        deviation = {name: x for name, x in known.items() if name not in GAINS or scaled[j]}
+        deviation = {n: x for n, x in known.items() if n not in GAINS or told_by_stated[j]}
         fits.append(JointFit(rows[j], tuple(deviation), deviation, fit.errors[j]))
     own = tuple(
         tuple(x.effect for x in found.suspects if x.joint == j and not (x.shared or x.freed))

@@ -169,7 +169,7 @@ def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
     told = list[str]()
     if light := _weightless(final):
         scale = (
-            "their scale is that of the stated values, all within their tolerance"
+            "their scale is that of all that is stated"
             if stated
             else f"{_gains(final, light)} is taken from the other joints"
             if any(final.scaled)

@@ -215,18 +215,31 @@ WHEELS = """<mujoco><option timestep="0.001" integrator="implicitfast"/>
 </mujoco>"""
 
 
-@pytest.mark.slow("diagnoses wheels")
-def test_wheels_that_gravity_never_loads_are_held_against_what_is_stated(tmp_path):
-    path = tmp_path / "wheels.xml"
+def of_wheels(path, kv):
+    """Diagnose two wheels, stated with a gain of 2, that turn with others."""
     path.write_text(WHEELS)
     stated = replace(Simulation.load(path), tolerances=Tolerances(drive=0.1))
     time = np.arange(1000) / 50.0
     goals = np.random.default_rng(1).uniform(-6.0, 6.0, (14, 2))
     command = goals[(time / 1.5).astype(int)]
-    position = turned(path, time, command, np.zeros(2), kv=(2.0, 2.0))
+    position = turned(path, time, command, np.zeros(2), kv=kv)
     recording = recorded(time, command, np.round(position / STEP) * STEP, VELOCITY)
+    return diagnose_drives(stated, [recording]).verdict
 
-    verdict = diagnose_drives(stated, [recording]).verdict
+
+@pytest.mark.slow("diagnoses wheels")
+def test_a_wheel_of_another_gain_is_named(tmp_path):
+    verdict = of_wheels(tmp_path / "wheels.xml", (2.0, 0.5))
+
+    (found,) = [item for item in verdict.findings if item.effect != "unknown"]
+    assert (found.effect, found.joints) == ("velocity_servo", (2,))
+    low, high = found.parameters["kv"].ci95
+    assert low < 0.5 < high < 1.0
+
+
+@pytest.mark.slow("diagnoses wheels")
+def test_wheels_that_gravity_never_loads_are_held_against_what_is_stated(tmp_path):
+    verdict = of_wheels(tmp_path / "wheels.xml", (2.0, 2.0))
 
     assert verdict.findings == ()
     assert any("of kv, friction, damping and inertia only the ratios" in x for x in verdict.notes)
