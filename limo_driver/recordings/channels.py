@@ -96,7 +96,7 @@ def chosen(
         source: Of the recording, for messages.
 
     Raises:
-        RecordingError: What a drive takes was not recorded; names the column.
+        RecordingError: What a drive takes was not recorded, or not in all rows; names the column.
     """
     if command is not None and all(
         own in {None, has} for own, has in zip(wanted, channels, strict=True)
@@ -107,10 +107,15 @@ def chosen(
         known = {name: others[name][:, j] for name in CHANNELS if name in others}
         if command is not None:
             known = {has: command[:, j], **known}
-        known = {name: each for name, each in known.items() if np.isfinite(each).all()}
+        known = {name: each for name, each in known.items() if np.isfinite(each).any()}
         name = next(iter(known), None) if own is None else own
         if name is None or name not in known:
             raise RecordingError(_lacking(name or POSITION.name, j + 1, known), path=source or None)
+        if missing := int((~np.isfinite(known[name])).sum()):
+            raise RecordingError(
+                f"{name}_{j + 1} is no number in {missing} rows; leave these rows out",
+                path=source or None,
+            )
         values.append(known[name])
         names.append(name)
     return np.stack(values, axis=1), tuple(names)

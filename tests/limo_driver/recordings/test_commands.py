@@ -127,6 +127,14 @@ def test_a_drive_gets_its_own_channel_or_is_told_what_lacks():
         alone.led((None, "command_velocity"))
 
 
+def test_a_command_that_is_no_number_somewhere_does_not_lack():
+    told = COMMAND.copy()
+    told[3, 1] = np.nan
+    both = Recording.from_arrays(TIME, POSITION, command=COMMAND, extras={"command_velocity": told})
+    with pytest.raises(RecordingError, match="command_velocity_2 is no number in 1 rows"):
+        both.led((None, "command_velocity"))
+
+
 def test_a_wheel_that_turns_on_is_no_arm_in_degrees():
     turned = 3.0 * TIME[:, None] * np.array([1.0, 2.0])
     recording = Recording.from_arrays(TIME, turned, command=3.0 + COMMAND, channels=VELOCITY)
