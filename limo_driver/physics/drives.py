@@ -15,7 +15,7 @@ from limo_driver.descriptions.description import StatedServo
 from limo_driver.errors import ParameterError
 from limo_driver.parameters import JOINT, Declared, Parameter, parameter, shown
 from limo_driver.physics.effect import FARTHEST, MOST_SLOPE, MOST_STIFFNESS, MOST_TORQUE
-from limo_driver.recordings.channels import POSITION, VELOCITY, Channel
+from limo_driver.recordings.channels import POSITION, VELOCITY, CommandChannel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -38,7 +38,7 @@ class JointDrive(Declared):
     """
 
     name: ClassVar[str]  # the identifier in sim.yaml
-    channel: ClassVar[Channel | None] = None  # of its commands; None: it takes none
+    channel: ClassVar[CommandChannel | None] = None  # of its commands; None: it takes none
     tolerated: ClassVar[tuple[str, ...]] = ()  # parameters that are believed within a tolerance
     joint: int = parameter(JOINT, "the joint, 1-based")
     tolerances: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -87,7 +87,7 @@ class PositionServo(JointDrive):
     """
 
     name: ClassVar[str] = "position_servo"
-    channel: ClassVar[Channel | None] = POSITION
+    channel: ClassVar[CommandChannel | None] = POSITION
     tolerated: ClassVar[tuple[str, ...]] = (
         "kp",
         "kd",
@@ -171,7 +171,7 @@ class VelocityServo(JointDrive):
     """
 
     name: ClassVar[str] = "velocity_servo"
-    channel: ClassVar[Channel | None] = VELOCITY
+    channel: ClassVar[CommandChannel | None] = VELOCITY
     tolerated: ClassVar[tuple[str, ...]] = ("kv", "ki", "torque_limit", "delay")
     kv: float = parameter("N m s/rad", "proportional gain", lower=0.0, above=True, upper=MOST_SLOPE)
     ki: float = parameter("N m/rad", "integral gain", lower=0.0, upper=MOST_STIFFNESS, default=0.0)

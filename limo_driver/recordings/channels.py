@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Channel:
+class CommandChannel:
     """One kind of command: the name of its columns, without the joint, and its unit."""
 
     name: str
     unit: str
 
 
-POSITION: Final = Channel("command", "rad")
-VELOCITY: Final = Channel("command_velocity", "rad/s")
+POSITION: Final = CommandChannel("command", "rad")
+VELOCITY: Final = CommandChannel("command_velocity", "rad/s")
 CHANNELS: Final = {channel.name: channel for channel in (POSITION, VELOCITY)}
 
 
@@ -48,7 +48,7 @@ def channels_of(given: tuple[str, ...], n: int) -> tuple[str, ...]:
     return found
 
 
-def led_by(channel: Channel, channels: Sequence[str]) -> NDArray[np.bool_]:
+def led_by(channel: CommandChannel, channels: Sequence[str]) -> NDArray[np.bool_]:
     """Say which joints are told by a channel, (n,).
 
     Args:

@@ -64,7 +64,7 @@ def differentiate(
     _check_lowest(bandwidth, time)
     result = Derivatives(*(np.empty(values.shape) for _ in range(3)))
     for rows in segments:
-        stretch = Stretch(time[rows], bandwidth)
+        stretch = FilteredStretch(time[rows], bandwidth)
         padded = stretch.filter(values[rows])
         result.value[rows] = stretch.read(padded)
         result.first[rows] = stretch.read(_stencil(padded, _FIRST) / stretch.period)
@@ -79,19 +79,19 @@ def smooth(
     _check_lowest(bandwidth, time)
     result = np.empty(values.shape)
     for rows in segments:
-        stretch = Stretch(time[rows], bandwidth)
+        stretch = FilteredStretch(time[rows], bandwidth)
         result[rows] = stretch.read(stretch.filter(values[rows]))
     return result
 
 
-def stretch_of(time: FloatArray, bandwidth: float) -> Stretch:
+def stretch_of(time: FloatArray, bandwidth: float) -> FilteredStretch:
     """Return the filter of one contiguous stretch (T,) [s], for whoever filters much of it.
 
     Raises:
         RecordingError: As `differentiate` does.
     """
     _check_lowest(bandwidth, time)
-    return Stretch(time, bandwidth)
+    return FilteredStretch(time, bandwidth)
 
 
 def impulse_responses(bandwidth: float, rate: float, half: int) -> FloatArray:
@@ -158,7 +158,7 @@ def _advance(row: FloatArray, first: FloatArray, second: FloatArray, section: Fl
         row[k] = y
 
 
-class Stretch:
+class FilteredStretch:
     """One contiguous stretch of samples, its even grid and its filter."""
 
     def __init__(self, time: FloatArray, bandwidth: float) -> None:

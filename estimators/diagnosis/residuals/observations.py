@@ -23,7 +23,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.physics.effects.friction import SIGN_WIDTH
-from limo_driver.recordings.differentiation import Stretch, stretch_of
+from limo_driver.recordings.differentiation import FilteredStretch, stretch_of
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -233,7 +233,7 @@ class Observations:
         return result
 
     @cached_property
-    def _filters(self) -> tuple[tuple[Stretch, slice], ...]:
+    def _filters(self) -> tuple[tuple[FilteredStretch, slice], ...]:
         """The filter of each segment, and which of the slow rows are in it."""
         inside = (np.searchsorted(self.kept, [rows.start, rows.stop]) for rows in self.segments)
         return tuple(
