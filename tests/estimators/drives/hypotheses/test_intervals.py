@@ -55,17 +55,31 @@ def test_intervals_hold_what_fits_to_filtered_motion_are_off_by(stated):
     assert np.mean(np.array(away) < NORMAL) > 0.9
 
 
-def test_a_joint_that_gravity_does_not_load_has_no_gain(stated):
+def test_a_joint_that_gravity_does_not_load_has_no_gain_beside_one_that_it_does(
+    stated, monkeypatch
+):
+    time, command = commands(4.0, 50.0)
+    found = found_in(stated, [recorded(time, command, command)], 0)
+    monkeypatch.setattr(
+        "estimators.drives.hypotheses.stated.gives_scale", lambda _load: np.array([True, False])
+    )
+
+    loaded, light = stated_arm(stated, found, found.fit).identified.fits
+
+    assert "kp" in loaded.names
+    assert "kp" not in light.deviation
+    assert "damping" in light.names
+
+
+def test_where_gravity_loads_no_joint_gains_are_in_the_scale_of_what_is_stated(stated):
     weightless = replace(stated, effects=(GravityDirection(gravity=(0.0, 0.0, 0.0)),))
     time, command = commands(4.0, 50.0)
-    recording = recorded(time, command, command)
-    found = found_in(stated, [recording], 0)
+    found = found_in(stated, [recorded(time, command, command)], 0)
 
     loaded, light = (stated_arm(own, found, found.fit).identified for own in (stated, weightless))
 
     assert (loaded.scaled, light.scaled) == ((True, True), (False, False))
-    assert all("kp" in fit.names for fit in loaded.fits)
-    assert all("kp" not in fit.deviation and "damping" in fit.names for fit in light.fits)
+    assert all("kp" in fit.names for fit in (*loaded.fits, *light.fits))
 
 
 def test_of_a_joint_that_no_command_moves_the_stated_values_are_kept(stated):

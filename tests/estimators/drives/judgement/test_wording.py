@@ -45,7 +45,7 @@ def test_joints_without_scale_or_motion_are_told(arm):
 
     light, still = about_scale(found, stated=True)
 
-    assert "only the ratios are known there; their scale is that of the stated values" in light
+    assert "only the ratios are known there; their scale is that of all that is stated" in light
     assert still.endswith("and the stated values are kept.")
     assert [reason for effect, reason in undecided(found, 50.0) if effect == "position_servo"] == [
         "gravity never loads joint 1: kp is known there in ratio to friction, damping and inertia "
