@@ -85,6 +85,12 @@ def loaded(unloaded, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def loaded_again(unloaded, tmp_path_factory):
+    """Diagnose another run, in which friction by load makes a fit and its simulation differ."""
+    return diagnosed("loaded_20_01_31", unloaded, tmp_path_factory.mktemp("loaded_again"))
+
+
+@pytest.fixture(scope="module")
 def unloaded_again(unloaded, tmp_path_factory):
     return diagnosed("unloaded_15harm", unloaded, tmp_path_factory.mktemp("again"))
 
@@ -104,6 +110,12 @@ def test_its_mass_is_what_the_current_gains_allow(loaded):
 
 def test_the_load_found_once_predicts_another_loaded_run(loaded):
     assert (loaded.fall("loaded_20_01_31", slice(1, None)) > 0.6).all()
+
+
+def test_the_load_is_found_in_another_run_too(loaded_again):
+    mass = loaded_again.finding("payload")["parameters"]["mass"]["value"]
+    assert BY_GAINS[0] < mass < BY_GAINS[1]
+    assert (loaded_again.fall("loaded_14harm", slice(1, None)) > 0.6).all()
 
 
 def test_no_load_is_found_without_one(unloaded_again):
