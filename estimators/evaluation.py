@@ -204,13 +204,12 @@ def evaluate(model: ResidualModel[Any], recording: Recording) -> Evaluation:
     bandwidth = model.bandwidth
     recording.check_robot(model.simulation.model)
     scored = recording.scored(bandwidth)
-    told = np.where(recording.measured_joints, 1.0, np.nan)
     motion, estimate = recording.motion(bandwidth), model.estimate(recording)
     return Evaluation(
         model.name,
         recording,
         motion,
-        told * recording.filtered_torque(bandwidth),
+        recording.measured_torque(bandwidth),
         estimate.filtered(recording, bandwidth),
         recording.filtered(model.simulation.without_effects().predict(motion), bandwidth),
         scored,

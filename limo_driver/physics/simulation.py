@@ -243,10 +243,9 @@ class Simulation(Displayed):
         """
         recording.check_robot(self.model)
         width = bandwidth_for([recording], bandwidth)
-        scored, measured = recording.scored(width), recording.filtered_torque(width)
+        scored, measured = recording.scored(width), recording.measured_torque(width)
         predicted = recording.filtered(self.predict(recording, width), width)
-        told = np.where(recording.measured_joints, 1.0, np.nan)
-        error, measured = told * (measured - predicted)[scored], told * measured[scored]
+        error, measured = (measured - predicted)[scored], measured[scored]
         return Score(
             rmse=np.sqrt(np.mean(error**2, axis=0)),
             torque=np.sqrt(np.mean(measured**2, axis=0)),

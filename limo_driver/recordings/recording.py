@@ -264,29 +264,42 @@ class Recording(FilteredSamples, Displayed):
     def measured_joints(self) -> NDArray[np.bool_]:
         """Which joints' torque was measured, (n,).
 
-        One that is the same in all rows is none; where all are, as coarse sensors show an arm at
-        rest, one that is 0.
+        One that is the same in all rows is none, but where all are, as coarse sensors show an arm
+        at rest.
         """
-        told = np.ptp(self.torque, axis=0) > 0
-        if not told.any():
-            told = np.any(self.torque, axis=0)
-        return np.asarray(told & self.has_torque, dtype=bool)
+        changes = np.ptp(self.torque, axis=0) > 0
+        return np.asarray((changes | ~changes.any()) & self.has_torque, dtype=bool)
+
+    def measured_torque(self, bandwidth: float) -> FloatArray:
+        """Filter the torque, as what a prediction is held against.
+
+        Args:
+            bandwidth: As for `motion` [Hz].
+
+        Returns:
+            Filtered torques, (T, n) [N m]; NaN for joints whose torque was not measured.
+
+        Raises:
+            RecordingError: None was measured, all are 0, or the bandwidth is too high for the
+                sampling rate.
+        """
+        if self.has_torque and not np.any(self.torque):
+            raise RecordingError(
+                "every torque is 0 N m; was it measured?", path=self.source or None
+            )
+        return np.where(self.measured_joints, self.filtered_torque(bandwidth), np.nan)
 
     def check_torque(self) -> None:
         """Check that torques were measured.
 
         Raises:
-            RecordingError: None was, or all are 0.
+            RecordingError: None was.
         """
         if not self.has_torque:
             raise RecordingError(
                 "lacks torque_1: it holds commands and positions alone, which only identify, "
                 "diagnose and a free-running prediction can use",
                 path=self.source or None,
-            )
-        if not self.measured_joints.any():
-            raise RecordingError(
-                "every torque is 0 N m; was it measured?", path=self.source or None
             )
 
     def by_joint(self) -> Recording:
