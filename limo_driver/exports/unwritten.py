@@ -12,17 +12,22 @@ if TYPE_CHECKING:
 
     from limo_driver.physics import JointDrive, Simulation
 
-BEYOND_ACTUATORS: Final = {  # of a servo, with its unit
-    "dead_band": "rad",
-    "punch": "N m",
-    "play": "rad",
-    "ki": "",  # of the drive's own
+BEYOND_ACTUATORS: Final = (  # of a servo
+    "dead_band",
+    "punch",
+    "play",
+    "ki",
+    "sag",
+    "derating",
+    "speed",
+    "acceleration",
+    "straight",
+    "resolution",
+)
+_MEANT: Final = {  # by what has no unit
     "sag": "of the supply",
     "derating": "of the warm motor",
-    "speed": "rad/s",
-    "acceleration": "rad/s^2",
     "straight": "(no profile to a repeated command)",
-    "resolution": "rad",
 }
 
 
@@ -54,14 +59,14 @@ def _numbers(servos: list[JointDrive], names: tuple[str, ...]) -> Iterator[str]:
 
 
 def unit_of(servo: JointDrive, key: str) -> str:
-    """Return the unit of what an actuator has no attribute for.
+    """Return the unit of a parameter, or what is meant by one that has none.
 
     Args:
         servo: The servo.
         key: Name of the parameter.
     """
     own = {known.name: known.unit for known in parameters_of(type(servo))}
-    return BEYOND_ACTUATORS[key] or own[key]
+    return _MEANT.get(key, own[key])
 
 
 def _kind(servo: JointDrive) -> str:

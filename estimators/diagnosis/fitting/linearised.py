@@ -216,8 +216,8 @@ class Linearised:
 
 
 def polished(
-    observed: Observations,
-    simulation: Simulation,
+    around: Observations,
+    given: Simulation,
     split: NDArray[np.bool_],
     places: Sequence[tuple[str, Sequence[int], bool]],
 ) -> Observations:
@@ -227,30 +227,10 @@ def polished(
     that moved far from it, and effects that act on one another, need more steps.
 
     Args:
-        observed: The recordings beside the given simulation, whose tolerances hold.
-        simulation: The simulation to start from.
+        around: The recordings beside the simulation to start from.
+        given: The simulation whose tolerances hold.
         split: Rows to fit to, (K, n).
         places: Of what was found: effect, joints (1-based), and whether it was missing.
-
-    Returns:
-        The recordings beside the fitted simulation.
-    """
-    return polished_from(observed.beside(simulation), observed.simulation, split, places)
-
-
-def polished_from(
-    around: Observations,
-    given: Simulation,
-    split: NDArray[np.bool_],
-    places: Sequence[tuple[str, Sequence[int], bool]],
-) -> Observations:
-    """Do the same from recordings beside the simulation to start from.
-
-    Args:
-        around: The recordings beside it.
-        given: The simulation whose tolerances hold.
-        split: As above.
-        places: As above.
 
     Returns:
         The recordings beside the fitted simulation.

@@ -275,19 +275,19 @@ def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
         for member in solution.members
         if _deviation_without(problem, solution, member) < most
     }
-    errs = _relative(problem, solution, left)
+    errs = _in_errors(problem, solution, left)
     for member in sorted(gain, key=lambda member: gain[member], reverse=True):
         fewer = simulated(problem, _less(problem, solution, (member,)))
-        if _relative(problem, solution, fewer) < errs:
+        if _in_errors(problem, solution, fewer) < errs:
             return member
     return None
 
 
-def _relative(problem: RegressionProblem, solution: Solution, left: FloatArray) -> float:
-    """Return the squares of what a simulation leaves (K, n) over what a fit does, summed up."""
+def _in_errors(problem: RegressionProblem, whole: Solution, torque: FloatArray) -> float:
+    """Return how large torques (K, n) are [errors that a fit leaves], joints summed up."""
     rows = problem.split.fitted
-    scale = np.maximum(rmse(problem.left(solution.fitted), rows), TINY)
-    return float(np.sum((rmse(left, rows) / scale) ** 2))
+    scale = np.maximum(rmse(problem.left(whole.fitted), rows), TINY)
+    return float(np.sum((rmse(torque, rows) / scale) ** 2))
 
 
 def _errs_too_much(problem: RegressionProblem, solution: Solution, left: FloatArray) -> bool:
@@ -312,10 +312,8 @@ def _deviation(
         solution: The fit.
         left: What the simulation of it leaves, (K, n) [N m].
     """
-    rows, fit = problem.split.fitted, solution.fitted
-    scale = np.maximum(rmse(problem.left(whole.fitted), rows), TINY)
-    off = rmse(left - problem.left(fit) - problem.sensed(fit), rows)
-    return float(np.sum((off / scale) ** 2))
+    fit = solution.fitted
+    return _in_errors(problem, whole, left - problem.left(fit) - problem.sensed(fit))
 
 
 def _deviation_without(problem: RegressionProblem, solution: Solution, member: int) -> float:

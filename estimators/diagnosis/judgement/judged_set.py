@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import TINY, left_by_base, own_joints
-from estimators.diagnosis.fitting.linearised import polished_from
+from estimators.diagnosis.fitting.linearised import polished
 from estimators.diagnosis.fitting.problem import RegressionProblem, Solution, fitted
 from estimators.diagnosis.judgement.judgement import (
     RemainingResidual,
@@ -150,7 +150,7 @@ class JudgedSet:
         """
         observed, places = self.problem.observed, places_of(self.problem, self.solution)
         start = self.beside.beside(self.beside.simulation)
-        return polished_from(start, observed.simulation, observed.moving, places)
+        return polished(start, observed.simulation, observed.moving, places)
 
     @property
     def _harmed(self) -> tuple[int, ...]:
@@ -200,4 +200,4 @@ def places_of(
 def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
     """Return the recordings beside a simulation that was fitted to no row held out."""
     start, given = problem.beside(solution), problem.observed.simulation
-    return polished_from(start, given, problem.split.fitted, places_of(problem, solution))
+    return polished(start, given, problem.split.fitted, places_of(problem, solution))

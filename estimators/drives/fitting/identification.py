@@ -64,11 +64,8 @@ _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
 _USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0, "kv": 1.5}  # of their logarithms
 UNITS: Final = {"kp": "N m/rad", "kv": "N m s/rad"}  # of gains
-ASKED: Final = (
-    *GAINS,
-    "delay",
-    "inertia",
-)  # said to be undecided where recordings do not show them
+# said to be undecided where recordings do not show them
+ASKED: Final = (*GAINS, "delay", "inertia")
 _OF_A_KIND: Final = 0.7  # deviation of the logarithm of the gains of an arm's servos
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
 _FITTED: Final = (
@@ -398,6 +395,7 @@ def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
     if not value_in(row, "derating"):
         values.pop("heating", None)
     known = {name: own for name, own in drive.tolerances.items() if values.get(name)}
+    # values by name: numbers alone, of which a checker cannot tell that no one is `tolerances`
     return replace(drive, tolerances=known, **values)  # pyright: ignore[reportArgumentType]
 
 

@@ -115,7 +115,7 @@ def test_a_fit_goes_to_its_end_where_effects_act_on_one_another(given):
     start = plus(given, near, TorqueGain(joint=2, gain=-0.3))
     observed = observe(true, given)
     places = [("presliding_hysteresis", (2,), True), ("torque_gain", (2,), True)]
-    found = polished(observed, start, observed.moving, places)
+    found = polished(observed.beside(start), observed.simulation, observed.moving, places)
     fitted = found.simulation.effects
     assert fitted[3].gain == pytest.approx(-0.4, abs=0.01)
     np.testing.assert_allclose(fitted[2].stiffness, slip.stiffness, rtol=0.05)
@@ -132,7 +132,9 @@ def test_where_nothing_else_may_move_what_was_found_goes_to_its_end_alone(given,
     monkeypatch.setattr(linearised, "NEWTON", none)
     observed = observe(plus(given, TorqueGain(joint=2, gain=-0.4)), given)
     start = plus(given, TorqueGain(joint=2, gain=-0.2))
-    found = polished(observed, start, observed.moving, [("torque_gain", (2,), True)])
+    found = polished(
+        observed.beside(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
+    )
     assert found.simulation.effects[2].gain == pytest.approx(-0.4, abs=0.01)
     assert found.simulation.effects[:2] == given.effects
     rows = observed.moving
@@ -146,13 +148,15 @@ def test_a_joint_without_torque_keeps_no_other_from_its_end(given, monkeypatch):
     silent = np.broadcast_to([True, False], observed.measured.shape)
     observed = replace(observed, unmeasured=silent)
     start = plus(given, TorqueGain(joint=2, gain=-0.2))
-    found = polished(observed, start, observed.moving, [("torque_gain", (2,), True)])
+    found = polished(
+        observed.beside(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
+    )
     assert found.simulation.effects[2].gain == pytest.approx(-0.4, abs=0.01)
 
 
 def test_a_fit_that_is_at_its_end_stays(given):
     observed = observe(given, given)
-    once = polished(observed, given, observed.moving, [])
+    once = polished(observed.beside(given), observed.simulation, observed.moving, [])
     assert Linearised.of(once, ()).step(observed.moving) is None
 
 
@@ -169,7 +173,9 @@ def test_bodies_that_no_single_moment_can_leave_are_fitted(given, inertia):
     load = Payload(mass=0.3, com=(0.1, 0.0, 0.0), inertia=inertia)
     start = plus(given, replace(load, mass=0.2))
     observed = observe(plus(given, load), given)
-    found = polished(observed, start, observed.moving, [("payload", (1, 2), True)])
+    found = polished(
+        observed.beside(start), observed.simulation, observed.moving, [("payload", (1, 2), True)]
+    )
     assert found.simulation.effects[2].mass == pytest.approx(0.3, abs=0.05)
 
 
@@ -177,7 +183,7 @@ def test_a_fit_stays_inside_the_tolerances_of_what_is_stated(given):
     """However many steps it takes: three deviations of 5 % are the reach."""
     true = replace(given, effects=(replace(given.effects[0], tau_c=1.6), given.effects[1]))
     observed = observe(true, given)
-    found = polished(observed, given, observed.moving, [])
+    found = polished(observed.beside(given), observed.simulation, observed.moving, [])
     assert found.simulation.effects[0].tau_c == pytest.approx(1.15, abs=1e-6)
 
 
@@ -190,7 +196,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(given):
         observed = observe(true, given, seed)
         place = [("stribeck_friction", (1,), True)]
         off = plus(given, replace(dip, tau_s=0.32, v_s=0.06))
-        found = polished(observed, off, observed.moving, place)
+        found = polished(observed.beside(off), observed.simulation, observed.moving, place)
         (said,) = with_parameters([finding("stribeck_friction", (1,))], found)
         for name in ("tau_s", "v_s", "delta"):
             low, high = said.parameters[name].ci95
