@@ -24,6 +24,7 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from limo_driver.errors import LimoError
+from limo_driver.network.messages import Event, Level
 from limo_driver.trajectory import Trajectory
 
 PIXEL = bytes.fromhex(
@@ -168,6 +169,12 @@ def test_what_cannot_be_shown_is_a_failure_too(out, monkeypatch, capfd):
     assert "2 of 10 parts failed" in said
     assert "what it left cannot be shown: ConfigError" in said
     assert "2 of 10 parts failed" in (out / "index.html").read_text()
+
+
+def test_a_contact_is_where_it_is_in_the_stream_however_late_it_was_told():
+    told = Event(9_000, Level.WARN, "contact", "on joint 2", {"state_stamp": 2_000})
+    assert stream_and_push.stamp_of(told) == 2_000
+    assert stream_and_push.stamp_of(replace(told, facts={})) == 9_000
 
 
 def test_a_stream_without_answers_is_told_with_what_the_service_said(tmp_path):
