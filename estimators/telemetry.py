@@ -276,7 +276,7 @@ def friction_share(
 
 def _excitation(found: Identification, recording: Recording) -> list[str]:
     """Say what the motion reveals, and what it does not."""
-    from estimators.rigid_body.base_estimates import base_estimates, known_of, sizes_of
+    from estimators.rigid_body.report.base_estimates import base_estimates, known_of, sizes_of
 
     if np.isfinite(found.fit.condition):
         condition = f"condition number {found.fit.condition:.3g}"

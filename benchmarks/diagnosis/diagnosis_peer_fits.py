@@ -23,7 +23,7 @@ from diagnosis_peer_base import (
     spread,
 )
 
-from estimators.rigid_body.regressor import PER_LINK, RegressorChain, parameters_of
+from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain, parameters_of
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from real_diagnosis import BANDWIDTH, DATA, cases, rmse
 import limo_driver as limo
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.pushes import pushes
-from estimators.rigid_body.normal_equations import Rows
+from estimators.rigid_body.fitting.normal_equations import Rows
 from limo_driver.recordings.differentiation import smooth
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 import numpy as np
 
 from estimators.embedded.tables import number, table
-from estimators.rigid_body.newton_euler import link_parameters
-from estimators.rigid_body.regressor import RegressorChain, parameters_of
+from estimators.rigid_body.dynamics.newton_euler import link_parameters
+from estimators.rigid_body.dynamics.regressor import RegressorChain, parameters_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

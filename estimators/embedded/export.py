@@ -15,7 +15,7 @@ from estimators.embedded.laws import EffectsCode
 from estimators.embedded.learned import LearnedCode, learned
 from estimators.embedded.tables import SIDE_BY_SIDE, defines, table
 from estimators.embedded.threshold import measured_threshold, normal_threshold
-from estimators.rigid_body.regressor import RegressorChain
+from estimators.rigid_body.dynamics.regressor import RegressorChain
 from estimators.stream import Stream
 from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from estimators.rigid_body.newton_euler import inverse_dynamics
-from estimators.rigid_body.regressor import fill_regressor
+from estimators.rigid_body.dynamics.newton_euler import inverse_dynamics
+from estimators.rigid_body.dynamics.regressor import fill_regressor
 from limo_driver.compiled import compiled
 
 if TYPE_CHECKING:

@@ -48,9 +48,9 @@ from estimators.joint_physics.column_scan import (
     WIDTHS,
     scan,
 )
-from estimators.rigid_body.base_parameters import find_base_parameters
-from estimators.rigid_body.newton_euler import link_parameters
-from estimators.rigid_body.regressor import PER_LINK, RegressorChain
+from estimators.rigid_body.dynamics.base_parameters import find_base_parameters
+from estimators.rigid_body.dynamics.newton_euler import link_parameters
+from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain
 from estimators.rigid_body.terms import JointTerms
 
 if TYPE_CHECKING:

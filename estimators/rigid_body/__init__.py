@@ -1,9 +1,9 @@
 """Rigid-body estimator: base parameters and physically consistent inertias from recordings."""
 
-from estimators.rigid_body.conditioning import Conditioning
+from estimators.rigid_body.dynamics.conditioning import Conditioning
+from estimators.rigid_body.fitting.normal_equations import Rows
 from estimators.rigid_body.identification import Identification, identify
 from estimators.rigid_body.model import RigidBodyModel
-from estimators.rigid_body.normal_equations import Rows
 from estimators.rigid_body.terms import JointTerms, Term
 
 __all__ = [

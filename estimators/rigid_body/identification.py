@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators.rigid_body.base_parameters import BaseParameters, find_base_parameters
-from estimators.rigid_body.consistent import (
+from estimators.rigid_body.dynamics.base_parameters import BaseParameters, find_base_parameters
+from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.fitting.consistent import (
     ConsistentFit,
     Quadratic,
     fit_consistent,
     inertial_of,
     thickened,
 )
-from estimators.rigid_body.folds import FOLDS, jackknife
-from estimators.rigid_body.least_squares import BaseFit, choose_sign_widths, fit_base
-from estimators.rigid_body.normal_equations import ArmEquations, Rows, accumulate
-from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.fitting.folds import FOLDS, jackknife
+from estimators.rigid_body.fitting.least_squares import BaseFit, choose_sign_widths, fit_base
+from estimators.rigid_body.fitting.normal_equations import ArmEquations, Rows, accumulate
 from estimators.rigid_body.stated import stated_armatures, stated_beside, without_stated
 from estimators.rigid_body.terms import JointTerms, Term
 from estimators.rigid_body.tolerances import tolerances_of

@@ -34,12 +34,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.consistent import body_metric
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.fitting.consistent import body_metric
 from limo_driver.physics import Tolerances
 
 if TYPE_CHECKING:
-    from estimators.rigid_body.normal_equations import ArmEquations
+    from estimators.rigid_body.fitting.normal_equations import ArmEquations
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 

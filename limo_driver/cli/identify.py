@@ -78,8 +78,8 @@ def command(  # one argument for each option
     import json
 
     from estimators.rigid_body import JointTerms, Rows
-    from estimators.rigid_body.page import identification_page
-    from estimators.rigid_body.report import as_values
+    from estimators.rigid_body.report.page import identification_page
+    from estimators.rigid_body.report.tables import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
     from limo_driver.console.terminal import terminal
     from limo_driver.model import RobotModel
@@ -184,8 +184,8 @@ def _wrote(out: Path, page: Path | None) -> str:
 
 
 def _show(found: Identification, out: Path, page: Path | None, *, base: bool) -> None:
-    from estimators.rigid_body.base_estimates import known_of
-    from estimators.rigid_body.report import base_table, joint_table, link_table
+    from estimators.rigid_body.report.base_estimates import known_of
+    from estimators.rigid_body.report.tables import base_table, joint_table, link_table
     from limo_driver.console.terminal import terminal
 
     console = terminal()

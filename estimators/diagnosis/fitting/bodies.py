@@ -31,8 +31,8 @@ from estimators.diagnosis.hypotheses.improvement import body_of
 from estimators.diagnosis.hypotheses.revision import relative_inertia
 from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.regression.evidence import REACH, joined
-from estimators.rigid_body.consistent import nearest_body
-from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.fitting.consistent import nearest_body
 from limo_driver.errors import DivergedError
 from limo_driver.physics import Payload
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.selection.candidates import Candidate
     from estimators.regression.evidence import Posterior, Prior
-    from estimators.rigid_body.extent import Extent, Extents
+    from estimators.rigid_body.fitting.extent import Extent, Extents
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 

@@ -12,7 +12,7 @@ from estimators.diagnosis.fitting.linearised import Linearised
 from estimators.diagnosis.fitting.sites import seen_by_sites
 from estimators.diagnosis.hypotheses.revision import relative_inertia
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.physics import Payload
 
 if TYPE_CHECKING:

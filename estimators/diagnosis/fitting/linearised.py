@@ -29,7 +29,7 @@ from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
 from estimators.diagnosis.settings.fitting import NEWTON
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior, joined, posterior
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from estimators.diagnosis.settings.hypotheses import REVISION
-from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
-    from estimators.rigid_body.extent import Extent, Extents
+    from estimators.rigid_body.fitting.extent import Extent, Extents
     from limo_driver.physics import Effect, Hypothesis, Simulation
     from limo_driver.types import FloatArray
 

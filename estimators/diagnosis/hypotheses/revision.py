@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.diagnosis.hypotheses.responses import Response, difference
 from estimators.diagnosis.settings.hypotheses import REVISION
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -27,7 +27,7 @@ from estimators.diagnosis.residuals.torque_unit import other_unit
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.diagnosis.wording import listed, of_joints
 from estimators.recordings import WEIGHTLESS
-from estimators.rigid_body.regressor import PER_LINK, RegressorChain
+from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import GravityDirection, Simulation
 from limo_driver.recordings.bandwidth import lowered

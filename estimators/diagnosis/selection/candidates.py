@@ -22,7 +22,7 @@ from estimators.diagnosis.hypotheses.revision import (
 from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from limo_driver.physics import CoulombFriction, TorqueGain, ViscousFriction
 from limo_driver.physics.catalogue import description_of

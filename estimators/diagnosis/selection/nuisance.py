@@ -23,7 +23,7 @@ from estimators.diagnosis.hypotheses.revision import (
 )
 from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.regression.evidence import Prior, joined
-from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
 from limo_driver.physics import TimeDelay, TorqueGain, TorqueOffset, spoken
 from limo_driver.physics.effects.delay import UNIT_DELAY
 

@@ -33,7 +33,7 @@ from estimators.drives.simulation.joint_step import (
     slack,
 )
 from estimators.drives.simulation.plant import ServoArm
-from estimators.rigid_body.newton_euler import inverse_dynamics
+from estimators.rigid_body.dynamics.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import bandwidth_for

@@ -16,7 +16,7 @@ from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.joint_step import draws
 from estimators.drives.simulation.one_joint import LoadedJoint
 from estimators.drives.simulation.plant import most_torque
-from estimators.rigid_body.regressor import PER_LINK, RegressorChain
+from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.types import Motion
 

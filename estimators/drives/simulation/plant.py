@@ -20,8 +20,8 @@ from estimators.drives.simulation.columns import (
     VISCOUS_MINUS,
     VISCOUS_PLUS,
 )
-from estimators.rigid_body.newton_euler import link_parameters
-from estimators.rigid_body.regressor import RegressorChain
+from estimators.rigid_body.dynamics.newton_euler import link_parameters
+from estimators.rigid_body.dynamics.regressor import RegressorChain
 from limo_driver.errors import ConfigError
 from limo_driver.physics import (
     Armature,

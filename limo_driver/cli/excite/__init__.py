@@ -24,7 +24,7 @@ from limo_driver.cli.plan import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from estimators.rigid_body.conditioning import Conditioning
+    from estimators.rigid_body.dynamics.conditioning import Conditioning
     from limo_driver.model import RobotModel
     from limopa.excitation.search import Excitation, ExcitationRequest
 
@@ -118,7 +118,7 @@ def command(
     """
     from math import inf, radians
 
-    from estimators.rigid_body.conditioning import Conditioning
+    from estimators.rigid_body.dynamics.conditioning import Conditioning
     from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limopa.excitation.page import excitation_page

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.reproduction.data import DESCRIPTION, RECORDINGS, SCHEMA
-from estimators.rigid_body.conditioning import Conditioning
+from estimators.rigid_body.dynamics.conditioning import Conditioning
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
     CoulombFriction,

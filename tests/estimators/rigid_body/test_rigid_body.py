@@ -8,11 +8,11 @@ import pytest
 from lanes import sampled
 
 from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
-from estimators.rigid_body.base_parameters import find_base_parameters
-from estimators.rigid_body.consistent import inertial_of, pseudo_inertia, thickened
-from estimators.rigid_body.newton_euler import inverse_dynamics, link_parameters
-from estimators.rigid_body.normal_equations import accumulate
-from estimators.rigid_body.regressor import RegressorChain, parameters_of
+from estimators.rigid_body.dynamics.base_parameters import find_base_parameters
+from estimators.rigid_body.dynamics.newton_euler import inverse_dynamics, link_parameters
+from estimators.rigid_body.dynamics.regressor import RegressorChain, parameters_of
+from estimators.rigid_body.fitting.consistent import inertial_of, pseudo_inertia, thickened
+from estimators.rigid_body.fitting.normal_equations import accumulate
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError, NotFittedError, RecordingError, ShapeError
 from limo_driver.model import RobotModel
@@ -417,7 +417,7 @@ def test_rows_at_rest_can_be_left_out():
 def test_normal_equations_do_not_depend_on_the_blocks(iiwa, monkeypatch):
     recording = record(Simulation("iiwa14", FRICTION), T=3000)
     whole = accumulate(iiwa, PAPER, [recording], Rows())
-    monkeypatch.setattr("estimators.rigid_body.normal_equations.BLOCK", 700)
+    monkeypatch.setattr("estimators.rigid_body.fitting.normal_equations.BLOCK", 700)
     pieces = accumulate(iiwa, PAPER, [recording], Rows())
     np.testing.assert_allclose(pieces.gram, whole.gram, rtol=1e-4, atol=1e-4 * whole.gram.max())
     np.testing.assert_array_equal(pieces.count, whole.count)
@@ -426,7 +426,7 @@ def test_normal_equations_do_not_depend_on_the_blocks(iiwa, monkeypatch):
 def test_rows_between_those_summed_say_nothing_new(iiwa, monkeypatch):
     recording = record(Simulation("iiwa14", FRICTION), T=6000, noise=0.2)
     few = identify(iiwa, [recording], PAPER, Rows(bandwidth=3.0)).fit
-    monkeypatch.setattr("estimators.rigid_body.normal_equations._DENSE", 1000)
+    monkeypatch.setattr("estimators.rigid_body.fitting.normal_equations._DENSE", 1000)
     every = identify(iiwa, [recording], PAPER, Rows(bandwidth=3.0)).fit
     off = (few.parameters - every.parameters) / np.sqrt(np.diag(every.covariance))
     assert np.abs(off).max() < 0.1

@@ -14,7 +14,7 @@ from one_file import check_page, drawn, title_of
 from rich.console import Console
 
 import limo_driver as limo
-from estimators.rigid_body.report import joint_table
+from estimators.rigid_body.report.tables import joint_table
 from limo_driver.cli import main
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.columns import Columns

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from linked_arms import OFFSET, RATIO, gripper, parallelogram, torque_of_tree
 
-from estimators.rigid_body.conditioning import Conditioning
-from estimators.rigid_body.newton_euler import link_parameters
-from estimators.rigid_body.regressor import RegressorChain, parameters_of
+from estimators.rigid_body.dynamics.conditioning import Conditioning
+from estimators.rigid_body.dynamics.newton_euler import link_parameters
+from estimators.rigid_body.dynamics.regressor import RegressorChain, parameters_of
 from limo_driver.errors import ConfigError
 from limo_driver.kinematics import KinematicChain
 from limo_driver.model import RobotModel

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from estimators.rigid_body.conditioning import Conditioning
+from estimators.rigid_body.dynamics.conditioning import Conditioning
 from limo_driver.cli.excite import command
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError, InfeasiblePathError, LimoError

@@ -20,8 +20,8 @@ from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.stages import quiet
 from estimators.diagnosis.wording import LINK_INERTIA
-from estimators.rigid_body.consistent import nearest_body, pseudo_inertia
-from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.fitting.consistent import nearest_body, pseudo_inertia
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.physics import Payload, Simulation, TorqueGain
 

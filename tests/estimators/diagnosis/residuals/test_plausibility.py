@@ -22,8 +22,8 @@ from estimators.diagnosis.residuals.plausibility import (
     notes_on,
 )
 from estimators.regression.evidence import Prior
-from estimators.rigid_body.extent import Extents
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.fitting.extent import Extents
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (

@@ -11,7 +11,7 @@ from estimators.diagnosis.hypotheses.improvement import Improvement
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.selection.columns import ColumnTable
 from estimators.diagnosis.selection.nuisance import nuisance_of
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.physics import CoulombFriction, JointElasticity, Tolerances, TorqueGain
 
 

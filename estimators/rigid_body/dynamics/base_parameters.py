@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.regressor import PER_LINK, RegressorChain
+from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain
 from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.rigid_body.regressor import RegressorChain
+    from estimators.rigid_body.dynamics.regressor import RegressorChain
     from limo_driver.recordings.recording import Recording
 
 REMEMBERED = 2.0  # [s], that errors are correlated at most

@@ -28,14 +28,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import DivergedError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.rigid_body.extent import Extent
+    from estimators.rigid_body.fitting.extent import Extent
     from limo_driver.types import FloatArray
 
 _ITERATIONS = 2000  # contradictory data, such as torques without inertia, took 400

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.rigid_body.base_estimates import base_estimates, known_of
+from estimators.rigid_body.report.base_estimates import base_estimates, known_of
 from limo_driver.pages import Charts, Page, Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.regressor import (
+from estimators.rigid_body.dynamics.regressor import (
     PER_LINK,
     add,
     cross,

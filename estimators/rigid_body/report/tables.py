@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich import box
 from rich.table import Table
 
-from estimators.rigid_body.base_estimates import base_estimates
+from estimators.rigid_body.report.base_estimates import base_estimates
 
 if TYPE_CHECKING:
     from estimators.rigid_body.identification import Identification, TermEstimate

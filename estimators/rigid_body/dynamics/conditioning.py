@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.base_parameters import find_base_parameters
-from estimators.rigid_body.regressor import PER_LINK, RegressorChain, fill_regressor
+from estimators.rigid_body.dynamics.base_parameters import find_base_parameters
+from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain, fill_regressor
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.compiled import compiled
 from limo_driver.types import Motion

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.folds import FOLDS, jackknife
+from estimators.rigid_body.fitting.folds import FOLDS, jackknife
 
 if TYPE_CHECKING:
-    from estimators.rigid_body.base_parameters import BaseParameters
-    from estimators.rigid_body.normal_equations import ArmEquations
+    from estimators.rigid_body.dynamics.base_parameters import BaseParameters
+    from estimators.rigid_body.fitting.normal_equations import ArmEquations
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:

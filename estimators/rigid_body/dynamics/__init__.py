@@ -1,0 +1,1 @@
+"""Dynamics of a chain of bodies: regressor, base parameters, conditioning, inverse dynamics."""

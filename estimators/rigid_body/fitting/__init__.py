@@ -1,0 +1,1 @@
+"""Fits of the rigid body: rows that count, least squares, and bodies that can exist."""
