@@ -66,10 +66,11 @@ class SpringLoad(TorqueEffect):
     @classmethod
     def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
         """Yield a linear spring, and cubic ones that rest in several places."""
-        low, high = np.quantile(recorded.position[:, joint - 1], (0.1, 0.9))
+        position = recorded.position[:, joint - 1]
+        span = float(position.min()), float(position.max())
         yield cls.linear(joint)
-        for rest in np.linspace(low, high, 3):
-            yield cls.stiffening(joint, float(rest))
+        for rest in np.linspace(*np.quantile(position, (0.1, 0.9)), 3):
+            yield cls.stiffening(joint, span, float(rest))
 
     @classmethod
     def linear(cls, joint: int) -> Hypothesis:
@@ -84,16 +85,36 @@ class SpringLoad(TorqueEffect):
         return Hypothesis(cls.name, (joint - 1,), terms, realise)
 
     @classmethod
-    def stiffening(cls, joint: int, rest: float) -> Hypothesis:
-        """Return a spring that stiffens, and rests at a position [rad]."""
+    def stiffening(cls, joint: int, span: tuple[float, float], rest: float) -> Hypothesis:
+        """Return a spring that stiffens or softens, and rests at a position.
+
+        One that would pull less, the further it is stretched, stands for something else, and runs
+        away where the joint has not been.
+
+        Args:
+            joint: Where it acts, from 1.
+            span: Least and largest position [rad] that the joint was at.
+            rest: Position without pull [rad].
+        """
         linear = cls(joint=joint, stiffness=1.0, rest=rest)
+        furthest = max(abs(end - rest) for end in span)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            stiffness, cubic = float(c[0]), float(c[1])
+            if stiffness * (stiffness + 3.0 * cubic * furthest**2) < 0.0:
+                raise ConfigError(
+                    f"spring of {stiffness:.3g} N m/rad and {cubic:.3g} N m/rad³ at joint {joint}: "
+                    f"its stiffness changes sign within {furthest:.3g} rad; expected one sign"
+                )
+            return (replace(linear, stiffness=stiffness, cubic=cubic),)
+
         return Hypothesis(
             cls.name,
             (joint - 1,),
             (linear, replace(linear, stiffness=0.0, cubic=1.0)),
-            lambda c: (replace(linear, stiffness=float(c[0]), cubic=float(c[1])),),
+            realise,
             settings=(rest,),
-            family=partial(cls.stiffening, joint),
+            family=partial(cls.stiffening, joint, span),
             bounds=((rest - _REACH, rest + _REACH),),
         )
 

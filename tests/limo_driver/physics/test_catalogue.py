@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from limo_driver.errors import ConfigError
 from limo_driver.physics import (
     CATALOGUE,
     CoulombFriction,
@@ -15,6 +16,7 @@ from limo_driver.physics import (
     Payload,
     PreslidingHysteresis,
     Recorded,
+    SpringLoad,
     TimeDelay,
 )
 from limo_driver.physics.catalogue import confusion_of, description_of, identical_to
@@ -99,3 +101,16 @@ def test_one_effect_of_the_whole_arm_belongs_to_no_joint():
     load = Payload(mass=1.0, com=(0.0, 0.0, 0.1), inertia=(1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
     assert Hypothesis.of_one(load, "mass").joints == ()
     assert Hypothesis.of_one(CoulombFriction(joint=3, tau_c=1.0), "tau_c").joints == (2,)
+
+
+@pytest.mark.parametrize("stiffness", [2.0, -2.0])
+def test_a_spring_pulls_more_the_further_it_is_stretched(recorded, stiffness):
+    _, _, middle, _ = SpringLoad.at_joint(2, recorded)
+    middle = middle.family(0.0)
+    (softening,) = middle.realise(np.array([stiffness, -0.33 * stiffness]))  # to 1 rad both ways
+    assert softening == SpringLoad(joint=2, stiffness=stiffness, rest=0.0, cubic=-0.33 * stiffness)
+    with pytest.raises(ConfigError, match=r"joint 2: .*changes sign within 1 rad"):
+        middle.realise(np.array([stiffness, -0.34 * stiffness]))
+    again = middle.family(0.8)  # to 1.8 rad
+    with pytest.raises(ConfigError, match=r"changes sign within 1\.8 rad"):
+        again.realise(np.array([stiffness, -0.15 * stiffness]))
