@@ -7,6 +7,7 @@ shares no code with the catalogue of effects.
     python benchmarks/diagnosis/diagnosis.py --quick
     python benchmarks/diagnosis/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
     python benchmarks/diagnosis/diagnosis.py make --seeds 0:8 --seconds 10 --out out/short
+    python benchmarks/diagnosis/diagnosis.py make --seeds 25:35 --only backlash --out out/play
     python benchmarks/diagnosis/diagnosis.py run out/concealed --jobs 2
     python benchmarks/diagnosis/diagnosis.py run out/short --library   # no report: half the time
     python benchmarks/diagnosis/diagnosis.py follow out/concealed --jobs 2
@@ -87,13 +88,19 @@ def make(
     seconds: Annotated[float, typer.Option(help="Of each recording; 0: over a minute.")] = 0.0,
     full_scale: Annotated[float, typer.Option(help="Torque of the strongest drive, N m.")] = 320.0,
     joints: Annotated[int, typer.Option(help="4, 6 or 7.")] = 7,
+    only: Annotated[str, typer.Option(help="Effect of every single case.")] = "",
 ) -> None:
     """Make cases; those that exist are kept."""
     variant = {"seconds": seconds, "full_scale": full_scale, "joints": joints}
+    kind = "single" if only else kind
     first, last = (int(x) for x in seeds.split(":"))
     wanted = [s for s in range(first, last) if not _truth(out, s).exists()]
     outcomes = _each(
-        partial(_make_one, kind, out, variant), wanted, jobs, f"making {kind}", processes=True
+        partial(_make_one, kind, out, variant, only or None),
+        wanted,
+        jobs,
+        f"making {kind}",
+        processes=True,
     )
     given_up = [text for text in outcomes if text]
     for text in given_up:
@@ -249,14 +256,14 @@ def _each(
         return list(track(done, what, total=len(items), console=console))
 
 
-def _make_one(kind: str, out: Path, variant: dict[str, float], seed: int) -> str:
+def _make_one(kind: str, out: Path, variant: dict[str, float], only: str | None, seed: int) -> str:
     """Write a case; return why there is none, or nothing."""
     sys.path.insert(0, str(CONCEALED))
     import cases  # compiled once in each process
 
     drawn_as = None if kind == "any" else kind
     try:
-        drawn = cases.draw(seed, drawn_as, cases.Variant(**variant))
+        drawn = cases.draw(seed, drawn_as, cases.Variant(**variant), only)
         drawn.write(_truth(out, seed).parents[1])
     except cases.UnreachableError as error:
         return str(error)
@@ -279,7 +286,8 @@ def _record_next(name: str, case: Path) -> None:
     except LimoError as error:
         write_result(out, (2, 0.0, f"{ASKED}: {error}"))
         return
-    drawn = cases.draw(truth["seed"], truth["drawn_as"], cases.Variant(**truth.get("variant", {})))
+    variant = cases.Variant(**truth.get("variant", {}))
+    drawn = cases.draw(truth["seed"], truth["drawn_as"], variant, truth.get("only"))
     if not drawn.is_of(truth):
         raise SystemExit(f"{case}: made by other code, and seed {truth['seed']} gives another arm")
     drawn.answer(trajectory.resample(1e-3).position, out / NEXT)

@@ -17,7 +17,7 @@ import size
 import yaml
 from acquisition import Instruments, Recorded
 from draft import Draft, Place
-from known_effects import KNOWN
+from known_effects import KNOWN, LATER
 from other_effects import UNKNOWN, WRONG
 from variant import ROBOT, USUAL, Variant
 from world import FRICTION, INERTIA, World
@@ -84,6 +84,7 @@ class Case:
     seed: int
     kind: str
     drawn_as: str | None  # the kind asked for
+    only: str | None  # the effect asked for
     nominal: dict  # the simulation file handed over
     recordings: tuple[Recorded, ...]  # two to diagnose, then two held out
     hidden: tuple[Hidden, ...]
@@ -123,7 +124,7 @@ class Case:
 
     def truth(self) -> dict:
         return {
-            "seed": self.seed, "kind": self.kind, "drawn_as": self.drawn_as,
+            "seed": self.seed, "kind": self.kind, "drawn_as": self.drawn_as, "only": self.only,
             "variant": asdict(self.variant),
             "effects": [self.variant.told(h.as_dict(self.nominal)) for h in self.hidden],
             "asked": list(self.asked), "skipped": self.skipped,
@@ -156,7 +157,9 @@ class Case:
         return pa.table(columns)
 
 
-def draw(seed: int, kind: str | None = None, variant: Variant = USUAL) -> Case:
+def draw(
+    seed: int, kind: str | None = None, variant: Variant = USUAL, only: str | None = None
+) -> Case:
     """Draw a case; the same seed and kind give the same case.
 
     Args:
@@ -164,6 +167,8 @@ def draw(seed: int, kind: str | None = None, variant: Variant = USUAL) -> Case:
             each size once.
         kind: One of `KINDS`; drawn when not given.
         variant: Length of the recordings, strength of the arm, and its joints.
+        only: The effect of a `single`, one of `KNOWN` or `LATER`; the one whose turn it is when not
+            given.
 
     Raises:
         UnreachableError: After several draws, no plausible amplitude reached the size.
@@ -175,13 +180,13 @@ def draw(seed: int, kind: str | None = None, variant: Variant = USUAL) -> Case:
     asked, skipped, hidden, world = (), 0, (), bench.world
     if kind != "null":
         asked = _asked(kind, seed, random)
-        hidden, world, skipped = bench.hide(kind, seed, asked)
+        hidden, world, skipped = bench.hide(kind, seed, asked, only)
     nominal = world.simulation_file(random)
     responses = [
         world.respond(m, k, np.random.default_rng([seed, k])) for k, m in enumerate(bench.motions)
     ]
     return Case(
-        seed=seed, kind=kind, drawn_as=drawn_as, nominal=nominal,
+        seed=seed, kind=kind, drawn_as=drawn_as, only=only, nominal=nominal,
         recordings=tuple(
             bench.instruments.record(r, world.sensing, k) for k, r in enumerate(responses)
         ),
@@ -223,13 +228,13 @@ class _Bench:
         self.yardstick = size.Yardstick.of(world, responses, self.motions[:2], self.floor)
 
     def hide(
-        self, kind: str, seed: int, asked: tuple[float, ...]
+        self, kind: str, seed: int, asked: tuple[float, ...], only: str | None = None
     ) -> tuple[tuple[Hidden, ...], World, int]:
         """Draw effects of the sizes asked for, and put them into the world together."""
         hidden, world, skipped = [], self.world, 0
         for target in asked:
             for _ in range(_TRIES):
-                draft = self._draft(kind, seed, hidden)
+                draft = self._draft(kind, seed, hidden, only)
                 found = self._scale(draft, target)
                 if found is not None:
                     break
@@ -240,8 +245,10 @@ class _Bench:
             world = draft.change(world, found.amplitude)
         return tuple(hidden), world, skipped
 
-    def _draft(self, kind: str, seed: int, before: list[Hidden]) -> Draft:
+    def _draft(self, kind: str, seed: int, before: list[Hidden], only: str | None) -> Draft:
         catalogue = {"unknown": UNKNOWN, "wrong_parameter": WRONG}.get(kind, KNOWN)
+        if only is not None:
+            catalogue = {only: (KNOWN | LATER)[only]}
         names = [name for name in catalogue if self.variant.allows(name)]
         if kind == "set":
             taken = {h.draft.effect for h in before}

@@ -54,6 +54,8 @@ FIELDS = [
     ("dwell", "f8"),  # [N m] of breakaway after a long rest
     ("dwell_time", "f8"),  # [s]
     ("dwell_distance", "f8"),  # [rad]
+    ("slack", "f8"),  # [rad] within which the drive does not follow the joint
+    ("slack_share", "f8"),  # of the joint's friction that the drive has
     *presliding.FIELDS,
 ]
 MEMORY = [
@@ -61,6 +63,7 @@ MEMORY = [
     ("relay", "f8", presliding.RELAYS),
     ("heat", "f8"),  # 0 cold to 1 warm
     ("rested", "f8"),  # 0 just moved to 1 long at rest
+    ("ahead", "f8"),  # [rad] of the joint before its drive
 ]
 _DIVISORS = (
     "side", "stribeck_speed", "warming", "power", "spring_width", "dwell_time", "dwell_distance",
@@ -141,14 +144,14 @@ def level(d, j, q, v, load, m):
     k = int(p.neighbour)
     if k >= 0:
         height += p.neighbour_load * abs(load[k]) + p.neighbour_heat * m[k].heat
-    return height
+    return height * taken_along(p, v, m[j])
 
 
 @compiled(fastmath=True)
 def rest(d, j, q, v, m):
     """Return what acts besides dry friction [N m]; arguments as in `level`."""
     p = d[j]
-    value = p.viscous * v
+    value = p.viscous * v * taken_along(p, v, m[j])
     if p.drag != 0.0:
         value += p.drag * np.sign(v) * abs(v) ** p.power
     for k in range(3):
@@ -164,10 +167,20 @@ def rest(d, j, q, v, m):
 
 
 @compiled(fastmath=True)
+def taken_along(p, v, memory):
+    """Return the part of a joint's friction that is there: a drive within its slack has none."""
+    if p.slack == 0.0:
+        return 1.0
+    beyond = memory.ahead * np.sign(v) / (0.5 * p.slack) - 0.98  # a flank gives way by a hundredth
+    return 1.0 - p.slack_share * (1.0 - min(max(beyond / 0.02, 0.0), 1.0))
+
+
+@compiled(fastmath=True)
 def advance(d, j, dq, v, dt, m):
     """Let joint `j` remember that it moved by `dq` [rad] at `v` [rad/s] in `dt` [s]."""
     p = d[j]
     presliding.advance(p, dq, v, m[j])
+    m[j].ahead = min(max(m[j].ahead + dq, -0.5 * p.slack), 0.5 * p.slack)
     m[j].heat += dt / p.warming * (1 - np.exp(-abs(v) / 0.01) - m[j].heat)
     if p.dwell != 0.0:
         if abs(v) < 1e-3:

@@ -335,6 +335,16 @@ def joint_coupling(at: Place) -> Draft:
     return Draft("joint_coupling", (a + 1, b + 1), 2 * at.floor, 3.0, change)
 
 
+def loose_drive(at: Place) -> Draft:
+    """Play on the far side of which the drive stays until a flank takes it along."""
+    share = float(at.random.uniform(0.6, 1.0))
+    return Draft(
+        "backlash", (at.j + 1,), at.floor / 20, 0.06,
+        lambda w, gap: w.with_drive(at.j, slack=gap, slack_share=share),
+        lambda gap: {"gap": gap}, law="loose_drive",
+    )  # fmt: skip
+
+
 KNOWN: dict[str, Callable] = {
     f.__name__: f
     for f in (
@@ -345,3 +355,4 @@ KNOWN: dict[str, Callable] = {
         torque_drift, encoder_offset, time_delay, external_contact, spring_load, joint_coupling,
     )
 }  # fmt: skip
+LATER: dict[str, Callable] = {f.__name__: f for f in (loose_drive,)}  # of no seed's turn

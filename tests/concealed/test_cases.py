@@ -8,7 +8,7 @@ import pytest
 import size
 import yaml
 from draft import Place
-from known_effects import KNOWN
+from known_effects import KNOWN, LATER
 from other_effects import UNKNOWN, WRONG
 from world import COULOMB, FRICTION, INERTIA, World, off_within
 
@@ -85,7 +85,7 @@ def bench():
     return cases._Bench(World.draw(random), random, plan)
 
 
-EFFECTS = KNOWN | UNKNOWN | WRONG
+EFFECTS = KNOWN | LATER | UNKNOWN | WRONG
 
 
 @pytest.mark.slow("simulates 48 s of motion at 1 kHz for each of dozens of effects")
