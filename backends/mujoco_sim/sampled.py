@@ -101,7 +101,7 @@ class SampledEffects:
         arm = self._arm(0.0, position, rest, load)
         self.added[:] = self._always
         for effect, state in zip(self.effects, self._states, strict=True):
-            if isinstance(effect, MotionEffect):
+            if isinstance(effect, MotionEffect) and effect.displaces:
                 self._add(effect, state, _Cycle(arm, rest, rest, rest, load.copy(), rest))
         self._last_static = self.added[layout.ADDED_STATIC_WIND_UP].copy()
 
@@ -119,6 +119,10 @@ class SampledEffects:
 
     @_add.register(Friction)
     def _(self, effect: Friction, state: State, cycle: _Cycle) -> State:
+        return self._damp(effect, state, cycle)
+
+    def _damp(self, effect: Friction | MotionEffect, state: State, cycle: _Cycle) -> State:
+        """Add a torque that has the sign of the velocity, or its opposite, as a damping."""
         j = effect.joint - 1
         v = away_from_rest(cycle.ahead[j])
         sliding = replace(cycle.arm.of_joint(j), velocity=np.array([v]))
@@ -128,6 +132,8 @@ class SampledEffects:
 
     @_add.register(MotionEffect)
     def _(self, effect: MotionEffect, state: State, cycle: _Cycle) -> State:
+        if not effect.displaces:
+            return self._damp(effect, state, cycle)
         j = effect.joint - 1
         motion = cycle.arm.of_joint(j)
         at_rest = replace(motion, load=cycle.static[j : j + 1])

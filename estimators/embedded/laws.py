@@ -27,6 +27,7 @@ from limo_driver.physics.effects.coupling import JointCoupling
 from limo_driver.physics.effects.delay import TimeDelay
 from limo_driver.physics.effects.environment import SpringLoad
 from limo_driver.physics.effects.friction import (
+    SIGN_WIDTH,
     AsymmetricFriction,
     CoulombFriction,
     QuadraticDrag,
@@ -34,6 +35,7 @@ from limo_driver.physics.effects.friction import (
     ViscousFriction,
 )
 from limo_driver.physics.effects.hysteresis import LAWS, PreslidingHysteresis
+from limo_driver.physics.effects.play import Backlash
 from limo_driver.physics.effects.sensing import (
     EncoderOffset,
     TorqueCrosstalk,
@@ -43,7 +45,6 @@ from limo_driver.physics.effects.sensing import (
 )
 from limo_driver.physics.effects.transmission import (
     Armature,
-    Backlash,
     JointElasticity,
     TorqueRipple,
 )
@@ -64,6 +65,7 @@ _NEEDS: Final = {  # functions that a function calls, itself among them
     "bouc_wen": ("stepped", "bouc_wen"),
     "preisach": ("preisach",),
     "play": ("inertia", "play"),
+    "loose": ("loose",),
     "late": ("interpolated", "late"),
 }
 
@@ -288,6 +290,10 @@ def _(effect: JointElasticity) -> LawCode:
 @law.register
 def _(effect: Backlash) -> LawCode:
     j = effect.joint - 1
+    if effect.drag is not None:
+        dry = f"{number(effect.drag)} * tanh(v[{j}] / {number(effect.v_eps or SIGN_WIDTH)})"
+        text = f"friction[{j}] -= {dry} * loose(m, q[{j}], {number(effect.gap / 2)})"
+        return LawCode(text, tuple(effect.initial_state()), "loose")
     text = (
         f"displacement[{j}] += play(m, time, load[{j}] / inertia(q, {j}), {number(effect.gap / 2)})"
     )

@@ -62,7 +62,7 @@ def _instead(effect: Effect, instead: Effect | None) -> str:
         return "is written as LuGre friction"
     if instead is not None:
         return f"is written as {spoken(instead.name)}"
-    if isinstance(effect, Backlash):
+    if isinstance(effect, Backlash) and effect.displaces:
         return "is not expressible (MJCF has play of joints with an armature, without keyframes)"
     if isinstance(effect, SensorEffect):
         return "is of the sensor, not of the robot"

@@ -34,6 +34,7 @@ from limo_driver.physics.effects.friction import (
     ViscousFriction,
 )
 from limo_driver.physics.effects.hysteresis import PreslidingHysteresis
+from limo_driver.physics.effects.play import Backlash
 from limo_driver.physics.effects.sensing import (
     EncoderOffset,
     Sensors,
@@ -44,7 +45,6 @@ from limo_driver.physics.effects.sensing import (
 )
 from limo_driver.physics.effects.transmission import (
     Armature,
-    Backlash,
     JointElasticity,
     TorqueRipple,
 )

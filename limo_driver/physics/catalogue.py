@@ -36,6 +36,7 @@ from limo_driver.physics.effects.friction import (
     ViscousFriction,
 )
 from limo_driver.physics.effects.hysteresis import PreslidingHysteresis
+from limo_driver.physics.effects.play import Backlash
 from limo_driver.physics.effects.sensing import (
     EncoderOffset,
     TorqueCrosstalk,
@@ -45,7 +46,6 @@ from limo_driver.physics.effects.sensing import (
 )
 from limo_driver.physics.effects.transmission import (
     Armature,
-    Backlash,
     JointElasticity,
     TorqueRipple,
 )

@@ -10,7 +10,8 @@ from limo_driver.descriptions.description import JointDynamics
 from limo_driver.physics.effects.environment import SpringLoad
 from limo_driver.physics.effects.friction import CoulombFriction, QuadraticDrag, ViscousFriction
 from limo_driver.physics.effects.hysteresis import PreslidingHysteresis
-from limo_driver.physics.effects.transmission import Armature, Backlash, TorqueRipple
+from limo_driver.physics.effects.play import Backlash
+from limo_driver.physics.effects.transmission import Armature, TorqueRipple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

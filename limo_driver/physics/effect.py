@@ -292,9 +292,17 @@ class MotionEffect(JointEffect):
     agility: ClassVar[float] = 0.0
     needs_inertia: ClassVar[bool] = False
 
+    @property
+    def displaces(self) -> bool:
+        """Whether it does; a form of it that leaves the link in place adds torque instead."""
+        return True
+
     @abstractmethod
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
-        """Return encoder minus link of T samples, (T,) [rad], and the memory after them."""
+        """Return encoder minus link of T samples, (T,) [rad], and the memory after them.
+
+        In a form that displaces nothing: the torque, (T,) [N m].
+        """
 
 
 class SensorEffect(JointEffect):

@@ -370,8 +370,10 @@ class _Terms:
         elif isinstance(effect, MotionEffect):
             motion = arm.of_joint(effect.joint - 1, inertia=effect.needs_inertia)
             values, state = effect.advance(state, motion)
-            nothing = np.zeros_like(self.torque)
-            total = self.displacement.setdefault(effect.agility, nothing)
+            total = self.torque
+            if effect.displaces:
+                nothing = np.zeros_like(self.torque)
+                total = self.displacement.setdefault(effect.agility, nothing)
             total[:, effect.joint - 1] += values
         return state
 

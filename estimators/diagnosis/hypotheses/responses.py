@@ -19,6 +19,7 @@ from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
     Effect,
+    JointEffect,
     MotionEffect,
     SensedTorque,
     SensorEffect,
@@ -141,6 +142,8 @@ def _(effect: BodyEffect, observed: Observations) -> Sharp:
 
 @sharp.register
 def _(effect: MotionEffect, observed: Observations) -> Sharp:
+    if not effect.displaces:
+        return _own(effect, over_joint(effect, observed))
     joint = effect.joint - 1
     slope, inertia = observed.stiffness[joint], observed.inertia[joint]
     angle = over_joint(effect, observed)
@@ -160,7 +163,7 @@ def over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> F
     )
 
 
-def _own(effect: TorqueEffect | SensorEffect, values: FloatArray) -> Sharp:
+def _own(effect: JointEffect, values: FloatArray) -> Sharp:
     return Sharp(values[:, None], partial(_on, (effect.joint - 1,)))
 
 

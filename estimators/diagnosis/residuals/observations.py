@@ -352,7 +352,8 @@ class Observations:
         """
         width = np.full(self.n, SIGN_WIDTH)
         for effect in self.simulation.effects:
-            widths = [getattr(effect, known.name) for known in effect.parameters() if known.smooths]
+            smoothed = [known.name for known in effect.parameters() if known.smooths]
+            widths = [own for name in smoothed if (own := getattr(effect, name)) is not None]
             for joint in effect.joints if widths else ():
                 width[joint - 1] = max(width[joint - 1], *widths)
         return width

@@ -69,6 +69,11 @@ class Candidate:
         """Name of the candidate: effect and joints."""
         return self.effect, self.joints
 
+    @property
+    def price(self) -> float:
+        """What it has to bring before it is believed, the chance of many of its kind included."""
+        return self.rarity + float(np.log(self.variants))
+
     @cached_property
     def slot(self) -> tuple[str, tuple[int, ...]]:
         """Slot that holds at most one candidate of a set, since others there would be redundant."""
@@ -222,7 +227,7 @@ def _revisions(
         widths = [
             (known, float(np.clip(times * getattr(effect, known.name), known.lower, known.upper)))
             for known in parameters
-            if known.smooths
+            if known.smooths and getattr(effect, known.name)
             for times in CANDIDATES.sharper
         ]
         for sharp, width in widths:

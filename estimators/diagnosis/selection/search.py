@@ -47,7 +47,7 @@ class Search:
         self.candidates, self.evidence, self.base = candidates, evidence, base
         self._known: dict[tuple[int, ...], float] = {(): 0.0}
         self._priors = Priors.of_each([item.prior for item in candidates])
-        self._prices = np.array([item.rarity + np.log(item.variants) for item in candidates])
+        self._prices = np.array([item.price for item in candidates])
         slots = {item.slot: i for i, item in enumerate(candidates)}  # one effect has each of them
         self._slots = np.array([slots[item.slot] for item in candidates], dtype=np.int64)
 

@@ -161,6 +161,20 @@ static double play(double *memory, double time, double ahead, double flank)
     return memory[0];
 }
 
+/*: loose */
+/* Return the part of a step in which no flank of a play is met.
+ * Memory: lead of the link over its drive, unused, last position. */
+static double loose(double *memory, double q, double flank)
+{
+    const double x = memory[0], step = isnan(memory[2]) ? 0.0 : q - memory[2];
+    memory[0] = fmin(fmax(x + step, -flank), flank);
+    memory[2] = q;
+    if (step != 0.0) {
+        return (memory[0] - x) / step;
+    }
+    return fabs(x) < flank ? 1.0 : 0.0;
+}
+
 /*: late */
 /* Return a torque `delay` later, then behind a first-order lag.
  * Memory: time, input and output of the lag; how many samples are kept; their times; torques. */

@@ -75,7 +75,8 @@ def split(simulation: Simulation, target: str, *, with_play: bool = False) -> Ef
             continue
         elif isinstance(effect, Backlash):
             j = effect.joint - 1
-            if not (with_play and effect.joint in driven and not simulation.model.sliding[j]):
+            falls = effect.displaces and with_play and effect.joint in driven
+            if not falls or simulation.model.sliding[j]:
                 left.append(effect)
                 continue
             joints[j] = replace(joints[j], gap=joints[j].gap + effect.gap)

@@ -1,15 +1,12 @@
-"""Transmission between drive and link: elasticity, play, ripple and the inertia of the drive."""
+"""Transmission between drive and link: elasticity, ripple and the inertia of the drive."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from limo_driver.compiled import compiled
 from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
     from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedPlant
     from limo_driver.types import FloatArray
 
-GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
 LOW_ORDERS = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's spokes
 _LIGHT = 1e-9  # [kg m²]
 _UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
@@ -124,99 +120,6 @@ def wind_up(
 ) -> FloatArray:
     """Return compliance load + cubic load³ [rad], the equation of `JointElasticity`."""
     return load * (compliance + cubic * load * load)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Backlash(MotionEffect):
-    """Play between drive and link, q_link = q - x with |x| ≤ gap / 2.
-
-    The load presses the teeth on one flank. When it changes sign, the link floats across the gap,
-    inertia ddx = tau with tau the nominal rigid-body torque, and no torque passes until it meets
-    the other flank, where it stays: the impact is without rebound. A link of unknown inertia
-    crosses at once.
-
-    Source: Nordin and Gutman, "Controlling mechanical systems with backlash - a survey", Automatica
-    38(10), 2002.
-    """
-
-    name: ClassVar[str] = "backlash"
-    sized_by: ClassVar[tuple[str, ...]] = ("gap",)
-    description: ClassVar[Description] = Description(
-        signature="the link jumps where the load changes sign",
-        shown_by="load_reversal",
-        confusions=(
-            Confusion(
-                "encoder_offset",
-                "play jumps where the load changes sign, an offset does not",
-                "load_reversal",
-            ),
-            Confusion(
-                "joint_elasticity",
-                "play jumps where the load changes sign, a spring winds up with the load",
-                "load_reversal",
-            ),
-            Confusion(
-                "presliding_hysteresis",
-                "play depends on the sign of the load, hysteresis on reversals at any load",
-                "load_reversal",
-            ),
-        ),
-    )
-    agility: ClassVar[float] = 4.0  # an impact is sharper than the motion
-    needs_inertia: ClassVar[bool] = True
-    gap: float = parameter("rad", "whole play", lower=0.0, upper=0.2, adds=True)
-
-    def initial_state(self) -> State:
-        """Return a link at rest in the middle, and no previous time."""
-        return np.array([0.0, 0.0, np.nan])
-
-    def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
-        """Return encoder minus link position [rad], (T,)."""
-        inertia = np.full_like(motion.load, _LIGHT) if motion.inertia is None else motion.inertia
-        after = state.copy()
-        ahead = np.ascontiguousarray(motion.load / inertia)
-        return _float(after, motion.time, ahead, 0.5 * self.gap), after
-
-    @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
-        """Yield several gaps."""
-        for gap in GAPS:
-            yield cls.of_gap(joint, gap)
-
-    @classmethod
-    def of_gap(cls, joint: int, gap: float) -> Hypothesis:
-        """Return play at one joint; how long the link floats depends on the gap [rad]."""
-        return Hypothesis.of_one(
-            cls(joint=joint, gap=gap),
-            "gap",
-            positive=True,
-            settings=(gap,),
-            family=partial(cls.of_gap, joint),
-            bounds=((0.3 * gap, 3.0 * gap),),
-        )
-
-
-@compiled(reads=("time", "ahead"), nogil=True)
-def _float(state: FloatArray, time: FloatArray, ahead: FloatArray, flank: float) -> FloatArray:
-    """Advance (displacement, its speed, last time) in place; return displacements (T,) [rad].
-
-    `ahead` is the acceleration of the displacement while the link floats, (T,) [rad/s²].
-    """
-    x, speed, last = state
-    displacement = np.empty(time.size)
-    for t in range(time.size):
-        if np.isnan(last):
-            x = math.copysign(flank, ahead[t]) if ahead[t] != 0.0 else 0.0
-        else:
-            step = time[t] - last
-            x += speed * step + 0.5 * ahead[t] * step**2
-            speed += ahead[t] * step
-        if abs(x) >= flank:
-            x, speed = math.copysign(flank, x), 0.0
-        last = time[t]
-        displacement[t] = x
-    state[0], state[1], state[2] = x, speed, last
-    return displacement
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -132,6 +132,16 @@ def test_each_displacement_is_felt_as_predicted(effect, exploration):
     assert missing.max() > 5 * error.max()
 
 
+@pytest.mark.slow("simulates six seconds")
+def test_a_drag_that_lets_go_is_felt_as_predicted(exploration):
+    loose = Backlash(joint=4, gap=0.01, drag=1.5)
+    error, missing = felt(
+        iiwa(CoulombFriction(joint=4, tau_c=1.7, v_eps=0.002), loose), exploration
+    )
+    assert error.max() < 0.01
+    assert missing[3] > 0.1
+
+
 @sampled("ratio", [1, -1], "simulates six seconds each")
 def test_both_joints_feel_the_shaft_that_they_turn(ratio, exploration):
     shaft = JointCoupling(joint=6, other=7, f_v=5.0, tau_c=1.0, inertia=0.15, ratio=ratio)

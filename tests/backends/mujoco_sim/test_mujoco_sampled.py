@@ -70,6 +70,7 @@ REMEMBERING = (
     Foreign(joint=4),
     JointElasticity(joint=4, stiffness=8000.0),
     Backlash(joint=2, gap=1e-3),
+    Backlash(joint=5, gap=2e-3, drag=0.3),
     PreslidingHysteresis(
         joint=3, law="lugre", sigma_0=400.0, sigma_1=5.0, tau_c=1.0, tau_s=0.3, v_s=0.02
     ),

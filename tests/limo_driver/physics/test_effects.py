@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
     Backlash,
@@ -107,6 +108,31 @@ def test_a_link_falls_across_the_gap_and_stays_there():
     fallen = 1e-3 - 0.5 * (1.0 / 2.0) * (time - 0.049) ** 2
     np.testing.assert_allclose(shift[falling], fallen[falling], atol=1e-9)
     np.testing.assert_allclose(shift[time > 0.15], -1e-3)
+
+
+def test_the_drag_of_a_drive_is_gone_from_a_reversal_to_the_end_of_the_gap():
+    play = Backlash(joint=1, gap=4e-3, drag=1.5, v_eps=1e-3)
+    forth = np.arange(0.0, 0.02, 1e-3)
+    position = np.concatenate([forth, forth[::-1]])
+    velocity = np.where(np.arange(position.size) < forth.size, 0.1, -0.1)
+    motion = JointMotion(
+        np.arange(position.size) * 0.01, position, velocity, 0 * position, 0 * position
+    )
+    torque, _ = play.advance(play.initial_state(), motion)
+    from_the_middle, back = forth <= 2e-3, np.abs(forth[-1] - position) <= 4e-3
+    loose = np.concatenate([from_the_middle, back[forth.size :]])
+    loose[forth.size] = False  # the step between both directions goes nowhere, at a flank
+    np.testing.assert_allclose(torque, np.where(loose, -1.5 * np.sign(velocity), 0.0), atol=1e-9)
+
+
+def test_a_play_is_of_one_form():
+    falling, dragged = Backlash(joint=1, gap=2e-3), Backlash(joint=1, gap=2e-3, drag=1.0)
+    assert (falling.displaces, dragged.displaces) == (True, False)
+    assert falling.with_more(falling) == Backlash(joint=1, gap=4e-3)
+    assert falling.with_more(dragged) is None
+    assert dragged.with_more(dragged) is None
+    with pytest.raises(ConfigError, match="no drag whose sign"):
+        Backlash(joint=1, gap=2e-3, v_eps=0.01)
 
 
 def test_the_impact_of_a_play_is_in_a_recorded_motion_alone(motion):

@@ -1,0 +1,186 @@
+"""Play between drive and link: the link falls across it, or a drag is not felt within it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from limo_driver.compiled import compiled
+from limo_driver.errors import ConfigError
+from limo_driver.parameters import parameter
+from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.effect import MOST_TORQUE, Hypothesis, MotionEffect, State
+from limo_driver.physics.effects.friction import SIGN_WIDTH
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from limo_driver.physics.effect import Effect, JointMotion, Recorded
+    from limo_driver.types import FloatArray
+
+GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
+_LIGHT = 1e-9  # [kg m²]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Backlash(MotionEffect):
+    """Play between drive and link, q_link = q - x with |x| ≤ gap / 2.
+
+    The load presses the teeth on one flank. When it changes sign, the link floats across the gap,
+    inertia ddx = tau with tau the nominal rigid-body torque, and no torque passes until it meets
+    the other flank, where it stays: the impact is without rebound. A link of unknown inertia
+    crosses at once.
+
+    With `drag`, the drive beyond the gap stays where its own friction holds it, and is taken along
+    at a flank: x ← clip(x + Δq, -gap/2, gap/2). The link is where the encoder says; what is not
+    felt while |x| < gap/2, that is from a reversal to the end of the gap, is a part of the joint's
+    friction: tau = -drag tanh(v / v_eps). It comes back all at once.
+
+    Raises:
+        ConfigError: A width of the sign is given, and no drag that has one.
+
+    Source: Nordin and Gutman, "Controlling mechanical systems with backlash - a survey", Automatica
+    38(10), 2002: its friction-driven and inertia-driven hysteresis.
+    """
+
+    name: ClassVar[str] = "backlash"
+    sized_by: ClassVar[tuple[str, ...]] = ("gap",)
+    description: ClassVar[Description] = Description(
+        signature="the link jumps where the load changes sign",
+        shown_by="load_reversal",
+        confusions=(
+            Confusion(
+                "encoder_offset",
+                "play jumps where the load changes sign, an offset does not",
+                "load_reversal",
+            ),
+            Confusion(
+                "joint_elasticity",
+                "play jumps where the load changes sign, a spring winds up with the load",
+                "load_reversal",
+            ),
+            Confusion(
+                "presliding_hysteresis",
+                "play depends on the sign of the load, hysteresis on reversals at any load",
+                "load_reversal",
+            ),
+        ),
+    )
+    agility: ClassVar[float] = 4.0  # an impact is sharper than the motion
+    needs_inertia: ClassVar[bool] = True
+    gap: float = parameter("rad", "whole play", lower=0.0, upper=0.2, adds=True)
+    drag: float | None = parameter(
+        "N m",
+        "friction beyond the gap, not felt within it",
+        lower=0.0,
+        upper=MOST_TORQUE,
+        default=None,
+    )
+    v_eps: float | None = parameter(
+        "rad/s",
+        "width of the smoothed sign of the drag",
+        lower=1e-6,
+        upper=1.0,
+        default=None,
+        smooths=True,
+        chosen=True,  # that of the joint's friction, of which it is a part
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.drag is None and self.v_eps is not None:
+            raise ConfigError(f"{self.place}: has a v_eps, and no drag whose sign it smooths")
+        if self.drag is not None and self.v_eps is None:
+            object.__setattr__(self, "v_eps", SIGN_WIDTH)
+
+    @property
+    def displaces(self) -> bool:
+        """Whether the link moves across the gap; else the drive lets go in it."""
+        return self.drag is None
+
+    def initial_state(self) -> State:
+        """Return a link or drive in the middle, its speed, and no previous time or position."""
+        return np.array([0.0, 0.0, np.nan])
+
+    def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
+        """Return encoder minus link position [rad], or with `drag` the torque [N m]; (T,)."""
+        after, flank = state.copy(), 0.5 * self.gap
+        if self.drag is None:
+            inertia = (
+                np.full_like(motion.load, _LIGHT) if motion.inertia is None else motion.inertia
+            )
+            ahead = np.ascontiguousarray(motion.load / inertia)
+            return _float(after, motion.time, ahead, flank), after
+        loose = _loose(after, np.ascontiguousarray(motion.position), flank)
+        return -self.drag * np.tanh(motion.velocity / (self.v_eps or SIGN_WIDTH)) * loose, after
+
+    def with_more(self, more: Effect) -> Effect | None:
+        """Return one play for two that the link falls across; drags of two gaps stay two."""
+        forms = self.displaces, isinstance(more, Backlash) and more.displaces
+        return super().with_more(more) if all(forms) else None
+
+    @classmethod
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield several gaps."""
+        for gap in GAPS:
+            yield cls.of_gap(joint, gap)
+
+    @classmethod
+    def of_gap(cls, joint: int, gap: float) -> Hypothesis:
+        """Return play at one joint; how long the link floats depends on the gap [rad]."""
+        return Hypothesis.of_one(
+            cls(joint=joint, gap=gap),
+            "gap",
+            positive=True,
+            settings=(gap,),
+            family=partial(cls.of_gap, joint),
+            bounds=((0.3 * gap, 3.0 * gap),),
+        )
+
+
+@compiled(reads=("time", "ahead"), nogil=True)
+def _float(state: FloatArray, time: FloatArray, ahead: FloatArray, flank: float) -> FloatArray:
+    """Advance (displacement, its speed, last time) in place; return displacements (T,) [rad].
+
+    `ahead` is the acceleration of the displacement while the link floats, (T,) [rad/s²].
+    """
+    x, speed, last = state
+    displacement = np.empty(time.size)
+    for t in range(time.size):
+        if np.isnan(last):
+            x = math.copysign(flank, ahead[t]) if ahead[t] != 0.0 else 0.0
+        else:
+            step = time[t] - last
+            x += speed * step + 0.5 * ahead[t] * step**2
+            speed += ahead[t] * step
+        if abs(x) >= flank:
+            x, speed = math.copysign(flank, x), 0.0
+        last = time[t]
+        displacement[t] = x
+    state[0], state[1], state[2] = x, speed, last
+    return displacement
+
+
+@compiled(reads=("position",), nogil=True)
+def _loose(state: FloatArray, position: FloatArray, flank: float) -> FloatArray:
+    """Advance (lead of the link over the drive, unused, last position) in place.
+
+    Returns:
+        The part of each step in which no flank is met, (T,): a step may meet one on its way.
+    """
+    x, last = state[0], state[2]
+    loose = np.empty(position.size)
+    for t in range(position.size):
+        step = 0.0 if np.isnan(last) else position[t] - last
+        reached = min(max(x + step, -flank), flank)
+        if step != 0.0:
+            loose[t] = (reached - x) / step
+        else:
+            loose[t] = 1.0 if abs(x) < flank else 0.0
+        x, last = reached, position[t]
+    state[0], state[2] = x, last
+    return loose
