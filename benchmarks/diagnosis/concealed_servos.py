@@ -8,7 +8,7 @@ is hidden and of what every servo has.
 
     python benchmarks/diagnosis/concealed_servos.py [--rate 200] [--bits 12] [--singles 20]
         [--sets 0] [--nulls 12] [--first 0] [--only payload+backlash] [--others] [--limits]
-        [--turning]
+        [--turning] [--pushing]
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import limo_driver as limo
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "concealed"))
 
 import servo_cases
-import turning_cases
+from told_cases import PUSHING, TURNING
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,6 +45,7 @@ VALUES = {
     "coulomb_friction": ("tau_c", None),
     "position_servo": ("kp", None),
     "velocity_servo": ("kv", None),
+    "torque_drive": ("gain", None),
     "dead_band": ("dead_band", None),
     "spring_load": ("stiffness", None),
     "load_dependent_friction": ("coefficient", None),
@@ -62,6 +63,7 @@ VALUES = {
 USUAL = {  # what every servo has: the fields of the concealed servos that it is the sum of
     ("position_servo", "kp"): ("gain",),
     ("velocity_servo", "kv"): ("gain",),
+    ("torque_drive", "gain"): ("gain",),
     ("drive_delay", "delay"): ("late",),
     ("coulomb_friction", "tau_c"): ("dry",),
     ("viscous_friction", "f_v"): ("brake", "wet"),  # a servo's and a joint's damping act alike
@@ -107,11 +109,12 @@ def main() -> None:
     given.add_argument("--others", action="store_true", help="effects that came later")
     given.add_argument("--limits", action="store_true", help="of servos at their limits")
     given.add_argument("--turning", action="store_true", help="an arm that is told velocities")
+    given.add_argument("--pushing", action="store_true", help="an arm that is told torques")
     asked = given.parse_args()
     every = servo_cases.OTHERS if asked.others else servo_cases.SINGLES
     every = servo_cases.LIMITS if asked.limits else every
-    every = turning_cases.SINGLES if asked.turning else every
-    make = turning_cases.make if asked.turning else servo_cases.make
+    told = TURNING if asked.turning else PUSHING if asked.pushing else None
+    every, make = (told.singles, told.make) if told else (every, servo_cases.make)
     effects = [tuple(asked.only.split("+"))] if asked.only else [(effect,) for effect in every]
     hidden = [effects[k % len(effects)] for k in range(asked.singles)]
     hidden += [servo_cases.drawn_set(asked.first + len(hidden) + k) for k in range(asked.sets)]
@@ -120,8 +123,8 @@ def main() -> None:
     for seed, own in enumerate(hidden, start=asked.first):
         found.append(run(make(seed, own, asked.rate, asked.bits)))
         print(line(found[-1]), flush=True)
-    told = ", told velocities" if asked.turning else ""
-    show(found, f"{asked.rate:g} Hz, {asked.bits} bit{told}")
+    by = f", by {told.channel}" if told else ""
+    show(found, f"{asked.rate:g} Hz, {asked.bits} bit{by}")
 
 
 def run(case: servo_cases.Case) -> Outcome:

@@ -95,6 +95,7 @@ def diagnose_drives(
     """
     progress("reading motion", 0.0)
     odd = check_commanded(simulation, recordings)
+    simulation = simulation.with_motors(recordings[0].channels)
     given, recordings = with_servos(simulation, recordings)
     seen, unseen = split(recordings)
     progress("fitting drives and friction", 0.05)

@@ -60,8 +60,8 @@ def command(
     outside_n, true where the motion is unlike what it learned from. With --delay, time is that of
     the torque, which is that much before the position that came with it.
 
-    With --free-running, the closed loop of arm and drives is simulated forward from command_j
-    or command_velocity_j alone, from the first recorded position on: time [s] and position_1 …
+    With --free-running, arm and drives are simulated forward from command_j, command_velocity_j or
+    command_torque_j alone, from the first recorded position on: time [s] and position_1 …
     position_n [rad]. Other positions may be missing; where they are there, commands are held
     against them first.
 

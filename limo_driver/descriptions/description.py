@@ -65,6 +65,16 @@ class StatedServo:
     kd: float  # [N m s/rad]
     limit: float | None  # [N m]
     delay: float = 0.0  # [s]
+    beside: float = 0.0  # [N m s/rad] of kd, by actuators of velocity beside one of position
+
+
+@dataclass(frozen=True)
+class StatedMotor:
+    """What a description states of an actuator of torque on one joint."""
+
+    gain: float  # torque at the joint over the command
+    limit: float | None  # [N m]
+    delay: float = 0.0  # [s]
 
 
 class Following(NamedTuple):
@@ -86,7 +96,8 @@ class RobotDescription:
         dynamics: Of joints, by name.
         gravity: In the frame of the base [m/s²].
         shifts: From the frame of each body of the file to that of the link here, by name [m].
-        servos: Position servos, by the joint that they move.
+        servos: Servos of position and velocity, by the joint that they move.
+        motors: Actuators of torque, likewise.
         plays: Joints that are the play of others, by those.
         locked: Where joints are locked that could move, by name [rad, m].
         followers: Joints that move as others do, by name; those others move on their own.
@@ -109,6 +120,7 @@ class RobotDescription:
     hulls: dict[str, FloatArray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     servos: dict[str, StatedServo] = field(default_factory=dict)
+    motors: dict[str, StatedMotor] = field(default_factory=dict)
     plays: dict[str, str] = field(default_factory=dict)
     locked: dict[str, float] = field(default_factory=dict)
     followers: dict[str, Following] = field(default_factory=dict)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.exports.formats import ISAAC_LAB, MJCF
 from limo_driver.parameters import parameters_of
@@ -46,16 +47,28 @@ def unwritten(simulation: Simulation, kind: str) -> tuple[str, ...]:
         return ()
     where = ", ".join(names[servo.joint - 1] for servo in servos)
     kinds = " and ".join(dict.fromkeys(_kind(servo) for servo in servos))
-    return (f"{kinds} servos of {where}: this format has no number for them",)
+    return (f"{kinds} drives of {where}: this format has no number for them",)
 
 
 def _numbers(servos: list[JointDrive], names: tuple[str, ...]) -> Iterator[str]:
     for servo in servos:
         reason = f"no {_kind(servo)} actuator has it"
         for key in BEYOND_ACTUATORS:
-            if value := getattr(servo, key, None):
+            if (value := beyond_default(servo, key)) is not None:
                 joint, unit = names[servo.joint - 1], unit_of(servo, key)
                 yield f"{key} {value:.4g} {unit} of the servo of {joint}: {reason}"
+
+
+def beyond_default(servo: JointDrive, key: str) -> Any:  # noqa: ANN401  # as it is stated
+    """Return a parameter of a drive; None where it has none, or its default.
+
+    Args:
+        servo: The drive.
+        key: Name of the parameter.
+    """
+    defaults = {item.name: item.default for item in fields(servo)}
+    value = getattr(servo, key, None)
+    return value if key in defaults and value != defaults[key] else None
 
 
 def unit_of(servo: JointDrive, key: str) -> str:
@@ -70,4 +83,4 @@ def unit_of(servo: JointDrive, key: str) -> str:
 
 
 def _kind(servo: JointDrive) -> str:
-    return servo.name.removesuffix("_servo")
+    return servo.name.partition("_")[0]

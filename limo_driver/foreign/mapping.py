@@ -120,7 +120,16 @@ class Channels(Declared):
             raise self._refused("sign", "1 or -1")
 
     def read(self, table: LogTable, quantity: str) -> FloatArray:
-        """Return the values of T rows, (T, n), in SI units."""
+        """Return the values of T rows, (T, n), in SI units.
+
+        Raises:
+            ConfigError: They are currents, and no factor says how many N m one makes.
+            RecordingError: The log lacks a column, or one holds no numbers.
+        """
+        if not set(CURRENTS).isdisjoint(self.unit) and set(self.factor) == {1.0}:
+            raise ConfigError(
+                f"{quantity}: is in amperes; its `factor:` has to say how many N m one makes"
+            )
         values = np.empty((table.rows, len(self.columns)))
         n = len(self.columns)
         scale = np.resize([UNITS[quantity][unit] for unit in self.unit], n)
@@ -146,9 +155,10 @@ class LogMapping(Declared, Displayed):
         torque: Columns of the torques; None where the log has none.
         velocity: Columns of velocities, where it has some.
         command: Columns of the set-points of the positions, likewise.
-        command_velocity: Columns of the velocities that were commanded, likewise; with `command`,
-            each joint has one of both, and `-` in the other, where one drive takes this and
-            another that.
+        command_velocity: Columns of the velocities that were commanded, likewise.
+        command_torque: Columns of the torques that were commanded, likewise. Where one drive takes
+            this and another that, each joint has a column of one of these three, and `-` in the
+            others.
         temperature: Columns of temperatures, likewise.
         robot: Name of the robot.
         topic: Of the joint states in a bag; found by the joints' names if empty.
@@ -171,6 +181,7 @@ class LogMapping(Declared, Displayed):
     velocity: Channels | None = None
     command: Channels | None = None
     command_velocity: Channels | None = None
+    command_torque: Channels | None = None
     temperature: Channels | None = None
     robot: str = parameter("", "its name", default="-")
     topic: str = parameter("", "of a bag", default="-")
@@ -339,10 +350,6 @@ class LogMapping(Declared, Displayed):
                     path=table.source or None,
                 )
             return np.full((table.rows, len(self.joints)), np.nan)
-        if not set(CURRENTS).isdisjoint(self.torque.unit) and set(self.torque.factor) == {1.0}:
-            raise ConfigError(
-                "torque: is in amperes; its `factor:` has to say how many N m one makes"
-            )
         return self.torque.read(table, "torque")
 
     def _for(self, model: RobotModel) -> LogMapping:

@@ -3,7 +3,13 @@
 from limo_driver.parameters import Parameter, parameter
 from limo_driver.physics.catalogue import CATALOGUE, spoken
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.drives import DcMotor, JointDrive, PositionServo, VelocityServo
+from limo_driver.physics.drives import (
+    DcMotor,
+    JointDrive,
+    PositionServo,
+    TorqueDrive,
+    VelocityServo,
+)
 from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
@@ -94,6 +100,7 @@ __all__ = [
     "Tolerances",
     "TorqueCrosstalk",
     "TorqueDrift",
+    "TorqueDrive",
     "TorqueEffect",
     "TorqueGain",
     "TorqueOffset",

@@ -11,19 +11,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from limo_driver.descriptions.description import StatedServo
+from limo_driver.descriptions.description import StatedMotor, StatedServo
 from limo_driver.errors import ParameterError
 from limo_driver.parameters import JOINT, Declared, Parameter, parameter, shown
 from limo_driver.physics.effect import FARTHEST, MOST_SLOPE, MOST_STIFFNESS, MOST_TORQUE
-from limo_driver.recordings.channels import POSITION, VELOCITY, CommandChannel
+from limo_driver.recordings.channels import POSITION, TORQUE, VELOCITY, CommandChannel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from limo_driver.model import RobotModel
 
 LONGEST_DELAY: Final = 1.0  # [s]
 LONGEST_HEATING: Final = 1e4  # [s]
+MOST_GAIN: Final = 1e4  # of a torque, over the one that was commanded
 MOST_SAG: Final = 10.0  # of a supply that one servo takes to a tenth of its voltage
 TOLERANCE: Final = Parameter("tolerance", "1", lower=0.0, above=True)
 
@@ -187,6 +188,32 @@ class VelocityServo(JointDrive):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TorqueDrive(JointDrive):
+    """A drive that is told a torque, or a current times its constant, and closes no loop.
+
+    tau = gain u, within the torque limit, where u is the torque commanded `delay` ago.
+    """
+
+    name: ClassVar[str] = "torque_drive"
+    channel: ClassVar[CommandChannel | None] = TORQUE
+    tolerated: ClassVar[tuple[str, ...]] = ("gain", "torque_limit", "delay")
+    gain: float = parameter(
+        "1",
+        "torque at the joint over the commanded one",
+        lower=0.0,
+        above=True,
+        upper=MOST_GAIN,
+        default=1.0,
+    )
+    torque_limit: float | None = parameter(
+        "N m", "most torque", lower=0.0, upper=MOST_TORQUE, default=None
+    )
+    delay: float = parameter(
+        "s", "from a command to its effect", lower=0.0, upper=LONGEST_DELAY, default=0.0
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class DcMotor(JointDrive):
     """The motor behind a servo: its torque fades with the speed, as its voltage is limited.
 
@@ -247,7 +274,7 @@ class DcMotor(JointDrive):
 
 
 DRIVES: Final[dict[str, type[JointDrive]]] = {
-    kind.name: kind for kind in (PositionServo, VelocityServo, DcMotor)
+    kind.name: kind for kind in (PositionServo, VelocityServo, TorqueDrive, DcMotor)
 }
 
 
@@ -276,8 +303,25 @@ def described_drives(model: RobotModel) -> tuple[JointDrive, ...]:
     )
 
 
-def as_described(drive: JointDrive) -> StatedServo | None:
-    """Return a servo as descriptions state it; None of what is none.
+def described_motors(model: RobotModel, channels: Sequence[str | None]) -> tuple[JointDrive, ...]:
+    """Return the drives that a robot's description states of joints that are told torques.
+
+    Its actuators of torque are no drives by themselves: beside measured torques nobody asks.
+
+    Args:
+        model: The robot.
+        channels: What each joint is told, by name of the channel.
+    """
+    stated = model.description.motors
+    return tuple(
+        TorqueDrive(joint=j, gain=own.gain, torque_limit=own.limit, delay=own.delay)
+        for j, (name, told) in enumerate(zip(model.joint_names, channels, strict=True), start=1)
+        if told == TORQUE.name and (own := stated.get(name)) is not None
+    )
+
+
+def as_described(drive: JointDrive) -> StatedServo | StatedMotor | None:
+    """Return a drive as descriptions state it; None of what no description has.
 
     Args:
         drive: Any drive; what a description has no number for is left out.
@@ -286,6 +330,8 @@ def as_described(drive: JointDrive) -> StatedServo | None:
         return StatedServo(drive.kp, drive.kd, drive.torque_limit, drive.delay)
     if isinstance(drive, VelocityServo):
         return StatedServo(0.0, drive.kv, drive.torque_limit, drive.delay)
+    if isinstance(drive, TorqueDrive):
+        return StatedMotor(drive.gain, drive.torque_limit, drive.delay)
     return None
 
 

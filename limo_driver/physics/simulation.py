@@ -17,7 +17,7 @@ from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import RobotModel
 from limo_driver.parameters import JOINT
 from limo_driver.physics.described import described_effects
-from limo_driver.physics.drives import channels_of_drives, described_drives
+from limo_driver.physics.drives import channels_of_drives, described_drives, described_motors
 from limo_driver.physics.effect import (
     ArmEffect,
     ArmMotion,
@@ -132,6 +132,20 @@ class Simulation(Displayed):
     def channels(self) -> tuple[str | None, ...]:
         """What the drive of each joint takes, by name of its columns; None where it has none."""
         return channels_of_drives(self.drives, self.model.n)
+
+    def with_motors(self, channels: Sequence[str]) -> Simulation:
+        """Return the same with the drives that the description states of joints told torques.
+
+        Actuators of torque are drives only where commands of torque are all that there is: beside
+        measured torques, nothing is asked of a drive.
+
+        Args:
+            channels: What each joint is told, by name of its columns; stated drives stay.
+        """
+        pairs = zip(channels, self.channels, strict=True)
+        told = [name if own is None else None for name, own in pairs]
+        more = described_motors(self.model, told)
+        return replace(self, drives=(*self.drives, *more)) if more else self
 
     @cached_property
     def body(self) -> RobotModel:

@@ -1,4 +1,4 @@
-"""What drives are told: set-points of position or velocity, each in columns of their own."""
+"""What drives are told: positions, velocities or torques, each in columns of their own."""
 
 from __future__ import annotations
 
@@ -18,15 +18,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CommandChannel:
-    """One kind of command: the name of its columns, without the joint, and its unit."""
+    """One kind of command: the name of its columns, without the joint, and its unit.
+
+    Where a joint goes by commands that are no positions drifts from where the recorded one went.
+    """
 
     name: str
     unit: str
+    drifts: bool = True
 
 
-POSITION: Final = CommandChannel("command", "rad")
+POSITION: Final = CommandChannel("command", "rad", drifts=False)
 VELOCITY: Final = CommandChannel("command_velocity", "rad/s")
-CHANNELS: Final = {channel.name: channel for channel in (POSITION, VELOCITY)}
+TORQUE: Final = CommandChannel("command_torque", "N m")
+CHANNELS: Final = {channel.name: channel for channel in (POSITION, VELOCITY, TORQUE)}
 
 
 def channels_of(given: tuple[str, ...], n: int) -> tuple[str, ...]:
@@ -56,6 +61,16 @@ def led_by(channel: CommandChannel, channels: Sequence[str]) -> NDArray[np.bool_
         channels: Name of that of each joint.
     """
     return np.array([name == channel.name for name in channels])
+
+
+def drifting(channels: Sequence[str | None]) -> list[int]:
+    """Return the joints that are told what is no position, 1-based.
+
+    Args:
+        channels: Name of that of each joint; None where it has none.
+    """
+    every = enumerate(channels, start=1)
+    return [j for j, name in every if name is not None and CHANNELS[name].drifts]
 
 
 def by_channel(command: FloatArray, channels: Sequence[str]) -> dict[str, FloatArray]:

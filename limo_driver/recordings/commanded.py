@@ -37,7 +37,8 @@ class Commanded:
     Args:
         time: (T,) [s], strictly increasing.
         command: (T, n), each in force until the next, in the unit of each joint's channel: [rad]
-            where that is `command`, [rad/s] where it is `command_velocity`.
+            where that is `command`, [rad/s] where it is `command_velocity`, [N m] where it is
+            `command_torque`.
         start: (n,) [rad], recorded at the first of these rows.
         rows: Row of the file of each, (T,).
         rows_total: Rows of the file.

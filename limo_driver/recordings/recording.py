@@ -164,8 +164,8 @@ class Recording(FilteredSamples, Displayed):
             extras: What else was measured of each joint, by name, (T, n) each.
             source: Where it is from, for messages.
             command: In force at each sample, (T, n) [rad], or as `channels` say.
-            channels: Of the command of each joint: `command` [rad] or `command_velocity` [rad/s];
-                the former, if empty.
+            channels: Of the command of each joint: `command` [rad], `command_velocity` [rad/s] or
+                `command_torque` [N m]; the first, if empty.
 
         Raises:
             RecordingError: The data cannot be used, or hold neither torques nor commands.

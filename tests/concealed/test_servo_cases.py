@@ -2,7 +2,7 @@
 
 import pytest
 import servo_cases
-import turning_cases
+from told_cases import PUSHING, TURNING
 
 import limo_driver as limo
 
@@ -39,9 +39,18 @@ def test_what_is_hidden_is_named(seed, hidden, rate, name, within, tmp_path):
 
 
 @pytest.mark.slow("half a minute a case; benchmarks/diagnosis/concealed_servos.py runs many")
-@pytest.mark.parametrize(("seed", "hidden"), [(2, "velocity_servo"), (3, "drive_delay"), (4, "")])
-def test_what_is_hidden_in_an_arm_that_is_told_velocities_is_named(seed, hidden, tmp_path):
-    case = turning_cases.make(seed, (hidden,) if hidden else ())
+@pytest.mark.parametrize(
+    ("told", "seed", "hidden"),
+    [
+        (TURNING, 2, "velocity_servo"),
+        (TURNING, 3, "drive_delay"),
+        (TURNING, 4, ""),
+        (PUSHING, 2, "torque_drive"),
+        (PUSHING, 4, ""),
+    ],
+)
+def test_what_is_hidden_in_an_arm_that_is_told_no_positions_is_named(told, seed, hidden, tmp_path):
+    case = told.make(seed, (hidden,) if hidden else ())
     sim, recordings = case.write(tmp_path)
 
     findings = limo.diagnose(sim, recordings).verdict.findings

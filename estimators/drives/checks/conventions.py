@@ -21,7 +21,7 @@ from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.loads import ArmChange, ArmLoads
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.channels import VELOCITY, led_by
+from limo_driver.recordings.channels import POSITION, VELOCITY, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -121,7 +121,7 @@ class _Rows:
 
     position: FloatArray  # (K, n) [rad]
     velocity: FloatArray  # (K, n) [rad/s]
-    error: FloatArray  # (K, n) command minus position [rad], or velocity [rad/s] where it is told
+    error: FloatArray  # (K, n) command minus position [rad]; velocity or nothing of others
 
 
 def conventions_of(
@@ -262,8 +262,8 @@ def _rows(recordings: Sequence[Recording], delay: float) -> _Rows:
         motion = recording.motion(bandwidth_for([recording]))
         since = recording.time - delay
         at = np.maximum(np.searchsorted(recording.time, since, side="right") - 1, 0)
-        told = led_by(VELOCITY, recording.channels)
-        followed = np.where(told, motion.velocity, motion.position)
+        followed = np.where(led_by(POSITION, recording.channels), motion.position, 0.0)
+        followed += np.where(led_by(VELOCITY, recording.channels), motion.velocity, 0.0)
         error = commands_of(recording)[at] - followed
         parts.append((motion.position, motion.velocity, error))
     position, velocity, error = (np.concatenate(x) for x in zip(*parts, strict=True))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from estimators.drives.checks.alone import check_alone
 from estimators.drives.checks.commands import check_commands, check_set_points
 from estimators.drives.checks.timing import check_timing
+from estimators.drives.checks.torques import check_torques
 from estimators.drives.fitting.identification import with_servos
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
@@ -41,6 +42,8 @@ def check_commanded(simulation: Simulation, recordings: Sequence[Recording]) -> 
         recording.check_robot(simulation.model)
     check_different(recordings)
     given, led = with_servos(simulation, recordings)
+    for recording in led:
+        check_torques(given, recording)
     return (*check_commands(led), *check_timing(given, led))
 
 
@@ -51,7 +54,7 @@ def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:
     to, but that they may rest. Nothing but the first position of it gets into the simulation.
 
     Args:
-        simulation: With a position servo for each joint.
+        simulation: With a drive for each joint.
         told: The commands.
 
     Raises:
@@ -59,9 +62,11 @@ def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:
             before the motion.
     """
     told.check_robot(simulation.model)
+    simulation = simulation.with_motors(told.channels)
     told = told.led(simulation.channels)
     if told.recorded is None:
         return check_alone(simulation.model, told)
     told.recorded.check_robot(simulation.model)
+    check_torques(simulation, told.recorded)
     odd = check_set_points([told.recorded])
     return (*odd, *check_timing(simulation, [told.recorded]))

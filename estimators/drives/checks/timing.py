@@ -15,7 +15,7 @@ from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.loads import ArmChange, ArmLoads
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import VELOCITY, led_by
+from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -114,12 +114,16 @@ def _limited(parts: Sequence[LoadedJoint], fit: JointFit) -> JointFit:
 
 
 def _seems_early(recording: Recording) -> bool:
-    """Say whether most joints that move seem to do so before their commands."""
+    """Say whether most joints that move seem to do so before their commands.
+
+    Nobody sees that of torques: those that hold a joint back come before it turns, too.
+    """
     command, position = commands_of(recording), recording.position
     period = np.diff(recording.time, append=recording.time[-1])[:, None]
     told = np.cumsum(command * period, axis=0)  # where velocities would lead
     command = np.where(led_by(VELOCITY, recording.channels), told, command)
-    moving = np.flatnonzero(np.minimum(np.ptp(position, axis=0), np.ptp(command, axis=0)) > _MOVES)
+    moves = np.minimum(np.ptp(position, axis=0), np.ptp(command, axis=0)) > _MOVES
+    moving = np.flatnonzero(moves & ~led_by(TORQUE, recording.channels))
     shifts = [_shift(command[:, j], position[:, j], recording.rate) for j in moving.tolist()]
     return bool(shifts) and float(np.median(shifts)) < -1.0 / recording.rate
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 DAMPING, COULOMB = "damping", "coulomb"  # columns that recordings cannot tell apart, as one
 BASE: Final = ("kp", DAMPING, COULOMB, "delay", "inertia", "offset")
-GAINS: Final = ("kp", "kv")  # of which a servo has one
+GAINS: Final = ("kp", "kv", "gain")  # of which a drive has one
 SIGNED: Final = ("offset", "zero")  # what may be below zero
 LEAST, MOST = 1e-6, 1e5  # in the unit of each: the logarithm of nothing is needed
 STEP: Final = 0.02  # of a logarithm, or of a signed value in its unit, that a slope is taken over
@@ -48,16 +48,16 @@ def value_in(row: FloatArray, name: str) -> float:
 
 
 def gain_of(row: FloatArray) -> str:
-    """Return which gain a servo has, of `GAINS`.
+    """Return which gain a drive has, of `GAINS`.
 
     Args:
         row: The constants of its joint.
     """
-    return "kv" if value_in(row, "kv") > 0.0 else "kp"
+    return next((name for name in GAINS[1:] if value_in(row, name) > 0.0), GAINS[0])
 
 
 def base_of(row: FloatArray) -> tuple[str, ...]:
-    """Return the constants that every joint with such a servo has.
+    """Return the constants that every joint with such a drive has.
 
     Args:
         row: The constants of its joint.

@@ -44,7 +44,7 @@ class Extra:
     shape: Mapping[str, float] = field(default_factory=dict)  # of its law, not fitted
     # Parts that are left of constants which a fit without it has raised in its place
     eased: Mapping[str, float] = field(default_factory=dict)
-    of: tuple[str, ...] = GAINS  # gains of the servos that may have it
+    of: tuple[str, ...] = GAINS  # gains of the drives that may have it
 
     def fits(self, row: FloatArray) -> bool:
         """Say whether a servo can have it.

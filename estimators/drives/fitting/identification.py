@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -42,11 +43,12 @@ from limo_driver.physics import (
     PositionServo,
     SpringLoad,
     StribeckFriction,
+    TorqueDrive,
     TorqueOffset,
     VelocityServo,
     ViscousFriction,
 )
-from limo_driver.recordings.channels import POSITION
+from limo_driver.recordings.channels import POSITION, TORQUE, VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -63,11 +65,16 @@ _LOADED: Final = 0.05  # of the largest load of the arm, from which on gravity g
 _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
 _USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0, "kv": 1.5}  # of their logarithms
-UNITS: Final = {"kp": "N m/rad", "kv": "N m s/rad"}  # of gains
+UNITS: Final = {"kp": "N m/rad", "kv": "N m s/rad", "gain": "1"}  # of gains
 # said to be undecided where recordings do not show them
 ASKED: Final = (*GAINS, "delay", "inertia")
 _OF_A_KIND: Final = 0.7  # deviation of the logarithm of the gains of an arm's servos
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
+_TYPICAL_DRIVES: Final = {  # by what a joint is told
+    POSITION.name: partial(PositionServo, kp=TYPICAL["kp"]["kp"]),
+    VELOCITY.name: partial(VelocityServo, kv=TYPICAL["kv"]["kv"]),
+    TORQUE.name: partial(TorqueDrive, gain=TYPICAL["gain"]["gain"]),
+}
 _FITTED: Final = (
     Armature,
     AsymmetricFriction,
@@ -337,26 +344,21 @@ def largest_load(body: RobotModel, recordings: Sequence[Recording]) -> FloatArra
 def with_servos(
     simulation: Simulation, recordings: Sequence[Recording]
 ) -> tuple[Simulation, list[Recording]]:
-    """Return the same with a typical servo at each joint that has none, and what they are told.
+    """Return the same with a typical drive at each joint that has none, and what they are told.
 
     Args:
         simulation: What is stated.
-        recordings: Of the arm. By what the first one tells a joint, its servo is of position or of
-            velocity.
+        recordings: Of the arm. By what the first one tells a joint, its drive is a servo of
+            position or velocity, or none.
 
     Raises:
         RecordingError: What a drive takes was not recorded.
     """
     led = [recording.led(simulation.channels) for recording in recordings]
     kinds = led[0].channels if led else (POSITION.name,) * simulation.model.n
-    stated = simulation.channels
-    more = tuple(
-        PositionServo(joint=j, kp=TYPICAL["kp"]["kp"])
-        if kind == POSITION.name
-        else VelocityServo(joint=j, kv=TYPICAL["kv"]["kv"])
-        for j, (kind, own) in enumerate(zip(kinds, stated, strict=True), start=1)
-        if own is None
-    )
+    simulation = simulation.with_motors(kinds)
+    every = enumerate(zip(kinds, simulation.channels, strict=True), start=1)
+    more = [_TYPICAL_DRIVES[kind](joint=j) for j, (kind, own) in every if own is None]
     given = replace(simulation, drives=(*simulation.drives, *more)) if more else simulation
     return given, [recording.led(given.channels) for recording in led]
 

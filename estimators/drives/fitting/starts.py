@@ -19,15 +19,17 @@ if TYPE_CHECKING:
     from estimators.drives.simulation.one_joint import LoadedJoint
 
 _USUAL: Final = {COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
-TYPICAL: Final = {  # by gain: of servos of position, and of velocity
+TYPICAL: Final = {  # by gain: of servos of position, of velocity, and of no servo
     "kp": {"kp": 15.0, DAMPING: 1.0, **_USUAL},
     "kv": {"kv": 3.0, DAMPING: 0.3, **_USUAL},
+    "gain": {"gain": 1.0, DAMPING: 0.1, **_USUAL},
 }
 # A lag is a delay or damping over gain: what a fit finds depends on which of them it begins with.
 # With a servo of velocity, it is inertia over gain, and damping over gain is how much is lacking.
 LAGS: Final = {
     "kp": ({"delay": 0.004, DAMPING: 1.0 / 15.0}, {"delay": 0.04, DAMPING: 0.4 / 15.0}),
     "kv": ({"delay": 0.004, "inertia": 0.02}, {"delay": 0.04, "inertia": 0.005}),
+    "gain": ({"delay": 0.002}, {"delay": 0.02}),
 }
 _DELAYS: Final = (0.0, 0.02, 0.06)  # [s], tried
 _MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the motion
@@ -55,7 +57,7 @@ def with_gain(row: FloatArray, gain: float) -> FloatArray:
 
     Args:
         row: The constants of a joint.
-        gain: Another one [N m/rad], or of velocity [N m s/rad].
+        gain: Another one [N m/rad], of velocity [N m s/rad], or of torque.
     """
     own = gain_of(row)
     factor = gain / value_in(row, own)

@@ -25,6 +25,7 @@ from estimators.drives.simulation.commanded import MOVED, busiest, commanded_ran
 from estimators.drives.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import EncoderOffset, Payload
+from limo_driver.recordings.channels import TORQUE, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -87,6 +88,7 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
     """Say whether the stated drives are those of the arm, but for what may be wrong with a few.
 
     Descriptions of hobby arms often state gains that keep a simulation stiff, and mean no servo.
+    What a drive makes of a torque is near what is stated: `check_torques` has looked at it.
 
     Args:
         simulation: What is stated.
@@ -94,7 +96,8 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
     """
     if None in simulation.channels:
         return False
-    if not gives_scale(largest_load(simulation.body, recordings)).any():
+    served = ~led_by(TORQUE, recordings[0].channels)
+    if not (gives_scale(largest_load(simulation.body, recordings)) & served).any():
         return True  # what is stated is the only scale there is, and nothing speaks against it
     told = tuple(range(simulation.model.n))
     order = likeliest_order(simulation.body, recordings)
@@ -109,6 +112,7 @@ def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[
     signs = dict.fromkeys((change.sign, conventions_of(body, [told]).best.sign))
     weight = np.abs(body.gravity_torque(told.position)).max(axis=0)
     weight[commanded_range([told]) < MOVED] = 0.0
+    weight[led_by(TORQUE, told.channels)] = 0.0
     loaded = np.flatnonzero(weight > _LOADED * weight.max()) if weight.max() > 0 else np.array([])
     if not loaded.size:
         return False

@@ -32,6 +32,7 @@ _START_MASS: Final = 0.05  # of the arm's own
 _FREED: Final = {
     "kp": "position_servo",
     "kv": "velocity_servo",
+    "gain": "torque_drive",
     DAMPING: "viscous_friction",
     COULOMB: "coulomb_friction",
     "delay": "drive_delay",
@@ -207,7 +208,8 @@ def _of_joints(row: FloatArray) -> Iterator[Suspect]:
     if of_position:
         yield Suspect("backlash", None, (("play", 0.01),))
     yield Suspect("gear_ratio", None, (("gear", 1.0),))
-    yield Suspect("integral_gain", None, (("ki", 1.0),))
+    if gain_of(row) != "gain":
+        yield Suspect("integral_gain", None, (("ki", 1.0),))
 
 
 def _limits(

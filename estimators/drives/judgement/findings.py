@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 KINDS: Final[dict[str, dict[str, str]]] = {
     "position_servo": {"kp": "N m/rad"},
     "velocity_servo": {"kv": "N m s/rad"},
+    "torque_drive": {"gain": "1"},
     "drive_delay": {"delay": "s"},
     "coulomb_friction": {COULOMB: "N m"},
     "viscous_friction": {DAMPING: "N m s/rad"},
@@ -47,6 +48,7 @@ KINDS: Final[dict[str, dict[str, str]]] = {
 USUAL: Final = (  # what every joint has
     "position_servo",
     "velocity_servo",
+    "torque_drive",
     "drive_delay",
     "coulomb_friction",
     "viscous_friction",
@@ -157,7 +159,8 @@ def _as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra
     value = value_in(_without(nominal, nominal, effect, units), name)
     if extra or value == 0.0 or not np.isfinite(value):
         return "without it"
-    return f"with {_NAMES.get(name, name)} of {value:.3g} {unit}, as stated"
+    size = f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
+    return f"with {_NAMES.get(name, name)} of {size}, as stated"
 
 
 def is_known(fit: JointFit, units: dict[str, str]) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.drives.simulation.free_run import commands_of, restarted_run
 from estimators.drives.simulation.one_step import row_errors
-from limo_driver.recordings.channels import VELOCITY, led_by
+from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,16 +51,18 @@ def _cut(recording: Recording) -> int:
 
 
 def _speed(recording: Recording) -> float:
-    """Return how fast commands move, as their root mean square [rad/s]."""
-    change = np.diff(commands_of(recording), axis=0) / np.diff(recording.time)[:, None]
-    change = np.where(led_by(VELOCITY, recording.channels), commands_of(recording)[:-1], change)
+    """Return how fast commands move, as their root mean square [rad/s]; of torques, the joints."""
+    pushed, command = led_by(TORQUE, recording.channels), commands_of(recording)
+    moved = np.where(pushed, recording.position, command)
+    change = np.diff(moved, axis=0) / np.diff(recording.time)[:, None]
+    change = np.where(led_by(VELOCITY, recording.channels), command[:-1], change)
     return float(np.sqrt(np.mean(change**2)))
 
 
 def position_errors(simulation: Simulation, recordings: Sequence[Recording]) -> FloatArray:
     """Return free-running position errors of all rows, (K, n) [rad].
 
-    What is told by velocity is put back where it was, as often as its drive asks for.
+    What is told no positions is put back where it was, as often as its drive asks for.
     """
     return np.concatenate([restarted_run(simulation, r) - r.position for r in recordings])
 

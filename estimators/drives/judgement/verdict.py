@@ -24,7 +24,7 @@ from estimators.drives.judgement.held_out import (
 from estimators.drives.judgement.wording import joints_named, undecided
 from estimators.drives.simulation.one_joint import loaded_joints
 from estimators.drives.simulation.plant import DRIFTS, rows_of
-from limo_driver.recordings.channels import VELOCITY
+from limo_driver.recordings.channels import drifting
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -124,9 +124,9 @@ def verdict_of(
 
 
 def _unit(given: Simulation) -> str:
-    """Return the unit of errors: of a whole run, or of as long as what is told by velocity has."""
-    drifting = [j for j, name in enumerate(given.channels, start=1) if name == VELOCITY.name]
-    if not drifting:
+    """Return the unit of errors: of a whole run, or of as long as what drifts has."""
+    joints = drifting(given.channels)
+    if not joints:
         return "rad"
-    where = "" if len(drifting) == given.model.n else f" at {joints_named(drifting)}"
+    where = "" if len(joints) == given.model.n else f" at {joints_named(joints)}"
     return f"rad in {DRIFTS:g} s{where}"

@@ -12,7 +12,7 @@ from estimators.drives.judgement.findings import KINDS, is_known
 from estimators.drives.simulation.columns import geared
 from estimators.drives.simulation.plant import DRIFTS, most_torque, rows_of
 from limo_driver.physics import DcMotor
-from limo_driver.recordings.channels import VELOCITY
+from limo_driver.recordings.channels import TORQUE, VELOCITY, drifting
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -29,6 +29,7 @@ _WORTH: Final = 0.01  # [rad], sag below which nothing is said
 _SHOWS: Final = {  # constants, as what they are told, and what explains the motion as well
     "kp": ("position_servo", "dry friction"),
     "kv": ("velocity_servo", "friction"),
+    "gain": ("torque_drive", "friction"),
     "delay": ("drive_delay", "damping"),
     "inertia": ("armature", "damping"),
 }
@@ -79,14 +80,14 @@ def undecided(found: DriveIdentification, rate: float) -> Iterator[tuple[str, st
                 f"{name} of {joints_named(joints)} is not decidable at this rate ({rate:.0f} Hz): "
                 f"{other} explains the motion as well",
             )
-    if light := _weightless(found):
+    for drive, light in _by_drive(found, _weightless(found)):
         yield (
-            "position_servo",
+            drive,
             f"gravity never loads {joints_named(light)}: {_gains(found, light)} is known there in "
             "ratio to friction, damping and inertia alone",
         )
-    if still := _still(found):
-        yield "position_servo", f"no command moves {joints_named(still)}: its drive does not show"
+    for drive, still in _by_drive(found, _still(found)):
+        yield drive, f"no command moves {joints_named(still)}: its drive does not show"
 
 
 def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterator[tuple[str, str]]:
@@ -104,8 +105,8 @@ def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterat
             f"gravity hardly loads joint{'s' * (len(untold) > 1)} {', '.join(untold)}: whether "
             "positions and commands count against the description is not decidable there",
         )
-    if stated and VELOCITY.name in given.channels:
-        yield "supply_sag", "what servos of velocity draw from the supply is not known"
+    if stated and drifting(given.channels):
+        yield "supply_sag", "what drives draw from the supply is known of servos of position alone"
     elif stated and not np.isfinite(most_torque(rows_of(given))).all():
         yield (
             "supply_sag",
@@ -114,18 +115,22 @@ def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterat
 
 
 def about_drift(given: Simulation) -> tuple[str, ...]:
-    """Say how errors are told where commands are velocities.
+    """Say how errors are told where commands are velocities or torques.
 
     Args:
-        given: With a servo for each joint.
+        given: With a drive for each joint.
     """
-    drifting = [j for j, name in enumerate(given.channels, start=1) if name == VELOCITY.name]
-    if not drifting:
-        return ()
-    return (
-        f"Velocities are commanded at {joints_named(drifting)}, and where these lead drifts from "
+    channels = list(enumerate(given.channels, start=1))
+    told = {
+        what: [j for j, name in channels if name == kind.name]
+        for what, kind in (("Velocities", VELOCITY), ("Torques", TORQUE))
+    }
+    return tuple(
+        f"{what} are commanded at {joints_named(joints)}, and where these lead drifts from "
         f"where the joint was: each {DRIFTS:g} s it is put back there, and its errors are of the "
-        "position until then.",
+        "position until then."
+        for what, joints in told.items()
+        if joints
     )
 
 
@@ -191,6 +196,13 @@ def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
 def _gains(found: DriveIdentification, joints: Sequence[int]) -> str:
     """Return the gains that servos of some joints have, 1-based."""
     return " or ".join(dict.fromkeys(gain_of(found.fits[j - 1].row) for j in joints))
+
+
+def _by_drive(found: DriveIdentification, joints: Sequence[int]) -> Iterator[tuple[str, list[int]]]:
+    """Yield each kind of drive that some joints have, 1-based, and which of them have it."""
+    kinds = {j: _SHOWS[gain_of(found.fits[j - 1].row)][0] for j in joints}
+    for kind in dict.fromkeys(kinds.values()):
+        yield kind, [j for j in joints if kinds[j] == kind]
 
 
 def _weightless(found: DriveIdentification) -> list[int]:

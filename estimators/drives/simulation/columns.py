@@ -47,6 +47,7 @@ NAMES: Final = (
     "kv",  # [N m s/rad], of a servo of velocity, which has no kp
     "restart",  # [s], after which errors begin anew where the joint was
     "straight",  # whether a command that is sent again is followed at once, without the profile
+    "gain",  # of a drive that is told torques, and has no other: torque over the one commanded
 )
 (
     KP,
@@ -88,6 +89,7 @@ NAMES: Final = (
     KV,
     RESTART,
     STRAIGHT,
+    GAIN,
 ) = range(len(NAMES))
 UNLIMITED: Final = (
     "integral_limit",
@@ -99,7 +101,7 @@ UNLIMITED: Final = (
     "restart",
 )
 _GEARED: Final = {  # powers of the gear's ratio in what is seen at the joint
-    1: (KP, KV, KI, INTEGRAL_LIMIT, PUNCH, TORQUE_LIMIT, STALL, PLUS, MINUS, STRIBECK),
+    1: (KP, KV, GAIN, KI, INTEGRAL_LIMIT, PUNCH, TORQUE_LIMIT, STALL, PLUS, MINUS, STRIBECK),
     2: (KD, INERTIA, VISCOUS_PLUS, VISCOUS_MINUS),
     -1: (FREE_SPEED,),
 }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.drives.simulation.free_run import commands_of
-from limo_driver.recordings.channels import VELOCITY, led_by
+from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,6 +23,7 @@ def commanded_range(recordings: Sequence[Recording]) -> FloatArray:
     """Return the largest range of each joint's commands within a recording, (n,) [rad].
 
     Of velocities that are told [rad/s], that from rest: one that never changes moves a joint, too.
+    Of torques, where there are any, how far the joint moved [rad].
 
     Args:
         recordings: With commands.
@@ -33,7 +34,9 @@ def commanded_range(recordings: Sequence[Recording]) -> FloatArray:
 def _range(recording: Recording) -> FloatArray:
     command = commands_of(recording)
     rest = np.where(led_by(VELOCITY, recording.channels), 0.0, command[0])
-    return np.ptp(np.vstack([command, rest]), axis=0)
+    told = np.ptp(np.vstack([command, rest]), axis=0)
+    pushed = led_by(TORQUE, recording.channels)
+    return np.where(pushed & command.any(axis=0), np.ptp(recording.position, axis=0), told)
 
 
 def busiest(recordings: Sequence[Recording]) -> Recording:

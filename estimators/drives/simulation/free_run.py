@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.simulation.columns import DELAY, DERATING, KV, RESTART, SAG, ZERO
+from estimators.drives.simulation.columns import DELAY, DERATING, RESTART, SAG, ZERO
 from estimators.drives.simulation.joint_step import (
     begins_anew,
     caught_up,
@@ -25,6 +25,7 @@ from estimators.drives.simulation.joint_step import (
     heated,
     held,
     integrated,
+    keeps_pace,
     led,
     longest_step,
     next_velocity,
@@ -37,6 +38,7 @@ from estimators.rigid_body.dynamics.newton_euler import inverse_dynamics
 from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.channels import drifting
 from limo_driver.recordings.commanded import set_points
 
 if TYPE_CHECKING:
@@ -70,6 +72,7 @@ def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
         RecordingError: The recording is of another robot, or has no commands.
     """
     recording.check_robot(simulation.model)
+    simulation = simulation.with_motors(recording.channels)
     led = recording.led(simulation.channels)
     return run_forward(ServoArm.of(simulation).without_restarts(), led)
 
@@ -77,8 +80,8 @@ def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
 def restarted_run(simulation: Simulation, recording: Recording) -> FloatArray:
     """Do as `free_run` does, but begin anew where each joint was, as often as its drive asks for.
 
-    What is told by velocity drifts from where it was, and the longer a run, the less its position
-    says of the drive; joints behind position servos are never put back.
+    What is told by velocity or torque drifts from where it was, and the longer a run, the less its
+    position says of the drive; joints behind position servos are never put back.
     """
     recording.check_robot(simulation.model)
     return run_forward(ServoArm.of(simulation), recording.led(simulation.channels))
@@ -88,7 +91,7 @@ def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
     """Simulate an arm forward from commands, from where it was at the first of them.
 
     What it was told before a gap stays in force; after a minute of that it rests, unless it is
-    told velocities.
+    told velocities or torques.
 
     Args:
         simulation: With a servo for each joint.
@@ -100,11 +103,12 @@ def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
     Raises:
         ConfigError: As for `free_run`.
     """
+    simulation = simulation.with_motors(told.channels)
     told, arm = told.led(simulation.channels), ServoArm.of(simulation).without_restarts()
-    rests = np.inf if (arm.rows[:, KV] > 0.0).any() else _RESTS  # what is told to turn, turns on
+    rests = np.inf if drifting(told.channels) else _RESTS  # what is told to turn, turns on
     steps = np.minimum(np.diff(told.time), rests)
     time = told.time[0] + np.concatenate([[0.0], np.cumsum(steps)])
-    return follow(arm, time, told.command, told.start[None, :], np.zeros(told.n))
+    return follow(arm, time, told.command, told.start[None, :], np.zeros((1, told.n)))
 
 
 def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
@@ -114,7 +118,7 @@ def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
         velocity = recording.motion(bandwidth_for([recording])).velocity
     position = np.empty_like(recording.position)
     for rows in recording.segments:
-        recorded = recording.position[rows], velocity[rows][0]
+        recorded = recording.position[rows], velocity[rows]
         position[rows] = follow(arm, recording.time[rows], command[rows], *recorded)
     return position
 
@@ -131,10 +135,11 @@ def follow(
     Args:
         arm: Of n joints.
         time: Increasing, (T,) [s].
-        command: Each in force until the next, (T, n) [rad], or [rad/s] of servos of velocity.
+        command: Each in force until the next, (T, n) [rad]; [rad/s] of servos of velocity, [N m]
+            of drives without a servo.
         position: Where the arm is, as its encoders read it, (T, n) [rad]; the first row is enough
             where no joint is put back.
-        velocity: At first, (n,) [rad/s], of joints that are put back.
+        velocity: Likewise, (T, n) [rad/s].
 
     Returns:
         Positions as the encoders would read them, (T, n) [rad].
@@ -153,7 +158,7 @@ def follow(
         time,
         np.ascontiguousarray(command),
         np.ascontiguousarray(position),
-        np.array(velocity),
+        np.ascontiguousarray(velocity),
         min(longest_step(row, LONGEST_STEP) for row in arm.rows),
     )
     if not settled:
@@ -166,7 +171,7 @@ def follow(
 
 
 def commands_of(recording: Recording) -> FloatArray:
-    """Return the commands of a recording, (T, n) [rad], or [rad/s] where velocity is told.
+    """Return the commands of a recording, (T, n) [rad], or in the unit of what is told.
 
     Raises:
         RecordingError: It has none.
@@ -319,8 +324,8 @@ def _advance(
         for j in range(n):
             if begins_anew(rows[j], begun[j], time[i]):
                 q[j], begun[j] = position[i, j] - zero[j] + ahead[j], time[i]
-                if i == 0:
-                    v[j] = velocity[j]
+                if i == 0 or not keeps_pace(rows[j]):
+                    v[j] = velocity[i, j]
         steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - ROUNDING))
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):

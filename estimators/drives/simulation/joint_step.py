@@ -21,6 +21,7 @@ from estimators.drives.simulation.columns import (
     DERATING,
     DRAG,
     FREE_SPEED,
+    GAIN,
     HEATING,
     INERTIA,
     INSIDE,
@@ -129,9 +130,10 @@ def led(
 def error_of(row: FloatArray, target: float, position: float) -> float:
     """Return the error that the servo acts on [rad].
 
-    Of a servo of velocity, what it is told [rad/s]: the rest of its error is damping.
+    Of a servo of velocity, what it is told [rad/s]: the rest of its error is damping. Of a drive
+    that is told torques, these [N m].
     """
-    if row[KV] > 0.0:
+    if row[KV] > 0.0 or row[GAIN] > 0.0:
         return target
     step, band = row[RESOLUTION], row[DEAD_BAND]
     if step > 0.0:
@@ -189,6 +191,18 @@ def begins_anew(row: FloatArray, begun: float, now: float) -> bool:
         now: [s].
     """
     return row[RESTART] < math.inf and now - begun >= row[RESTART]
+
+
+@compiled(nogil=True)
+def keeps_pace(row: FloatArray) -> bool:
+    """Say whether a joint whose errors begin anew goes on as fast as it is simulated.
+
+    Behind a drive that closes no loop its velocity drifts as its position does.
+
+    Args:
+        row: The constants of the joint.
+    """
+    return row[GAIN] == 0.0
 
 
 @compiled(nogil=True)
@@ -310,7 +324,8 @@ def next_velocity(
         row: The constants of the joint.
         position: [rad].
         velocity: [rad/s].
-        error: That the servo acts on [rad], or what one of velocity is told [rad/s].
+        error: That the servo acts on [rad]; what one of velocity is told [rad/s], or a drive that
+            closes no loop [N m].
         integral: Torque of the servo's integral [N m].
         inertia: Of the rigid body about the joint [kg m²].
         load: Torque that the rigid body needs at no acceleration of this joint [N m].
@@ -330,6 +345,8 @@ def next_velocity(
         gain = row[KV] + 0.5 * row[KI] * h
         push += gain * error
         stiff += gain
+    elif row[GAIN] > 0.0:
+        push += row[GAIN] * error
     elif error != 0.0:
         push += row[KP] * error + math.copysign(row[PUNCH], error)
         stiff += 0.5 * row[KP] * h

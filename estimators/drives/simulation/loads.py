@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from estimators.drives.simulation.columns import DELAY, KV
+from estimators.drives.simulation.columns import DELAY, GAIN, KV
 from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.joint_step import draws
 from estimators.drives.simulation.one_joint import LoadedJoint
@@ -217,7 +217,8 @@ class ArmLoads:
         """Whether the stated drives say how far they are driven."""
         if self.stated is None:
             return False
-        known = np.isfinite(most_torque(self.stated)) & (self.stated[:, KV] == 0.0)
+        known = np.isfinite(most_torque(self.stated))
+        known &= (self.stated[:, [KV, GAIN]] == 0.0).all(axis=1)
         return bool(known.all())
 
     def _supply(self, change: ArmChange) -> FloatArray:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from estimators.drives.simulation.columns import DELAY, DERATING, KV, NAMES, geared
+from estimators.drives.simulation.columns import DELAY, DERATING, GAIN, KV, NAMES, geared
 from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.joint_step import (
     begins_anew,
@@ -24,6 +24,7 @@ from estimators.drives.simulation.joint_step import (
     heated,
     held,
     integrated,
+    keeps_pace,
     led,
     longest_step,
     next_velocity,
@@ -52,7 +53,7 @@ class LoadedJoint:
     """Recorded motion of one joint over T samples, and what loads it."""
 
     time: FloatArray  # (T,) [s]
-    command: FloatArray  # (T,) [rad], or [rad/s] of a servo of velocity
+    command: FloatArray  # (T,) [rad]; [rad/s] of a servo of velocity, [N m] without a servo
     position: FloatArray  # (T,) [rad]
     velocity: FloatArray  # (T,) [rad/s], zero-phase
     load: FloatArray  # (T,) [N m], rigid body without the joint's own acceleration
@@ -91,7 +92,7 @@ class LoadedJoint:
 
         It begins at rest where the recorded one was, in each stretch anew; behind a servo of
         velocity as fast as that was, and is put back where that was each time that its errors begin
-        anew.
+        anew. Behind a drive that closes no loop it then has the velocity of the recorded one, too.
         """
         return _advance(
             geared(row),
@@ -109,10 +110,14 @@ class LoadedJoint:
 def lag(part: LoadedJoint, row: FloatArray) -> FloatArray:
     """Return by how much a joint lags what its servo is told (T,): [rad], or of velocity [rad/s].
 
+    Of a drive that closes no loop, what it is told [N m].
+
     Args:
         part: A recorded stretch.
         row: The constants of the joint.
     """
+    if row[GAIN] > 0.0:
+        return part.command
     return part.command - (part.velocity if row[KV] > 0.0 else part.position)
 
 
@@ -220,8 +225,8 @@ def _advance_one(
     for i in range(time.size - 1):
         if begins_anew(row, begun, time[i]):
             q, begun = position[i] + ahead, time[i]
-            if i == 0:
-                v = velocity[0]
+            if i == 0 or not keeps_pace(row):
+                v = velocity[i]
         steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - LONGER))
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):

@@ -40,7 +40,6 @@ from limo_driver.physics import (
     ViscousFriction,
 )
 from limo_driver.physics.drives import DRIVES
-from limo_driver.recordings.channels import VELOCITY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -51,7 +50,7 @@ if TYPE_CHECKING:
 
 _Values = dict[str, float]  # by column
 _LED: Final = tuple(name for name, kind in DRIVES.items() if kind.channel is not None)
-DRIFTS: Final = 1.0  # [s] of a run, after which what is told by velocity is put back where it was
+DRIFTS: Final = 1.0  # [s] of a run, after which what is told no positions is put back where it was
 # Load-dependent friction that can be run forward: its factors as the load resists and as it drives.
 PRESSED: Final = {"absolute": (1.0, 1.0), "positive": (1.0, 0.0), "negative": (0.0, 1.0)}
 
@@ -95,9 +94,9 @@ def rows_of(simulation: Simulation) -> FloatArray:
     missing = [j for j, own in enumerate(simulation.channels, start=1) if own is None]
     if missing:
         raise ConfigError(
-            f"`drives:` has no {' or '.join(_LED)} for joint{'s' * (len(missing) > 1)} "
-            f"{', '.join(map(str, missing))} of {simulation.model.name}; without one, nothing says "
-            "what a command does there"
+            f"`drives:` has no {', '.join(_LED[:-1])} or {_LED[-1]} for "
+            f"joint{'s' * (len(missing) > 1)} {', '.join(map(str, missing))} of "
+            f"{simulation.model.name}; without one, nothing says what a command does there"
         )
     rows = np.zeros((n, len(NAMES)))
     for name, value in {
@@ -112,7 +111,7 @@ def rows_of(simulation: Simulation) -> FloatArray:
         rows[:, NAMES.index(name)] = value
     for drive in simulation.drives:
         _enter(rows[drive.joint - 1], _of_drive(drive))
-        if drive.channel is VELOCITY:
+        if drive.channel is not None and drive.channel.drifts:
             rows[drive.joint - 1, RESTART] = DRIFTS
     for effect in simulation.effects:
         if isinstance(effect, (BodyEffect, SensorEffect, TorqueDrift)):

@@ -23,8 +23,8 @@ from limo_driver.descriptions.mjcf.joints import (
     is_passive_motor,
     joint_name,
     loops,
-    servos,
 )
+from limo_driver.descriptions.mjcf.stated_drives import motors, servos
 from limo_driver.descriptions.mjcf.writer import TURNING, ArmWriter
 from limo_driver.errors import ConfigError
 
@@ -64,6 +64,7 @@ def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
         writer.hulls,
         tuple(_left_aside(model, root, coupled) + writer.notes),
         servos(model),
+        motors(model),
         writer.plays,
         places={
             joint_name(model, j): (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j]))

@@ -13,7 +13,6 @@ from limo_driver.descriptions.description import (
     JointDynamics,
     StatedBristles,
     StatedRipple,
-    StatedServo,
 )
 
 if TYPE_CHECKING:
@@ -56,43 +55,6 @@ def effort(model: Any, joint: int) -> float:  # noqa: ANN401
             most = float(np.abs(model.actuator_ctrlrange[u]).max())
             total += gear * abs(float(model.actuator_gainprm[u][0])) * most
     return total
-
-
-def servos(model: Any) -> dict[str, StatedServo]:  # noqa: ANN401
-    """Return the actuators of position that move a joint alone, by the name of that joint.
-
-    Those of velocity, too, where a joint has no other: beside another they often stand for damping.
-    """
-    found: dict[str, StatedServo] = {}
-    moved = [
-        int(model.actuator_trnid[u][0])
-        for u in range(actuators(model))
-        if int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-    ]
-    for u in range(actuators(model)):
-        gain, bias = np.array(model.actuator_gainprm[u]), np.array(model.actuator_biasprm[u])
-        of_velocity = bias[1] == 0 and bias[2] == -gain[0]
-        is_servo = (
-            int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-            and int(model.actuator_gaintype[u]) == int(mujoco.mjtGain.mjGAIN_FIXED)
-            and int(model.actuator_biastype[u]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
-            and int(model.actuator_dyntype[u]) == int(mujoco.mjtDyn.mjDYN_NONE)
-            and gain[0] > 0
-            and (bias[1] == -gain[0] or of_velocity)
-        )
-        gear, joint = float(model.actuator_gear[u][0]), int(model.actuator_trnid[u][0])
-        if not is_servo or (of_velocity and moved.count(joint) > 1):
-            continue
-        limit = None
-        if model.actuator_forcelimited[u]:
-            limit = abs(gear) * float(np.abs(model.actuator_forcerange[u]).max())
-        elif model.jnt_actfrclimited[joint]:
-            limit = float(np.abs(model.jnt_actfrcrange[joint]).max())
-        if gear == 1.0:  # else the command is not one of the joint
-            delay = float(np.ravel(model.actuator_delay[u])[0])
-            servo = StatedServo(abs(float(bias[1])), -float(bias[2]), limit, delay)
-            found[joint_name(model, joint)] = servo
-    return found
 
 
 def dynamics(model: Any, joint: int) -> JointDynamics:  # noqa: ANN401

@@ -1,25 +1,27 @@
-"""Drives written into an MJCF file: an actuator of position or velocity for each servo."""
+"""Drives written into an MJCF file: an actuator of position, velocity or torque for each."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from limo_driver.descriptions.description import StatedMotor, StatedServo
 from limo_driver.errors import ConfigError
 from limo_driver.exports.xml_edits import as_attribute, differ
 from limo_driver.physics.drives import as_described
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from limo_driver.descriptions.description import StatedServo
     from limo_driver.exports.changes.target import Target
     from limo_driver.exports.xml_edits import Element, XmlText
 
+_GENERAL: Final = "general"
+
 
 def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into: Path) -> None:
-    """Write gains, limits and delays of servos.
+    """Write gains, limits and delays of drives.
 
     What these actuators have no attribute for (dead band, play, profile, integrator, motor,
     supply) is not written, and told by `unwritten`.
@@ -31,35 +33,40 @@ def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into
         into: The file, for messages.
 
     Raises:
-        ConfigError: A joint that has a servo is moved by another kind of actuator in the file.
+        ConfigError: A joint that has a drive is moved by another kind of actuator in the file.
     """
-    names = target.model.joint_names
+    names, known = target.model.joint_names, target.model.description
     new: list[str] = []
     for drive in target.simulation.drives:
         if (wanted := as_described(drive)) is None:
             continue
-        name, tag = names[drive.joint - 1], "velocity" if wanted.kp == 0.0 else "position"
-        stated = target.model.description.servos.get(name)
+        name, tag = names[drive.joint - 1], _tag(wanted)
+        stated = (known.motors if tag == "motor" else known.servos).get(name)
         if stated is not None and _alike(stated, wanted):
             continue
         values = _attributes(wanted, stated, timestep)
-        text, element = _actuator(texts, name)
-        if text is None or element is None:
-            written = " ".join(f'{key}="{value}"' for key, value in values.items())
-            new.append(f'<{tag} joint="{as_attribute(name)}" {written}/>')
-        elif element.tag not in (tag, "general") or stated is None:
+        placed = _actuators(texts, name)
+        if not placed:
+            new.append(f'<{tag} joint="{as_attribute(name)}" {_written(values)}/>')
+            continue
+        text, element = next((own for own in placed if own[1].tag == tag), placed[0])
+        if element.tag not in (tag, _GENERAL) or stated is None:
             raise ConfigError(
                 f"joint {name} is moved by <{element.tag}>; expected <{tag}>, or no actuator, "
-                "to write its servo",
+                "to write its drive",
                 path=into,
             )
-        else:
-            if element.tag == "general":
-                kp, kv = values.pop("kp", "0"), values.pop("kv")
-                gain = kv if tag == "velocity" else kp
-                values |= {"gainprm": gain, "biasprm": f"0 -{kp} -{kv}"}
-            for key, value in values.items():
-                text.set(element, key, value)
+        if isinstance(wanted, StatedServo) and isinstance(stated, StatedServo) and stated.beside:
+            velocities = [own for own in placed if own[1].tag == "velocity"]
+            if not velocities:
+                raise ConfigError(
+                    f"joint {name} is moved by several <{_GENERAL}>; expected one of them, to "
+                    "write its drive",
+                    path=into,
+                )
+            _share(wanted.kd, stated.beside, values, velocities)
+        for key, value in (_as_general(values) if element.tag == _GENERAL else values).items():
+            text.set(element, key, value)
     if new:
         root = texts[0].root
         actuator = root.child("actuator")
@@ -69,37 +76,84 @@ def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into
             texts[0].insert(actuator, "".join(new))
 
 
-def _actuator(texts: Sequence[XmlText], joint: str) -> tuple[XmlText | None, Element | None]:
-    """Return the actuator of a joint, and the text that it stands in."""
-    for text in texts:
-        for item in text.root.walk():
-            within = item.parent is not None and item.parent.tag == "actuator"
-            if within and item.attributes.get("joint") == joint:
-                return text, item
-    return None, None
+def _written(values: Mapping[str, str]) -> str:
+    return " ".join(f'{key}="{value}"' for key, value in values.items())
 
 
-def _attributes(servo: StatedServo, stated: StatedServo | None, timestep: float) -> dict[str, str]:
-    values = {"kp": f"{servo.kp:.10g}", "kv": f"{servo.kd:.10g}"}
-    if servo.kp == 0.0:
-        del values["kp"]
-    if servo.limit is not None:
-        values["forcerange"] = f"{-servo.limit:.10g} {servo.limit:.10g}"
+def _tag(drive: StatedServo | StatedMotor) -> str:
+    """Return which actuator a drive is."""
+    if isinstance(drive, StatedMotor):
+        return "motor"
+    return "velocity" if drive.kp == 0.0 else "position"
+
+
+def _actuators(texts: Sequence[XmlText], joint: str) -> list[tuple[XmlText, Element]]:
+    """Return the actuators of a joint, and the text that each stands in."""
+    return [
+        (text, item)
+        for text in texts
+        for item in text.root.walk()
+        if item.parent is not None and item.parent.tag == "actuator"
+        if item.attributes.get("joint") == joint
+    ]
+
+
+def _share(
+    kd: float, beside: float, values: dict[str, str], velocities: Sequence[tuple[XmlText, Element]]
+) -> None:
+    """Leave to actuators of velocity what they have of a servo's damping, as far as it goes.
+
+    Args:
+        kd: Of the servo, all in all [N m s/rad].
+        beside: What they have of it as the file is [N m s/rad].
+        values: Attributes of the actuator of position; changed.
+        velocities: The actuators of velocity beside it.
+    """
+    values["kv"] = f"{max(kd - beside, 0.0):.10g}"
+    if kd < beside:
+        for k, (text, element) in enumerate(velocities):
+            text.set(element, "kv", f"{0.0 if k else kd:.10g}")
+
+
+def _as_general(values: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes of a <general> that is the same actuator."""
+    own = dict(values)
+    if "gear" in own:
+        return {**own, "gainprm": "1"}
+    kp, kv = own.pop("kp", "0"), own.pop("kv")
+    gain = kv if kp == "0" else kp
+    return own | {"gainprm": gain, "biasprm": f"0 -{kp} -{kv}"}
+
+
+def _attributes(
+    drive: StatedServo | StatedMotor, stated: StatedServo | StatedMotor | None, timestep: float
+) -> dict[str, str]:
+    values, force = dict[str, str](), 1.0
+    if isinstance(drive, StatedMotor):
+        values["gear"], force = f"{drive.gain:.10g}", 1.0 / drive.gain
+    else:
+        values |= {"kp": f"{drive.kp:.10g}"} if drive.kp else {}
+        values["kv"] = f"{drive.kd:.10g}"
+    if drive.limit is not None:
+        most = force * drive.limit
+        values["forcerange"] = f"{-most:.10g} {most:.10g}"
     elif stated is not None and stated.limit is not None:
         values["forcelimited"] = "false"
-    if servo.delay == 0.0 and stated is not None and stated.delay > 0.0:
+    if isinstance(drive, StatedMotor) and stated is not None and stated.limit is not None:
+        values["ctrllimited"] = "false"  # its force is limited instead
+    if drive.delay == 0.0 and stated is not None and stated.delay > 0.0:
         values["delay"] = "0"
-    if servo.delay > 0.0:
-        values["delay"] = f"{servo.delay:.10g}"
-        values["nsample"] = str(math.ceil(servo.delay / timestep) + 1)
+    if drive.delay > 0.0:
+        values["delay"] = f"{drive.delay:.10g}"
+        values["nsample"] = str(math.ceil(drive.delay / timestep) + 1)
     return values
 
 
-def _alike(first: StatedServo, second: StatedServo) -> bool:
-    pairs = (
-        (first.kp, second.kp),
-        (first.kd, second.kd),
-        (first.limit or 0.0, second.limit or 0.0),
-        (first.delay, second.delay),
-    )
+def _alike(first: StatedServo | StatedMotor, second: StatedServo | StatedMotor) -> bool:
+    pairs = zip(_numbers(first), _numbers(second), strict=True)
     return not any(differ(a, b) for a, b in pairs)
+
+
+def _numbers(drive: StatedServo | StatedMotor) -> tuple[float, ...]:
+    gains = (drive.gain,) if isinstance(drive, StatedMotor) else (drive.kp, drive.kd)
+    return (*gains, drive.limit or 0.0, drive.delay)

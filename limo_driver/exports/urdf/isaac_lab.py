@@ -3,7 +3,7 @@
 Dry friction there is an effort that resists at rest (`friction`) and in motion
 (`dynamic_friction`), and `viscous_friction` goes with speed: in N m, from Isaac Sim 5 on. A
 position servo is `stiffness`, `damping` and `effort_limit_sim`, one of velocity a `damping` without
-stiffness; comments say what else they have.
+stiffness, a drive that is told torques neither; comments say what else they have.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import ast
 import json
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.exports.unwritten import BEYOND_ACTUATORS, unit_of
+from limo_driver.exports.unwritten import BEYOND_ACTUATORS, beyond_default, unit_of
 from limo_driver.physics.drives import as_described
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ _SERVO: Final = {
 }
 _OWN: Final = {  # what no `ImplicitActuatorCfg` says, beside what no actuator of MJCF does
     "delay": "s; `DelayedPDActuatorCfg` has delays in steps of its simulation",
+    "gain": "1; efforts are torques at the joint",
 }
 
 
@@ -71,7 +72,7 @@ def actuators(
         lines += ["}"]
     given = dict[str, str]()
     for table, (argument, key, said) in _SERVO.items():
-        known = {names[j]: getattr(servo, key) for j, servo in stated.items()}
+        known = {names[j]: getattr(servo, key, 0.0) for j, servo in stated.items()}
         known = {name: value for name, value in known.items() if value is not None}
         if known:
             lines += [f"{table} = {{  # {said}"]
@@ -102,8 +103,8 @@ def actuators(
 def _beyond(servos: Sequence[JointDrive], names: Sequence[str]) -> Iterator[str]:
     """Yield comments on what of servos is not written."""
     for key in (*_OWN, *BEYOND_ACTUATORS):
-        own = [s for s in servos if getattr(s, key, None)]
-        told = [(names[s.joint - 1], getattr(s, key)) for s in own]
+        own = [s for s in servos if beyond_default(s, key) is not None]
+        told = [(names[s.joint - 1], beyond_default(s, key)) for s in own]
         if told:
             unit = _OWN.get(key) or unit_of(own[0], key)
             values = ", ".join(f"{json.dumps(name)}: {value:.4g}" for name, value in told)

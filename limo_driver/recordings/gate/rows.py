@@ -39,6 +39,7 @@ _IMPOSSIBLE = {
     "position": 1e3,
     "command": 1e3,
     "command_velocity": 1e3,
+    "command_torque": 1e6,
     "velocity": 1e3,
     "torque": 1e6,
 }
@@ -51,6 +52,7 @@ _UNIT_HINT = {
     "velocity": "rad/s; is it in degrees or counts?",
     "command_velocity": "rad/s; is it in degrees or counts?",
     "torque": "N m; is it in N mm or mA?",
+    "command_torque": "N m; is it in N mm or mA?",
 }
 _DEGREES = (30.0, 90.0)  # ratio of difference quotient to velocity that says degrees (57.3)
 _SWEPT = 0.1  # [rad] by velocity alone, more than its noise makes

@@ -104,3 +104,43 @@ def turned(path, time, command, start, *, kv=KV, ki=(0.0, 0.0), late=0.0):
             data.ctrl[:] = np.array(kv) * error + asked
             mujoco.mj_step(model, data)
     return position
+
+
+TORQUE = ("command_torque",) * 2  # channels of an arm whose drives are told torques
+PUSHED = """<actuator>
+    <motor joint="shoulder" gear="{gear[0]}"/>
+    <motor joint="elbow" gear="{gear[1]}"/>
+  </actuator>"""
+
+
+def write_pushed_arm(path, *, friction=0.0, gear=(1.0, 1.0)):
+    """Write the arm behind motors as MJCF and return the path."""
+    write_arm(path, friction=friction)
+    before, _, rest = path.read_text().partition("<actuator>")
+    path.write_text(before + PUSHED.format(gear=gear) + rest.partition("</actuator>")[2])
+    return path
+
+
+def pushed(path, time, wanted, start, *, gain=(1.0, 1.0), late=0.0, limit=np.inf):
+    """Return torques (T, 2) [N m] by which a program led the arm, and where it was, (T, 2) [rad].
+
+    At each row the program pulls the arm to where it is wanted (T, 2) [rad]. Its drives make `gain`
+    of what it commands, up to a limit [N m].
+    """
+    spec = mujoco.MjSpec.from_file(str(path))
+    for actuator in spec.actuators:
+        actuator.set_to_motor()
+        actuator.gear[0] = 1.0
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = start
+    position, command, h = np.empty_like(wanted), np.zeros_like(wanted), model.opt.timestep
+    for k, now in enumerate(time):
+        position[k] = data.qpos
+        error = wanted[k] - data.qpos
+        command[k] = (np.array([15.0, 6.0]) * error - np.array([1.0, 0.4]) * data.qvel) / gain
+        for step in range(round((time[1] - time[0]) / h)):
+            row = np.searchsorted(time, now + h * step - late + 1e-9, side="right") - 1
+            data.ctrl[:] = np.clip(gain * command[max(row, 0)], -limit, limit)
+            mujoco.mj_step(model, data)
+    return command, position

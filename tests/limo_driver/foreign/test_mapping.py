@@ -175,3 +175,18 @@ def test_beside_torques_they_are_kept():
 def test_a_joint_that_is_told_nothing_is_named():
     with pytest.raises(ConfigError, match=f"command: no column of joint {JOINTS[6]}"):
         mapping(torque=None, command=told(0, 1, 2, 3, 4, 5))
+
+
+def test_torques_that_are_told_are_commands_and_currents_need_a_factor():
+    log = LOG | {f"c{j}": np.full(ROWS, 10.0 * j) for j in range(7)}
+    columns = tuple(f"c{j}" for j in range(7))
+
+    def given(**how):
+        torques = Channels(columns=columns, **how)
+        return mapping(torque=None, command_torque=torques).columns(table_of(log), arm())
+
+    found = given(unit=("mA",), factor=(2.0,))
+    assert found.led == ("command_torque",) * 7
+    np.testing.assert_allclose(found.command[0], 0.02 * np.arange(7))
+    with pytest.raises(ConfigError, match=r"command_torque: is in amperes; its `factor:`"):
+        given(unit=("A",))

@@ -89,7 +89,8 @@ def test_a_file_without_drives_has_those_of_its_robot(described, tmp_path):
     [
         (
             "{drive: servo, joint: 1}",
-            "drive is 'servo', expected one of position_servo, velocity_servo, dc_motor",
+            "drive is 'servo', expected one of position_servo, velocity_servo, torque_drive, "
+            "dc_motor",
         ),
         ("{drive: position_servo, joint: 1}", "lacks kp"),
         ("{drive: position_servo, joint: 2, kp: 1}", "joint is 2, expected a joint from 1 to 1"),

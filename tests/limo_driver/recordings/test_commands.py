@@ -73,10 +73,11 @@ def test_commands_in_degrees_are_refused():
 
 VELOCITY = ("command_velocity",) * 2
 MIXED = ("command", "command_velocity")
+PUSHED = ("command_torque",) * 2
 
 
-@pytest.mark.parametrize("channels", [VELOCITY, MIXED])
-def test_velocities_come_back_from_a_file(tmp_path, channels):
+@pytest.mark.parametrize("channels", [VELOCITY, MIXED, PUSHED, ("command_torque", "command")])
+def test_what_else_is_told_comes_back_from_a_file(tmp_path, channels):
     Recording.from_arrays(TIME, POSITION, command=COMMAND, channels=channels).save(
         tmp_path / "run.parquet"
     )
@@ -96,17 +97,24 @@ def test_a_joint_that_is_told_nothing_is_refused(tmp_path):
         Recording.load(path)
 
 
-def test_beside_torques_velocities_that_are_told_are_kept(tmp_path):
-    told = {"command_velocity": COMMAND}
+@pytest.mark.parametrize("channels", [VELOCITY, PUSHED])
+def test_beside_torques_what_else_is_told_is_kept(tmp_path, channels):
+    told = {channels[0]: COMMAND}
     Recording.from_arrays(TIME, POSITION, 0.1 + COMMAND, extras=told).save(tmp_path / "a.parquet")
 
     back = Recording.load(tmp_path / "a.parquet")
 
     assert back.command is None
     assert back.has_torque
-    led = back.led(VELOCITY)
-    assert led.channels == VELOCITY
+    led = back.led(channels)
+    assert led.channels == channels
     assert led.command == pytest.approx(COMMAND)
+
+
+def test_torques_that_nobody_commands_are_refused():
+    message = "command_torque_1 is beyond ±1e.06 .*; is it in N mm or mA"
+    with pytest.raises(RecordingError, match=message):
+        Recording.from_arrays(TIME, POSITION, command=1e7 + COMMAND, channels=PUSHED)
 
 
 def test_a_drive_gets_its_own_channel_or_is_told_what_lacks():

@@ -204,7 +204,8 @@ def test_what_cannot_be_run_forward_is_refused_by_name(arm):
 
     with pytest.raises(ConfigError, match=r"presliding_hysteresis, joint 1: .* forward"):
         free_run(replace(arm, effects=(presliding,)), recording)
-    with pytest.raises(ConfigError, match="no position_servo or velocity_servo for joint 2"):
+    lacks = "no position_servo, velocity_servo or torque_drive for joint 2"
+    with pytest.raises(ConfigError, match=lacks):
         free_run(replace(arm, drives=(PositionServo(joint=1, kp=1.0),)), recording)
     with pytest.raises(RecordingError, match="lacks command_1"):
         free_run(arm, type(recording).from_arrays(time, command, 0.1 + command))

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import mujoco
+import numpy as np
 import pytest
 from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
-from limo_driver.physics import PositionServo, Simulation, VelocityServo
+from limo_driver.physics import PositionServo, Simulation, TorqueDrive, VelocityServo
 
 ARM = """<mujoco>
   <worldbody>
@@ -121,9 +122,103 @@ def test_what_an_actuator_of_velocity_has_no_attribute_for_is_told(tmp_path):
 def test_velocity_beside_another_actuator_is_damping(tmp_path):
     both = '<velocity joint="shoulder" kv="2"/>'
     for other, drives in (
-        ('<position joint="shoulder" kp="9"/>', (PositionServo(joint=1, kp=9.0),)),
+        ('<position joint="shoulder" kp="9" kv="1"/>', (PositionServo(joint=1, kp=9.0, kd=3.0),)),
         ('<motor joint="shoulder"/>', ()),
     ):
         path = tmp_path / "arm.xml"
         path.write_text(ARM.format(actuators=f"<actuator>{other}{both}</actuator>"))
         assert Simulation.load(path).drives == drives
+
+
+@pytest.mark.parametrize(
+    ("kd", "attributes"),
+    [(2.7, 'kp="8" kv="0.7"/><velocity joint="shoulder" kv="2"/>'),
+     (1.5, 'kp="8" kv="0"/><velocity joint="shoulder" kv="1.5"/>')],
+)  # fmt: skip
+def test_damping_beside_a_servo_is_not_written_twice(tmp_path, kd, attributes):
+    path = tmp_path / "arm.xml"
+    beside = '<velocity joint="shoulder" kv="2"/>'
+    path.write_text(
+        ARM.format(actuators=f'<actuator><position joint="shoulder" kp="9"/>{beside}</actuator>')
+    )
+    known = Simulation.load(path)
+    found = replace(known, drives=(PositionServo(joint=1, kp=8.0, kd=kd),))
+
+    written = limo.export(found, "mjcf", tmp_path / "out")
+
+    assert attributes in written.file.read_text()
+    assert Simulation.load(written.file).drives == found.drives
+    assert limo.export(known, "mjcf", tmp_path / "same").diff == ""
+
+
+PUSHED = (
+    TorqueDrive(joint=1, gain=2.5, torque_limit=3.0, delay=0.0145),
+    TorqueDrive(joint=2, gain=0.9),
+)
+
+
+@pytest.mark.parametrize(
+    "actuators",
+    [
+        "",
+        '<actuator><motor joint="shoulder" gear="9" ctrlrange="-1 1"/><motor joint="elbow"/>'
+        "</actuator>",
+        '<actuator><general joint="shoulder" gear="2" gainprm="4" ctrlrange="-.1 .1"/></actuator>',
+    ],
+)
+def test_the_copy_has_drives_that_are_told_torques(tmp_path, actuators):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=actuators))
+    found = replace(Simulation.load(path), drives=PUSHED)
+
+    written = limo.export(found, "mjcf", tmp_path / "out")
+
+    back = Simulation.load(written.file)
+    assert back.drives == ()  # motors by themselves are none
+    assert back.with_motors(("command_torque",) * 2).drives == PUSHED
+    assert written.unwritten == ()
+    data = mujoco.MjData(model := mujoco.MjModel.from_xml_path(str(written.file)))
+    for command, torque in (((0.4, 2.0), (1.0, 1.8)), ((50.0, 2.0), (3.0, 1.8))):
+        data.ctrl[:] = np.array(command)[model.actuator_trnid[:, 0]]
+        mujoco.mj_step(model, data, 200)
+        assert data.qfrc_actuator == pytest.approx(torque)
+
+
+@pytest.mark.parametrize(
+    ("actuators", "gain", "limit"),
+    [
+        ('<motor joint="shoulder" gear="9" ctrlrange="-2 2"/>', 9.0, 18.0),
+        ('<motor joint="shoulder" gear="9" ctrlrange="-2 2" forcerange="-1 1"/>', 9.0, 9.0),
+        ('<general joint="shoulder" gear="3" gainprm="4"/>', 12.0, None),
+    ],
+)
+def test_gears_and_limits_of_motors_are_read(tmp_path, actuators, gain, limit):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=f"<actuator>{actuators}</actuator>"))
+
+    (drive,) = Simulation.load(path).with_motors(("command_torque",) * 2).drives
+
+    assert drive == TorqueDrive(joint=1, gain=gain, torque_limit=limit)
+
+
+@pytest.mark.parametrize(
+    "actuators",
+    [
+        '<motor joint="shoulder" gear="-1"/>',
+        '<motor joint="shoulder"/><velocity joint="shoulder" kv="2"/>',
+        '<general joint="shoulder" dyntype="integrator"/>',
+    ],
+)
+def test_what_is_no_motor_alone_is_none(tmp_path, actuators):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=f"<actuator>{actuators}</actuator>"))
+
+    assert Simulation.load(path).with_motors(("command_torque",) * 2).drives == ()
+
+
+def test_a_motor_is_no_place_for_a_position_servo(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators='<actuator><position joint="elbow"/></actuator>'))
+    simulation = replace(Simulation.load(path), drives=(PUSHED[1],))
+    with pytest.raises(ConfigError, match="joint elbow is moved by <position>; expected <motor>"):
+        limo.export(simulation, "mjcf", tmp_path / "out")
