@@ -72,9 +72,10 @@ def inspect(
         proposal = replace(proposal, mapping=replace(proposal.mapping, topic=topic))
     recording, refused = None, ""
     try:
-        read = without_questions(proposal).columns(table, model)
-        recording = Recording.from_columns(read, table.source)
-        recording.check_robot(model)
+        if used is not None or proposal.mapping.time.columns:  # else rows have no rate to judge by
+            read = without_questions(proposal).columns(table, model)
+            recording = Recording.from_columns(read, table.source)
+            recording.check_robot(model)
     except LimoError as error:
         if used is not None:
             raise

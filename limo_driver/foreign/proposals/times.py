@@ -40,8 +40,8 @@ class TimeFound:
 
     @property
     def unit(self) -> str:
-        """The units, in words."""
-        return ", ".join(self.columns.unit) if self.columns.columns else "Hz"
+        """The units, in words; none of a time that was not found."""
+        return ", ".join(self.columns.unit) if self.columns.columns else ""
 
 
 def time_columns(table: LogTable) -> TimeFound:

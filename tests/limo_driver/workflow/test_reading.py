@@ -169,6 +169,8 @@ def test_the_index_of_a_frame_is_its_time_where_it_says_so():
         assert found.recording.rate == pytest.approx(100.0)
     counted = limo.inspect(Frame(columns, np.arange(len(time))), "iiwa14")
     assert any(q.startswith("time: none was found") for q in counted.questions)
+    assert "refused" not in str(counted)  # at a rate that nobody stated
+    assert counted.figures()["unit"][0] == "-"
 
 
 def test_dates_are_the_time_whatever_they_are_called(tmp_path):
