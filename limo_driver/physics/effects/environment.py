@@ -69,7 +69,8 @@ class SpringLoad(TorqueEffect):
         position = recorded.position[:, joint - 1]
         span = float(position.min()), float(position.max())
         yield cls.linear(joint)
-        for rest in np.linspace(*np.quantile(position, (0.1, 0.9)), 3):
+        low, high = np.quantile(position, (0.1, 0.9))
+        for rest in np.linspace(low, high, 3):
             yield cls.stiffening(joint, span, float(rest))
 
     @classmethod
