@@ -61,13 +61,18 @@ class RowSample:
         return self.body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
 
     @cached_property
+    def judged(self) -> NDArray[np.bool_]:
+        """Mark the joints that move on enough rows to be judged, (n,)."""
+        return self.moving.sum(axis=0) >= MISTAKES.least_moving
+
+    @cached_property
     def misfit(self) -> FloatArray:
         """Part of each joint's torque that neither load nor any friction explains, (n,).
 
-        RMS over RMS, without the means. Joints that hardly move count as fitting.
+        RMS over RMS, without the means. Joints that are not judged count as fitting.
         """
         result = np.zeros(self.torque.shape[1])
-        for joint in np.flatnonzero(self.moving.sum(axis=0) >= MISTAKES.least_moving).tolist():
+        for joint in np.flatnonzero(self.judged).tolist():
             torque = self.torque[self.moving[:, joint], joint]
             size = float(np.linalg.norm(torque - torque.mean()))
             result[joint] = float(np.linalg.norm(self.rest(joint))) / max(size, MISTAKES.tiny)

@@ -311,11 +311,11 @@ def found_in(sample: RowSample) -> list[Mistake]:
         undone = [(mistake, mistake.undo(sample)) for mistake in known]
         mistake, best = min(
             (pair for pair in undone if not _spoils(pair[0], sample, pair[1])),
-            key=lambda pair: _size(pair[1]),
+            key=lambda pair: _change(sample, pair[1]),
         )
         if not _explains(sample, best):
             break
-        if _size(_without_payload(sample)) < _size(best):
+        if _change(sample, _without_payload(sample)) < _change(sample, best):
             break  # a load that nobody stated explains more
         found.append(mistake)
         sample = best
@@ -342,20 +342,29 @@ def _without_payload(sample: RowSample) -> RowSample:
     return replace(sample, torque=sample.torque - (columns @ load).T)
 
 
-def _size(sample: RowSample) -> float:
-    """Return the logarithm of the misfits' product; a misfit that cannot matter counts alike."""
-    return float(np.log(np.maximum(sample.misfit, PLAUSIBILITY.negligible)).sum())
+def _change(before: RowSample, after: RowSample) -> float:
+    """Return the logarithm of what the misfits' product is multiplied by.
+
+    A misfit that cannot matter counts alike, and a joint that is not judged before and after not
+    at all: undoing a mistake may leave too few of its rows.
+    """
+    judged = before.judged & after.judged
+    after_, before_ = (
+        np.log(np.maximum(sample.misfit[judged], PLAUSIBILITY.negligible)).sum()
+        for sample in (after, before)
+    )
+    return float(after_ - before_)
 
 
 def _explains(before: RowSample, after: RowSample) -> bool:
     """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
-    strange = before.misfit > PLAUSIBILITY.strange
+    strange = after.judged & (before.misfit > PLAUSIBILITY.strange)
     mended = (
         strange
         & (after.misfit < PLAUSIBILITY.fits)
         & (PLAUSIBILITY.better * after.misfit < before.misfit)
     )
-    return bool(mended.any()) and _size(after) < _size(before) - np.log(PLAUSIBILITY.better)
+    return bool(mended.any()) and _change(before, after) < -np.log(PLAUSIBILITY.better)
 
 
 def _strange_load(observed: Observations, sample: RowSample) -> str:

@@ -397,6 +397,24 @@ def test_a_locked_joint_is_not_taken_for_a_stuck_encoder(hidden, joint):
     observe(GIVEN, [record(true, motion=locked(joint))], BANDWIDTH)
 
 
+def test_a_joint_that_moves_for_a_moment_tells_nothing_of_encoders():
+    """Where an encoder may be stuck, so few rows are tried that none of such a joint may be left."""
+    motion, turns, t = motion_of(), 2 * np.pi * 0.5, np.arange(int(DURATION * RATE)) / RATE
+    moment = (t > 10) & (t < 12.5)  # noqa: PLR2004  # of one turn and a quarter
+    factor = np.where(moment[:, None], np.arange(7) == 0, 0.0)
+    angle = turns * (t - 10)[:, None]
+    motion = Motion(
+        t,
+        0.3 + factor * (1 - np.cos(angle)),
+        factor * turns * np.sin(angle),
+        factor * turns**2 * np.cos(angle),
+    )
+    run = record(motion=motion)
+    torque = run.torque * (np.arange(7) == 0)  # the drives of the others are off
+    torque[:, 0] += 5 * np.sin(7 * angle[:, 0])  # nothing that limo could know
+    observe(GIVEN, [replace(run, torque=torque + 0.02)], BANDWIDTH)
+
+
 def test_what_is_odd_about_a_recording_is_noted(recording):
     odd = replace(recording, warnings=("1 gap; the longest, 3 s, after 10 s",))
     observed = observe(GIVEN, [odd], BANDWIDTH)
