@@ -197,8 +197,9 @@ class _Scan:
             if use.sum() < PUSHES.fewest:
                 continue
             usual = np.full(starts.size, max(np.median(energy[use, j]), np.finfo(float).tiny))
-            if (use & resting).any():
-                usual[resting] = max(usual[0], float(np.median(energy[use & resting, j])))
+            for alike in (resting, ~resting):  # what is usual at rest is not so in motion
+                if (own := use & alike).any():
+                    usual[alike] = max(usual[0], float(np.median(energy[own, j])))
             ratio = np.where(use, np.maximum(energy[:, j] / usual, 1.0), 1.0)
             result[starts, j] = 0.5 * independent * (ratio - 1.0 - np.log(ratio))
         return result
@@ -231,8 +232,10 @@ class _Scan:
             own = self.observed.recording[: len(energy)] == push.recording
             near = own & (first < push.end + PUSHES.spread) & (last > push.start - PUSHES.spread)
             within = own & (first < push.end) & (last > push.start)
-            if (within & self._touch_rest(rows)).any():
+            resting = self._touch_rest(rows)
+            if (within & resting).any():
                 return push.evidence
+            enough &= ~resting[:, None]  # which say nothing of what is usual in motion
             total = np.zeros(len(energy))
             for j, use in enumerate(enough.T):
                 if (use & ~near).sum() >= PUSHES.fewest and (use & within).any():

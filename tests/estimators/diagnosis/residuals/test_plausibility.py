@@ -398,9 +398,9 @@ def test_a_locked_joint_is_not_taken_for_a_stuck_encoder(hidden, joint):
 
 
 def test_a_joint_that_moves_for_a_moment_tells_nothing_of_encoders():
-    """Where an encoder may be stuck, so few rows are tried that none of such a joint may be left."""
+    """Where an encoder may be stuck, few rows are tried, and hardly any of such a joint."""
     motion, turns, t = motion_of(), 2 * np.pi * 0.5, np.arange(int(DURATION * RATE)) / RATE
-    moment = (t > 10) & (t < 12.5)  # noqa: PLR2004  # of one turn and a quarter
+    moment = (t > 10) & (t < 12.5)  # of one turn and a quarter
     factor = np.where(moment[:, None], np.arange(7) == 0, 0.0)
     angle = turns * (t - 10)[:, None]
     motion = Motion(

@@ -11,25 +11,25 @@ from estimators.diagnosis.contact import ContactIn, wrench_of
 from estimators.diagnosis.hypotheses.responses import response
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.pushes import Push, covered, pushes
-from limo_driver.physics import ExternalContact, Simulation
+from limo_driver.physics import ExternalContact, Payload, Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
+BARE = Simulation("iiwa14")
 
-def paused(start: float = 15.0) -> Observations:
-    """Record the same motion, with the whole arm at rest for 15 s; by default from 15 to 30 s."""
-    time = np.arange(0.0, DURATION, 1.0 / RATE)
-    pace = np.clip(np.abs(time - start - 7.5) - 7.5, 0.0, 1.0)
+
+def paused(start: float = 15.0, seconds: float = 15.0, true: Simulation = BARE) -> Observations:
+    """Record the same motion with the whole arm at rest for a while, by default from 15 to 30 s."""
+    time, half = np.arange(0.0, DURATION, 1.0 / RATE), seconds / 2
+    pace = np.clip(np.abs(time - start - half) - half, 0.0, 1.0)
     pace = pace**2 * (3 - 2 * pace)
     path = CubicSpline(time, motion(1).position)
     position = path(np.cumsum(pace) / RATE)
     velocity = np.gradient(position, time, axis=0)
     moved = Motion(time, position, velocity, np.gradient(velocity, time, axis=0))
     noise = NOISE * np.random.default_rng(9).standard_normal(position.shape)
-    torque = Simulation("iiwa14").predict(moved) + noise
-    return Observations.of(
-        Simulation("iiwa14"), [Recording.from_arrays(time, position, torque)], 10.0
-    )
+    torque = true.predict(moved) + noise
+    return Observations.of(BARE, [Recording.from_arrays(time, position, torque)], 10.0)
 
 
 def test_a_push_is_found_in_its_recording_and_its_seconds() -> None:
@@ -95,6 +95,14 @@ def test_a_push_at_rest_is_found() -> None:
 
     assert found.joints == (0, 1, 2)
     assert (found.start, found.end) == pytest.approx((22.0, 22.5), abs=0.1)
+
+
+@pytest.mark.parametrize("mass", [0.1, 1.0])
+def test_what_an_arm_that_rested_long_does_in_motion_is_no_push(mass: float) -> None:
+    """At rest physics that is left out changes nothing: that is not what is usual in motion."""
+    o = paused(0.0, 42.0, Simulation("iiwa14", (Payload(mass=mass, com=(0.0, 0.02, 0.1)),)))
+
+    assert pushes(o, o.residual) == ()
 
 
 def test_what_an_arm_at_rest_does_as_the_recording_ends_is_no_push() -> None:
