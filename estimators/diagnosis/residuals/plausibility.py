@@ -238,11 +238,14 @@ def _refused(observed: Observations, what: str) -> RecordingError:
 
 def _check_motion(observed: Observations) -> None:
     if len(still(observed)) == observed.n:
-        farthest = float(np.ptp(observed.slow.position, axis=0).max())
+        ranges = np.ptp(observed.slow.position, axis=0)
+        joint, least = int(np.argmax(ranges)), MISTAKES.least_moving
+        away = observed.faster(ROWS.rest).sum(axis=0)
         raise _refused(
             observed,
-            f"no joint moves on {MISTAKES.least_moving} independent rows (the farthest by "
-            f"{farthest:.2g} rad), expected motion to learn from",
+            f"no joint keeps moving for long enough to learn from: joint {joint + 1} goes the "
+            f"farthest, {ranges[joint]:.2g} rad, and is away from rest on {away[joint]} of "
+            f"{len(observed.kept)} rows, expected {least}",
         )
 
 

@@ -236,7 +236,9 @@ def test_torque_without_gravity_is_refused(recording):
 
 def test_rest_is_refused(recording):
     still = np.tile(recording.position[:1], (len(recording), 1))
-    refused(replace(recording, position=still), "no joint moves on 20 independent rows")
+    refused(
+        replace(recording, position=still), "no joint keeps moving for long enough to learn from"
+    )
 
 
 def test_a_mistake_in_one_recording_is_named_beside_good_ones(recording):
@@ -395,6 +397,15 @@ def test_no_other_physics_makes_another_arm(hidden):
 def test_a_locked_joint_is_not_taken_for_a_stuck_encoder(hidden, joint):
     true = replace(GIVEN, effects=GIVEN.effects + hidden)
     observe(GIVEN, [record(true, motion=locked(joint))], BANDWIDTH)
+
+
+def test_a_joint_that_moves_by_jerks_is_told_how_little_it_is_away_from_rest():
+    t = np.arange(int(DURATION * RATE)) / RATE
+    jerks = np.clip(4.0 * (t % 2.0), 0.0, 1.0) + np.floor(t / 2.0)  # of a quarter of a second
+    position = 0.3 + 0.03 * jerks[:, None] * (np.arange(7) == 1)
+    torque = np.random.default_rng(0).normal(size=position.shape)
+    with pytest.raises(RecordingError, match=r"joint 2 goes the farthest, 0\.\d+ rad, and is away"):
+        observe(GIVEN, [Recording(t, position, torque)], BANDWIDTH)
 
 
 def test_a_joint_that_moves_for_a_moment_tells_nothing_of_encoders():
