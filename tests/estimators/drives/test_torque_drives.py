@@ -126,6 +126,21 @@ def test_what_is_beyond_its_tolerance_is_named(path, arm, hidden, effect, value)
         assert "1 1" not in finding.evidence
 
 
+@pytest.mark.slow("diagnoses an arm")
+def test_motors_of_a_description_are_diagnosed_as_the_drives_that_they_are(path):
+    recordings = [led(path, seed)[0] for seed in (1, 2)]  # its motors are not late
+
+    found = diagnose_drives(Simulation.load(path), recordings)
+
+    late = [x for x in found.verdict.findings if x.effect != "unknown"]
+    assert [(x.effect, x.kind, x.joints) for x in late] == [
+        ("drive_delay", "wrong_parameter", (1,)),
+        ("drive_delay", "wrong_parameter", (2,)),
+    ]
+    for finding in late:
+        assert finding.parameters["delay"].value == pytest.approx(LATE, abs=0.003)
+
+
 def test_a_motion_is_predicted_from_torques_and_the_first_position_alone(path, arm):
     recording, _ = led(path, 1, seconds=5.0)
 
