@@ -20,6 +20,7 @@ TIME, POSITION, VELOCITY, ACCELERATION = "time", "position", "velocity", "accele
 TORQUE, CURRENT, TEMPERATURE, NOTHING = "torque", "current", "temperature", ""
 NO_COLUMN: Final = "-"  # stands for a column that a log does not have
 COMMAND = "command"  # positions that were commanded, beside those that were measured
+COMMAND_VELOCITY = "command_velocity"  # velocities that were commanded
 MEASURED, PLAIN, COMMANDED, DERIVED = 0, 1, 2, 3  # ranks: which of two is the measurement
 
 _SAYS: Final = {

@@ -17,6 +17,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.foreign.columns.families import ColumnFamily, families_of
 from limo_driver.foreign.columns.names import (
     COMMAND,
+    COMMAND_VELOCITY,
     COMMANDED,
     CURRENT,
     MEASURED,
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
 
 
 _MUJOCO = "qpos"
+_OF_DRIVES = " If they were told to drives, name them under `command_torque:`, not `torque:`"
 _NORMALISED = 100.0
 _LOOKED_AT = 200_000  # rows that tell names, units and rates apart; the rest is like them
 
@@ -159,10 +161,12 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     torque = _torques(draft, torques, position)
     velocity = _velocities(draft, time.columns, position)
     command = _commands(draft, position, torque)
+    led = torque is None and command is None  # by velocities, if by anything
+    command_velocity = _commanded_velocities(draft, time.columns, position) if led else None
     temperature = None
     if warmth := _best(draft, TEMPERATURE):
         temperature = draft.take(TEMPERATURE, warmth, ("°C",), "by name")
-    used = [position, torque, velocity, command, temperature]
+    used = [position, torque, velocity, command, command_velocity, temperature]
     kept = {*time.columns.columns, *(name for c in used if c for name in c.columns)}
     mapping = LogMapping(
         joints=model.joint_names,
@@ -171,6 +175,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
         torque=torque,
         velocity=velocity,
         command=command,
+        command_velocity=command_velocity,
         temperature=temperature,
         robot=model.name,
         left_out=tuple(name for name in table.columns if name not in kept),
@@ -214,7 +219,7 @@ def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | No
         said = "commanded" if rank == COMMANDED else "derived"
         draft.questions.append(
             f"{quantity}: only {said} values are named ({first}): are they to stand for measured "
-            "ones?"
+            f"ones?{_OF_DRIVES if quantity == TORQUE and rank == COMMANDED else ''}"
         )
     if (whole := whole_of_mujoco(first, draft.model)) is not None:
         return whole
@@ -363,16 +368,32 @@ def _by_gravity(draft: _Draft, currents: ColumnFamily, position: Channels) -> st
 
 def _velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channels | None:
     family = _best(draft, VELOCITY)
-    if family is None:
+    return None if family is None else _rates(draft, VELOCITY, family, time, position)
+
+
+def _commanded_velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channels | None:
+    """Return the commanded velocities, if one family alone names them.
+
+    A drive that follows them makes positions change at about that rate, which tells their unit.
+    """
+    found = [f for f in _complete(draft, VELOCITY) if f.rank == COMMANDED]
+    if len(found) != 1 or not np.isfinite(draft.values(found[0])).any():
         return None
+    return _rates(draft, COMMAND_VELOCITY, found[0], time, position)
+
+
+def _rates(
+    draft: _Draft, quantity: str, family: ColumnFamily, time: TimeColumns, position: Channels
+) -> Channels:
+    """Take velocities, in the unit that their names say or that the rate of positions tells."""
     if family.unit in UNITS[VELOCITY]:
-        return draft.take(VELOCITY, family, (family.unit,), "the names say so")
+        return draft.take(quantity, family, (family.unit,), "the names say so")
     seconds = time.read(draft.table)[0]
     rising = np.append(True, np.diff(seconds) > 0) & np.isfinite(seconds)
     motion = position.read(draft.table, POSITION)
     values = draft.values(family)[rising]
     found = velocity_unit(seconds[rising], motion[rising], values, draft.model.sliding)
-    return draft.take(VELOCITY, family, found.units, found.why)
+    return draft.take(quantity, family, found.units, found.why)
 
 
 def _commands(draft: _Draft, position: Channels, torque: Channels | None) -> Channels | None:

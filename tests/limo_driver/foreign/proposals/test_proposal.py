@@ -253,6 +253,27 @@ def test_commands_make_up_for_torques():
     assert "no torque: commands and positions identify" in found.telemetry[-1]
 
 
+@pytest.mark.parametrize(
+    ("scale", "unit"), [(1.0, "rad/s"), (180 / np.pi, "deg/s")], ids=["rad", "deg"]
+)
+def test_commanded_velocities_make_up_for_torques_and_commanded_positions(scale, unit):
+    told = 0.98 * np.concatenate([VELOCITY[5:], VELOCITY[-5:]])  # the arm follows a little later
+    log = {"t": TIME, "actual_q_rad": POSITION, "actual_dq": VELOCITY, "target_dq": scale * told}
+    found = inspect(log, arm())
+    assert found.questions == ()
+    assert not found.recording.has_torque
+    assert found.recording.channels == ("command_velocity",) * 7
+    np.testing.assert_allclose(found.recording.command, told, atol=1e-12)
+    assert found.mapping.command_velocity.unit == (unit,)
+    assert found.mapping.velocity.columns[0] == "actual_dq[0]"
+
+
+def test_commanded_velocities_are_not_asked_for_beside_positions_or_torques():
+    velocities = {"actual_q": POSITION, "target_dq": VELOCITY}
+    for more in ({"target_q": POSITION + 0.01}, {"tau": TORQUE}):
+        assert proposed(**velocities, **more).mapping.command_velocity is None
+
+
 def test_commands_cost_no_row_that_has_a_torque():
     target = POSITION.copy()
     target[:9] = np.nan
@@ -295,6 +316,8 @@ def test_two_arms_are_a_question():
 def test_only_commanded_values_are_a_question():
     (question,) = proposed(q_cmd=POSITION, tau=TORQUE).mapping.undecided
     assert "only commanded values are named" in question
+    (question,) = proposed(q=POSITION, tau_cmd=TORQUE).mapping.undecided
+    assert question.endswith("name them under `command_torque:`, not `torque:`")
 
 
 def test_currents_are_a_question_for_their_factor():
