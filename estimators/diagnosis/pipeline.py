@@ -34,8 +34,9 @@ from estimators.diagnosis.judgement.questions import tests_of
 from estimators.diagnosis.judgement.sizes import unsure
 from estimators.diagnosis.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.residuals.observations import Observations
-from estimators.diagnosis.residuals.plausibility import check_plausible, without_load
+from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.residuals.pushes import covered, overlap, pushes
+from estimators.diagnosis.residuals.usable_joints import without_load
 from estimators.diagnosis.result import Diagnosis, Traces
 from estimators.diagnosis.settings.pushes import ROUNDS
 from estimators.diagnosis.stages import Attempts, Budget, Progress, forward, quiet

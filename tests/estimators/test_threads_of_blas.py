@@ -27,7 +27,7 @@ def threads() -> set[int]:
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
-@sampled("where", ["rigid_body", "joint_physics"], "fits an arm each")
+@sampled("where", ["rigid_body.fitting", "joint_physics"], "fits an arm each")
 def test_fits_keep_blas_to_one_thread_and_give_the_others_back(
     rigid: Simulation, training_recording: Recording, where: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -38,7 +38,7 @@ def test_fits_keep_blas_to_one_thread_and_give_the_others_back(
     told: list[set[int]] = []
     monkeypatch.setattr(f"estimators.{where}.normal_equations.check_recordings", checked)
     with threadpool_limits(2, user_api="blas"):
-        if where == "rigid_body":
+        if where == "rigid_body.fitting":
             identify(rigid.model, [training_recording])
         else:
             JointPhysics(rigid).fit([training_recording])

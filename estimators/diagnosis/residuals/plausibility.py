@@ -7,27 +7,39 @@ mistake explains is left to the diagnosis, unless the torques have nothing to do
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.residuals.body_fit import (
+    BodyFit,
+    by_load,
+    not_the_load,
+    parts_of_load,
+    strange_load,
+    usual_misfit,
+    without_payload,
+)
 from estimators.diagnosis.residuals.mistakes import (
     Mistake,
     RowSample,
-    constant_joints,
-    dry_and_viscous,
     mistakes,
     stuck,
-    without_friction,
 )
-from estimators.diagnosis.residuals.noise import roughness
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.torque_unit import other_unit
+from estimators.diagnosis.residuals.usable_joints import (
+    doubtful_encoders,
+    holds_still,
+    sizes,
+    still,
+    without_load,
+    without_torque,
+)
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.diagnosis.wording import listed, of_joints
-from estimators.recordings import WEIGHTLESS
-from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain
+from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.errors import RecordingError
 from limo_driver.physics import GravityDirection, Simulation
 from limo_driver.recordings.bandwidth import lowered
@@ -35,11 +47,8 @@ from limo_driver.recordings.bandwidth import lowered
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
 
 
 def check_plausible(observed: Observations) -> None:
@@ -108,7 +117,7 @@ def _check_log(observed: Observations) -> tuple[str, str]:
     sample = RowSample.of(observed)
     if mounted := _check_columns(observed, sample):
         return f"{mounted}: turn its base there, or let a diagnosis find by how much", ""
-    return "", _strange_load(observed, sample)  # of all: a light joint may show little in one
+    return "", strange_load(observed, sample)  # of all: a light joint may show little in one
 
 
 def _check_columns(observed: Observations, sample: RowSample) -> str:
@@ -125,35 +134,6 @@ def _check_columns(observed: Observations, sample: RowSample) -> str:
             observed, f"{'; '.join(wrong[: PLAUSIBILITY.said])}{more} (undone, torque fits motion)"
         )
     return "; ".join(mistake.said for mistake in found)
-
-
-def still(observed: Observations) -> tuple[int, ...]:
-    """Return the joints (0-based) that move too little for their friction to show."""
-    return tuple(np.flatnonzero(observed.moving.sum(axis=0) < MISTAKES.least_moving).tolist())
-
-
-def holds_still(observed: Observations) -> bool:
-    """Say whether the arm stays where it is in all recordings, while its encoders tell of it."""
-    farthest = max(float(np.ptp(item.position, axis=0).max()) for item in observed.recordings)
-    alive = len(constant_joints(observed)) < observed.n
-    return alive and farthest < PLAUSIBILITY.holding and len(still(observed)) == observed.n
-
-
-def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
-    """Return joints (0-based) that may move although their encoder gives one value.
-
-    Nothing that the arm does moves the torque of a locked joint as far as this, and the mistake is
-    not one that the torques of the others would show: they hardly depend on its position.
-    """
-    left = observed.measured - observed.filter(observed.load)
-    left -= np.median(left, axis=0)
-    torque = observed.measured - np.median(observed.measured, axis=0)
-    rough = roughness(left, np.ones_like(observed.moving), observed.least_noise)
-    strange = np.median(np.abs(left), axis=0)
-    doubt = (strange > PLAUSIBILITY.alive * rough) & (
-        strange > PLAUSIBILITY.own * np.median(np.abs(torque), axis=0)
-    )
-    return tuple(j for j in constant_joints(observed) if doubt[j])
 
 
 def _stuck_in(observed: Observations) -> tuple[str, ...]:
@@ -223,10 +203,10 @@ def doubts_on(observed: Observations) -> tuple[str, ...]:
             "another arm? Then no finding holds, and limo identify makes a simulation of its own."
         )
     sample = RowSample.of(observed)
-    doubtful, _ = _by_load(sample)
+    doubtful, _ = by_load(sample)
     if doubtful.size > 1:  # fewer than would be beyond doubt another robot
-        told = _not_the_load(observed, doubtful)
-        parts = _parts_of_load(sample, doubtful)
+        told = not_the_load(observed, doubtful)
+        parts = parts_of_load(sample, doubtful)
         doubts.append(f"{told[0].upper()}{told[1:]}, or are their sensors off?{parts}")
     return tuple(doubts)
 
@@ -249,35 +229,9 @@ def _check_motion(observed: Observations) -> None:
         )
 
 
-def without_torque(observed: Observations) -> tuple[int, ...]:
-    """Return the joints (0-based) whose torque is one value in all rows."""
-    return tuple(np.flatnonzero(np.ptp(observed.measured, axis=0) < PLAUSIBILITY.constant).tolist())
-
-
-def without_load(observed: Observations, least: float = WEIGHTLESS) -> tuple[int, ...]:
-    """Return the joints (0-based) whose torque is next to nothing of what their load asks for.
-
-    Where the load hardly changes, as that of a lift, no scale and no unit shows in its course.
-
-    Args:
-        observed: The recordings beside a simulation.
-        least: Part of the load that a torque has to be.
-    """
-    load, torque = _sizes(observed)
-    light = np.flatnonzero(torque < least * load)
-    silent = without_torque(observed)
-    return tuple(j for j in light.tolist() if j not in silent)
-
-
-def _sizes(observed: Observations) -> tuple[FloatArray, FloatArray]:
-    """Return the root mean squares of load and torque of each joint, rest included, (n,) each."""
-    load, torque = observed.load[observed.kept], observed.measured
-    return np.sqrt(np.mean(load**2, axis=0)), np.sqrt(np.mean(torque**2, axis=0))
-
-
 def _weightless_in(observed: Observations) -> list[str]:
     """Ask of each joint whose torque is small beside its load why, and say what becomes of it."""
-    load, torque = _sizes(observed)
+    load, torque = sizes(observed)
     slides, left_out = observed.simulation.model.sliding, without_load(observed)
     told: list[str] = []
     for j in without_load(observed, PLAUSIBILITY.light):
@@ -318,7 +272,7 @@ def found_in(sample: RowSample) -> list[Mistake]:
         )
         if not _explains(sample, best):
             break
-        if _change(sample, _without_payload(sample)) < _change(sample, best):
+        if _change(sample, without_payload(sample)) < _change(sample, best):
             break  # a load that nobody stated explains more
         found.append(mistake)
         sample = best
@@ -333,16 +287,6 @@ def _spoils(mistake: Mistake, before: RowSample, after: RowSample) -> bool:
     limit = np.maximum(PLAUSIBILITY.strange, PLAUSIBILITY.spoilt * before.misfit)
     spoilt = (before.misfit < PLAUSIBILITY.fits) & (after.misfit > limit)
     return mistake.is_of_all and bool(spoilt.any())
-
-
-def _without_payload(sample: RowSample) -> RowSample:
-    """Take out the torque of a load at the last link, as it explains most; none that lifts."""
-    last = slice(-PER_LINK, None)
-    load = _BodyFit.of(sample).change(last)
-    if load[0] <= 0:
-        return sample
-    columns = RegressorChain.of(sample.body).regressor(sample.motion)[:, :, last]
-    return replace(sample, torque=sample.torque - (columns @ load).T)
 
 
 def _change(before: RowSample, after: RowSample) -> float:
@@ -370,51 +314,6 @@ def _explains(before: RowSample, after: RowSample) -> bool:
     return bool(mended.any()) and _change(before, after) < -np.log(PLAUSIBILITY.better)
 
 
-def _strange_load(observed: Observations, sample: RowSample) -> str:
-    """Say that most torques are not the load of this arm, with or without a payload."""
-    foreign, following = _by_load(sample)
-    if foreign.size < 2 or following.size > 1:  # noqa: PLR2004  # one of each may be by chance
-        return ""
-    return f"{_not_the_load(observed, foreign)}, or torque of another motion?"
-
-
-def _by_load(sample: RowSample) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the joints (0-based) whose torque does not follow their load, and those that do.
-
-    Joints whose load is small beside their torque are neither.
-    """
-    expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
-    foreign = _usual_misfit(_BodyFit.of(sample)) > PLAUSIBILITY.foreign
-    return np.flatnonzero(foreign & expected), np.flatnonzero(~foreign & expected)
-
-
-def _not_the_load(observed: Observations, joints: NDArray[np.int64]) -> str:
-    named = ", ".join(str(j + 1) for j in joints.tolist())
-    return (
-        f"the torques of joints {named} are not the load of {observed.simulation.model.name} on "
-        "this motion, with friction or a payload; is it another robot"
-    )
-
-
-def _parts_of_load(sample: RowSample, joints: NDArray[np.int64]) -> str:
-    """Say how much of the load each joint (0-based) shows where that, with friction, is its torque.
-
-    Sensors, currents or bodies that are off by a factor look like this, and the factor tells which.
-    """
-    parts: list[str] = []
-    for joint in joints.tolist():
-        use, torque = sample.moving[:, joint], _centred(sample, joint)
-        friction = dry_and_viscous(sample.motion.velocity[use, joint])
-        columns = np.column_stack([sample.load[use, joint], friction, np.ones(torque.size)])
-        found = np.linalg.lstsq(columns, torque, rcond=None)[0]
-        left = float(np.std(torque - columns @ found)) / max(float(np.std(torque)), MISTAKES.tiny)
-        if left < PLAUSIBILITY.fits:
-            parts.append(f"{found[0]:.2f} of it at joint {joint + 1}")
-    if not parts:
-        return ""
-    return f" Beside friction they follow {' and '.join(parts)}."
-
-
 def foreign_bodies(observed: Observations) -> tuple[int, ...]:
     """Return joints (0-based) whose torque is that of an arm with bodies far from the given ones.
 
@@ -422,8 +321,8 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
     link that is wrong, a mounting or a sensor does not do this on so many joints.
     """
     sample = RowSample.of(observed)
-    fit = _BodyFit.of(sample)
-    given, free = _usual_misfit(fit), fit.misfit(slice(None))
+    fit = BodyFit.of(sample)
+    given, free = usual_misfit(fit), fit.misfit(slice(None))
     for link, name in enumerate(sample.body.link_names):
         own = slice(PER_LINK * link, PER_LINK * (link + 1))
         if abs(fit.change(own)[0]) < sample.body.inertials[name].mass:
@@ -435,68 +334,3 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
     if joints.size < PLAUSIBILITY.many or found_in(sample):  # a mounting looks like negative masses
         return ()
     return tuple(joints.tolist())
-
-
-def _usual_misfit(fit: _BodyFit) -> FloatArray:
-    """Return what load, friction and payload leave of each joint's torque, (n,).
-
-    A payload that lifts is none.
-    """
-    last = slice(-PER_LINK, None)
-    bare = fit.misfit(slice(0))
-    return np.minimum(bare, fit.misfit(last)) if fit.change(last)[0] > 0 else bare
-
-
-@dataclass(frozen=True)
-class _BodyFit:
-    """Torques that are left beside load and friction, as a change of bodies may explain them."""
-
-    n: int
-    joints: tuple[int, ...]  # that move
-    columns: tuple[FloatArray, ...]  # of each of those, (K_j, 10 n) beside any friction
-    left: tuple[FloatArray, ...]  # (K_j,) [N m]
-    size: tuple[float, ...]  # median of the torque [N m]
-
-    @classmethod
-    def of(cls, sample: RowSample) -> _BodyFit:
-        moves = np.flatnonzero(sample.moving.sum(axis=0) >= MISTAKES.least_moving).tolist()
-        Y = RegressorChain.of(sample.body).regressor(sample.motion)
-        return cls(
-            sample.torque.shape[1],
-            tuple(moves),
-            tuple(_beside_friction(sample, j, Y[j]) for j in moves),
-            tuple(sample.rest(j) for j in moves),
-            tuple(
-                float(np.median(np.abs(_centred(sample, j)))) + PLAUSIBILITY.constant for j in moves
-            ),
-        )
-
-    def change(self, which: slice) -> FloatArray:
-        """Return the change of some body parameters that leaves least."""
-        scale = zip(self.columns, self.left, self.size, strict=True)
-        A, y = zip(*((columns[:, which] / s, left / s) for columns, left, s in scale), strict=True)
-        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=PLAUSIBILITY.dependent)[
-            0
-        ]
-
-    def misfit(self, which: slice) -> FloatArray:
-        """Return the misfit of each joint's torque with some body parameters changed, (n,).
-
-        Median over median, which a push does not change.
-        """
-        change, result = self.change(which), np.zeros(self.n)
-        every = zip(self.joints, self.columns, self.left, self.size, strict=True)
-        for joint, columns, left, size in every:
-            result[joint] = float(np.median(np.abs(left - columns[:, which] @ change))) / size
-        return result
-
-
-def _centred(sample: RowSample, joint: int) -> FloatArray:
-    torque = sample.torque[sample.moving[:, joint], joint]
-    return torque - np.median(torque)
-
-
-def _beside_friction(sample: RowSample, joint: int, columns: FloatArray) -> FloatArray:
-    """Return what no friction of a joint explains of columns (K, p), on its moving rows."""
-    use = sample.moving[:, joint]
-    return without_friction(columns[use], sample.motion.velocity[use, joint])

@@ -21,8 +21,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from estimators.diagnosis.residuals.noise import Noise
-from estimators.diagnosis.residuals.plausibility import doubtful_encoders
 from estimators.diagnosis.residuals.rarity import rarity
+from estimators.diagnosis.residuals.usable_joints import doubtful_encoders
 from estimators.diagnosis.settings.pushes import PUSHES
 from limo_driver.types import FloatArray
 

@@ -15,12 +15,12 @@ from estimators.diagnosis.fitting.problem import impossible, improve
 from estimators.diagnosis.pipeline import observe
 from estimators.diagnosis.residuals.mistakes import RowSample
 from estimators.diagnosis.residuals.plausibility import (
-    doubtful_encoders,
     doubts_on,
     foreign_bodies,
     found_in,
     notes_on,
 )
+from estimators.diagnosis.residuals.usable_joints import doubtful_encoders
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.dynamics.regressor import PER_LINK
 from estimators.rigid_body.fitting.extent import Extents
