@@ -31,7 +31,7 @@ class BodyFit:
     @classmethod
     def of(cls, sample: RowSample) -> BodyFit:
         """Lay out torques beside load and friction, and what bodies may explain of them."""
-        moves = np.flatnonzero(sample.moving.sum(axis=0) >= MISTAKES.least_moving).tolist()
+        moves = np.flatnonzero(sample.judged).tolist()
         Y = RegressorChain.of(sample.body).regressor(sample.motion)
         return cls(
             sample.torque.shape[1],

@@ -21,12 +21,7 @@ from estimators.diagnosis.residuals.body_fit import (
     usual_misfit,
     without_payload,
 )
-from estimators.diagnosis.residuals.mistakes import (
-    Mistake,
-    RowSample,
-    mistakes,
-    stuck,
-)
+from estimators.diagnosis.residuals.mistakes import Mistake, RowSample, mistakes, stuck
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.torque_unit import other_unit
 from estimators.diagnosis.residuals.usable_joints import (
