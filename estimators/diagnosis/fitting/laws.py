@@ -15,6 +15,7 @@ import numpy as np
 
 from estimators.diagnosis.fitting.refinement import refine
 from estimators.diagnosis.hypotheses.catalogue import rivals
+from estimators.diagnosis.hypotheses.ripple import with_fewer_lines
 from estimators.diagnosis.selection.candidates import LawEvidence
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS
 from estimators.diagnosis.wording import likelier
@@ -37,7 +38,7 @@ def likeliest(
         first.
     """
     near = _best_of_each(problem, solution, member)
-    competing = [*near, *rivals(near[0])]
+    competing = [*near, *rivals(near[0]), *with_fewer_lines(near[0], problem.observed)]
     tried = [refine(hypothesis, around) for hypothesis in competing]
     setting = 0.5 * float(np.log(around.use.sum()))  # [nat]
     scored = [(hypothesis, gain - setting * len(hypothesis.settings)) for hypothesis, gain in tried]

@@ -60,6 +60,28 @@ def ripples(
     return found
 
 
+def with_fewer_lines(hypothesis: Hypothesis, observed: Observations) -> Iterator[Hypothesis]:
+    """Yield a ripple with one of each bunch of lines that the range of its joint does not resolve.
+
+    Beside something at that joint that was not known yet, a line comes out a little off its place,
+    and what it leaves there makes others.
+
+    Args:
+        hypothesis: A ripple; others have no lines.
+        observed: The recordings that it was found in.
+    """
+    if hypothesis.effect != TorqueRipple.name:
+        return
+    lines = np.sort(hypothesis.settings)
+    turned = float(np.ptp(observed.slow.position[:, hypothesis.joints[0]]))
+    bunches = np.split(lines, np.flatnonzero(np.diff(lines) * turned >= 2 * np.pi) + 1)
+    for bunch in bunches:
+        if bunch.size > 1:
+            others = [N for N in lines.tolist() if N not in bunch]
+            for N in bunch.tolist():
+                yield TorqueRipple.of_lines(hypothesis.joints[0] + 1, (N, *others))
+
+
 def _is_same(line: float, other: float) -> bool:
     return abs(line / other - 1.0) < RIPPLE.same
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from noisy_recordings import half_sines, motion, observed
 
+from estimators.diagnosis.hypotheses.catalogue import recorded_in
 from estimators.diagnosis.hypotheses.responses import response
-from estimators.diagnosis.hypotheses.ripple import Spectrum, _peaks, ripples
+from estimators.diagnosis.hypotheses.ripple import Spectrum, _peaks, ripples, with_fewer_lines
 from estimators.diagnosis.residuals.pushes import covered, pushes
-from limo_driver.physics import TorqueRipple
+from limo_driver.physics import TorqueOffset, TorqueRipple
 
 
 def test_a_ripple_is_found_at_its_joint_with_its_cycles() -> None:
@@ -22,6 +23,20 @@ def test_a_ripple_is_found_at_its_joint_with_its_cycles() -> None:
 
     assert [(found[0].effect, found[0].joints)] == [("torque_ripple", (3,))]
     assert found[0].settings == pytest.approx((37.3,), abs=0.1)
+
+
+def test_of_lines_that_a_range_does_not_resolve_each_is_offered_alone() -> None:
+    o = observed()
+    apart = 2 * np.pi / np.ptp(o.slow.position[:, 1])
+    near = (12.0, 12.0 + 0.4 * apart, 12.0 + 0.9 * apart)
+    found = TorqueRipple.of_lines(2, (*near, 40.0))
+
+    fewer = [hypothesis.settings for hypothesis in with_fewer_lines(found, o)]
+
+    assert fewer == [(N, 40.0) for N in near]
+    assert not list(with_fewer_lines(TorqueRipple.of_lines(2, (12.0, 40.0)), o))
+    (other, *_) = TorqueOffset.at_joint(2, recorded_in(o))
+    assert not list(with_fewer_lines(other, o))
 
 
 @pytest.mark.slow("fits many sines, for seconds")
