@@ -373,7 +373,37 @@ def settled(
     """Prune, refine and simplify a set; return it with the problem that has its candidates."""
     problem, solution = refined(problem, pruned(problem, solution), progress)
     simple = simplified(problem, pruned(problem, solution))
+    problem, simple = _of_one_width(problem, simple, progress)
     return problem, pruned(problem, loaded(problem, simple))
+
+
+def _of_one_width(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, Solution]:
+    """Return a solution without stated friction over another width that found friction can have.
+
+    Where friction along the range is found beside stated friction that is sharper, one takes from
+    the other what it adds, and the widths of both were sought with the other there. So the rest is
+    refined without the sharper one, which stays if it fits what the rest cannot. How well either
+    foretells positions that only one block of time passed is chance, and says nothing of that.
+    """
+    for member in solution.members:
+        candidates = problem.candidates
+        if not candidates[member].other_width:
+            continue
+        rest = tuple(other for other in solution.members if other != member)
+        beside = [other for other in rest if candidates[other].joints == candidates[member].joints]
+        if not any(
+            candidates[other].kind == "missing" and rubs(candidates[other].effect)
+            for other in beside
+        ):
+            continue
+        less, bare = refined(problem, fitted(problem, rest, solution.noise), progress)
+        again = fitted(less, (*bare.members, member), solution.noise)
+        left, lacking = (rmse(less.left(one.fitted), less.split.fitted) for one in (again, bare))
+        if (lacking**2 - left**2 < CONTRIBUTION.material**2 * left**2).all():
+            problem, solution = less, bare
+    return problem, solution
 
 
 def settled_around(

@@ -13,6 +13,7 @@ from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.fitting.solving import (
     _of_links_that_can_be,
+    _of_one_width,
     _runaway,
     pruned,
     suspects,
@@ -25,6 +26,7 @@ from limo_driver.physics import (
     CoulombFriction,
     JointElasticity,
     Payload,
+    PositionDependentFriction,
     Simulation,
     SpringLoad,
     Tolerances,
@@ -125,6 +127,32 @@ def test_of_two_that_predict_alike_the_simpler_stays():
     offset, spring = place_of(problem, "torque_offset", 3), place_of(problem, "spring_load", 3)
     assert simplified(problem, fitted(problem, (spring,), noise)).members == (offset,)
     assert simplified(problem, fitted(problem, (offset,), noise)).members == (offset,)
+
+
+@pytest.mark.slow("refines friction of an arm of seven joints")
+def test_stated_friction_that_is_but_sharper_goes_where_friction_along_the_range_takes_it():
+    """Between two that take from one another what they add, only one is anything."""
+    knots, stated = tuple(np.linspace(-2.0, 2.0, 14)), CoulombFriction(joint=3, tau_c=1.0)
+    heights = tuple(0.5 * np.exp(-np.square(knots) / 0.3))
+    bump = PositionDependentFriction(joint=3, positions=knots, excess=heights, v_eps=1e-3)
+    seen = observed(replace(stated, v_eps=1e-3), bump)
+    believed = replace(
+        seen.simulation,
+        effects=(replace(stated, v_eps=2e-3),),
+        tolerances=Tolerances(friction=0.1),
+    )
+    problem, noise = laid_out(seen.beside(believed))
+    (sharper, *_) = (
+        i
+        for i, item in enumerate(problem.candidates)
+        if item.place == ("coulomb_friction", (2,)) and item.other_width
+    )
+    along = place_of(problem, "position_dependent_friction", 3)
+    both = fitted(problem, (sharper, along), noise)
+    less, one = _of_one_width(problem, both, quiet)
+    assert [less.candidates[i].effect for i in one.members] == ["position_dependent_friction"]
+    alone = fitted(problem, (sharper,), noise)
+    assert _of_one_width(problem, alone, quiet) == (problem, alone)
 
 
 @pytest.mark.slow("fits an arm of seven joints")
