@@ -25,7 +25,7 @@ from estimators.diagnosis.hypotheses.responses import difference, stacked
 from estimators.diagnosis.residuals.held_out import block_of, rmse
 from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
-from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
+from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of, without_sensors
 from estimators.diagnosis.settings.fitting import NEWTON
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior, joined, posterior
@@ -75,6 +75,7 @@ class Linearised:
         floor = roughness(observed.residual, observed.moving, observed.least_noise)
         lacking = observed.beside(replace(given, effects=rest), around=given)
         nuisance = nuisance_of(lacking, columns, floor, stated or given)
+        nuisance = nuisance.certain(nuisance.said_by(found))
         deviation = nuisance.prior.deviation.copy()
         for link in bodies:
             deviation[PER_LINK * link : PER_LINK * (link + 1)] = CANDIDATES.wrong_inertia
@@ -89,26 +90,31 @@ class Linearised:
         let slow physics grow for a little less of noise, and bend what lies within tolerances
         towards it. Where that is all that such a step does, values stay, and only what was found
         moves: what was linear around another simulation may be far off at one joint, and to mend
-        that may cost another a little.
+        that may cost another a little. Lags and offsets of sensors, which no simulation has, are
+        out of what is compared, so that no value has to make up for them.
 
         Returns:
             The recordings beside it; None if there is none.
         """
         residual = self.observed.residual
         noise = Noise.of(residual, split, self.observed.segment, self.observed.least_noise)
-        size = rmse(residual, split)
-        enough = (1 - NEWTON.enough) * _energy(residual, noise, split)
 
-        def likelier(trial: Observations) -> bool:
-            return _energy(trial.residual, noise, split) < enough
+        def left(trial: Observations) -> FloatArray:
+            return without_sensors(trial.residual, noise, split, self.columns, self.nuisance)
 
+        known = left(self.observed)
+        size = rmse(known, split)
+        enough = (1 - NEWTON.enough) * _energy(known, noise, split)
         for trial in self._shorter(self._newton(residual, noise, split)):
-            if likelier(trial) and (rmse(trial.residual, split) <= NEWTON.slack * size).all():
+            its = left(trial)
+            better = _energy(its, noise, split) < enough
+            if better and (rmse(its, split) <= NEWTON.slack * size).all():
                 return trial
         some = size > 0  # a joint without any torque errs by nothing, whatever is tried
         for trial in self._shorter(self._newton_of_found(residual, noise, split)):
-            parts = rmse(trial.residual, split)[some] / size[some]
-            if likelier(trial) and np.mean(parts**2) <= 1.0:
+            its = left(trial)
+            parts = rmse(its, split)[some] / size[some]
+            if _energy(its, noise, split) < enough and np.mean(parts**2) <= 1.0:
                 return trial
         return None
 
@@ -196,22 +202,27 @@ class Linearised:
 
         Scores are of blocks of time, (blocks, c), and of joints, (n, c).
         """
-        observed = self.observed
-        use, residual = observed.moving, observed.residual
+        observed, use = self.observed, self.observed.moving
         s, size = prior.deviation, prior.index.size
-        noise = Noise.of(residual, use, observed.segment, observed.least_noise)
-        block = _blocks(observed)
-        gram, of_joints = np.zeros((size, size)), np.zeros((observed.n, size))
-        of_blocks = np.zeros((int(block.max()) + 1, size))
+        noise = Noise.of(observed.residual, use, observed.segment, observed.least_noise)
+        white: list[tuple[NDArray[np.int64], FloatArray, FloatArray]] = []
+        gram, product = np.eye(size), np.zeros(size)
         for joint in range(observed.n):
             values, at = self.columns.of_joint(joint)
-            rows = use[:, joint]
-            A = noise.whiten(values, joint, rows) * s[at]
-            y = noise.whiten(residual[:, joint], joint, rows)
-            gram[np.ix_(at, at)] += A.T @ A
-            of_joints[joint, at] = A.T @ y
-            np.add.at(of_blocks, np.ix_(block[rows], at), A * y[:, None])
-        inverse = np.asarray(np.linalg.inv(gram + np.eye(size)), dtype=float)
+            own = noise.whiten(values, joint, use[:, joint]) * s[at]
+            y = noise.whiten(observed.residual[:, joint], joint, use[:, joint])
+            gram[np.ix_(at, at)] += own.T @ own
+            product[at] += own.T @ y
+            white.append((at, own, y))
+        inverse = np.asarray(np.linalg.inv(gram), dtype=float)
+        best = inverse @ product  # scores count where their sum is none
+        block = _blocks(observed)
+        of_blocks = np.zeros((int(block.max()) + 1, size))
+        of_joints = np.zeros((observed.n, size))
+        for joint, (at, own, y) in enumerate(white):
+            scores = own * (y - own @ best[at])[:, None]
+            np.add.at(of_blocks, np.ix_(block[use[:, joint]], at), scores)
+            of_joints[joint, at] = scores.sum(axis=0)
         return inverse, of_blocks, of_joints
 
 

@@ -15,11 +15,11 @@ from estimators.diagnosis.residuals.noise import Noise, roughness
 from estimators.diagnosis.selection.base_friction import base_of, rubs, with_friction
 from estimators.diagnosis.selection.candidates import Candidate, candidates_of, entered
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
-from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of
+from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of, without_sensors
 from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.fitting import SOLVING
 from estimators.diagnosis.settings.residuals import NOISE
-from estimators.regression.evidence import REACH, Evidence, Posterior, Prior
+from estimators.regression.evidence import Evidence, Posterior, Prior
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
 
@@ -95,19 +95,7 @@ class RegressionProblem:
         Fitted to the residual itself, within their tolerances and to no row held out: beside
         another simulation than the one that a solution was linear around, they are others.
         """
-        result = left.copy()
-        prior, sensors = self.nuisance.prior, ~self.nuisance.entered
-        deviation = np.full(self.columns.count, np.nan)
-        deviation[prior.index[sensors]] = prior.deviation[sensors]
-        for joint in range(self.columns.joints):
-            values, at = self.columns.of_joint(joint)
-            own = deviation[at] > 0  # not those that nothing is tolerated of, nor any other column
-            scaled, rows = values[:, own] * deviation[at[own]], self.split.fitted[:, joint]
-            A = noise.whiten(scaled, joint, rows)
-            y = noise.whiten(left[:, joint], joint, rows)
-            found = np.linalg.solve(A.T @ A + np.eye(A.shape[1]), A.T @ y)
-            result[:, joint] -= scaled @ np.clip(found, -REACH, REACH)
-        return result
+        return without_sensors(left, noise, self.split.fitted, self.columns, self.nuisance)
 
     def inflation(self, fitted: Posterior, noise: Noise) -> FloatArray:
         """Return how much larger errors are than what a fit leaves of them, (n,).

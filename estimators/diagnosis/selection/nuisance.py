@@ -22,21 +22,37 @@ from estimators.diagnosis.hypotheses.revision import (
     reviser,
 )
 from estimators.diagnosis.settings.selection import TOLERATED
-from estimators.regression.evidence import Prior, joined
+from estimators.regression.evidence import REACH, Prior, joined
 from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
-from limo_driver.physics import TimeDelay, TorqueGain, TorqueOffset, spoken
+from limo_driver.physics import (
+    CoulombFriction,
+    PositionDependentFriction,
+    TimeDelay,
+    TorqueGain,
+    TorqueOffset,
+    spoken,
+)
 from limo_driver.physics.effects.delay import UNIT_DELAY
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterable
 
     from numpy.typing import NDArray
 
     from estimators.diagnosis.hypotheses.improvement import Enter, Improvement
+    from estimators.diagnosis.residuals.noise import Noise
     from estimators.diagnosis.residuals.observations import Observations
     from estimators.diagnosis.selection.columns import ColumnTable
     from limo_driver.physics import Effect, Parameter, Simulation
     from limo_driver.types import FloatArray
+
+
+# what is a part of an effect that is found, where something is tolerated of it
+_CONTAINED = {
+    PositionDependentFriction.name: CoulombFriction.name,
+    TimeDelay.name: TimeDelay.name,
+    TorqueOffset.name: TorqueOffset.name,
+}
 
 
 @dataclass(frozen=True)
@@ -47,7 +63,7 @@ class Tolerated:
     unit: str  # or "relative"
     nominal: float
     scale: float  # what a relative change of 1 adds
-    place: tuple[str, tuple[int, ...]] = ("", ())  # effect that has it, and its joints (0-based)
+    place: tuple[str, tuple[int, ...]] = ("", ())  # effect that has or is it; its joints (0-based)
     known: Parameter | None = None  # of an effect, where it is one
     lower: float = -np.inf
     upper: float = np.inf
@@ -58,8 +74,13 @@ class Tolerated:
         return float(np.clip(self.nominal + self.scale * part, self.lower, self.upper))
 
     @property
+    def smooths(self) -> bool:
+        """Whether it is the width of a smoothed sign, which is but guessed."""
+        return self.known is not None and self.known.smooths
+
+    @property
     def of_effect(self) -> bool:
-        """Whether it is a size of an effect, of no body or sensor; widths are but guessed."""
+        """Whether it is a size of an effect, of no body or sensor."""
         return self.known is not None and not self.known.smooths
 
 
@@ -81,6 +102,21 @@ class Nuisance:
     def of(self, places: Collection[tuple[str, tuple[int, ...]]]) -> NDArray[np.bool_]:
         """Mark the sizes (c,) of some effects at their joints (0-based)."""
         return np.array([item.of_effect and item.place in places for item in self.parameters])
+
+    def said_by(self, found: Iterable[Effect]) -> NDArray[np.bool_]:
+        """Mark the coefficients (c,) that say a part of what effects found beside them say.
+
+        Where a delay was found, a sensor's own lag is a part of it; where friction is free at all
+        positions, so is what it is everywhere. Were both to move, neither would be determined.
+        """
+        all_of_it: set[tuple[str, tuple[int, ...]]] = set()
+        for effect in found:
+            name = _CONTAINED.get(effect.name)
+            if name is not None:
+                all_of_it.add((name, tuple(joint - 1 for joint in effect.joints)))
+        return np.array(
+            [item.place in all_of_it and not item.smooths for item in self.parameters], dtype=bool
+        )
 
     def certain(self, some: NDArray[np.bool_]) -> Nuisance:
         """Return the same without tolerance of some coefficients (c,): those stay as stated."""
@@ -125,6 +161,37 @@ def nuisance_of(
         ),
         np.concatenate([np.zeros(0), *(part.start for part in parts)]),
     )
+
+
+def without_sensors(
+    left: FloatArray,
+    noise: Noise,
+    rows: NDArray[np.bool_],
+    columns: ColumnTable,
+    nuisance: Nuisance,
+) -> FloatArray:
+    """Take out of a residual (K, n) what lags and offsets of sensors explain of it [N m].
+
+    Args:
+        left: The residual.
+        noise: Of it.
+        rows: That they are fitted to, (K, n), within their tolerances.
+        columns: The table.
+        nuisance: Whose sensors they are.
+    """
+    result = left.copy()
+    prior, sensors = nuisance.prior, ~nuisance.entered
+    deviation = np.full(columns.count, np.nan)
+    deviation[prior.index[sensors]] = prior.deviation[sensors]
+    for joint in range(columns.joints):
+        values, at = columns.of_joint(joint)
+        own = deviation[at] > 0  # not those that nothing is tolerated of, nor any other column
+        scaled = values[:, own] * deviation[at[own]]
+        A = noise.whiten(scaled, joint, rows[:, joint])
+        y = noise.whiten(left[:, joint], joint, rows[:, joint])
+        found = np.linalg.solve(A.T @ A + np.eye(A.shape[1]), A.T @ y)
+        result[:, joint] -= scaled @ np.clip(found, -REACH, REACH)
+    return result
 
 
 @dataclass(frozen=True)
@@ -257,11 +324,13 @@ def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) ->
         lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)
         index = columns.add(lag.joints, lag.values[:, :, None])
         deviation = np.array([TOLERATED.sensor_lag / UNIT_DELAY])
-        parameter = Tolerated(f"lag of sensor {j + 1}", "s", 0.0, UNIT_DELAY)
+        place = (TimeDelay.name, (j,))
+        parameter = Tolerated(f"lag of sensor {j + 1}", "s", 0.0, UNIT_DELAY, place)
         parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
         offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)
         index = columns.add(offset.joints, offset.values[:, :, None])
-        parameter = Tolerated(f"offset of sensor {j + 1}", "N m", 0.0, 1.0)
+        place = (TorqueOffset.name, (j,))
+        parameter = Tolerated(f"offset of sensor {j + 1}", "N m", 0.0, 1.0, place)
         parts.append(
             _Part((parameter,), Prior.free(index, 0.3 * floor[j : j + 1]), None, np.zeros(1))
         )

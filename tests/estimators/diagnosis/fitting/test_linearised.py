@@ -23,9 +23,11 @@ from limo_driver.physics import (
     JointCoupling,
     JointElasticity,
     Payload,
+    PositionDependentFriction,
     PreslidingHysteresis,
     Simulation,
     StribeckFriction,
+    TimeDelay,
     Tolerances,
     TorqueGain,
     TorqueRipple,
@@ -204,6 +206,64 @@ def test_intervals_hold_the_truth_as_often_as_they_say(given):
             half = (high - low) / 2
             held.append((said.parameters[name].value - getattr(dip, name)) / half)
     assert 0.25 < np.sqrt(np.mean(np.square(held))) < 0.8  # of a right one 1 / 1.96
+
+
+def half_widths(found, effect, joint, name):
+    """Return half of the intervals of what was found, an array."""
+    (said,) = with_parameters([finding(effect, (joint,))], found)
+    return np.diff(np.reshape(said.parameters[name].ci95, (-1, 2)))[:, 0] / 2
+
+
+def test_friction_that_is_free_everywhere_takes_no_part_of_what_is_stated(given):
+    """Its heights would have no interval else: what they all have could as well be the other's."""
+    heights = (0.0, 0.0, 0.3, 0.0, 0.0)
+    bump = PositionDependentFriction(
+        joint=2, positions=tuple(np.linspace(-1.6, 0.0, 5)), excess=heights
+    )
+    observed = observe(plus(given, bump), given)
+    start = plus(given, replace(bump, excess=(0.1,) * 5))
+    place = [("position_dependent_friction", (2,), True)]
+    found = polished(observed.beside(start), observed.simulation, observed.moving, place)
+    assert found.simulation.effects[1].tau_c == 1.0
+    np.testing.assert_allclose(found.simulation.effects[2].excess, heights, atol=0.02)
+    assert half_widths(found, "position_dependent_friction", 2, "excess").max() < 0.02
+
+
+def test_a_lag_of_a_sensor_is_made_up_for_by_no_value_of_the_simulation(given):
+    true = plus(given, TorqueGain(joint=2, gain=-0.4))
+    observed = observe(plus(true, TimeDelay(joint=2, lag=5e-4)), given)
+    start = plus(given, TorqueGain(joint=2, gain=-0.3))
+    found = polished(
+        observed.beside(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
+    )
+    assert found.simulation.effects[2].gain == pytest.approx(-0.4, abs=0.002)
+
+
+def test_a_delay_that_was_found_is_all_of_it(given):
+    """A sensor's own lag beside it would leave neither determined."""
+    late = TimeDelay(joint=2, delay=0.02)
+    observed = observe(plus(given, late), given)
+    found = observed.beside(plus(given, late))
+    around = Linearised.of(found, found.simulation.effects[2:])
+    held = {
+        item.name
+        for item, deviation in zip(
+            around.nuisance.parameters, around.known.deviation.tolist(), strict=True
+        )
+        if deviation == 0.0
+    }
+    assert held == {"lag of sensor 2"}
+
+
+def test_intervals_are_those_of_the_best_fit_where_a_simulation_is_not_quite_it(given):
+    """Scores of a value that is off are all of one sign, which is no spread."""
+    load = Payload(mass=0.3, com=(0.1, 0.0, 0.0), inertia=(0.005, 0.0, 0.0, 0.005, 0.0, 0.01))
+    observed = observe(plus(given, load), given)
+    near = plus(given, replace(load, mass=0.31))
+    best, off = (
+        half_widths(observed.beside(one), "payload", 2, "mass") for one in (plus(given, load), near)
+    )
+    np.testing.assert_allclose(off, best, rtol=0.15)
 
 
 def test_a_wrong_body_has_its_mass_with_an_interval(given):
