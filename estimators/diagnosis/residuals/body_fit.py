@@ -84,9 +84,15 @@ def by_load(sample: RowSample) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def strange_load(observed: Observations, sample: RowSample) -> str:
-    """Say that most torques are not the load of this arm, with or without a payload."""
+    """Say that most torques are not the load of this arm, with or without a payload.
+
+    Those that are the load of some rigid body there belong to the motion: its bodies are stated
+    wrong, which a diagnosis finds.
+    """
     foreign, following = by_load(sample)
     if foreign.size < 2 or following.size > 1:  # noqa: PLR2004  # one of each may be by chance
+        return ""
+    if (BodyFit.of(sample).misfit(slice(None))[foreign] < PLAUSIBILITY.fits).all():
         return ""
     return f"{not_the_load(observed, foreign)}, or torque of another motion?"
 

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from lanes import sampled
+from scipy.linalg import eigh
 from wandering import wander
 
 from estimators.diagnosis.fitting.problem import impossible, improve
@@ -379,6 +380,43 @@ def test_an_arm_of_other_bodies_is_noted(given):
     assert len(foreign_bodies(observed)) >= 4
     (note,) = notes_on(observed)
     assert "Is it another arm?" in note
+
+
+PENDULUM = """<robot name="pendulum">
+  <link name="base"/>
+  <link name="upper"><inertial><origin xyz="0 0 -0.27"/><mass value="0.6"/>
+    <inertia ixx="{0}" ixy="0" ixz="0" iyy="{0}" iyz="0" izz="0.005"/></inertial></link>
+  <link name="lower"><inertial><origin xyz="0 0 -0.17"/><mass value="0.6"/>
+    <inertia ixx="{1}" ixy="0" ixz="0" iyy="{1}" iyz="0" izz="0.005"/></inertial></link>
+  <joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/>
+    <axis xyz="1 0 0"/><limit effort="16" velocity="20"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0 0 -0.3"/><axis xyz="1 0 0"/><limit effort="16" velocity="20"/></joint>
+</robot>
+"""
+
+
+def test_bodies_that_are_stated_far_off_are_doubted_not_refused(tmp_path):
+    """A pendulum that swings by itself, with inertias about its joints stated as of the centres."""
+    for name, inertia in (("true", (0.009, 0.008)), ("stated", (0.055, 0.025))):
+        (tmp_path / f"{name}.urdf").write_text(PENDULUM.format(*inertia), encoding="utf-8")
+    friction = tuple(CoulombFriction(joint=j, tau_c=0.15) for j in (1, 2))
+    true = Simulation(str(tmp_path / "true.urdf"), friction)
+    hanging, small = np.zeros(2), 1e-4
+    stiffness = true.model.gravity_torque(small * np.eye(2)) / small
+    squares, modes = eigh(stiffness, true.model.mass_matrix(hanging))
+    t, w = np.arange(0, 20, 0.005), np.sqrt(squares)
+    wave, size = np.outer(t, w) + np.array([0.0, 1.0]), 0.6 * (modes / np.abs(modes).max(axis=0)).T
+    motion = Motion(
+        t, np.sin(wave) @ size, (w * np.cos(wave)) @ size, (-(w**2) * np.sin(wave)) @ size
+    )
+    recorded = record(true, motion)
+    stated = Simulation(str(tmp_path / "stated.urdf"))
+    (doubt,) = doubts_on(observe(stated, [recorded], 10.0))
+    assert "torques of joints 1, 2 are not the load of" in doubt
+    torque = np.roll(recorded.torque, len(t) // 3, axis=0)
+    with pytest.raises(RecordingError, match="or torque of another motion"):
+        observe(stated, [replace(recorded, torque=torque)], 10.0)
 
 
 @sampled("link", (4, 7, 1, 2, 3, 5, 6), "each looks for other bodies in a recording", first=2)
