@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 BUILT_IN = ("iiwa14",)
+_MOST_NEGATIVE = 0.5  # of the largest principal moment, that a negative one may still be a slip
+_MORE = ", of which one is above the sum of the others"
 
 
 def beside(robot: str, folder: Path) -> str:
@@ -331,14 +333,18 @@ class RobotModel(ArmDynamics, Displayed):
         Args:
             changed: Links that are not as the file has them, by name; nothing more is said of them.
         """
-        nearly = {name: body for name, body in self.inertials.items() if not body.is_possible()}
+        nearly = {name: body for name, body in self.inertials.items() if not body.has_extent()}
         real = {name: body.nearest_consistent() for name, body in nearly.items()}
         self._override({**{x: y.nearest_consistent() for x, y in changed.items()}, **real})
         return tuple(
-            f"link {name} has the principal moments of inertia {_principal(body)} kg m², of which "
-            "one is above the sum of the others; the nearest body that exists is taken, with "
-            f"{_principal(self.inertials[name])}"
-            + ("" if is_nearly_possible(body) else ". So far off, is it a mistake in the file?")
+            f"link {name} has the principal moments of inertia {_principal(body)} kg m²"
+            + (", those of a body without any width" if body.is_possible() else _MORE)
+            + f"; the nearest body that exists is taken, with {_principal(self.inertials[name])}"
+            + (
+                ""
+                if body.is_possible() or is_nearly_possible(body)
+                else ". So far off, is it a mistake in the file?"
+            )
             for name, body in nearly.items()
             if name not in changed
         )
@@ -364,9 +370,10 @@ class RobotModel(ArmDynamics, Displayed):
 def _check_masses(
     inertials: Mapping[str, Inertial], joint_names: Sequence[str], path: Path
 ) -> None:
-    """Refuse links that move and have no mass, or no inertia about an axis.
+    """Refuse links that move and have no mass, or moments of inertia that nothing explains.
 
-    Neither torque nor simulator can make such a one move.
+    Rods and point masses have none about an axis, and a small one is negative where products of
+    inertia were rounded or got another sign: the nearest body stands for them.
     """
     for (link, body), joint in zip(inertials.items(), joint_names, strict=True):
         if body.mass <= 0:
@@ -374,7 +381,8 @@ def _check_masses(
                 f"link {link}, which joint {joint} moves, has no mass; state its <inertial>",
                 path=path,
             )
-        if np.linalg.eigvalsh(body.tensor()).min() <= 0:
+        least, _, most = np.linalg.eigvalsh(body.tensor()).tolist()
+        if least < -_MOST_NEGATIVE * most or most < 0:
             raise ConfigError(
                 f"link {link}, which joint {joint} moves, has the principal moments of inertia "
                 f"{_principal(body)} kg m²; expected those of a body, above 0",

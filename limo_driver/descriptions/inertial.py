@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _ROUNDING = 1e-9  # of the largest second moment
 _THIN = 1e-4  # of the largest second moment, that a body which was none gets at least
+_GRAIN = 1e-3  # [m], root mean square extent of what stands for a point mass along each axis
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,19 @@ class Inertial:
         massive = self.mass > 0 or (self.mass == 0 and largest == 0)
         return bool(massive and moments.min() >= -_ROUNDING * largest)
 
+    def has_extent(self) -> bool:
+        """Say whether it is a rigid body that resists turning about every axis."""
+        return self.is_possible() and bool(np.linalg.eigvalsh(self.tensor()).min() > 0)
+
     def nearest_consistent(self) -> Inertial:
         """Return the rigid body of the same mass and centre whose inertia is nearest.
 
         A principal moment above the sum of the others asks for less than no extent along its axis;
-        the body gets next to none there, as a thin plate has.
+        the body gets next to none there, as a thin plate has. A point mass becomes a grain.
         """
         moments, axes = np.linalg.eigh(self._covariance())
-        moments = np.maximum(moments, _THIN * moments.max())
+        least = _THIN * moments.max() if moments.max() > 0 else self.mass * _GRAIN**2
+        moments = np.maximum(moments, least)
         covariance = (axes * moments) @ axes.T
         tensor = np.trace(covariance) * np.eye(3) - covariance
         xx, xy, xz, yy, yz, zz = tensor[np.triu_indices(3)].tolist()

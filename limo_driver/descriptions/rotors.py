@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from limo_driver.descriptions.description import RobotDescription
     from limo_driver.descriptions.inertial import Inertial
 
+_ROUNDING = 1e-9  # of a moment of inertia, which a rod has alike about two axes
 _MOST_OF_OTHERS = 2.0  # times the sum of the others, that a principal moment is still a rounding
 
 
@@ -59,7 +60,7 @@ def with_drives_apart(
         tensor = body.tensor()
         about = float(axis @ tensor @ axis)
         surplus = 2.0 * about - float(np.trace(tensor))
-        if surplus <= 0:
+        if surplus <= _ROUNDING * about:
             continue
         left = tensor - surplus * np.outer(axis, axis)
         xx, xy, xz, yy, yz, zz = left[np.triu_indices(3)].tolist()

@@ -31,9 +31,19 @@ def read_xml(path: Path) -> ET.Element:
         raise ConfigError(f"has {joints} joints, expected at most {_MOST_JOINTS}", path=path)
     check_nesting(text, path)
     try:
-        return ET.fromstring(text)  # noqa: S314  # no entities are left by now
+        root = ET.fromstring(text)  # noqa: S314  # no entities are left by now
     except ET.ParseError as error:
         raise ConfigError(f"is no XML: {error}", path=path) from None
+    return _without_namespace(root)
+
+
+def _without_namespace(root: ET.Element) -> ET.Element:
+    """Name elements without the namespace of the outermost, which URDFs for Drake declare."""
+    space, named, _ = root.tag.rpartition("}")
+    if named:
+        for element in root.iter():
+            element.tag = element.tag.removeprefix(f"{space}}}")
+    return root
 
 
 def read_text(path: Path) -> str:

@@ -372,6 +372,44 @@ def test_the_nearest_body_is_taken_for_what_is_nearly_one(file):
     assert "the nearest body that exists is taken" in note
 
 
+THIN = {
+    "rod": ("0.02", "0.02", "0"),
+    "plate": ("0.02", "0.01", "0.01"),
+    "point": ("0", "0", "0"),
+    "slip of a sign": ("0.02", "0.03", "-0.004"),
+}
+
+
+@pytest.mark.parametrize("kind", THIN)
+def test_links_as_thin_as_no_body_swing_as_their_mass_does(file, kind):
+    """Rods and point masses of textbooks, and small moments with a wrong sign, are no refusal."""
+    xx, yy, zz = THIN[kind]
+    inertia = f'ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"'
+    path = file(re.sub('ixx="[^>]*izz="0.01"', inertia, URDF, count=1), "arm.urdf")
+    model = RobotModel.load(path)
+    body = model.inertials["upper"]
+    assert body.is_consistent() or kind == "plate"
+    assert body.mass == 2.0
+    torque = model.inverse_dynamics(np.zeros((1, 2)), np.zeros((1, 2)), np.array([[1.0, 0.0]]))
+    load = model.inverse_dynamics(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 2)))
+    fore = 0.01 + 1.0 * 0.5**2 + 0.001 + 0.1 * 0.42**2  # with the finger, which is locked
+    about = float(yy) + 2.0 * (0.1**2 + 0.2**2) + fore
+    assert (torque - load)[0, 0] == pytest.approx(about, abs=3e-3)
+    notes = [note for note in model.notes if "link upper" in note]
+    assert len(notes) == (kind != "plate")
+    assert ("body without any width" in " ".join(notes)) == (kind in {"rod", "point"})
+
+
+def test_a_namespace_of_a_urdf_is_no_part_of_its_names(file):
+    """As in files made for Drake, whose joints urdfdom and MuJoCo find all the same."""
+    schema = '<robot xmlns="https://drake.mit.edu" xmlns:xi="x" name="arm">'
+    text = URDF.replace('<robot name="arm">', schema)
+    assert text != URDF
+    plain, spaced = RobotModel.load(file(URDF, "a.urdf")), RobotModel.load(file(text, "b.urdf"))
+    assert spaced.joint_names == plain.joint_names
+    assert spaced.inertials == plain.inertials
+
+
 def test_lost_meshes_and_ends_in_degrees_are_said_at_load(file):
     mesh = '<collision><geometry><mesh filename="package://arm/{}.stl"/></geometry></collision>'
     text = URDF.replace("</link>", f"{mesh.format('gone')}{mesh.format('here')}</link>", 1)
