@@ -47,8 +47,8 @@ def command(
 ) -> None:
     """Make a recording of a log: of limo, a ROS 2 bag, or of any format with a mapping.
 
-    Text, Parquet, NumPy's .npz and LeRobotDatasets need --robot, and --mapping where their columns
-    leave something to be decided: see `limo inspect`. Of a bag the joint states are read.
+    Text, Parquet, .npz, JSON, .mat and LeRobotDatasets need --robot, and --mapping where their
+    columns leave something to be decided: see `limo inspect`. Of a bag the joint states are read.
 
     Time is the stamp of each message, from the first on, in order of the stamps. Messages that were
     lost leave gaps; duplicates stay in the file and are left out where it is read. A log that was
@@ -138,11 +138,11 @@ def _to_recording_layout(files: list[Path], out: Path) -> None:
 
 def _is_bag(path: Path) -> bool:
     from limo_driver.foreign.formats.lerobot import is_dataset
-    from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS, ending_of
+    from limo_driver.foreign.formats.reading import ARRAYS, OBJECTS, PARQUET, TEXTS, ending_of
 
     if path.is_dir():
         return not is_dataset(path)
-    return ending_of(path) not in {*ARRAYS, *PARQUET, *TEXTS}
+    return ending_of(path) not in {*ARRAYS, *OBJECTS, *PARQUET, *TEXTS}
 
 
 def _mapped(

@@ -38,8 +38,8 @@ def inspect(
     """Say what a log of a robot holds, and propose how to read it.
 
     Args:
-        log: A file or folder: delimited text, Parquet, NumPy's .npz, a ROS 2 bag (MCAP or .db3),
-            a LeRobotDataset; or arrays by name, (T,) or (T, k) each.
+        log: A file or folder: delimited text, Parquet, NumPy's .npz, JSON, MATLAB's .mat, a ROS
+            2 bag (MCAP or .db3), a LeRobotDataset; or arrays by name, (T,) or (T, k) each.
         robot: Whose log it is: a model, a built-in name, or the path of its description.
         topic: Of the joint states of a bag, where there are several.
         episode: Of a LeRobotDataset; all of them, with gaps between, if not given.

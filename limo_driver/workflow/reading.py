@@ -14,6 +14,7 @@ from limo_driver.foreign.columns.names import TIME, read_name
 from limo_driver.foreign.formats.reading import (
     ARRAYS,
     BAGS,
+    OBJECTS,
     PARQUET,
     TEXTS,
     ending_of,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 _PARQUET: Final = b"PAR1"  # its first bytes
-_FOREIGN = (*BAGS, *ARRAYS, *TEXTS[1:])  # endings that limo's own recordings never have
+_FOREIGN = (*BAGS, *ARRAYS, *OBJECTS, *TEXTS[1:])  # endings that limo's own recordings never have
 
 
 def read(
@@ -56,8 +57,8 @@ def read(
     mapping has to say which is meant: `limo.inspect` writes one.
 
     Args:
-        log: A file or folder: delimited text, Parquet, NumPy's .npz, a ROS 2 bag (MCAP or .db3),
-            a LeRobotDataset; or arrays by name, (T,) or (T, k) each.
+        log: A file or folder: delimited text, Parquet, NumPy's .npz, JSON, MATLAB's .mat, a ROS
+            2 bag (MCAP or .db3), a LeRobotDataset; or arrays by name, (T,) or (T, k) each.
         robot: Whose log it is: a model, a built-in name, or the path of its description.
         mapping: Which columns are what, or the file that says so.
         topic: Of the joint states of a bag, where there are several.

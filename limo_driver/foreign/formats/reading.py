@@ -20,9 +20,11 @@ _PACKED: Final = ".gz"
 TEXTS: Final = (*_PLAIN, *(f"{ending}{_PACKED}" for ending in _PLAIN))
 PARQUET: Final = (".parquet", ".pq")
 ARRAYS: Final = (".npz",)
+OBJECTS: Final = (".json", ".jsonl", ".ndjson", ".mat")
 _EXPECTED: Final = (
-    f"expected delimited text ({', '.join(_PLAIN)}, also as .gz), Parquet, NumPy's .npz, a ROS 2 "
-    "bag (.mcap, .db3) or the folder of a bag or of a LeRobotDataset; what Python reads of it, a "
+    f"expected delimited text ({', '.join(_PLAIN)}, also as .gz), Parquet, NumPy's .npz, JSON "
+    "(.json, .jsonl), MATLAB's .mat, a ROS 2 bag (.mcap, .db3) or the folder of a bag or of a "
+    "LeRobotDataset; what Python reads of it, a "
     "DataFrame or arrays by name, limo.read takes"
 )
 
@@ -64,6 +66,8 @@ def read_table(
         from limo_driver.foreign.formats.npz import read_npz
 
         return read_npz(path)
+    if ending in OBJECTS:
+        return _read_objects(path, ending)
     from limo_driver.foreign.formats.arrow import kept_numbers, read_parquet
 
     if ending in TEXTS:
@@ -75,6 +79,16 @@ def read_table(
     if ending in PARQUET:
         return kept_numbers(read_parquet(path), str(path), "Parquet")
     raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
+
+
+def _read_objects(path: Path, ending: str) -> LogTable:
+    if ending == ".mat":
+        from limo_driver.foreign.formats.matlab import read_mat
+
+        return read_mat(path)
+    from limo_driver.foreign.formats.json_log import read_json
+
+    return read_json(path)
 
 
 def _read_folder(

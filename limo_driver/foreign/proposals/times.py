@@ -78,7 +78,7 @@ def time_columns(table: LogTable) -> TimeFound:
             guess = f"; {shortened(even)} goes on in even steps"
         return TimeFound(
             TimeColumns(rate=1.0),
-            "no column is named like a time",
+            "; ".join(lost) or "no column is named like a time",
             (f"time: {found_none}: state `columns:`, or the `rate:` of the rows in Hz{guess}",),
         )
     running.sort(key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))

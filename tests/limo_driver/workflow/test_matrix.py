@@ -16,6 +16,7 @@ from logged import written
 from mjcf_arms import arm_of
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.io import savemat
 from tables import rows_of
 
 import limo_driver as limo
@@ -86,6 +87,19 @@ def npz(folder, _names, time, q, torque):
     return folder / "log.npz"
 
 
+def records(folder, _names, time, q, torque):
+    keys = ("time", "position", "effort")
+    rows = zip(time.tolist(), q.tolist(), torque.tolist(), strict=True)
+    listed = [dict(zip(keys, row, strict=True)) for row in rows]
+    (folder / "log.json").write_text(json.dumps(listed), encoding="utf-8")
+    return folder / "log.json"
+
+
+def mat(folder, _names, time, q, torque):
+    savemat(folder / "log.mat", {"run": {"t": time, "q": q.T, "tau": torque.T}})
+    return folder / "log.mat"
+
+
 def arrays(_folder, _names, time, q, torque):
     return {"t": time, "position": q, "torque": torque}
 
@@ -138,6 +152,8 @@ KINDS = {
     "text with semicolons and decimal commas": decimal_commas,
     "Parquet, lists": parquet,
     "NumPy .npz": npz,
+    "JSON records": records,
+    "MATLAB .mat": mat,
     "arrays in Python": arrays,
     "ROS 2 bag, MCAP": bag(StoragePlugin.MCAP),
     "ROS 2 bag, .db3": bag(StoragePlugin.SQLITE3),

@@ -24,6 +24,15 @@ def test_a_time_of_another_length_is_named():
     assert "none was found (t holds an array of shape (395,) beside " in found.questions[0]
 
 
+def test_why_a_column_named_like_a_time_is_none_is_said():
+    time = TIME[::-1]
+    found = time_columns(table_of({"time": time, "q": TIME**2, "tau": TIME**2}))
+    assert found.why == "time does not go forward"
+    assert found.columns.columns == ()
+    none = time_columns(table_of({"q": TIME**2, "tau": TIME**2}))
+    assert none.why == "no column is named like a time"
+
+
 def test_columns_without_any_number_are_none():
     q = np.full((400, 7), np.nan)
     table = table_of({"t": TIME, "q": q, "tau": np.ones_like(q)})

@@ -1,0 +1,93 @@
+"""JSON as logs come in it: a list of records, records line by line, or arrays by name."""
+
+# pyarrow ships no type stubs, so its tables are unknown to the checker.
+# pyright: reportUnknownParameterType=false
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import pyarrow as pa
+
+from limo_driver.errors import RecordingError
+from limo_driver.foreign.formats.arrow import numbers_of
+from limo_driver.foreign.formats.trees import table_of_tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from limo_driver.foreign.table import LogTable
+
+_KIND: Final = "JSON"
+_LARGEST: Final = 1 << 28  # bytes; what Python makes of one has ten times its size
+_DEEPEST: Final = 4  # objects one in the other, in which records are looked for
+
+
+def read_json(path: Path) -> LogTable:
+    """Read the longest list of records that a file holds, else its arrays.
+
+    A record is an object that has a number or a list of numbers by name.
+
+    Raises:
+        RecordingError: It is no JSON, holds neither, or is larger than is read at once.
+    """
+    if (size := path.stat().st_size) > _LARGEST:
+        raise RecordingError(
+            f"has {size / 2**20:.0f} MiB, expected at most {_LARGEST / 2**20:.0f} of JSON: a log "
+            "as long as this is read as Parquet or delimited text",
+            path=path,
+        )
+    whole = _parsed(path)
+    found = max(_records_in("", whole), key=lambda each: len(each[1]), default=("", []))
+    if len(found[1]) > 1:
+        return _of_records(*found, path)
+    if not isinstance(whole, dict):
+        raise RecordingError(
+            "holds no records, expected a list of objects, an object a line, or arrays by name",
+            path=path,
+        )
+    return table_of_tree(cast("Mapping[str, Any]", whole), str(path), _KIND)
+
+
+def _parsed(path: Path) -> object:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        try:
+            return json.loads(text)
+        except json.JSONDecodeError as error:
+            lines = [line for line in text.splitlines() if line.strip()]
+            if error.msg != "Extra data" or len(lines) < 2:  # noqa: PLR2004
+                raise
+            return [json.loads(line) for line in lines]
+    except UnicodeDecodeError:
+        raise RecordingError("is no text of UTF-8, as JSON is", path=path) from None
+    except RecursionError:
+        raise RecordingError("is nested far deeper than a log", path=path) from None
+    except json.JSONDecodeError as error:
+        raise RecordingError(
+            f"is no JSON at line {error.lineno}: {error.msg}; was it cut off?", path=path
+        ) from None
+
+
+def _records_in(name: str, value: object, depth: int = 0) -> Iterator[tuple[str, list[Any]]]:
+    """Yield every list of objects, with the name of what holds it."""
+    if isinstance(value, list):
+        listed = cast("list[object]", value)
+        if listed and all(isinstance(each, dict) for each in listed):
+            yield name, listed
+    elif isinstance(value, dict) and depth < _DEEPEST:
+        for key, each in cast("dict[str, object]", value).items():
+            yield from _records_in(key, each, depth + 1)
+
+
+def _of_records(name: str, records: list[Any], path: Path) -> LogTable:
+    try:
+        batch = pa.RecordBatch.from_struct_array(pa.array(records))
+    except pa.ArrowException as error:
+        raise RecordingError(
+            f"its {len(records)} records are not alike: {str(error).splitlines()[0]}", path=path
+        ) from None
+    kind = f"{_KIND}, the records of {name}" if name else f"{_KIND} records"
+    return numbers_of(pa.Table.from_batches([batch]), str(path), kind)
