@@ -62,6 +62,7 @@ if TYPE_CHECKING:
 _MUJOCO = "qpos"
 _OF_DRIVES = " If they were told to drives, name them under `command_torque:`, not `torque:`"
 _NORMALISED = 100.0
+_MUCH_NEARER = 4.0  # times, that commands in another unit have to lie to positions; units are 57
 _LOOKED_AT = 200_000  # rows that tell names, units and rates apart; the rest is like them
 
 
@@ -433,7 +434,10 @@ def _require_all_joints(draft: _Draft) -> None:
 
 
 def _unit_beside(draft: _Draft, values: FloatArray, position: Channels) -> tuple[str, ...]:
-    """Return the unit in which commands come nearest to the positions that they led to."""
+    """Return the unit of commands: that of the positions, unless in another they lie far nearer.
+
+    A joint that follows badly lies as near to commands that are read as next to nothing.
+    """
     measured = position.read(draft.table, POSITION)
 
     def apart(unit: str) -> float:
@@ -442,7 +446,9 @@ def _unit_beside(draft: _Draft, values: FloatArray, position: Channels) -> tuple
     stated = tuple(dict.fromkeys(position.unit))
     if len(stated) > 1:  # of joints that turn and others that slide
         return position.unit
-    return (min((*stated, "rad", "deg"), key=apart),)
+    nearest = min((*stated, "rad", "deg"), key=apart)
+    is_other = all(_MUCH_NEARER * apart(nearest) < apart(unit) for unit in stated)
+    return (nearest,) if is_other else stated
 
 
 def without_questions(proposal: Proposal) -> LogMapping:

@@ -211,6 +211,13 @@ def test_commands_are_in_the_unit_in_which_positions_follow_them(scale, unit):
     assert proposed(**target, tau=TORQUE).mapping.command.unit == (unit,)
 
 
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "rad"), (180 / np.pi, "deg")])
+def test_commands_that_are_badly_followed_are_in_their_unit_all_the_same(scale, unit):
+    """Half a swing apart, positions lie as near to commands of nearly nothing."""
+    led = {"target_q": -1.2 * scale * POSITION, "actual_q": POSITION}
+    assert proposed(**led, tau=TORQUE).mapping.command.unit == (unit,)
+
+
 def test_arrays_of_mujoco_are_known_by_their_names():
     arrays = {"qpos": 0.01 * POSITION, "qvel": 0.01 * VELOCITY, "qfrc_actuator": TORQUE}
     mapping = proposed(**arrays, qfrc_bias=2 * TORQUE, qacc=VELOCITY).mapping
