@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.descriptions.description import joined_reference, split_reference
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.types import same_robot
 
@@ -100,13 +102,20 @@ def check_values(time: FloatArray, position: FloatArray, torque: FloatArray, sou
         )
 
 
-def _hand_of(recorded: int, described: int) -> str:
-    """Say what one joint more than the description has may be."""
-    if recorded != described + 1:
+def _about_count(recorded: int, model: RobotModel) -> str:
+    """Say what joints may be that recording or description has alone."""
+    if recorded == model.n + 1:
+        return (
+            f"; is joint {recorded} a gripper that the description lacks? then leave its columns "
+            f"(position_{recorded} and others) out, or describe it"
+        )
+    path, chosen = split_reference(model.name)
+    if recorded > model.n or not PurePath(path).suffix:  # joints of a file alone are chosen
         return ""
+    lacking = [f"{name}=0" for name in model.joint_names[recorded:]]
     return (
-        f"; is joint {recorded} a gripper that the description lacks? then leave its columns "
-        f"(position_{recorded} and others) out, or describe it"
+        "; joints that no column is of are locked by name where they stand: if it is the last, the "
+        f"robot is '{joined_reference(path, (*chosen, *lacking))}'"
     )
 
 
@@ -134,7 +143,7 @@ def check_arm(
     if n != model.n:
         raise RecordingError(
             f"has {n} joints{f' of {robot}' if robot else ''}, but {model.name} has {model.n}"
-            + _hand_of(n, model.n),
+            + _about_count(n, model),
             path=source or None,
         )
     beyond = np.maximum(

@@ -439,7 +439,7 @@ def test_slices_and_masks_select_samples():
 def test_recording_of_another_robot_is_refused(tmp_path):
     model = RobotModel.load("iiwa14")
     recording = Recording.load(write(make_columns(n=6), tmp_path / "six.parquet"))
-    with pytest.raises(RecordingError, match="has 6 joints, but iiwa14 has 7"):
+    with pytest.raises(RecordingError, match=r"has 6 joints, but iiwa14 has 7$"):
         recording.check_robot(model)
     more = Recording.load(write(make_columns(n=8), tmp_path / "eight.parquet"))
     with pytest.raises(RecordingError, match="but iiwa14 has 7; is joint 8 a gripper"):
@@ -449,6 +449,28 @@ def test_recording_of_another_robot_is_refused(tmp_path):
     recording = Recording.load(write(columns, tmp_path / "far.parquet"))
     with pytest.raises(RecordingError, match=r"position_4 spans -4 to 4 rad, but joint 4"):
         recording.check_robot(model)
+
+
+BODY = """<inertial><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+ARM = f"""<robot name="arm">
+  <link name="base"/><link name="upper">{BODY}</link><link name="finger">{BODY}</link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>
+  <joint name="gripper" type="revolute"><parent link="upper"/><child link="finger"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>
+</robot>"""
+
+
+def test_a_recording_of_fewer_joints_is_told_how_to_lock_the_others(tmp_path):
+    file = tmp_path / "arm.urdf"
+    file.write_text(ARM)
+    recording = Recording(np.arange(50) / RATE, np.zeros((50, 1)), np.zeros((50, 1)))
+    with pytest.raises(RecordingError, match=r"has 1 joints, but .*arm\.urdf has 2; ") as found:
+        recording.check_robot(RobotModel.load(file))
+    offered = re.search("the robot is '(.*)'", str(found.value)).group(1)
+    assert offered == f"{file}#gripper=0"
+    recording.check_robot(RobotModel.load(offered))
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e4])
