@@ -33,8 +33,15 @@ from estimators.drives.judgement.wording import (
     sags,
 )
 from estimators.drives.result import DriveDiagnosis, DriveReplay
-from estimators.drives.simulation.loads import ArmLoads, as_described
+from estimators.drives.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.drives.simulation.plant import rows_of, tolerances_of
+from estimators.drives.simulation.zeros import (
+    as_counted,
+    from_zeros,
+    with_zeros,
+    without_zeros,
+    zeros_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,7 +78,11 @@ def identify_drives(
             set-points of its joints in rad.
     """
     odd = check_commanded(simulation, recordings)
-    return replace(fit_drives(simulation, recordings, intervals=intervals), warnings=odd)
+    given, led = with_servos(simulation, recordings)
+    zero = zeros_of(given)
+    told = [from_zeros(recording, zero) for recording in led]
+    found = fit_drives(without_zeros(given), told, intervals=intervals)
+    return replace(found, simulation=with_zeros(found.simulation, zero), warnings=odd)
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
@@ -96,7 +107,9 @@ def diagnose_drives(
     progress("reading motion", 0.0)
     odd = check_commanded(simulation, recordings)
     simulation = simulation.with_motors(recordings[0].channels)
-    given, recordings = with_servos(simulation, recordings)
+    given, led = with_servos(simulation, recordings)
+    zero, given = zeros_of(given), without_zeros(given)
+    recordings = [from_zeros(recording, zero) for recording in led]
     seen, unseen = split(recordings)
     progress("fitting drives and friction", 0.05)
     stated = is_stated(simulation, seen)
@@ -105,6 +118,7 @@ def diagnose_drives(
         if stated
         else _identified(given, seen, unseen, recordings, progress)
     )
+    evidence = _with_zeros(evidence, zero)
     proof, final = evidence.proof, evidence.final
     before = position_errors(given, unseen)
     after = position_errors(proof.simulation, evidence.unseen)
@@ -128,14 +142,21 @@ def diagnose_drives(
     return DriveDiagnosis(
         verdict,
         simulation,
-        final.simulation,
-        tuple(recordings),
+        with_zeros(final.simulation, np.array(evidence.zeros)),
+        tuple(led),
         held_out_error=(
             tuple(np.abs(before).mean(axis=0).tolist()),
             tuple(np.abs(after).mean(axis=0).tolist()),
         ),
         replay=_replay(evidence, unseen[0], before, after),
     )
+
+
+def _with_zeros(evidence: DriveEvidence, zero: FloatArray) -> DriveEvidence:
+    """Return evidence with the stated zeros, (n,) [rad], of joints as the description counts."""
+    for one in reversed(evidence.turned):  # that which was found first is the last
+        zero = as_counted(zero, one.counted(ArmChange.none(zero.size)))
+    return replace(evidence, zeros=tuple(zero.tolist()))
 
 
 def _replay(

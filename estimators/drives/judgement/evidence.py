@@ -59,6 +59,7 @@ class DriveEvidence:
     shared: tuple[StatedArm, StatedArm] | None = None  # of the same two, where drives are stated
     counted: DriveEvidence | None = None  # with joints turned, as they were recorded
     exchanged: tuple[Fold, ...] = ()  # parts of the motion, each held out in turn
+    zeros: tuple[float, ...] = ()  # stated ones, which recordings no longer have [rad]
 
     @property
     def first(self) -> Fold:
@@ -102,7 +103,8 @@ class DriveEvidence:
                 continue
             lost = sum(float(x.mean()) for x in less) - sum(float(x.mean()) for x in full)
             rmse = [tuple(float(np.sqrt(x.mean())) for x in own) for own in (less, full)]
-            yield lost, shared_finding(one, final, confidence, BeforeAfter(*rmse))
+            stated = self.zeros[one.joint] if self.zeros and one.joint is not None else 0.0
+            yield lost, shared_finding(one, final, confidence, BeforeAfter(*rmse), stated)
 
 
 def _squares(fold: Fold, loads: ArmLoads, less: Suspect | None) -> list[FloatArray]:

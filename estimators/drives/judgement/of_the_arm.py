@@ -25,7 +25,9 @@ def without(change: ArmChange, one: Suspect) -> ArmChange:
     return change
 
 
-def shared_finding(one: Suspect, arm: StatedArm, confidence: float, rmse: BeforeAfter) -> Finding:
+def shared_finding(
+    one: Suspect, arm: StatedArm, confidence: float, rmse: BeforeAfter, zero: float = 0.0
+) -> Finding:
     """Return a finding of what all joints feel.
 
     Args:
@@ -33,26 +35,29 @@ def shared_finding(one: Suspect, arm: StatedArm, confidence: float, rmse: Before
         arm: The fit that has it.
         confidence: Share of resampled held-out motion in which it removes a tenth of the error.
         rmse: Held-out, of each joint [rad].
+        zero: Stated one of its joint's encoder, to which another adds [rad].
     """
+    other = one.effect == "encoder_offset" and zero != 0.0
+    compared = f"with an offset of {zero:.3g} rad, as stated" if other else "without it"
     worst = max(range(len(rmse.after)), key=lambda j: rmse.before[j] - rmse.after[j])
     return Finding(
         effect=one.effect,
-        kind="missing",
+        kind="wrong_parameter" if other else "missing",
         joints=tuple(j + 1 for j in (one.joint, one.other) if j is not None),
         equivalent=(),
         confidence=confidence,
-        parameters=_parameters(one, arm),
+        parameters=_parameters(one, arm, zero),
         where=Where(),
         share=0.0,
         heldout_rmse=rmse,
         evidence=(
-            f"without it, the held-out error of joint {worst + 1} is {rmse.before[worst]:.4f} rad, "
+            f"{compared}, the held-out error of joint {worst + 1} is {rmse.before[worst]:.4f} rad, "
             f"with it {rmse.after[worst]:.4f} rad"
         ),
     )
 
 
-def _parameters(one: Suspect, arm: StatedArm) -> dict[str, Interval]:
+def _parameters(one: Suspect, arm: StatedArm, zero: float) -> dict[str, Interval]:
     def of(name: str) -> tuple[float, tuple[float, float]]:
         value, reach = arm.change.value(name), NORMAL * arm.shared[name]
         return value, (value - reach, value + reach)
@@ -67,8 +72,8 @@ def _parameters(one: Suspect, arm: StatedArm) -> dict[str, Interval]:
             ),
         }
     if one.effect == "encoder_offset":
-        offset, interval = of(one.names[0])
-        return {"offset": Interval(offset, "rad", interval)}
+        offset, (low, high) = of(one.names[0])
+        return {"offset": Interval(zero + offset, "rad", (zero + low, zero + high))}
     if one.effect == "supply_sag":
         sag, interval = of("sag")
         return {"sag": Interval(sag, "1", interval)}
