@@ -9,7 +9,8 @@ import numpy as np
 from estimators.drives.fitting.constants import value_in, with_values
 from estimators.drives.fitting.joint import errors, fit_joint
 from estimators.drives.fitting.limits import most_of
-from estimators.drives.fitting.starts import nearer_start, typical_start
+from estimators.drives.fitting.starts import nearer_start, regressed, typical_start
+from estimators.drives.simulation.columns import GAIN
 from estimators.drives.simulation.commanded import busiest
 from estimators.drives.simulation.free_run import commands_of
 from estimators.drives.simulation.loads import ArmChange, ArmLoads
@@ -33,6 +34,7 @@ _BETTER: Final = 0.7  # of the error, which looking ahead has to get below
 _ALIKE: Final = 0.4  # correlation of the paces of command and position, below which none shows
 _SMOOTHED: Final = 5  # rows
 _JUDGED: Final = 3  # recordings at most
+_TRIED: Final = 50  # delays, of torques
 _REACHED: Final = 0.7  # of the torque that a servo without limit would have, tried as its limit
 _HELD: Final = 0.1  # dry friction by load, tried with it
 _NONE: Final = 1e-3  # [s], a delay that is none
@@ -70,13 +72,18 @@ def check_timing(simulation: Simulation, recordings: Sequence[Recording]) -> tup
 
 
 def _judge(simulation: Simulation, recording: Recording) -> list[float]:
-    """Return the delay of each joint that moves [s], or refuse the recording."""
+    """Return the delay of each joint that moves and has a servo [s], or refuse the recording."""
     stated, load = rows_of(simulation), ArmLoads(simulation.body, [recording])
     parts = load.parts(ArmChange.none(load.n))
     period = 1.0 / recording.rate
-    ahead = -period * np.arange(round(_FARTHEST / period) + 1)
+    ahead = (-period * np.arange(round(_FARTHEST / period) + 1)).tolist()
     leads, gains, delays = list[float](), list[float](), list[float]()
     for j in np.flatnonzero(np.ptp(recording.position, axis=0) > _MOVES).tolist():
+        if stated[j, GAIN] > 0.0:
+            lead, gain = _lead(parts[j], stated[j], ahead[:: max(1, len(ahead) // _TRIED)])
+            leads.append(lead)
+            gains.append(gain)
+            continue
         begun = nearer_start(parts[j], typical_start(stated[j]))
         fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
         delays.append(fit.value("delay"))
@@ -86,12 +93,12 @@ def _judge(simulation: Simulation, recording: Recording) -> list[float]:
             continue
         scores = [
             float(np.abs(errors(parts[j], with_values(fit.row, {"delay": delay}))).mean())
-            for delay in ahead.tolist()
+            for delay in ahead
         ]
         best = int(np.argmin(scores))
         if scores[best] < _BETTER * fit.mean_error:
             fit = min(fit, _limited(parts[j], fit), key=lambda own: own.mean_error)
-        leads.append(-float(ahead[best]))
+        leads.append(-ahead[best])
         gains.append(scores[best] / max(fit.mean_error, 1e-9))
     if leads and np.median(leads) > 0.0 and np.median(gains) < _BETTER:
         raise RecordingError(
@@ -100,6 +107,30 @@ def _judge(simulation: Simulation, recording: Recording) -> list[float]:
             path=recording.source or None,
         )
     return delays
+
+
+def _lead(
+    parts: Sequence[LoadedJoint], row: FloatArray, ahead: Sequence[float]
+) -> tuple[float, float]:
+    """Return by how much torques seem to come late [s], and what is left of the load by that.
+
+    What a joint needs is known of its motion, without a simulation that drifts: of what it is told,
+    this follows the torque that was in force.
+
+    Args:
+        parts: Recorded stretches of a joint that is told torques.
+        row: The constants of the joint.
+        ahead: Delays that are tried, from 0 down [s].
+
+    Returns:
+        The lead, and the unexplained torque there, over the least of those that were no lead.
+    """
+    scores = [regressed(parts, row, delay)[0] for delay in ahead]
+    behind = min(regressed(parts, row, -delay)[0] for delay in ahead)
+    best = int(np.argmin(scores))
+    if not np.isfinite(behind):
+        return 0.0, 1.0
+    return -ahead[best], scores[best] / max(behind, 1e-9)
 
 
 def _limited(parts: Sequence[LoadedJoint], fit: JointFit) -> JointFit:

@@ -110,13 +110,23 @@ def away(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
 
 def _gain(parts: Sequence[LoadedJoint], row: FloatArray) -> float | None:
     """Return the gain by which the lag of moving rows explains their load best."""
-    found = [_regressed(parts, row, delay) for delay in _DELAYS]
+    found = [regressed(parts, row, delay) for delay in _DELAYS]
     left, gain = min(found)
     return gain if np.isfinite(left) and gain > _LEAST_GAIN else None
 
 
-def _regressed(parts: Sequence[LoadedJoint], row: FloatArray, delay: float) -> tuple[float, float]:
-    """Return what is left of the load, and the gain, of a servo of some delay."""
+def regressed(parts: Sequence[LoadedJoint], row: FloatArray, delay: float) -> tuple[float, float]:
+    """Return what is left of the load of moving rows, and the gain, of a drive of some delay.
+
+    Args:
+        parts: Recorded stretches.
+        row: The constants of the joint; they say what its drive acts on.
+        delay: From a command to its effect [s]; below 0, of a command that is recorded too late.
+
+    Returns:
+        Norm of the torque that gain, friction and inertia do not explain [N m], infinite where too
+        few rows move; and the gain.
+    """
     columns, loads = list[FloatArray](), list[FloatArray]()
     for part in parts:
         at = np.maximum(np.searchsorted(part.time, part.time - delay, side="right") - 1, 0)

@@ -19,6 +19,7 @@ from servo_arms import (
 
 from estimators.drives import diagnose_drives, free_run, identify_drives
 from estimators.drives.checks.recorded import check_commanded
+from estimators.drives.checks.torques import check_torques
 from estimators.drives.simulation.free_run import restarted_run
 from estimators.drives.simulation.one_joint import loaded_joints
 from estimators.drives.simulation.plant import rows_of
@@ -221,6 +222,10 @@ def test_it_comes_back_from_its_file(arm, tmp_path):
         (lambda c, _: c / 300.0, "torques of motors before their gears"),
         (lambda c, _: 0.0 * c, "command_torque_1 is always 0 while joint 1 moves"),
         (lambda _, q: np.roll(q, -5, axis=0), "set-points of positions, command_"),
+        (lambda c, _: c[:, ::-1], r"joint \d moves as command_torque_\d says, not command_torque_"),
+        (lambda c, _: -c, "joint 1 moves against command_torque_1; has one of them the other sign"),
+        (lambda c, _: c * [1.0, -1.0], "joint 2 moves against command_torque_2"),
+        (lambda c, _: np.concatenate([c[:20], c[:-20]]), "later than the positions that follow"),
     ],
 )
 def test_commands_that_are_no_torques_are_refused_by_name(path, arm, mistake, message):
@@ -229,6 +234,17 @@ def test_commands_that_are_no_torques_are_refused_by_name(path, arm, mistake, me
 
     with pytest.raises(RecordingError, match=message):
         check_commanded(arm, [mistaken])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_joints_that_count_otherwise_with_their_torques_are_no_mistake_of_commands(path, arm, seed):
+    recording, _ = led(path, seed)
+    for alike in (lambda x: x * [-1.0, 1.0], lambda x: x[:, ::-1]):
+        counted = replace(
+            recording, position=alike(recording.position), command=alike(recording.command)
+        )
+        check_torques(arm, counted)
+    check_torques(arm, recording)
 
 
 def test_torques_before_the_gear_are_taken_with_its_gain(path, arm):
