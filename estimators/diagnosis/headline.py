@@ -82,11 +82,12 @@ def place_of(item: Finding, n: int) -> str:
 
 
 def values_of(item: Finding) -> str:
-    """Return the parameters of a finding with units and 95 % intervals, in one line."""
+    """Return the parameters of a finding with units and 95 % intervals, in one line.
+
+    By the names that they have in a `sim.yaml`: most are symbols, which no space makes words.
+    """
     said = [
-        f"{spoken(name)} {_value(known)}"
-        for name, known in item.parameters.items()
-        if known.value != ()
+        f"{name} {_value(known)}" for name, known in item.parameters.items() if known.value != ()
     ]
     return "; ".join(said)
 

@@ -66,6 +66,31 @@ _NAMES: Final = {
 }
 
 
+_SPOKEN: Final = {  # of what is stated; the others are spoken as they are written
+    "kp": "a P gain",
+    "kv": "a velocity gain",
+    "gain": "a gain",
+    "ki": "an I gain",
+    "delay": "a delay",
+    COULOMB: "dry friction",
+    DAMPING: "damping",
+    "inertia": "armature",
+    "offset": "an offset",
+    "stribeck": "stiction",
+    "by_load": "friction by load",
+    "dead_band": "a dead band",
+    "speed": "a profile's speed",
+    "acceleration": "a profile's acceleration",
+    "torque_limit": "a torque limit",
+    "spring": "a spring",
+    "play": "play",
+    "gear": "a gear's ratio",
+    "punch": "punch",
+    "derating": "derating",
+    "free_speed": "a speed without load",
+}
+
+
 def findings_of(
     stated: Simulation,
     given: Simulation,
@@ -112,7 +137,7 @@ def findings_of(
                 share=lost,
                 heldout_rmse=BeforeAfter(tuple(rmse[0].tolist()), tuple(rmse[1].tolist())),
                 evidence=(
-                    f"{_as_stated(effect, nominal[j], units, extra=extra)}, the held-out error of "
+                    f"{as_stated(effect, nominal[j], units, extra=extra)}, the held-out error of "
                     f"joint {j + 1} is {np.sqrt(full + lost):.4f} rad "
                     f"({np.rad2deg(np.sqrt(full + lost)):.2f} deg), with it {np.sqrt(full):.4f} rad"
                 ),
@@ -153,14 +178,29 @@ def _is_wrong(
     return False
 
 
-def _as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool) -> str:
-    """Say what a finding is compared with; nobody has stated what is none."""
+def as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool) -> str:
+    """Say what a finding is compared with; nobody has stated what is none.
+
+    Args:
+        effect: Its name.
+        nominal: The stated constants of its joint.
+        units: Of the constants that are its values.
+        extra: Whether it is beyond what every joint has.
+    """
     name, unit = next(iter(units.items()))
     value = value_in(_without(nominal, nominal, effect, units), name)
     if extra or value == 0.0 or not np.isfinite(value):
         return "without it"
     size = f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
-    return f"with {_NAMES.get(name, name)} of {size}, as stated"
+    return f"with {_SPOKEN[name]} of {size}{_parts(nominal, name)}, as stated"
+
+
+def _parts(nominal: FloatArray, name: str) -> str:
+    """Say which part of a stated damping is the servo's: no file has their sum."""
+    servo, joint = value_in(nominal, "kd"), value_in(nominal, DAMPING)
+    if name != DAMPING or not (servo and joint):
+        return ""
+    return f" ({servo:.3g} of the servo, {joint:.3g} of the joint)"
 
 
 def is_known(fit: JointFit, units: dict[str, str]) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from estimators.diagnosis.headline import MOST, headline, quantity
+from estimators.diagnosis.headline import MOST, headline, quantity, values_of
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     BeforeAfter,
@@ -135,3 +135,13 @@ def test_joints_are_said_in_few_words():
 
 def test_equal_verdicts_have_equal_headlines():
     assert headline(verdict(PAYLOAD)) == headline(replace(verdict(PAYLOAD), notes=("A note.",)))
+
+
+def test_values_have_the_names_of_a_simulation_file():
+    found = finding(
+        "stribeck_friction",
+        (3,),
+        tau_s=Interval(0.22, "N m", (0.2, 0.24)),
+        v_s=Interval(0.08, "rad/s", (0.06, 0.1)),
+    )
+    assert values_of(found) == "tau_s 0.220 N m [0.200, 0.240]; v_s 0.080 rad/s [0.060, 0.100]"

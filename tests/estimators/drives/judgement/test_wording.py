@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +10,10 @@ import numpy as np
 from estimators.drives.fitting.constants import with_values
 from estimators.drives.fitting.identification import DriveIdentification
 from estimators.drives.fitting.joint import JointFit
+from estimators.drives.judgement.findings import KINDS, as_stated
 from estimators.drives.judgement.wording import about_scale, full_load, plays, sags, undecided
 from estimators.drives.simulation.plant import rows_of
-from limo_driver.physics import Simulation
+from limo_driver.physics import Simulation, ViscousFriction
 from limo_driver.physics.drives import PositionServo
 
 
@@ -21,6 +23,26 @@ def test_play_is_told_in_degrees_where_there_is_some(arm):
     loose = with_values(np.array(loose), {"play": 0.0157})
     fits = [SimpleNamespace(row=np.array(rigid)), SimpleNamespace(row=loose)]
     assert plays(fits) == ("Joint 2 has 0.9 deg (0.0157 rad) of play between motor and joint.",)
+
+
+def test_what_is_stated_is_told_in_words_and_by_its_parts(arm):
+    servo = PositionServo(joint=1, kp=20.0, kd=0.5)
+    friction = ViscousFriction(joint=1, f_v=0.2)
+    row = rows_of(Simulation(str(arm), (friction,), drives=(servo, replace(servo, joint=2))))[0]
+
+    def said(effect, row=row, extra=False):
+        return as_stated(effect, np.array(row), KINDS[effect], extra=extra)
+
+    assert said("position_servo") == "with a P gain of 20 N m/rad, as stated"
+    both = "with damping of 0.7 N m s/rad (0.5 of the servo, 0.2 of the joint), as stated"
+    assert said("viscous_friction") == both
+    alone = with_values(np.array(row), {"kd": 0.0})
+    assert said("viscous_friction", alone) == "with damping of 0.2 N m s/rad, as stated"
+    assert said("drive_delay") == "without it"  # none is stated
+    assert said("stribeck_friction", extra=True) == "without it"
+    stated = with_values(np.array(row), {next(iter(units)): 0.3 for units in KINDS.values()})
+    for effect in KINDS:
+        assert said(effect, stated).startswith("with ")
 
 
 def test_a_sag_is_told_with_its_interval(arm):
