@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.console.options import ROBOTS, MappingOption
+from limo_driver.console.options import ROBOTS, MappingOption, refuse_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,9 +20,11 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
 
 _DIAGNOSED = 0.97  # of the work; the rest is writing
+_OF_TORQUE = frozenset(("bandwidth", "budget", "gain_tolerance"))
 
 
 def command(
+    context: typer.Context,
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one arm.")],
     out: Annotated[Path, typer.Option(help="Folder for verdict, improved simulation and report.")],
     sim: Annotated[
@@ -101,6 +103,9 @@ def command(
     require_place(out, "the diagnosis", FILES, [*given, *recordings])
     tolerances = inertia_tolerance, gain_tolerance
     simulation, measured = _start(recordings, sim, robot, tolerances, mapping, notes)
+    if not any(recording.has_torque for recording in measured):
+        known = frozenset(context.params) - _OF_TORQUE
+        refuse_options(context, known, "is for recordings with torque; these have none")
     kind = "" if export is None else format_for(export, simulation.model.description.kind)
     with progress_bar(notes) as progress:
         found = diagnose(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.console.options import ROBOTS, MappingOption
+from limo_driver.console.options import ROBOTS, MappingOption, refuse_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -16,8 +16,11 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
 
+_WITHOUT_TORQUE = frozenset(("recordings", "robot", "out", "mapping", "as_json"))
+
 
 def command(  # one argument for each option
+    context: typer.Context,
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
     robot: Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")],
     out: Annotated[
@@ -98,6 +101,7 @@ def command(  # one argument for each option
     model = model_for(model, measured)
     rows = Rows(bandwidth_for(measured, bandwidth), moving_only, weighting)
     if not any(recording.has_torque for recording in measured):
+        refuse_options(context, _WITHOUT_TORQUE, "is for recordings with torque; these have none")
         _identify_drives(model, measured, out, page, as_json=as_json)
         return
     found = _identify(model, measured, terms, rows, inertia_tolerance, notes)

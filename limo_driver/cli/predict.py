@@ -26,7 +26,7 @@ _UNITS = {"torque": " [N m]", "std": " [N m]", "position": " [rad]"}
 
 def command(
     recording: Annotated[Path, typer.Argument(help="Recording: Parquet, CSV or limo's own log.")],
-    out: Annotated[Path, typer.Option(help="Where to write the torques (Parquet).")],
+    out: Annotated[Path, typer.Option(help="Where to write torques or positions (Parquet).")],
     sim: Annotated[Path | None, typer.Option(help="The simulation, a sim.yaml.")] = None,
     model: Annotated[Path | None, typer.Option(help="Or a model folder of `limo train`.")] = None,
     bandwidth: Annotated[

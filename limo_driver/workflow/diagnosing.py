@@ -48,7 +48,7 @@ def diagnose(
         simulation: What is believed of the arm, with its tolerances, or its file.
         recordings: Of that arm: one or several, or their files.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what
-            the most slowly sampled recording can bear.
+            the most slowly sampled recording can bear. Not used where no torque was recorded.
         budget: Time for the search [s], after which it ends with what is proven by then, and the
             verdict says what was not tried; what no verdict can do without takes as long as it
             takes. Not for recordings without torque.

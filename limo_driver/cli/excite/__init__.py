@@ -20,6 +20,7 @@ from limo_driver.cli.plan import (
     TableHeight,
     require_writable,
 )
+from limo_driver.console.options import refuse_options
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limopa.excitation.search import Excitation, ExcitationRequest
 
+_FOR_TORQUE = frozenset(("harmonics", "starts", "iterations", "workspace_radius", "picture"))
+_FOR_SERVOS = frozenset(("lerobot", "motors"))
 PAPER = 68  # condition number that Çallar and Böttger 2022 state for their iiwa
 
 
@@ -52,6 +55,7 @@ class JointFigures:
 
 
 def command(
+    context: typer.Context,
     out: Out,
     robot: Robot = "iiwa14",
     drives: Annotated[
@@ -138,9 +142,13 @@ def command(
 
         if picture is not None:
             raise ConfigError("is not drawn for servos; the page beside --out is", path=picture)
+        refuse_options(
+            context, frozenset(context.params) - _FOR_TORQUE, "is not for position servos"
+        )
         wanted = ServoRequest(duration=duration, rate=rate or 50.0, surroundings=surroundings)
         excite_for_servos(out, robot, wanted, seed, lerobot, motors, as_json=as_json)
         return
+    refuse_options(context, frozenset(context.params) - _FOR_SERVOS, "is for position servos")
     page = require_writable(out, picture, robot)
     request = ExcitationRequest(
         duration=duration,

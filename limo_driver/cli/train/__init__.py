@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from limo_driver.cli.train.sweeping import OPTIONS, run_sweep
-from limo_driver.console.options import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.console.options import MappingOption, refuse_options
 from limo_driver.console.side_by_side import (  # typer
     Machines,
     OnOption,
@@ -16,8 +16,6 @@ from limo_driver.console.side_by_side import (  # typer
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Container
-
     from rich.console import Console
 
     from estimators.hybrid.training.fit import Epoch
@@ -140,14 +138,14 @@ def command(  # one argument for each option
 
     require_model(model)
     if sweep is not None:
-        _refuse_options(context, OPTIONS, "is said in the space of a sweep, not beside --sweep")
+        refuse_options(context, OPTIONS, "is said in the space of a sweep, not beside --sweep")
         simulation, measured, _ = _load(recordings, sim, out, mapping)
         tests = [read(path, simulation.model, mapping) for path in test or ()]
         run_sweep(simulation, measured, sweep, out, tests, workers, on, as_json=as_json)
         return
-    _refuse_options(context, frozenset(context.params) - _OF_A_SWEEP, "takes --sweep")
+    refuse_options(context, frozenset(context.params) - _OF_A_SWEEP, "takes --sweep")
     if model not in NETWORKS:
-        _refuse_options(context, _OF_EVERY_MODEL, f"is of networks; {model} has no such choice")
+        refuse_options(context, _OF_EVERY_MODEL, f"is of networks; {model} has no such choice")
         _train_estimator(model, recordings, sim, out, bandwidth, mapping=mapping, as_json=as_json)
         return
     usual = usual_settings(features)
@@ -256,20 +254,6 @@ _OF_A_SWEEP: Final = frozenset(("test", "workers", "on"))
 _OF_EVERY_MODEL: Final = frozenset(
     ("recordings", "sim", "out", "model", "bandwidth", "mapping", "as_json")
 )
-
-
-def _refuse_options(context: typer.Context, known: Container[str], why: str) -> None:
-    """Refuse options that something else has no use for.
-
-    Raises:
-        ConfigError: Names one.
-    """
-    from limo_driver.errors import ConfigError
-
-    for name in context.params:
-        source = context.get_parameter_source(name)
-        if name not in known and source is not None and source.name == "COMMANDLINE":
-            raise ConfigError(f"--{name.replace('_', '-')} {why}")
 
 
 def _train_estimator(

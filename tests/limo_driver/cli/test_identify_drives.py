@@ -10,6 +10,7 @@ import pytest
 from servo_arms import commands, recorded, write_arm
 
 from estimators.drives import free_run
+from limo_driver.cli.diagnose import command as diagnose
 from limo_driver.cli.identify import command as identify
 from limo_driver.physics import Simulation
 
@@ -59,6 +60,23 @@ def test_commands_that_are_no_set_points_are_refused(mistake, told, identified, 
     assert done.exit_code != 0
     assert told in str(done.exception or done.output)
     assert not (tmp_path / "sim.yaml").exists()
+
+
+@pytest.mark.parametrize("option", [("--bandwidth", 5), ("--moving-only",), ("--no-offset",)])
+def test_what_is_of_torque_alone_is_refused(option, identified, position):
+    done = identified(recorded(TIME, COMMAND, position), *option)
+
+    name = option[0].replace("--no-", "--")
+    assert str(done.exception) == f"{name} is for recordings with torque; these have none"
+
+
+@pytest.mark.parametrize("option", ["--bandwidth", "--gain-tolerance"])
+def test_a_diagnosis_refuses_what_is_of_torque_alone(option, arm, commanded, position, tmp_path):
+    recorded(TIME, COMMAND, position).save(tmp_path / "run.parquet")
+    files = (tmp_path / "run.parquet", "--robot", arm, "--out", tmp_path / "found")
+    done = commanded(diagnose)(*files, option, 5)
+
+    assert str(done.exception) == f"{option} is for recordings with torque; these have none"
 
 
 @pytest.mark.slow("identifies servos twice")

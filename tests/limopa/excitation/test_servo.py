@@ -122,6 +122,7 @@ def test_the_command_writes_csv_page_and_episodes(commanded, path, tmp_path):
         (("--out", "moves.parquet"), "is no CSV"),
         (("--out", "moves.csv", "--motors", "one"), "--motors names 1, but .* has 2 joints"),
         (("--out", "moves.csv", "--picture", "a.png"), "is not drawn for servos"),
+        (("--out", "moves.csv", "--harmonics", 3), "--harmonics is not for position servos"),
     ],
 )
 def test_what_cannot_be_is_told(commanded, path, tmp_path, monkeypatch, given, told):
@@ -130,3 +131,10 @@ def test_what_cannot_be_is_told(commanded, path, tmp_path, monkeypatch, given, t
     assert isinstance(result.exception, ConfigError)
     with pytest.raises(ConfigError, match=told):
         raise result.exception
+
+
+def test_what_is_of_servos_alone_is_told(commanded, path, tmp_path):
+    result = commanded(excite)("--robot", path, "--out", tmp_path / "a.parquet", "--motors", "a,b")
+    assert isinstance(result.exception, ConfigError)
+    assert str(result.exception) == "--motors is for position servos"
+    assert not (tmp_path / "a.parquet").exists()
