@@ -31,8 +31,8 @@ GIVEN, IMPROVED = "given simulation", "improved simulation"
 _OPEN: Final = 3  # joints whose motion is seen at once
 _ROWS: Final = 1500  # of the motion that is played
 _IDENTIFIED: Final = (
-    "Constants of drives and friction that the given simulation does not state, fitted together, "
-    "with 95 % intervals."
+    "Constants of drives and friction, stated or not, as all of the motion has them; fitted "
+    "together, with 95 % intervals."
 )
 _ROWS_SAID: Final = (
     "RMS on held-out motion. A free run adds up what is amiss. One step begins at each recorded "
@@ -79,7 +79,7 @@ def drive_report(found: DriveDiagnosis) -> Page:
         + cards(verdict, names)
         + _left(verdict)
         + told.notes(verdict.notes)
-        + identified(verdict, _IDENTIFIED)
+        + identified(verdict, _IDENTIFIED, "Identified drives and friction")
         + (_motion(found.replay, verdict, charts) if found.replay else "")
         + section("What is unsure", unobservable(verdict), "unsure")
     )

@@ -364,8 +364,14 @@ def _span(diagnosis: Diagnosis, start: float, stop: float, recording: int) -> st
     return f"{start:.1f} to {stop:.1f} s" + f" of {names[recording]}" * (len(names) > 1)
 
 
-def identified(verdict: Verdict, lead: str = "") -> str:
-    """Return the table of ordinary friction that the given simulation did not state."""
+def identified(verdict: Verdict, lead: str = "", title: str = "Identified friction") -> str:
+    """Return the table of what is ordinary: friction that the given simulation did not state.
+
+    Args:
+        verdict: What was found.
+        lead: What the table has, if it is not that.
+        title: Of the section.
+    """
     columns = identified_columns(verdict)
     if not verdict.identified:
         return ""
@@ -376,4 +382,4 @@ def identified(verdict: Verdict, lead: str = "") -> str:
         "have is ordinary; what is unlike its siblings is a finding."
     )
     body = table([typeset(" ".join(heading).strip()) for heading in columns], rows, numeric=1)
-    return section("Identified friction", body, "identified", lead)
+    return section(title, body, "identified", lead)

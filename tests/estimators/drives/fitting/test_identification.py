@@ -249,7 +249,8 @@ def test_a_joint_that_never_moves_tells_no_floor_and_ends_no_report(bare, record
     assert 1 not in diagnosis.verdict.unexplained.joints
     assert not any("Joint 1 sags" in note for note in diagnosis.verdict.notes)
     diagnosis.save(tmp_path / "out")
-    assert (tmp_path / "out" / "report.html").is_file()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Identified drives and friction" in page
 
 
 @pytest.mark.slow("diagnoses an arm of servos")
