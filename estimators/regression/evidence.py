@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 REACH = 3.0  # prior deviations of a nuisance parameter; more is a wrong parameter
 _NO_BLOCKS = np.zeros(0, dtype=np.int64)
+_NO_LIMITS = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,11 @@ class Prior:
     deviation: FloatArray  # (c,)
     positive: NDArray[np.bool_]  # (c,) coefficients that cannot be negative
     block: NDArray[np.int64] = field(default_factory=lambda: _NO_BLOCKS)  # (c,) rising, or one each
+    most: FloatArray = field(default_factory=lambda: _NO_LIMITS)  # (c,) deviations; or without end
 
     def __post_init__(self) -> None:
+        if self.most is _NO_LIMITS:
+            object.__setattr__(self, "most", np.full(self.index.size, np.inf))
         if self.block is _NO_BLOCKS:
             object.__setattr__(self, "block", np.arange(self.index.size))
 
@@ -58,7 +62,13 @@ class Prior:
 
     def of(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Prior:
         """Return some of the columns."""
-        return Prior(self.index[rows], self.deviation[rows], self.positive[rows], self.block[rows])
+        return Prior(
+            self.index[rows],
+            self.deviation[rows],
+            self.positive[rows],
+            self.block[rows],
+            self.most[rows],
+        )
 
     def beside(self, wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Mark the columns (c,) of blocks that have a coefficient of the wrong sign."""
@@ -135,7 +145,7 @@ class Evidence:
     def gain(self, prior: Prior) -> float:
         """Return the log evidence of a set of columns against none.
 
-        Columns whose coefficient would need the other sign are left out.
+        Columns whose coefficient would need the other sign, or be larger than it may, are left out.
         """
         return self._factor(prior).gain
 
@@ -152,6 +162,7 @@ class Evidence:
             table.index,
             table.deviation,
             table.positive,
+            table.most,
             table.block,
             rows,
         )
@@ -195,6 +206,7 @@ class Evidence:
             all_of.index,
             all_of.deviation,
             all_of.positive,
+            all_of.most,
             all_of.block,
             table.start,
             some,
@@ -217,14 +229,14 @@ def posterior(products: NormalEquations, nuisance: Prior, prior: Prior) -> Poste
 
     Nuisance parameters stay inside `REACH` deviations: where thousands of rows outvote a prior, a
     posterior would otherwise accept what no tolerance allows. Coefficients that cannot be negative
-    are zero where they would be, with all of their block.
+    are zero where they would be, with all of their block; those that have a most are that at most.
     """
     both = joined(nuisance, prior)
     s, count = both.deviation, nuisance.index.size
     M = s[:, None] * products.gram[np.ix_(both.index, both.index)] * s
     M.flat[:: s.size + 1] += 1.0 + RIDGE
     c = s * products.product[both.index]
-    high = np.where(np.arange(s.size) < count, REACH, np.inf)
+    high = np.where(np.arange(s.size) < count, REACH, both.most)
     low = np.where(both.positive, 0.0, -high)
     x, free = np.zeros(s.size), np.ones(s.size, dtype=bool)
     while True:
@@ -235,7 +247,7 @@ def posterior(products: NormalEquations, nuisance: Prior, prior: Prior) -> Poste
         outside[free] = x[free] != found
         if not outside.any():
             break
-        absent = both.beside(outside & both.positive)  # of a body without mass
+        absent = both.beside(outside & both.positive & (x == low))  # of a body without mass
         x[absent] = 0.0
         free &= ~(outside | absent)
     covariance = np.zeros((s.size, s.size))
@@ -262,4 +274,5 @@ def joined(*priors: Prior) -> Prior:
         np.concatenate([np.zeros(0), *(p.deviation for p in priors)]),
         np.concatenate([np.zeros(0, dtype=bool), *(p.positive for p in priors)]),
         np.concatenate(blocks),
+        np.concatenate([np.zeros(0), *(p.most for p in priors)]),
     )

@@ -1,4 +1,4 @@
-"""Factors of sets of columns, less those whose coefficients would have the wrong sign.
+"""Factors of sets of columns, less those whose coefficients would be what they cannot.
 
 A search compares sets by the hundred thousand, and each is a system of ten to fifty unknowns: calls
 from Python cost more than its arithmetic, so what is asked of many is compiled as a whole.
@@ -21,17 +21,18 @@ if TYPE_CHECKING:
 RIDGE = 1e-9
 
 
-@compiled(reads=("index", "deviation", "positive", "block"))
+@compiled(reads=("index", "deviation", "positive", "most", "block"))
 def of_right_signs(
     gram: FloatArray,
     product: FloatArray,
     index: NDArray[np.int64],
     deviation: FloatArray,
     positive: NDArray[np.bool_],
+    most: FloatArray,
     block: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Leave blocks with a coefficient of the wrong sign out of rows of a table, round after round.
+    """Leave blocks with a coefficient that cannot be out of rows of a table, round after round.
 
     Returns:
         The rows that are left (b,), their factor (b, b), and its z (b,).
@@ -45,13 +46,13 @@ def of_right_signs(
             M[i, i] += 1.0 + RIDGE
         lower = np.linalg.cholesky(M)
         z = _forward(lower, s * product[at])
-        rest = _without_wrong(rows, positive, block, _backward(lower, z))
+        rest = _without_wrong(rows, positive, most, block, _backward(lower, z))
         if rest.size == rows.size:
             return rows, lower, z
         rows = rest
 
 
-@compiled(reads=("index", "deviation", "positive", "block", "start"))
+@compiled(reads=("index", "deviation", "positive", "most", "block", "start"))
 def gains_beside(
     base: NDArray[np.int64],
     lower: FloatArray,
@@ -63,6 +64,7 @@ def gains_beside(
     index: NDArray[np.int64],
     deviation: FloatArray,
     positive: NDArray[np.bool_],
+    most: FloatArray,
     block: NDArray[np.int64],
     start: NDArray[np.int64],
     some: NDArray[np.int64],
@@ -70,7 +72,7 @@ def gains_beside(
     """Return the log evidence of a set with each of p others beside it.
 
     Args:
-        base: Rows of the table (b,) that are the set, less those of the wrong sign.
+        base: Rows of the table (b,) that are the set, less those that cannot be.
         lower: Their factor (b, b).
         z: Of that, (b,).
         across: L⁻¹ A G, (b, c).
@@ -80,11 +82,12 @@ def gains_beside(
         index: Columns of the sets of a table, one set behind the other.
         deviation: Of each.
         positive: Whether it must be.
+        most: What it may be [deviations]; infinite unless it must be positive.
         block: To which each belongs.
         start: Where each set begins in the table.
         some: Which sets are asked about (p,).
     """
-    known = _gain(lower, z)
+    known, top = _gain(lower, z), most[base][positive[base]]
     left = product - z @ across
     gains = np.full(some.size, known)
     for k in range(some.size):
@@ -107,14 +110,14 @@ def gains_beside(
                 value = back[i, 0]
                 for j in range(rows.size):
                     value -= back[i, 1 + at[j]] * s[j] * mean[j]
-                others |= value < 0
+                others |= value < 0 or value > top[i]
             if others:  # columns of the set have to be left out
                 _, whole, z_whole = of_right_signs(
-                    gram, product, index, deviation, positive, block, np.append(base, rows)
+                    gram, product, index, deviation, positive, most, block, np.append(base, rows)
                 )
                 gains[k] = _gain(whole, z_whole)
                 break
-            rest = _without_wrong(rows, positive, block, mean)
+            rest = _without_wrong(rows, positive, most, block, mean)
             if rest.size == rows.size:
                 gains[k] = known + _gain(own, added)
                 break
@@ -135,13 +138,14 @@ def _gain(lower: FloatArray, z: FloatArray) -> float:
 def _without_wrong(
     rows: NDArray[np.int64],
     positive: NDArray[np.bool_],
+    most: FloatArray,
     block: NDArray[np.int64],
     mean: FloatArray,
 ) -> NDArray[np.int64]:
-    """Return the rows whose blocks have no coefficient of the wrong sign."""
+    """Return the rows whose blocks have no coefficient that cannot be."""
     right = np.ones(rows.size, dtype=np.bool_)
     for i in range(rows.size):
-        if positive[rows[i]] and mean[i] < 0:
+        if positive[rows[i]] and (mean[i] < 0 or mean[i] > most[rows[i]]):
             for j in range(rows.size):
                 right[j] &= block[rows[j]] != block[rows[i]]
     return rows[right]

@@ -358,6 +358,7 @@ class Hypothesis:
     terms: tuple[Effect, ...]  # of unit size, one column each
     realise: Realise  # coefficients → effects
     positive: bool = False  # whether no coefficient can be negative
+    most: float = np.inf  # that a positive coefficient can be
     settings: tuple[float, ...] = ()  # what is not linear in the torque, for a refinement
     family: Callable[..., Hypothesis] | None = field(default=None, compare=False)  # of settings
     bounds: tuple[tuple[float, float], ...] = ()  # of the settings

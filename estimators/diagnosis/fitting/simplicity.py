@@ -3,7 +3,9 @@
 A law with many free parameters follows whatever is there: presliding with many elements becomes an
 offset, or friction that is a little higher. Where a simpler effect of the same joints, or of one of
 two that are coupled, explains most of the same, and predicts motion held out no worse, it takes the
-place of the other.
+place of the other. Two that were refined beside each other have paid for what they may choose, and
+few of the rows held out are at the reversals in which play and presliding differ: of those, the
+simpler one has the name where the evidence cannot tell them.
 
 A load at the flange and another body of the last link are one and the same to every joint. Links
 are made as they were drawn, and loads come and go: so a load has the name where there can be one.
@@ -16,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.fitting.contribution import TINY, coefficients, surely_better
+from estimators.diagnosis.fitting.laws import compete
 from estimators.diagnosis.fitting.problem import simulated
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -45,6 +48,7 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
     taken = {candidates[i].slot for i in rest}
     without = search.gain(rest)
     enough = without + CONTRIBUTION.most * (solution.gain - without)
+    as_likely = solution.gain - CONTRIBUTION.tellable
     simpler = [
         i
         for i, candidate in enumerate(candidates)
@@ -53,7 +57,7 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
         and candidate.slot not in taken
         and _freedom(candidate) < _freedom(own)
         and not _is_of_sensor(candidate)
-        and search.gain((*rest, i)) >= enough
+        and search.gain((*rest, i)) >= (as_likely if compete(candidate, own) else enough)
     ]
     simpler.sort(key=lambda i: (_freedom(candidates[i]), -search.gain((*rest, i))))
     problem.rotation(solution.noise, [*solution.members, *simpler])  # sums of all at once

@@ -16,7 +16,7 @@ from estimators.diagnosis.fitting.contribution import (
     without,
 )
 from estimators.diagnosis.fitting.lateness import has_long, long_after
-from estimators.diagnosis.fitting.laws import likeliest
+from estimators.diagnosis.fitting.laws import confused, likeliest
 from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
     Solution,
@@ -334,6 +334,9 @@ def refined(
 ) -> tuple[RegressionProblem, Solution]:
     """Refine what is not linear in every member, one after the other.
 
+    What is confused with a member is refined beside it, and takes its place where that makes it
+    likelier: which of them is best on a grid of settings may be no more than the grid's chance.
+
     Returns:
         The problem with the refined candidates, and the solution with them for members.
     """
@@ -354,15 +357,22 @@ def refined(
             problem.split.fitted,
             problem.level,
         )
-        best, laws = likeliest(problem, solution, member, around)
-        candidates[member] = candidate = replace(candidate, laws=laws)
-        if best is not candidate.hypothesis:
-            new = replaced(candidate, best, around)
-            if new is not None:
+        most = -np.inf
+        for other in (member, *confused(problem, solution, member)):
+            best = likeliest(problem, solution, member, other, around)
+            candidates[other] = candidate = replace(candidates[other], laws=best.laws)
+            at = other
+            if best.hypothesis is not candidate.hypothesis:
+                new = replaced(candidate, best.hypothesis, around)
+                if new is None:
+                    continue
                 candidates.append(new)
-                members[place] = len(candidates) - 1
+                at = len(candidates) - 1
+            if best.evidence > most:
+                most, members[place] = best.evidence, at
+    more = len(candidates) > len(problem.candidates)
     problem = problem.with_candidates(candidates)
-    if members == list(solution.members):
+    if not more:
         return problem, solution
     return problem, fitted(problem, tuple(members), solution.noise)
 

@@ -198,6 +198,7 @@ def _entered(
             columns.add(joints, values),
             deviation,
             np.full(deviation.size, hypothesis.positive),
+            most=hypothesis.most * strength,
         ),
         lambda improvement, c: improvement.enter(hypothesis, c),
         hypothesis,

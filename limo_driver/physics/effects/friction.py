@@ -50,6 +50,20 @@ def sign_width_at(joint: int, recorded: Recorded) -> float:
     return SIGN_WIDTH
 
 
+def dry_at(joint: int, recorded: Recorded) -> float:
+    """Return the dry friction at a joint of what is known of an arm, either way [N m].
+
+    Not what presses on it or where it is adds.
+    """
+    return sum(
+        effect.tau_c
+        if isinstance(effect, CoulombFriction)
+        else min(effect.tau_plus, effect.tau_minus)
+        for effect in recorded.effects
+        if isinstance(effect, (CoulombFriction, AsymmetricFriction)) and effect.joint == joint
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class VelocityFriction(Friction):
     """Friction that is a function of velocity alone, by one of the compiled laws."""

@@ -14,7 +14,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import MOST_TORQUE, Hypothesis, MotionEffect, State
-from limo_driver.physics.effects.friction import SIGN_WIDTH
+from limo_driver.physics.effects.friction import SIGN_WIDTH, dry_at, sign_width_at
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from limo_driver.physics.effect import Effect, JointMotion, Recorded
     from limo_driver.types import FloatArray
 
-GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
+GAPS = (2e-4, 6e-4, 2e-3, 6e-3, 0.02)  # [rad], of a play that is looked for
+DRAGGED_GAPS = (1e-4, 2.5e-4, 6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one with a drag
+MOST_DRAG = 1.5  # of the dry friction that is known, to its tolerance: a drag is a part of that
 _LIGHT = 1e-9  # [kg m²]
 
 
@@ -50,7 +52,10 @@ class Backlash(MotionEffect):
     name: ClassVar[str] = "backlash"
     sized_by: ClassVar[tuple[str, ...]] = ("gap",)
     description: ClassVar[Description] = Description(
-        signature="the link jumps where the load changes sign",
+        signature=(
+            "the link jumps where the load changes sign, or friction is gone for a distance after "
+            "each reversal and then back at once"
+        ),
         shown_by="load_reversal",
         confusions=(
             Confusion(
@@ -65,8 +70,8 @@ class Backlash(MotionEffect):
             ),
             Confusion(
                 "presliding_hysteresis",
-                "play depends on the sign of the load, hysteresis on reversals at any load",
-                "load_reversal",
+                "in play no drag is felt until all of it is, presliding builds up from the start",
+                "nested_reversals",
             ),
         ),
     )
@@ -124,10 +129,17 @@ class Backlash(MotionEffect):
         return super().with_more(more) if all(forms) else None
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
-        """Yield several gaps."""
+    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+        """Yield several gaps of both forms; of drags, those that leave a friction in the gap.
+
+        More would drive the joint after each reversal, as friction does that still acts the way it
+        did before: presliding.
+        """
         for gap in GAPS:
             yield cls.of_gap(joint, gap)
+        width, most = sign_width_at(joint, recorded), MOST_DRAG * dry_at(joint, recorded)
+        for gap in DRAGGED_GAPS if most > 0 else ():
+            yield cls.of_drag(joint, width, most, gap)
 
     @classmethod
     def of_gap(cls, joint: int, gap: float) -> Hypothesis:
@@ -139,6 +151,28 @@ class Backlash(MotionEffect):
             settings=(gap,),
             family=partial(cls.of_gap, joint),
             bounds=((0.3 * gap, 3.0 * gap),),
+            law="that of a link that falls across the gap",
+        )
+
+    @classmethod
+    def of_drag(cls, joint: int, v_eps: float, most: float, gap: float) -> Hypothesis:
+        """Return play beyond which a drag is; where it is not felt depends on the gap [rad].
+
+        Args:
+            joint: Which, 1-based.
+            v_eps: Width of the joint's smoothed sign [rad/s].
+            most: That the drag can be [N m].
+            gap: Whole play [rad].
+        """
+        return Hypothesis.of_one(
+            cls(joint=joint, gap=gap, drag=1.0, v_eps=v_eps),
+            "drag",
+            positive=True,
+            most=most,
+            settings=(gap,),
+            family=partial(cls.of_drag, joint, v_eps, most),
+            bounds=((0.3 * gap, 3.0 * gap),),
+            law="that of a drag that is not felt within the gap",
         )
 
 

@@ -63,6 +63,25 @@ def test_a_column_with_the_wrong_sign_is_dropped():
     assert Evidence(products_of(-2.0 * COLUMNS[:, 3]), NUISANCE).gain(none) == 0.0
 
 
+def test_a_column_whose_coefficient_would_be_larger_than_it_may_does_not_compete():
+    y = 2.0 * COLUMNS[:, 3] + 3.0 * COLUMNS[:, 5] + 0.1 * RANDOM.standard_normal(ROWS)
+    evidence = Evidence(products_of(y), NUISANCE)
+    both, other = np.array([True, True]), SET.of(np.array([False, True]))
+
+    def up_to(most):
+        ends = np.array([most, np.inf]) / SET.deviation
+        return Prior(SET.index, SET.deviation, both, most=ends)
+
+    assert evidence.gain(up_to(2.5)) == pytest.approx(evidence.gain(SET))
+    assert evidence.gain(up_to(1.5)) == pytest.approx(evidence.gain(other))
+    assert evidence.posterior(up_to(2.5)).mean[2] == pytest.approx(2.0, abs=0.1)
+    assert evidence.posterior(up_to(1.5)).mean[2] == pytest.approx(1.5)
+    limited = up_to(1.5).of(np.array([True, False]))
+    for base, more in ((limited, other), (other, limited)):
+        gains = evidence.gains(Priors.of_each([base, more]), [0], np.array([1]))
+        np.testing.assert_allclose(gains, evidence.gain(other))
+
+
 def test_columns_of_a_block_are_left_out_with_the_one_of_the_wrong_sign():
     y = COLUMNS @ np.array([0.0, 0.0, 1.0, -2.0, 0.0, 3.0]) + 0.1 * RANDOM.standard_normal(ROWS)
     evidence = Evidence(products_of(y), NUISANCE)

@@ -14,6 +14,7 @@ from estimators.diagnosis.hypotheses.catalogue import every, rivals
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.selection.candidates import LawEvidence
 from limo_driver.physics import (
+    Backlash,
     CoulombFriction,
     PreslidingHysteresis,
     Simulation,
@@ -22,6 +23,7 @@ from limo_driver.physics import (
     ViscousFriction,
 )
 from limo_driver.physics.effects.hysteresis import STOP_WIDTHS
+from limo_driver.physics.effects.play import DRAGGED_GAPS
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +77,26 @@ def test_the_hidden_law_is_named_with_its_odds(given, seen, law):
     assert finding.effect == hidden.name
     assert f"Its law is {law}, " in finding.evidence
     assert "likelier than" in finding.evidence.split("Its law is")[1]
+
+
+@sampled("gap", [0.0025, 0.006, 0.016], "a whole diagnosis each")
+def test_play_of_a_width_between_those_tried_is_not_taken_for_presliding(given, seen, gap):
+    assert gap not in DRAGGED_GAPS
+    hidden = Backlash(joint=2, gap=gap, drag=0.5)
+    true = replace(given, effects=(*given.effects, hidden))
+    (finding,) = diagnose(given, [seen(true)]).verdict.findings
+    assert (finding.effect, finding.joints) == ("backlash", (2,))
+    assert finding.parameters["gap"].value == pytest.approx(gap, rel=0.05)
+    assert finding.parameters["drag"].value == pytest.approx(0.5, rel=0.1)
+
+
+@sampled("exponent", [1.0, 1.5], "a whole diagnosis each")
+def test_friction_that_keeps_acting_after_a_reversal_is_no_play(given, seen, exponent):
+    """Play with twice the joint's friction for a drag would explain most of it in fewer numbers."""
+    slow = slip(law="dahl", sigma_0=300.0, tau_c=0.6, exponent=exponent)
+    sliding = tuple(effect for effect in given.effects if effect != given.effects[1])
+    (finding,) = diagnose(given, [seen(replace(given, effects=(*sliding, slow)))]).verdict.findings
+    assert (finding.effect, finding.joints) == ("presliding_hysteresis", (2,))
 
 
 @pytest.mark.slow("a whole diagnosis")
