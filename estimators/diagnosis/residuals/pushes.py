@@ -145,9 +145,9 @@ class _Scan:
 
         What one joint alone felt is physics of that joint where the joint has just turned or
         stopped, and where it leaves weaker ones of the kind at other times. And what reaches over
-        the start or the end of the arm's motion is what friction does there; single joints stop and
-        turn at any time, also while the arm is pushed. While the whole arm rests,
-        its physics does nothing that recurs.
+        the start or the end of the arm's motion is what friction does there, unless many joints
+        feel one and the same course; single joints stop and turn at any time, also while the arm is
+        pushed. While the whole arm rests, its physics does nothing that recurs.
         """
         joint, *more = push.joints
         within = (self.observed.recording == push.recording) & (
@@ -155,7 +155,8 @@ class _Scan:
             <= (push.end - push.start) / 2
         )
         judged = self.judged[within].any(axis=1)
-        if judged.size and judged.mean() < PUSHES.judged:
+        alike = len(push.joints) >= PUSHES.many and self._explained(push) >= PUSHES.one_course
+        if judged.size and judged.mean() < PUSHES.judged and not alike:
             return False
         if more:
             return True

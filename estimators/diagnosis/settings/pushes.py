@@ -47,6 +47,10 @@ class PushSettings:
     explained: float = setting(0.6, "of squared errors in and around it",
         "that the course of what one joint alone felt explains",
         "higher misses hits that rebound; lower takes vibration for hits")
+    many: int = setting(3, "joints", "that feel a push over the start or end of a motion",
+        "more miss pushes there; fewer take friction for them")
+    one_course: float = setting(0.9, "of squared errors in and around it",
+        "that their common course explains", "as above")
     outstanding: float = setting(3.0, "times the next", "evidence of what one joint alone felt",
         "higher misses hits that one joint feels; lower takes friction and sensors for hits")
     steady: float = setting(1.0, "s", "that this joint moved on, or the arm rested, before",

@@ -74,6 +74,22 @@ def test_a_push_is_found_though_a_joint_that_feels_it_turns_meanwhile() -> None:
     assert (found.start, found.end) == pytest.approx((start, end), abs=0.1)
 
 
+@pytest.mark.parametrize("joints", [(0, 1, 3), (0, 3)])
+def test_a_push_while_an_arm_comes_to_rest_is_one_if_many_joints_feel_it(joints) -> None:
+    """Friction does as much to one joint or two there."""
+    o = paused()
+    residual, time = o.residual.copy(), o.slow.time
+    within = np.clip((time - 13.4) / 1.8, 0.0, 1.0)
+    residual[:, list(joints)] += 2.0 * np.sin(np.pi * within)[:, None]
+
+    found = [(push.joints, push.start, push.end) for push in pushes(o, residual)]
+
+    if len(joints) > 2:
+        assert found == [(joints, pytest.approx(13.4, abs=0.1), pytest.approx(15.2, abs=0.1))]
+    else:
+        assert found == []
+
+
 @pytest.mark.slow("looks for pushes in a minute")
 def test_what_recurs_is_no_push() -> None:
     o = observed()
