@@ -226,7 +226,8 @@ def _lasting(improved: Simulation, given: Simulation) -> Simulation:
     """Return the improved simulation without found effects that other recordings do not share."""
     stated = {effect.place for effect in given.effects}
     kept = tuple(item for item in improved.effects if item.lasts or item.place in stated)
-    return replace(improved, effects=kept)
+    # what was stated exactly, to prove a set, is tolerated as before
+    return replace(improved, effects=kept, tolerances=given.tolerances)
 
 
 @dataclass(frozen=True)

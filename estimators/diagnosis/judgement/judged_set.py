@@ -20,7 +20,7 @@ from estimators.diagnosis.judgement.judgement import (
     worse_at,
 )
 from estimators.diagnosis.judgement.ordinary import beyond_siblings, to_identify
-from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -94,7 +94,8 @@ class JudgedSet:
             judged = JudgedSet.of(problem, fitted(problem, fewer, judged.solution.noise))
         some = [one for one in tried if one.named]  # nothing is, unless the arm is surely better
         best = max(some, key=JudgedSet._gain, default=judged)
-        if not judged._harmed:
+        moved = judged.solution.members or judged.problem is self.problem
+        if moved and not judged._harmed:
             return (judged if 2 * judged._gain() >= best._gain() else best), False
         if some:
             return best, False
@@ -154,8 +155,17 @@ class JudgedSet:
 
     @property
     def _harmed(self) -> tuple[int, ...]:
-        """Joints (0-based) whose motion held out is predicted clearly worse than before."""
-        return harmed(self.problem, self.proven, self.remaining)
+        """Joints (0-based) whose motion held out is predicted clearly worse than before.
+
+        Where all of it is surely predicted worse, those at which it is worse at all.
+        """
+        problem, rows = self.problem, self.problem.split.held_out
+        clearly = harmed(problem, self.proven, self.remaining)
+        given, scale = problem.observed.residual, np.maximum(self.remaining.floor, TINY)
+        lost = (self.proven**2 - given**2) / scale**2
+        if clearly or not surely_positive(lost, problem.observed, rows):
+            return clearly
+        return tuple(np.flatnonzero(rmse(self.proven, rows) > rmse(given, rows)).tolist())
 
     def _gain(self) -> float:
         """Return the parts of the squared errors on motion held out that are gone, summed up."""

@@ -325,7 +325,7 @@ def remarks(
         )
     if harmful:
         yield (
-            "What was found predicts held-out motion worse than the given simulation does, so "
+            "What was fitted predicts held-out motion worse than the given simulation does, so "
             "the written simulation is the given one. Do the recordings belong together?"
         )
     if passing:

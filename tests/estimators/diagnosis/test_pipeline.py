@@ -12,6 +12,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import limo_driver as limo
 from estimators.diagnosis import diagnose, pipeline
+from estimators.diagnosis.fitting.problem import fitted
+from estimators.diagnosis.judgement.judged_set import JudgedSet
 from estimators.diagnosis.residuals.pushes import Push
 from estimators.diagnosis.settings.residuals import HELD_OUT, ROWS
 from estimators.diagnosis.verdict import UNKNOWN
@@ -402,6 +404,15 @@ def test_a_joint_that_a_fit_harms_stays_as_stated_and_the_others_are_mended(give
     fit = found.verdict.fit
     assert fit.heldout_rmse_after[0] < 0.1 * fit.heldout_rmse_before[0]
     assert fit.heldout_rmse_after[1] < fit.heldout_rmse_before[1] + 0.5 * fit.noise_floor[1]
+
+
+def test_values_held_exact_to_prove_a_set_are_tolerated_as_before(given, monkeypatch):
+    def held(self):
+        problem = self.problem.with_stated_values()
+        return JudgedSet.of(problem, fitted(problem, (), self.solution.noise)), False
+
+    monkeypatch.setattr(JudgedSet, "harmless", held)
+    assert diagnose(given, [record(given, 0, 10.0)]).after.tolerances == given.tolerances
 
 
 @pytest.fixture(scope="module")

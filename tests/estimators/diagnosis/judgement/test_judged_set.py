@@ -49,3 +49,25 @@ def test_what_is_worse_than_ordinary_friction_gives_way_to_it(problem):
 def test_what_is_no_worse_stays(problem):
     ordinary = judged(problem, problem.base)
     assert ordinary.beyond_ordinary() is ordinary
+
+
+@pytest.fixture(scope="module")
+def right(arm, training_recording):
+    """A simulation that has nothing wrong, beside what it predicts and some noise."""
+    true, random = Simulation(str(arm)), np.random.default_rng(5)
+    torque = true.predict(training_recording)
+    noisy = replace(training_recording, torque=torque + 0.2 * random.standard_normal(torque.shape))
+    return RegressionProblem.of(Observations.of(true, [noisy], 10.0), quiet)
+
+
+@pytest.mark.parametrize("changed", [0.9, 0.97])
+def test_values_moved_where_they_are_surely_worse_stay_as_stated(right, changed):
+    """Also where that is too little to be clear at a joint, and without any member."""
+    observed, nothing = right.observed, fitted(right, (), noise_of_everything(right))
+    link = observed.simulation.model.link_names[0]
+    body = observed.simulation.model.inertials[link]
+    lighter = replace(body, mass=changed * body.mass)
+    moved = observed.beside(replace(observed.simulation, inertials={link: lighter}))
+    found, as_given = JudgedSet.beside_one(right, nothing, moved).harmless()
+    assert as_given
+    np.testing.assert_array_equal(found.proven, observed.residual)
