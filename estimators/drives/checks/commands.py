@@ -11,7 +11,7 @@ from estimators.drives.checks.frames import dropped_frames
 from estimators.drives.checks.led import led_away
 from estimators.drives.checks.likeness import correlation
 from estimators.drives.checks.steps import odd_steps
-from estimators.drives.checks.stuck import AT_REST, stuck
+from estimators.drives.checks.stuck import AT_REST, from_to, left_out_at_rest, resting_around, stuck
 from estimators.drives.checks.velocities import check_velocities, set_points_alone
 from estimators.drives.simulation.commanded import commanded_range
 from estimators.drives.simulation.free_run import commands_of
@@ -291,6 +291,7 @@ def _odd(recording: Recording, name: str) -> Iterator[str]:
             yield f"rows are missing: {text} ({name})"
     yield from dropped_frames(recording, name)
     for j in range(recording.n):
+        yield from left_out_at_rest(recording, j, name)
         yield from (
             list(_not_following(recording, j, name))
             or list(_led(recording, j, name))
@@ -312,11 +313,11 @@ def _led(recording: Recording, j: int, name: str) -> Iterator[str]:
 def _held(recording: Recording, j: int, name: str) -> Iterator[str]:
     """Yield that a joint is stuck though its command hardly swings, if it is."""
     command, position = commands_of(recording)[:, j], recording.position[:, j]
-    since, swing = stuck(recording.time, command, position)
+    since, until, swing = stuck(recording.time, command, position)
     if swing > 0.0:
         yield (
             f"joint {j + 1} is stalled: it rests while its command moves {swing:.2f} rad, more "
-            f"than friction lets it elsewhere ({name}, {since:.1f} s)"
+            f"than friction lets it elsewhere ({name}, {from_to(since, until)})"
         )
 
 
@@ -330,7 +331,8 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
         asked, did = command[part], position[part]
         error, moved = np.abs(asked - did), float(np.ptp(did))
         where = f"{name}, {time[start]:.1f} s"
-        if moved < AT_REST and float(error.min()) > span:
+        rests = from_to(*resting_around(time, position, part)) if moved < AT_REST else ""
+        if rests and float(error.min()) > span:
             if _left(command[: start + 1], position[: start + 1]):
                 yield (
                     f"joint {j + 1} moved away from its command and rests {error.mean():.2f} rad "
@@ -338,14 +340,15 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
                 )
             else:
                 yield (
-                    f"joint {j + 1} is stalled {error.mean():.2f} rad from its command ({where})"
+                    f"joint {j + 1} is stalled {error.mean():.2f} rad from its command "
+                    f"({name}, {rests})"
                 )
             return
         told = float(np.ptp(asked[: rows // 2]))  # later ones may not have come into force
-        if moved < AT_REST and told > span:
+        if rests and told > span:
             yield (
                 f"joint {j + 1} is stalled: it rests while its command moves {told:.2f} rad "
-                f"({where})"
+                f"({name}, {rests})"
             )
             return
         if np.ptp(asked) == 0 and np.ptp(command[max(0, start - rows) : start + rows]) == 0:

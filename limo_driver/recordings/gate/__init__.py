@@ -2,6 +2,7 @@
 
 from limo_driver.recordings.gate.doubts import about_gaps
 from limo_driver.recordings.gate.gaps import LONGEST_STEP, LONGEST_STEP_PERIODS, contiguous
+from limo_driver.recordings.gate.held_values import held_reason
 from limo_driver.recordings.gate.left_out import LeftOut, UsableRows
 from limo_driver.recordings.gate.rows import (
     SYSTEMATIC,
@@ -20,6 +21,7 @@ __all__ = [
     "UsableRows",
     "about_gaps",
     "contiguous",
+    "held_reason",
     "inspect",
     "inspect_by_joint",
     "inspect_commands",

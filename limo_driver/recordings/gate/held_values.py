@@ -99,6 +99,15 @@ def held_position(
     return held
 
 
+def held_reason(j: int) -> str:
+    """Return why rows are left out in which a joint's position is held.
+
+    Args:
+        j: The joint, 0-based.
+    """
+    return f"position_{j + 1} repeats a value while the joint moves"
+
+
 def _rests(time: FloatArray, command: FloatArray, first: int, stop: int) -> bool:
     """Say whether a joint is told to rest over a stretch of rows, but at its end."""
     last = int(np.searchsorted(time, time[stop] - LATEST, "right"))

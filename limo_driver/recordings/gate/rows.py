@@ -16,7 +16,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import POSITION, VELOCITY, by_channel, led_by
 from limo_driver.recordings.gate.doubts import STILL, doubts_about_rows
 from limo_driver.recordings.gate.gaps import contiguous, longest_step
-from limo_driver.recordings.gate.held_values import held_position, held_torque
+from limo_driver.recordings.gate.held_values import held_position, held_reason, held_torque
 from limo_driver.recordings.gate.left_out import LeftOut, UsableRows
 from limo_driver.recordings.gate.velocities import swept, velocity_factors
 from limo_driver.recordings.recorded_time import RATES, unit_of
@@ -347,7 +347,7 @@ class _Gate:
         led = led_by(POSITION, self.columns.led)
         command = self.columns.command
         return {
-            f"position_{j + 1} repeats a value while the joint moves": self.rows[
+            held_reason(j): self.rows[
                 held_position(
                     self.time,
                     position,

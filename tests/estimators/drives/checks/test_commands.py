@@ -94,6 +94,36 @@ def test_a_stalled_servo_is_told():
     assert said.startswith("joint 2 is stalled")
 
 
+@pytest.mark.parametrize("lasting", [1.0, 3.0])
+@pytest.mark.parametrize("size", [0.3, 1.0])
+def test_a_servo_that_stalls_and_is_let_go_is_told_with_its_times(lasting, size):
+    command = size * COMMAND
+    position = followed(command)
+    rows = slice(365, 365 + round(50.0 * lasting))
+    position[rows, 1] = position[rows.start, 1]
+    back = slice(rows.stop, rows.stop + 8)  # how fast it returns
+    share = np.linspace(0.0, 1.0, 8)
+    position[back, 1] = (1.0 - share) * position[rows.start, 1] + share * position[back, 1]
+
+    (said,) = check_commands([recorded(TIME, command, position)])
+
+    assert said.startswith("joint 2 is stalled: it rests while its command moves")
+    assert f"7.3 s to {7.3 + lasting:.1f} s" in said
+
+
+def test_a_joint_that_rests_against_its_command_until_it_jumps_is_told_with_its_times():
+    position = followed(COMMAND)
+    position[365:440, 1] = position[365, 1]
+
+    recording = recorded(TIME, COMMAND, position)
+    said = check_commands([recording])
+
+    assert [len(item.rows) for item in recording.left_out] == [74]
+    (told,) = [text for text in said if text.startswith("joint 2")]
+    assert told.startswith("joint 2 is stalled, or its encoder hangs")
+    assert "7.3 s to 8.8 s" in told
+
+
 def test_a_servo_without_torque_is_told():
     command, position = COMMAND.copy(), followed(COMMAND)
     command[600:] = command[600]
