@@ -7,7 +7,7 @@ import re
 from typing import TYPE_CHECKING, Final, cast
 
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import LINK_INERTIA, of_several
+from estimators.diagnosis.wording import LINK_INERTIA, listed, of_joints, of_several
 from limo_driver.physics import (
     AsymmetricFriction,
     CoulombFriction,
@@ -44,6 +44,14 @@ _SMALLEST: Final = 1e-12  # half width of an interval below which it has none
 _PUSHES: Final = 2  # whose times are said
 _SURE: Final = 0.5  # confidence of a name that is worth a place beside others
 
+_AMOUNTS: Final = {  # of drives, the one value that is off, as roboticists call it
+    "position_servo": "P gain",
+    "velocity_servo": "velocity gain",
+    "torque_drive": "torque gain",
+    "integral_gain": "I gain",
+    "drive_delay": "delay",
+}
+
 
 def headline(verdict: Verdict) -> str:
     """Say what was found, where, how much, and how sure the values are.
@@ -68,6 +76,12 @@ def headline(verdict: Verdict) -> str:
     tried += [[*short[:k], f"{count - k} more below", *unknown] for k in range(count - 1, 0, -1)]
     texts = [_sentence(parts) for parts in tried]
     return next((text for text in texts if len(text) <= MOST), texts[-1])
+
+
+def named(item: Finding) -> str:
+    """Name what a finding is of: an effect, or the value of a drive that is off."""
+    amount = _AMOUNTS.get(item.effect) if item.kind == "wrong_parameter" else None
+    return amount or spoken(item.effect)
 
 
 def place_of(item: Finding, n: int) -> str:
@@ -177,7 +191,9 @@ def _said(group: Sequence[Finding], n: int, *, values: bool) -> str:
         return _pushed(first)
     if _is_friction(first) and len({item.effect for item in group}) > 1:
         return f"friction of {of_several(joints, n)} was not in the simulation"
-    name = spoken(first.effect)
+    name = named(first)
+    if values and (differ := _against_stated(group, n)):
+        return f"{name} of {differ}"
     if len(group) > 1:
         return f"{_wrong(first)}{name} of {of_several(joints, n)}"
     place = place_of(first, n)
@@ -189,6 +205,23 @@ def _said(group: Sequence[Finding], n: int, *, values: bool) -> str:
         should = f": {quantity(known)} fits" if known else ""
         return f"wrong {name} {at}{should}"
     return f"{name}{f' of {quantity(known)}' if known else ''} {at}"
+
+
+def _against_stated(group: Sequence[Finding], n: int) -> str:
+    """Say which values fit joints, and which are stated; nothing where one is not known."""
+    pairs = [(known, known.stated) for item in group if (known := _main(item))]
+    stated = [f"{value:.4g}" for _, value in pairs if value is not None]
+    joints = [j for item in group for j in item.joints]
+    if not len(stated) == len(group) == len(joints):
+        return ""
+    if len(group) == 1:
+        fits = quantity(pairs[0][0])
+    else:
+        values = listed([f"{known.value:.3g}" for known, _ in pairs])
+        fits = values + _unit(pairs[0][0].unit)
+    same = list(dict.fromkeys(stated))
+    of = of_several(joints, n) if joints == sorted(joints) else of_joints(joints)
+    return f"{of} is {fits}, not the stated {listed(same if len(same) == 1 else stated)}"
 
 
 def _wrong(item: Finding) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from estimators.diagnosis.headline import (
     give_or_take,
     headline,
+    named,
     place_of,
     several,
     values_of,
@@ -117,7 +118,7 @@ def coverage(verdict: Verdict) -> str:
 
 def _said(item: Finding, n: int) -> list[str]:
     """Return name and place, values, evidence and confidence of a finding."""
-    name = "something unknown" if item.effect == UNKNOWN else spoken(item.effect)
+    name = "something unknown" if item.effect == UNKNOWN else named(item)
     values = values_of(item) if item.effect != CONTACT else ""
     same = ", ".join(spoken(other) for other in item.equivalent)
     sure = f"confidence {100 * item.confidence:.0f} %"

@@ -41,6 +41,7 @@ class Interval:
     value: Value
     unit: str
     ci95: tuple[Any, ...] | None = None  # (lower, upper), or one pair per entry; None for texts
+    stated: float | None = None  # what the simulation has, of which the value is beyond tolerances
 
 
 @dataclass(frozen=True)
@@ -203,6 +204,10 @@ class Verdict:
     def as_values(self) -> dict[str, Any]:
         """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""
         content = _plain(asdict(self))
+        for item in (*content["findings"], *content["identified"]):
+            for known in item["parameters"].values():
+                if known["stated"] is None:
+                    del known["stated"]
         content["unexplained"]["joints"] = list(self.unexplained.joints)
         for name in _WITHOUT_TORQUE:
             if not content["fit"][name]:

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.headline import quantity_of
+from estimators.diagnosis.headline import named, quantity_of
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.diagnosis.wording import is_of_bodies, names_of
 from limo_driver.pages.arm import Ghost, Pin, PlayedMotion, PushArrow, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.markup import grid
-from limo_driver.physics import Payload, spoken
+from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -142,7 +142,7 @@ def pins(findings: Sequence[Finding]) -> tuple[Pin, ...]:
     """Return one text for each joint that has findings, and one for the flange."""
     at: dict[int | None, list[tuple[str, str, int]]] = {}
     for number, item in enumerate(findings, start=1):
-        name = "something unknown" if item.effect == UNKNOWN else spoken(item.effect)
+        name = "something unknown" if item.effect == UNKNOWN else named(item)
         name = "pushes" if item.effect == CONTACT else name
         for place in _places(item):
             at.setdefault(place, []).append((name, quantity_of(item), number))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.headline import place_of, quantity_of, to_interval
+from estimators.diagnosis.headline import named, place_of, quantity_of, to_interval
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
 from estimators.diagnosis.wording import is_of_bodies, rounded
 from limo_driver.pages.markup import (
@@ -76,7 +76,10 @@ def _at_a_glance(verdict: Verdict) -> str:
 
 
 def _named(item: Finding) -> str:
-    return "Something unknown" if item.effect == UNKNOWN else spoken(item.effect).capitalize()
+    if item.effect == UNKNOWN:
+        return "Something unknown"
+    name = named(item)
+    return f"{name[:1].upper()}{name[1:]}"
 
 
 def _card(

@@ -132,7 +132,9 @@ def findings_of(
                 joints=(j + 1,),
                 equivalent=("asymmetric_friction",) if effect == "torque_offset" else (),
                 confidence=confidence,
-                parameters=parameters_of(fit, units),
+                parameters=_beside_stated(
+                    parameters_of(fit, units), stated_value(effect, nominal[j], units, extra=extra)
+                ),
                 where=Where(),
                 share=lost,
                 heldout_rmse=BeforeAfter(tuple(rmse[0].tolist()), tuple(rmse[1].tolist())),
@@ -178,6 +180,29 @@ def _is_wrong(
     return False
 
 
+def stated_value(
+    effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool
+) -> float | None:
+    """Return what is stated of the first of an effect's values; None where nobody has stated one.
+
+    Args:
+        effect: Its name.
+        nominal: The stated constants of its joint.
+        units: Of the constants that are its values.
+        extra: Whether it is beyond what every joint has.
+    """
+    value = value_in(_without(nominal, nominal, effect, units), next(iter(units)))
+    return None if extra or value == 0.0 or not np.isfinite(value) else value
+
+
+def _beside_stated(known: dict[str, Interval], stated: float | None) -> dict[str, Interval]:
+    """Return values of an effect with what is stated of the first."""
+    if stated is None:
+        return known
+    first = next(iter(known))
+    return known | {first: replace(known[first], stated=stated)}
+
+
 def as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool) -> str:
     """Say what a finding is compared with; nobody has stated what is none.
 
@@ -188,8 +213,8 @@ def as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra:
         extra: Whether it is beyond what every joint has.
     """
     name, unit = next(iter(units.items()))
-    value = value_in(_without(nominal, nominal, effect, units), name)
-    if extra or value == 0.0 or not np.isfinite(value):
+    value = stated_value(effect, nominal, units, extra=extra)
+    if value is None:
         return "without it"
     size = f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
     return f"with {_SPOKEN[name]} of {size}{_parts(nominal, name)}, as stated"

@@ -73,7 +73,7 @@ def _parameters(one: Suspect, arm: StatedArm, zero: float) -> dict[str, Interval
         }
     if one.effect == "encoder_offset":
         offset, (low, high) = of(one.names[0])
-        return {"offset": Interval(zero + offset, "rad", (zero + low, zero + high))}
+        return {"offset": Interval(zero + offset, "rad", (zero + low, zero + high), zero or None)}
     if one.effect == "supply_sag":
         sag, interval = of("sag")
         return {"sag": Interval(sag, "1", interval)}

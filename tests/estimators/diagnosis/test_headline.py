@@ -75,6 +75,32 @@ def test_a_wrong_value_is_said_with_the_one_that_fits():
     )
 
 
+def gain(joint, fits, stated):
+    kp = Interval(fits, "N m/rad", (fits - 0.4, fits + 0.4), stated)
+    return finding("position_servo", (joint,), "wrong_parameter", kp=kp)
+
+
+def test_a_gain_that_is_off_is_said_beside_the_stated_one():
+    assert headline(verdict(gain(2, 23.3, 25.0))) == (
+        "P gain of joint 2 is 23.30 N m/rad [22.90, 23.70], not the stated 25."
+    )
+    assert headline(verdict(gain(2, 23.3, 25.0), gain(4, 31.0, 25.0))) == (
+        "P gain of joints 2, 4 is 23.3 and 31 N m/rad, not the stated 25."
+    )
+
+
+def test_a_gain_that_nobody_stated_is_said_alone():
+    assert headline(verdict(gain(2, 23.3, None))) == (
+        "Wrong P gain at joint 2: 23.30 N m/rad [22.90, 23.70] fits."
+    )
+
+
+def test_what_is_stated_stands_in_the_file_only_where_it_is_known():
+    (off, alone) = verdict(gain(2, 23.3, 25.0), gain(3, 2.0, None)).as_values()["findings"]
+    assert off["parameters"]["kp"]["stated"] == 25.0
+    assert "stated" not in alone["parameters"]["kp"]
+
+
 def test_values_go_before_findings_do_where_room_is_short():
     effects = ("payload", "torque_gain", "spring_load", "armature", "backlash", "torque_offset",
                "joint_elasticity", "torque_ripple", "encoder_offset")  # fmt: skip
