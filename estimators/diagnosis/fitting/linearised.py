@@ -3,12 +3,12 @@
 The numbers of what was found are free, settings that shape it among them, and everything else may
 move within its tolerance. One such sum takes a fit to its end, by Gauss-Newton, and gives the
 covariance of the numbers. Where errors are not what the noise model says, scores show it, summed
-over blocks of time and over joints: physics that nobody knows errs alike at its joint for as long
-as the arm moves, and shows where joints disagree about what loads them all, such as a payload's
-mass. The largest of the three variances counts.
+over blocks of time. And physics that nobody knows errs alike at its joint for as long as the arm
+moves: it shows where joints disagree about what loads them all, such as a payload's mass, which is
+then as much less sure as measurements are that disagree.
 
-Sources: White, "Maximum likelihood estimation of misspecified models", Econometrica 1982; Liang and
-Zeger, "Longitudinal data analysis using generalized linear models", Biometrika 1986.
+Sources: White, "Maximum likelihood estimation of misspecified models", Econometrica 1982; Birge,
+"The calculation of errors by the method of least squares", Physical Review 40, 1932.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import chi2
 
 from estimators.diagnosis.fitting.entries import entries_of, found_in, possible, sides
 from estimators.diagnosis.hypotheses.improvement import Improvement, beyond
@@ -178,52 +179,79 @@ class Linearised:
     def covariance(self) -> FloatArray:
         """Return the covariance of all coefficients (c, c), were errors as the noise model says."""
         prior = joined(self.known, *self.own)
-        inverse, *_ = self._information(prior)
+        gram = _Information.of(self.observed, self.columns, prior).gram.sum(axis=0)
+        inverse = np.asarray(np.linalg.inv(gram + np.eye(len(gram))), dtype=float)
         return inverse * np.outer(prior.deviation, prior.deviation)
 
     def _variance(self) -> FloatArray:
         """Return the variance of each coefficient, in its own unit squared.
 
         The largest of those that errors have by the noise model, by their scores over blocks of
-        time, and by those of joints, of which there are so few that their number less one counts.
+        time, and, of what several joints show, by how far these disagree.
         """
         prior = joined(self.known, *self.own)
-        inverse, of_blocks, of_joints = self._information(prior)
-        joints = int(self.observed.moving.any(axis=0).sum())
-        few = joints / max(joints - 1, 1)
-        variance = np.diag(inverse)
-        for scores, times in ((of_blocks, 1.0), (of_joints, few)):
-            spread = inverse @ (times * scores.T @ scores + np.eye(len(inverse))) @ inverse
-            variance = np.maximum(variance, np.diag(spread))
-        return variance * prior.deviation**2
+        size = prior.index.size
+        known = _Information.of(self.observed, self.columns, prior)
+        inverse = np.asarray(np.linalg.inv(known.gram.sum(axis=0) + np.eye(size)), dtype=float)
+        best = inverse @ known.product.sum(axis=0)  # scores count where their sum is none
+        scores = known.scores(best, _blocks(self.observed))
+        spread = inverse @ (scores.T @ scores + np.eye(size)) @ inverse
+        several = (np.diagonal(known.gram, axis1=1, axis2=2) > 0).sum(axis=0) > 1
+        widened = np.where(several, known.disagreement(inverse, best), 1.0) * np.diag(inverse)
+        return np.maximum(widened, np.diag(spread)) * prior.deviation**2
 
-    def _information(self, prior: Prior) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return covariance (c, c) and scores, in units of the prior deviations.
 
-        Scores are of blocks of time, (blocks, c), and of joints, (n, c).
-        """
-        observed, use = self.observed, self.observed.moving
-        s, size = prior.deviation, prior.index.size
+@dataclass(frozen=True)
+class _Information:
+    """What each joint tells of c coefficients, in units of their prior deviations."""
+
+    gram: FloatArray  # (n, c, c)
+    product: FloatArray  # (n, c)
+    white: tuple[tuple[NDArray[np.bool_], NDArray[np.int64], FloatArray, FloatArray], ...]
+    # of each joint: rows (K,), which coefficients, their columns on those rows, the residual there
+
+    @classmethod
+    def of(cls, observed: Observations, columns: ColumnTable, prior: Prior) -> _Information:
+        use, size = observed.moving, prior.index.size
         noise = Noise.of(observed.residual, use, observed.segment, observed.least_noise)
-        white: list[tuple[NDArray[np.int64], FloatArray, FloatArray]] = []
-        gram, product = np.eye(size), np.zeros(size)
+        gram, product = np.zeros((observed.n, size, size)), np.zeros((observed.n, size))
+        white: list[tuple[NDArray[np.bool_], NDArray[np.int64], FloatArray, FloatArray]] = []
         for joint in range(observed.n):
-            values, at = self.columns.of_joint(joint)
-            own = noise.whiten(values, joint, use[:, joint]) * s[at]
-            y = noise.whiten(observed.residual[:, joint], joint, use[:, joint])
-            gram[np.ix_(at, at)] += own.T @ own
-            product[at] += own.T @ y
-            white.append((at, own, y))
-        inverse = np.asarray(np.linalg.inv(gram), dtype=float)
-        best = inverse @ product  # scores count where their sum is none
-        block = _blocks(observed)
-        of_blocks = np.zeros((int(block.max()) + 1, size))
-        of_joints = np.zeros((observed.n, size))
-        for joint, (at, own, y) in enumerate(white):
-            scores = own * (y - own @ best[at])[:, None]
-            np.add.at(of_blocks, np.ix_(block[use[:, joint]], at), scores)
-            of_joints[joint, at] = scores.sum(axis=0)
-        return inverse, of_blocks, of_joints
+            values, at = columns.of_joint(joint)
+            rows = use[:, joint]
+            own = noise.whiten(values, joint, rows) * prior.deviation[at]
+            y = noise.whiten(observed.residual[:, joint], joint, rows)
+            gram[joint][np.ix_(at, at)] = own.T @ own
+            product[joint, at] = own.T @ y
+            white.append((rows, at, own, y))
+        return cls(gram, product, tuple(white))
+
+    def scores(self, best: FloatArray, block: NDArray[np.int64]) -> FloatArray:
+        """Return scores beside coefficients (c,), summed over blocks of time, (blocks, c)."""
+        result = np.zeros((int(block.max()) + 1, best.size))
+        for rows, at, own, y in self.white:
+            np.add.at(result, np.ix_(block[rows], at), own * (y - own @ best[at])[:, None])
+        return result
+
+    def disagreement(self, inverse: FloatArray, best: FloatArray) -> float:
+        """Return how far joints disagree, over how far those that err by chance do; else 1.
+
+        That is what the fits would gain if each joint had coefficients of its own, over the
+        effective number of coefficients that this would add; 1 where chance may bring as much.
+
+        Args:
+            inverse: Covariance (c, c) of all joints together.
+            best: Coefficients (c,) of all joints together.
+        """
+        gained = added = 0.0
+        for gram, product in zip(self.gram, self.product, strict=True):
+            own = np.linalg.inv(gram + np.eye(best.size))
+            off = product - gram @ best
+            gained += float(off @ own @ off)
+            added += float(np.sum(gram * own))
+        added -= float(np.sum(self.gram.sum(axis=0) * inverse))
+        by_chance = float(chi2.ppf(NEWTON.disagree, max(added, 1.0)))
+        return gained / added if gained > by_chance else 1.0
 
 
 def polished(

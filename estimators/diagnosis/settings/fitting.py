@@ -71,6 +71,9 @@ class NewtonSettings:
         "more cost time; fewer give up where a full step is too far")
     derivative: float = setting(1e-3, "prior deviations", "step of derivatives",
         "larger is less linear; smaller loses digits")
+    disagree: float = setting(0.95, "of a chi-square distribution",
+        "that joints have to disagree beyond before intervals of what loads them all widen",
+        "higher trusts joints that disagree; lower widens intervals by chance")
 
 
 NEWTON = NewtonSettings()

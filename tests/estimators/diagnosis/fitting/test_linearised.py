@@ -266,6 +266,17 @@ def test_intervals_are_those_of_the_best_fit_where_a_simulation_is_not_quite_it(
     np.testing.assert_allclose(off, best, rtol=0.15)
 
 
+def test_what_joints_disagree_about_is_less_sure(given):
+    """A gain of one joint that nobody knows: its load is another than the other joint has."""
+    load = Payload(mass=0.3, com=(0.1, 0.0, 0.0), inertia=(0.005, 0.0, 0.0, 0.005, 0.0, 0.01))
+    with_load = plus(given, load)
+    alike, torn = (
+        half_widths(observe(true, given).beside(with_load), "payload", 2, "mass")
+        for true in (with_load, plus(with_load, TorqueGain(joint=2, gain=0.04)))
+    )
+    assert (torn > 1.5 * alike).all()
+
+
 def test_a_wrong_body_has_its_mass_with_an_interval(given):
     body = given.model.inertials["lower"]
     true = replace(given, inertials={"lower": replace(body, mass=1.3 * body.mass)})
