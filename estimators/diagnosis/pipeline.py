@@ -36,7 +36,7 @@ from estimators.diagnosis.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
 from estimators.diagnosis.residuals.pushes import covered, overlap, pushes
-from estimators.diagnosis.residuals.usable_joints import without_load
+from estimators.diagnosis.residuals.usable_joints import left_out
 from estimators.diagnosis.result import Diagnosis, Traces
 from estimators.diagnosis.settings.pushes import ROUNDS
 from estimators.diagnosis.stages import Attempts, Budget, Progress, forward, quiet
@@ -68,7 +68,7 @@ def observe(
     every = [recording.by_joint() for recording in recordings]  # one bad channel costs its joint
     observed = Observations.of(simulation, every, bandwidth)
     check_plausible(observed)
-    return observed.without_torque_of(without_load(observed))
+    return observed.without_torque_of(left_out(observed))
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.residuals.mistakes import RowSample, dry_and_viscous, without_friction
+from estimators.diagnosis.residuals.usable_joints import without_effort
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY
 from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain
 
@@ -90,6 +91,7 @@ def strange_load(observed: Observations, sample: RowSample) -> str:
     wrong, which a diagnosis finds.
     """
     foreign, following = by_load(sample)
+    foreign = np.setdiff1d(foreign, without_effort(observed))  # left out by name
     if foreign.size < 2 or following.size > 1:  # noqa: PLR2004  # one of each may be by chance
         return ""
     if (BodyFit.of(sample).misfit(slice(None))[foreign] < PLAUSIBILITY.fits).all():

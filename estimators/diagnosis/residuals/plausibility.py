@@ -27,6 +27,7 @@ from estimators.diagnosis.residuals.torque_unit import other_unit
 from estimators.diagnosis.residuals.usable_joints import (
     doubtful_encoders,
     holds_still,
+    left_out,
     sizes,
     still,
     without_load,
@@ -171,8 +172,8 @@ def notes_on(observed: Observations, doubts: Sequence[str] | None = None) -> tup
         warnings.append(
             f"{where} {is_} left out: no torque is measured there, {values} N m in all rows."
         )
-    left_out = {*silent, *without_load(observed)}
-    motionless = [j for j in still(observed) if j not in left_out]
+    without = {*silent, *left_out(observed)}
+    motionless = [j for j in still(observed) if j not in without]
     if not motionless:
         return tuple(warnings)
     joints = ", ".join(str(j + 1) for j in motionless)
@@ -227,15 +228,15 @@ def _check_motion(observed: Observations) -> None:
 def _weightless_in(observed: Observations) -> list[str]:
     """Ask of each joint whose torque is small beside its load why, and say what becomes of it."""
     load, torque = sizes(observed)
-    slides, left_out = observed.simulation.model.sliding, without_load(observed)
+    slides, without = observed.simulation.model.sliding, left_out(observed)
     told: list[str] = []
     for j in without_load(observed, PLAUSIBILITY.light):
         question = (
             f"its torque is {torque[j]:.3g} {'N' if slides[j] else 'N m'} where its load asks for "
-            f"{load[j]:.3g} (root mean squares). Is it in another unit, or does something balance "
-            "the load?"
+            f"{load[j]:.3g} (root mean squares). Is it in another unit, does something balance the "
+            "load, or has the drive no power?"
         )
-        if j in left_out:
+        if j in without:
             told.append(f"Joint {j + 1} is left out: {question}")
         else:
             told.append(f"Joint {j + 1}: {question} Taken as it is, it bends the bodies.")

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.residuals.mistakes import constant_joints
+from estimators.diagnosis.residuals.mistakes import constant_joints, dry_and_viscous
 from estimators.diagnosis.residuals.noise import roughness
-from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY
+from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.recordings import WEIGHTLESS
 
 if TYPE_CHECKING:
@@ -63,6 +63,36 @@ def without_load(observed: Observations, least: float = WEIGHTLESS) -> tuple[int
     light = np.flatnonzero(torque < least * load)
     silent = without_torque(observed)
     return tuple(j for j in light.tolist() if j not in silent)
+
+
+def without_effort(observed: Observations) -> tuple[int, ...]:
+    """Return the joints (0-based) whose small torque nothing of their motion explains.
+
+    A drive without power, whose joint others or hands move, shows noise about an offset: neither
+    the load nor what may balance it in part, and no friction, which a torque that is measured has.
+    """
+    load, torque = sizes(observed)
+    # whether its torque counts by now or not: `observed.faster` is of those that do
+    fast = np.abs(observed.slow.velocity) > ROWS.rest * observed.sign_width
+    found = list[int]()
+    for j in np.flatnonzero(torque < PLAUSIBILITY.light * load).tolist():
+        use = np.flatnonzero(fast[:, j])
+        if use.size < MISTAKES.least_moving:
+            continue
+        motion, own = observed.slow[use], observed.measured[use, j]
+        friction = dry_and_viscous(motion.velocity[:, j])
+        its_load = observed.load[observed.kept][use, j]
+        columns = np.column_stack([np.ones(own.size), motion.position[:, j], its_load, friction])
+        left = own - columns @ np.linalg.lstsq(columns, own, rcond=None)[0]
+        unexplained = np.sum(left**2) / (own.size - columns.shape[1])
+        if unexplained > PLAUSIBILITY.idle**2 * np.var(own):
+            found.append(j)
+    return tuple(found)
+
+
+def left_out(observed: Observations) -> tuple[int, ...]:
+    """Return the joints (0-based) whose torque is measured, and tells nothing of them."""
+    return tuple(sorted({*without_load(observed), *without_effort(observed)}))
 
 
 def sizes(observed: Observations) -> tuple[FloatArray, FloatArray]:

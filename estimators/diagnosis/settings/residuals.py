@@ -161,6 +161,10 @@ class PlausibilitySettings:
     light: float = setting(0.2, "of the load", "below which a torque is asked about",
         "higher asks about balanced joints; lower lets another unit bend the bodies",
         chosen="0.55 and more on the arms of the real recordings")
+    idle: float = setting(0.7, "of a small torque",
+        "that neither load nor friction explains where a drive has no power",
+        "higher takes noise for torque; lower leaves out joints that are balanced",
+        chosen="0.80 and 0.94 at two joints of small drives without power")
     alive: float = setting(3.0, "noise floors",
         "of torque on a joint that does not move, beyond its load",
         "lower doubts encoders for noise; higher misses stuck ones")
