@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.drives.fitting.constants import value_in, with_values
+from estimators.drives.fitting.constants import DAMPING, value_in, with_values
 from estimators.drives.fitting.joint import errors, fit_joint
 from estimators.drives.fitting.limits import most_of
 from estimators.drives.fitting.starts import nearer_start, regressed, typical_start
@@ -37,6 +37,8 @@ _JUDGED: Final = 3  # recordings at most
 _TRIED: Final = 50  # delays, of torques
 _REACHED: Final = 0.7  # of the torque that a servo without limit would have, tried as its limit
 _HELD: Final = 0.1  # dry friction by load, tried with it
+_OF_ONE_SIZE: Final = 2.0  # times the least, that lags of joints differ if they have one cause
+_OF_THAT: Final = 0.1  # of such a lag, a delay that is none beside it
 _NONE: Final = 1e-3  # [s], a delay that is none
 
 
@@ -53,7 +55,8 @@ def check_timing(simulation: Simulation, recordings: Sequence[Recording]) -> tup
         recordings: With commands.
 
     Returns:
-        A sentence, if no joint of that recording has a delay although one is stated.
+        A sentence, if no joint of that recording has a delay although one is stated, or lags by as
+        much as its stated damping makes it.
 
     Raises:
         RecordingError: Joints follow commands of later rows.
@@ -61,23 +64,48 @@ def check_timing(simulation: Simulation, recordings: Sequence[Recording]) -> tup
     first = busiest(recordings)
     others = (each for each in recordings if each is not first and _seems_early(each))
     judged = [first, *others][:_JUDGED]
-    delays, *_ = [_judge(simulation, each) for each in judged]
+    (delays, short), *_ = [_judge(simulation, each) for each in judged]
     believed = float(np.median([value_in(row, "delay") for row in rows_of(simulation)]))
     if delays and max(delays) <= _NONE < believed:
         return (
             f"No joint has a delay, although {believed:.3g} s are stated: commands may be recorded "
             "later than they came into force, and damping found here is then too small.",
         )
-    return ()
+    return _about_lags(delays, short, 1.0 / first.rate)
 
 
-def _judge(simulation: Simulation, recording: Recording) -> list[float]:
-    """Return the delay of each joint that moves and has a servo [s], or refuse the recording."""
+def _about_lags(delays: Sequence[float], short: Sequence[float], period: float) -> tuple[str, ...]:
+    """Say by how much commands came late that damping over gain hides.
+
+    It lets each joint lag as a delay does, and less of it looks like a delay below zero.
+
+    Args:
+        delays: Of each joint [s].
+        short: By how much each lags less than stated, by damping over gain [s].
+        period: Of the rows [s].
+    """
+    least = min(short, default=0.0)
+    if least <= period or max(short) > _OF_ONE_SIZE * least or max(delays) > _OF_THAT * least:
+        return ()
+    return (
+        f"No joint has a delay, and all follow their commands {np.median(short):.2g} s sooner than "
+        "damping over gain, as stated, lets them: commands may be recorded so much later than they "
+        "came into force, and damping found here is then too small.",
+    )
+
+
+def _judge(simulation: Simulation, recording: Recording) -> tuple[list[float], list[float]]:
+    """Return the delay of each joint that moves and has a servo, or refuse the recording.
+
+    Returns:
+        The delays [s]; and by how much joints lag less than stated, by damping over gain [s].
+    """
     stated, load = rows_of(simulation), ArmLoads(simulation.body, [recording])
     parts = load.parts(ArmChange.none(load.n))
     period = 1.0 / recording.rate
     ahead = (-period * np.arange(round(_FARTHEST / period) + 1)).tolist()
-    leads, gains, delays = list[float](), list[float](), list[float]()
+    leads, gains = list[float](), list[float]()
+    delays, short = list[float](), list[float]()
     for j in np.flatnonzero(np.ptp(recording.position, axis=0) > _MOVES).tolist():
         if stated[j, GAIN] > 0.0:
             lead, gain = _lead(parts[j], stated[j], ahead[:: max(1, len(ahead) // _TRIED)])
@@ -87,6 +115,7 @@ def _judge(simulation: Simulation, recording: Recording) -> list[float]:
         begun = nearer_start(parts[j], typical_start(stated[j]))
         fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
         delays.append(fit.value("delay"))
+        short.append(_damped(stated[j]) - _damped(fit.row))
         if delays[-1] > _NONE:
             leads.append(0.0)
             gains.append(1.0)
@@ -106,7 +135,13 @@ def _judge(simulation: Simulation, recording: Recording) -> list[float]:
             "follow them; expected the set-point in force at each row",
             path=recording.source or None,
         )
-    return delays
+    return delays, short
+
+
+def _damped(row: FloatArray) -> float:
+    """Return the lag of a servo by damping over gain [s]; one of velocity has none."""
+    gain = value_in(row, "kp")
+    return (value_in(row, "kd") + value_in(row, DAMPING)) / gain if gain > 0.0 else 0.0
 
 
 def _lead(

@@ -45,6 +45,35 @@ def test_a_delay_that_is_missing_is_told(stated, recording):
     assert said.startswith("No joint has a delay, although 0.02 s are stated")
 
 
+@pytest.fixture(scope="module")
+def damped(tmp_path_factory):
+    """Return an arm whose servos have no delay, and lag by a tenth of a second."""
+    path = write_arm(tmp_path_factory.mktemp("damped") / "arm.xml", kd=(4.5, 2.4))
+    return Simulation.load(path)
+
+
+@pytest.mark.parametrize("pace", [1.0, 2.0])
+@pytest.mark.parametrize(("late", "said"), [(0, ""), (2, "0.04"), (5, "0.1")])
+def test_lateness_that_damping_hides_is_told_where_no_delay_is_stated(damped, pace, late, said):
+    time, command = commands(10.0, RATE, pace)
+    swung = recorded(time, command, free_run(damped, recorded(time, command, command)))
+
+    told = check_timing(damped, [later(swung, late) if late else swung])
+
+    assert len(told) == bool(said)
+    assert all(f"follow their commands {said}" in text for text in told)
+
+
+@pytest.mark.parametrize("least", [0.3, 0.7])
+def test_damping_that_is_wrong_behind_servos_with_a_delay_is_no_lateness(damped, least):
+    drives = tuple(replace(d, kd=least * d.kd, delay=0.02) for d in damped.drives)
+    time, command = commands(10.0, RATE, 2.0)
+    arm = replace(damped, drives=drives)
+    swung = recorded(time, command, free_run(arm, recorded(time, command, command)))
+
+    assert check_timing(damped, [swung]) == ()
+
+
 def test_commands_later_than_what_they_cause_are_refused(stated, recording):
     with pytest.raises(RecordingError, match="or more later than the positions that follow them"):
         check_timing(stated, [later(recording, 10)])
