@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 
 from estimators.diagnosis.wording import likelier
 from estimators.drives.fitting.constants import LEAST
+from estimators.drives.fitting.identification import gives_scale
 from estimators.drives.fitting.joint import fit_joint
 from estimators.drives.fitting.starts import nearer_start, typical_start
 from estimators.drives.simulation.free_run import commands_of
@@ -140,7 +141,7 @@ def conventions_of(
     """
     rows = _rows(recordings, delay)
     load = np.abs(body.gravity_torque(rows.position)).max(axis=0)
-    loaded = np.flatnonzero(load > 0.05 * load.max())[:_MOST_SIGNS] if load.max() > 0 else []
+    loaded = np.flatnonzero(gives_scale(load))[:_MOST_SIGNS]
     joints = [int(j) for j in loaded if np.any(np.abs(rows.velocity[:, j]) > _MOVING)]
     described = Convention((1,) * body.n, (0.0,) * body.n)
     if not joints:

@@ -61,7 +61,10 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_LOADED: Final = 0.05  # of the largest load of the arm, from which on gravity gives a scale
+# Of the largest load of the arm, from which on gravity gives a joint's scale and tells its sign. A
+# smaller part lets friction and masses known to some percent pass for gravity; a larger one leaves
+# more joints with ratios alone.
+_LOADED: Final = 0.05
 _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
 _USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0, "kv": 1.5}  # of their logarithms

@@ -36,7 +36,9 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_LOADED: Final = 0.2  # of the arm's largest load, from which on a joint's gain is looked at
+# Of the arm's largest load, from which on a glance tells a joint's gain. More than gives a scale: a
+# short fit takes friction of a joint of little load for gain. Much more leaves one joint to judge.
+_WELL_LOADED: Final = 0.2
 _LEAST: Final = 1e-6  # [N m/rad, N m s/rad]
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
 _GLANCE: Final = 8  # evaluations
@@ -113,7 +115,9 @@ def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[
     weight = np.abs(body.gravity_torque(told.position)).max(axis=0)
     weight[commanded_range([told]) < MOVED] = 0.0
     weight[led_by(TORQUE, told.channels)] = 0.0
-    loaded = np.flatnonzero(weight > _LOADED * weight.max()) if weight.max() > 0 else np.array([])
+    loaded = (
+        np.flatnonzero(weight > _WELL_LOADED * weight.max()) if weight.max() > 0 else np.array([])
+    )
     if not loaded.size:
         return False
     loads = ArmLoads(body, [told])
