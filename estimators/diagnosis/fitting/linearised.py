@@ -250,8 +250,9 @@ class _Information:
             gained += float(off @ own @ off)
             added += float(np.sum(gram * own))
         added -= float(np.sum(self.gram.sum(axis=0) * inverse))
-        by_chance = float(chi2.ppf(NEWTON.disagree, max(added, 1.0)))
-        return gained / added if gained > by_chance else 1.0
+        if added < 1.0:  # no two joints show the same
+            return 1.0
+        return gained / added if gained > float(chi2.ppf(NEWTON.disagree, added)) else 1.0
 
 
 def polished(

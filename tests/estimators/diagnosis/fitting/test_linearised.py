@@ -277,6 +277,13 @@ def test_what_joints_disagree_about_is_less_sure(given):
     assert (torn > 1.5 * alike).all()
 
 
+def test_one_joint_disagrees_with_none():
+    """However far its values are from where they are known to be."""
+    gram, best = 9.0 * np.eye(2), np.array([4.0, -3.0])
+    information = linearised._Information(gram[None], (10.0 * best)[None], ())
+    assert information.disagreement(np.linalg.inv(gram + np.eye(2)), best) == 1.0
+
+
 def test_a_wrong_body_has_its_mass_with_an_interval(given):
     body = given.model.inertials["lower"]
     true = replace(given, inertials={"lower": replace(body, mass=1.3 * body.mass)})
