@@ -38,6 +38,7 @@ PLACES, BUMPS = (-2.0, -1.2, -0.8, 0.0, 0.6, 1.0, 2.0), (0.0, 0.5, 0.0, 0.6, 0.0
 J = 6  # has a neighbour to couple with, and is loaded by gravity
 BACKLASH = Backlash(joint=J, gap=1e-3)
 SLIP = PreslidingHysteresis(joint=J, stiffness=(100.0, 30.0), width=(0.003, 0.012))
+DRAGGED = Backlash(joint=J, gap=1e-3, drag=0.5)
 BY_LOAD = LoadDependentFriction(joint=J, coefficient=0.03, variant="absolute")
 BY_PLACE = PositionDependentFriction(joint=J, positions=PLACES, excess=BUMPS)
 BY_WARMTH = TemperatureDependentFriction(joint=J, excess=1.0, time_constant=60.0)
@@ -47,7 +48,7 @@ STRIBECK = StribeckFriction(joint=J, tau_s=0.5, v_s=0.03, delta=2.0)
 VISCOUS = ViscousFriction(joint=J, f_v=3.0)
 APART = [
     (BACKLASH, EncoderOffset(joint=J, offset=1e-3)),
-    (BACKLASH, SLIP),
+    (DRAGGED, SLIP),  # of a play that a link falls across, none of both shows
     (BY_LOAD, BY_PLACE),
     (BY_LOAD, BY_WARMTH),
     (BY_PLACE, BY_WARMTH),
