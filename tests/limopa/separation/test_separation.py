@@ -48,7 +48,7 @@ STRIBECK = StribeckFriction(joint=J, tau_s=0.5, v_s=0.03, delta=2.0)
 VISCOUS = ViscousFriction(joint=J, f_v=3.0)
 APART = [
     (BACKLASH, EncoderOffset(joint=J, offset=1e-3)),
-    (DRAGGED, SLIP),  # of a play that a link falls across, none of both shows
+    (DRAGGED, SLIP),  # play that a link falls across does not show in it
     (BY_LOAD, BY_PLACE),
     (BY_LOAD, BY_WARMTH),
     (BY_PLACE, BY_WARMTH),
