@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from limo_driver.physics.effect import Effect, JointMotion, Recorded
     from limo_driver.types import FloatArray
 
-GAPS = (2e-4, 6e-4, 2e-3, 6e-3, 0.02)  # [rad], of a play that is looked for
+GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
 DRAGGED_GAPS = (1e-4, 2.5e-4, 6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one with a drag
 MOST_DRAG = 1.5  # of the dry friction that is known, to its tolerance: a drag is a part of that
 _LIGHT = 1e-9  # [kg m²]
