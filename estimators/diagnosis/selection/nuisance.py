@@ -81,7 +81,7 @@ class Tolerated:
     @property
     def of_effect(self) -> bool:
         """Whether it is a size of an effect, of no body or sensor."""
-        return self.known is not None and not self.known.smooths
+        return self.known is not None and not self.smooths
 
 
 @dataclass(frozen=True)

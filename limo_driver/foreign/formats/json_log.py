@@ -57,10 +57,9 @@ def _parsed(path: Path) -> object:
         try:
             return json.loads(text)
         except json.JSONDecodeError as error:
-            lines = [line for line in text.splitlines() if line.strip()]
-            if error.msg != "Extra data" or len(lines) < 2:  # noqa: PLR2004
+            if error.msg != "Extra data":
                 raise
-            return [json.loads(line) for line in lines]
+            return list(_lines(text))
     except UnicodeDecodeError:
         raise RecordingError("is no text of UTF-8, as JSON is", path=path) from None
     except RecursionError:
@@ -69,6 +68,17 @@ def _parsed(path: Path) -> object:
         raise RecordingError(
             f"is no JSON at line {error.lineno}: {error.msg}; was it cut off?", path=path
         ) from None
+
+
+def _lines(text: str) -> Iterator[object]:
+    """Yield what each line holds that is not empty; an error tells the line of the file."""
+    for number, line in enumerate(text.splitlines(), 1):
+        if line.strip():
+            try:
+                yield json.loads(line)
+            except json.JSONDecodeError as error:
+                error.lineno = number
+                raise
 
 
 def _records_in(name: str, value: object, depth: int = 0) -> Iterator[tuple[str, list[Any]]]:

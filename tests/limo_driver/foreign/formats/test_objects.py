@@ -61,6 +61,8 @@ def test_what_records_hold_inside_is_named_by_both(log):
     ("content", "said"),
     [
         (json.dumps(RECORDS)[:-700], "is no JSON at line 1: .* was it cut off"),
+        ('{"t": 0, "q": 1}\n{"t": 1, "q": 2}\n{"t": 2, "q"', "is no JSON at line 3: "),
+        ('{"t": 0} {"t": 1}', "is no JSON at line 1: Extra data"),
         ([1.0, 2.0], "holds no records, expected"),
         ([{"q": 1.0}, {"q": "much"}], "its 2 records are not alike"),
         ("[" * 100_000, "nested far deeper than a log"),
