@@ -64,7 +64,8 @@ def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
     from estimators.diagnosis.fitting.foreseen import Foreseen
     from estimators.diagnosis.fitting.linearised import polished
     from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, improve
-    from estimators.diagnosis.fitting.solving import noise_left, noise_of_everything, refined
+    from estimators.diagnosis.fitting.settling import refined
+    from estimators.diagnosis.fitting.solving import noise_left, noise_of_everything
     from estimators.diagnosis.judgement.judged_set import places_of
     from estimators.diagnosis.pipeline import observe
     from estimators.diagnosis.residuals.observations import Observations

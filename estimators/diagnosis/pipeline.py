@@ -14,14 +14,14 @@ from estimators.diagnosis.fitting.contribution import left_by_tolerances
 from estimators.diagnosis.fitting.intervals import with_parameters
 from estimators.diagnosis.fitting.lateness import made_late
 from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
-from estimators.diagnosis.fitting.solving import (
+from estimators.diagnosis.fitting.settling import (
     curved,
     pruned,
     settled,
     settled_around,
-    solve,
     suspects,
 )
+from estimators.diagnosis.fitting.solving import solve
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
 from estimators.diagnosis.judgement.judged_set import JudgedSet
 from estimators.diagnosis.judgement.judgement import (

@@ -14,6 +14,7 @@ Sources: White, "Maximum likelihood estimation of misspecified models", Economet
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -179,8 +180,7 @@ class Linearised:
     def covariance(self) -> FloatArray:
         """Return the covariance of all coefficients (c, c), were errors as the noise model says."""
         prior = joined(self.known, *self.own)
-        gram = _Information.of(self.observed, self.columns, prior).gram.sum(axis=0)
-        inverse = np.asarray(np.linalg.inv(gram + np.eye(len(gram))), dtype=float)
+        inverse = _Information.of(self.observed, self.columns, prior).inverse
         return inverse * np.outer(prior.deviation, prior.deviation)
 
     def _variance(self) -> FloatArray:
@@ -190,14 +190,12 @@ class Linearised:
         time, and, of what several joints show, by how far these disagree.
         """
         prior = joined(self.known, *self.own)
-        size = prior.index.size
         known = _Information.of(self.observed, self.columns, prior)
-        inverse = np.asarray(np.linalg.inv(known.gram.sum(axis=0) + np.eye(size)), dtype=float)
-        best = inverse @ known.product.sum(axis=0)  # scores count where their sum is none
-        scores = known.scores(best, _blocks(self.observed))
-        spread = inverse @ (scores.T @ scores + np.eye(size)) @ inverse
+        inverse = known.inverse
+        scores = known.scores(_blocks(self.observed))
+        spread = inverse @ (scores.T @ scores + np.eye(len(inverse))) @ inverse
         several = (np.diagonal(known.gram, axis1=1, axis2=2) > 0).sum(axis=0) > 1
-        widened = np.where(several, known.disagreement(inverse, best), 1.0) * np.diag(inverse)
+        widened = np.where(several, known.disagreement(), 1.0) * np.diag(inverse)
         return np.maximum(widened, np.diag(spread)) * prior.deviation**2
 
 
@@ -226,30 +224,38 @@ class _Information:
             white.append((rows, at, own, y))
         return cls(gram, product, tuple(white))
 
-    def scores(self, best: FloatArray, block: NDArray[np.int64]) -> FloatArray:
-        """Return scores beside coefficients (c,), summed over blocks of time, (blocks, c)."""
-        result = np.zeros((int(block.max()) + 1, best.size))
+    @cached_property
+    def inverse(self) -> FloatArray:
+        """Covariance of the coefficients by all joints together, (c, c)."""
+        gram = self.gram.sum(axis=0)
+        return np.asarray(np.linalg.inv(gram + np.eye(len(gram))), dtype=float)
+
+    @cached_property
+    def best(self) -> FloatArray:
+        """Coefficients by all joints together, (c,): where scores, which count, sum to none."""
+        return self.inverse @ self.product.sum(axis=0)
+
+    def scores(self, block: NDArray[np.int64]) -> FloatArray:
+        """Return scores beside the best coefficients, summed over blocks of time, (blocks, c)."""
+        result = np.zeros((int(block.max()) + 1, self.best.size))
         for rows, at, own, y in self.white:
-            np.add.at(result, np.ix_(block[rows], at), own * (y - own @ best[at])[:, None])
+            errors = y - own @ self.best[at]
+            np.add.at(result, np.ix_(block[rows], at), own * errors[:, None])
         return result
 
-    def disagreement(self, inverse: FloatArray, best: FloatArray) -> float:
+    def disagreement(self) -> float:
         """Return how far joints disagree, over how far those that err by chance do; else 1.
 
         That is what the fits would gain if each joint had coefficients of its own, over the
         effective number of coefficients that this would add; 1 where chance may bring as much.
-
-        Args:
-            inverse: Covariance (c, c) of all joints together.
-            best: Coefficients (c,) of all joints together.
         """
         gained = added = 0.0
         for gram, product in zip(self.gram, self.product, strict=True):
-            own = np.linalg.inv(gram + np.eye(best.size))
-            off = product - gram @ best
+            own = np.linalg.inv(gram + np.eye(self.best.size))
+            off = product - gram @ self.best
             gained += float(off @ own @ off)
             added += float(np.sum(gram * own))
-        added -= float(np.sum(self.gram.sum(axis=0) * inverse))
+        added -= float(np.sum(self.gram.sum(axis=0) * self.inverse))
         if added < 1.0:  # no two joints show the same
             return 1.0
         return gained / added if gained > float(chi2.ppf(NEWTON.disagree, added)) else 1.0

@@ -10,14 +10,9 @@ from noisy_recordings import observed
 
 from estimators.diagnosis.fitting.contribution import material
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.fitting.settling import _of_one_width, _runaway, pruned, suspects
 from estimators.diagnosis.fitting.simplicity import loaded, simplified
-from estimators.diagnosis.fitting.solving import (
-    _of_links_that_can_be,
-    _of_one_width,
-    _runaway,
-    pruned,
-    suspects,
-)
+from estimators.diagnosis.fitting.solving import _of_links_that_can_be
 from estimators.diagnosis.judgement.judgement import acts_most
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
