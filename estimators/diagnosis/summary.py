@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING, Final
 
 from estimators.diagnosis.headline import (
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 ROWS_JUDGED: Final = "rows judged"  # heading of the only column that is no error
 NOT_JUDGED = "near rest, at reversals or under a push"
+_OF_A_JOINT = re.compile(r"(.+) of joint (\d+)( \(.+\))?")
 WORSE = (
     "* Worse than given: without the effects that are missing, values move to make up for them on "
     "the rows fitted, and do harm on others. The improved simulation has values of its own."
@@ -90,7 +92,22 @@ def kept_as_stated(verdict: Verdict) -> str:
     """Say which values the motion does not show; nothing where there are none."""
     if verdict.holds is None or not verdict.holds.as_stated:
         return ""
-    return f"The motion hardly shows {listed(verdict.holds.as_stated)}: as stated."
+    return f"The motion hardly shows {_together(verdict.holds.as_stated)}: kept as stated."
+
+
+def _together(names: Sequence[str]) -> str:
+    """Say values of joints, such as "tau_c of joint 2 (coulomb friction)", those alike at once."""
+    alike: dict[tuple[str, str], list[str]] = {}
+    for name in names:
+        known = _OF_A_JOINT.fullmatch(name)
+        of, joints = ((known[1], known[3] or ""), [known[2]]) if known else ((name, ""), [])
+        alike.setdefault(of, []).extend(joints)
+    return listed(
+        [
+            f"{value} of joint{'s' * (len(on) > 1)} {listed(on)}{effect}" if on else value
+            for (value, effect), on in alike.items()
+        ]
+    )
 
 
 def _seen(verdict: Verdict) -> list[str]:
@@ -98,8 +115,8 @@ def _seen(verdict: Verdict) -> list[str]:
     if verdict.holds is None:
         return []
     fastest = (high for _, high in verdict.holds.speed)
-    speeds = " ".join(rounded(speed, 2) if speed > 0 else "-" for speed in fastest)
-    said = f"Seen up to {speeds} rad/s, by joint; faster, it is carried over."
+    speeds = listed([rounded(speed, 2) if speed > 0 else "-" for speed in fastest])
+    said = f"The joints moved at up to {speeds} rad/s; faster motion is extrapolated."
     return [said, *filter(None, [kept_as_stated(verdict)])]
 
 
@@ -111,8 +128,8 @@ def coverage(verdict: Verdict) -> str:
     low, high = min(filter(None, parts), default=0.0), max(parts)
     counted = dict.fromkeys(map(_percent, (low, high)))
     return (
-        f"The errors count {' to '.join(counted)} of the rows held out, by joint: those "
-        f"{NOT_JUDGED} are neither fitted nor judged. The errors of all rows have those, too."
+        f"The errors are over {' to '.join(counted)} of the rows held out, by joint: rows "
+        f"{NOT_JUDGED} are neither fitted nor judged. The columns of all rows include them."
     )
 
 

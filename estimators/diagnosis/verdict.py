@@ -176,7 +176,7 @@ class RowCount:
 class Holds:
     """Motion on which a verdict stands: rows that count, by joint (n,), as (least, largest).
 
-    Beyond it, what was found is carried over, and nobody saw it.
+    On other motion, the improved simulation extrapolates.
     """
 
     position: tuple[tuple[float, float], ...]  # [rad]

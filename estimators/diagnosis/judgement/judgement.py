@@ -294,16 +294,17 @@ def trusted_gains(
     shares = [friction_share(simulation, recording) for recording in recordings]
     share = float(np.median([known for known in shares if not np.isnan(known)] or [0.0]))
     if share > MOTOR_SIDE:
+        alike = listed([*dict.fromkeys(map(spoken, bodies))])
         yield (
-            f"The torques seem to be those of drives: friction is {share:.1%} of what these can "
-            "do. Gains of drives are seldom known better than to 10 %, and an error of theirs "
-            f"passes for {listed([*dict.fromkeys(map(spoken, bodies))])}. With a tolerance of "
-            "gains (`tolerances: {gain: 0.1}`) both are told apart, as far as the motion can."
+            "The torques seem to be measured at the drives, friction included: it is "
+            f"{100 * share:.1f} % of the effort limits. Gains of drives are seldom known better "
+            f"than to 10 %, and a wrong gain looks like {alike}. With a tolerance of gains "
+            "(`tolerances: {gain: 0.1}`) the two are told apart, as far as the motion allows."
         )
 
 
 def _moved(shift: Shift) -> str:
-    limit = " (as far as it may)" if abs(shift.sigmas) > REACH - JUDGEMENT.at_limit else ""
+    limit = " (its limit)" if abs(shift.sigmas) > REACH - JUDGEMENT.at_limit else ""
     return f"{shift.name} by {shift.sigmas:+.1f} standard deviations{limit}"
 
 
@@ -315,8 +316,10 @@ def remarks(
     if moved and not harmful:
         said = "; ".join(map(_moved, moved))
         sensed = any(" of sensor " in shift.name for shift in moved)
-        yield f"The fit also moved stated values within their tolerances: {said}." + (
-            " What a sensor adds is written into no simulation." if sensed else ""
+        unwritten = " Lags and offsets of sensors are not written into the improved simulation."
+        yield (
+            f"The fit also moved stated values within their tolerances: {said}."
+            f"{unwritten if sensed else ''}"
         )
     if members >= SEARCH.largest:
         yield (

@@ -116,7 +116,10 @@ def _held(verdict: Verdict) -> str:
         [str(j), *(f"{rounded(low, 2)} to {rounded(high, 2)}" for low, high in ranges)]
         for j, ranges in enumerate(zip(*columns, strict=True), start=1)
     ]
-    said = "Seen on this motion. On faster motion, other poses and other loads it is carried over."
+    said = (
+        "What was found was seen on this motion. On faster motion, in other poses and under other "
+        "loads the improved simulation extrapolates."
+    )
     headings = ("joint", "position [rad]", "speed [rad/s]", "load [N m]")
     text = " ".join(filter(None, [said, kept_as_stated(verdict)]))
     return f"<div>{table(headings, rows, numeric=1)}{paragraph(text, 'small')}</div>"

@@ -12,6 +12,7 @@ from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
     Fit,
+    Holds,
     Identified,
     Interval,
     RowCount,
@@ -89,9 +90,25 @@ def test_a_law_of_several_elements_is_identified_by_them():
 
 
 def test_it_says_which_part_of_the_rows_the_errors_count():
-    assert "count 69 % to 81 % of the rows held out" in coverage(VERDICT)
+    assert "over 69 % to 81 % of the rows held out" in coverage(VERDICT)
     assert coverage(VERDICT) in lines_of(VERDICT)
     assert columns_of(VERDICT)["rows judged"] == pytest.approx((0.69, 0.81))
+
+
+def test_it_says_once_what_several_joints_keep_as_stated_and_how_fast_they_moved():
+    kept = (
+        "offset of joint 1 (torque offset)",
+        "offset of joint 2 (torque offset)",
+        "tau_c of joint 2 (coulomb friction)",
+        "gravity (tilt)",
+    )
+    motion = ((0.0, 1.3), (0.0, 0.0))
+    lines = lines_of(replace(VERDICT, holds=Holds(motion, motion, motion, kept)))
+    assert "The joints moved at up to 1.3 and - rad/s; faster motion is extrapolated." in lines
+    assert (
+        "The motion hardly shows offset of joints 1 and 2 (torque offset), tau_c of joint 2 "
+        "(coulomb friction) and gravity (tilt): kept as stated." in lines
+    )
 
 
 def test_tolerances_that_do_worse_are_marked_and_explained():

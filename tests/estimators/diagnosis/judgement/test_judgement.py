@@ -143,8 +143,8 @@ def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
     )
     said = tuple(remarks(shifts, members=SEARCH.largest, harmful=False, passing=()))
     assert "tau_c of joint 2 by +2.4 standard deviations; " in said[0]
-    assert "lag of sensor 5 by -3.0 standard deviations (as far as" in said[0]
-    assert said[0].endswith("What a sensor adds is written into no simulation.")
+    assert "lag of sensor 5 by -3.0 standard deviations (its limit)" in said[0]
+    assert said[0].endswith("of sensors are not written into the improved simulation.")
     assert "mass" not in said[0]
     assert f"stopped at {SEARCH.largest} effects" in said[1]
     assert tuple(remarks((), members=1, harmful=False, passing=())) == ()
@@ -153,7 +153,7 @@ def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
 @pytest.mark.parametrize(
     ("share", "gain", "found", "told"),
     [
-        (0.06, 0.0, "payload", "an error of theirs passes for payload."),
+        (0.06, 0.0, "payload", "a wrong gain looks like payload."),
         (0.06, 0.0, "spring_load", ""),
         (0.06, 0.1, "payload", ""),  # which is what the note asks for
         (0.002, 0.0, "payload", ""),  # a sensor behind the gear has no such gain

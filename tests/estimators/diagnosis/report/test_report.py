@@ -335,7 +335,7 @@ def test_the_head_says_what_the_recordings_are_worth(page):
 
 def test_the_first_screen_says_which_rows_count_and_the_error_of_all(parsed, diagnosis):
     text = " ".join(parsed.text.split()).replace("\N{NO-BREAK SPACE}", " ")
-    assert "The errors count 70 % to 80 % of the rows held out" in text
+    assert "The errors are over 70 % to 80 % of the rows held out" in text
     assert "all rows, given [N m]" in text
     fit = diagnosis.verdict.fit
     for error in (*fit.heldout_rmse_before_all_rows, *fit.heldout_rmse_after_all_rows):
