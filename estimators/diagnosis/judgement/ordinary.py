@@ -132,7 +132,8 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
 def _is_detail(problem: RegressionProblem, solution: Solution, member: int) -> bool:
     """Say whether a member is a small part more of an effect that the simulation states already.
 
-    Like lines of a ripple that are too faint to show before the others are stated.
+    Like lines of a ripple that are too faint to show before the others are stated. What acts on the
+    whole arm, as gravity, is no law of a joint, and a finding however small.
     """
     candidate = problem.candidates[member]
     observed, joints = problem.observed, list(candidate.joints)
@@ -141,7 +142,7 @@ def _is_detail(problem: RegressionProblem, solution: Solution, member: int) -> b
         for effect in observed.simulation.effects
         if effect.name == candidate.effect and effect.joints == tuple(j + 1 for j in joints)
     ]
-    if candidate.kind != "missing" or not stated:
+    if candidate.kind != "missing" or not stated or not joints:
         return False
     whole = np.zeros_like(observed.residual)
     for added in responses(stated, observed):

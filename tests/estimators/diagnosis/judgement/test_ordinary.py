@@ -23,6 +23,7 @@ from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     CoulombFriction,
+    GravityDirection,
     PreslidingHysteresis,
     Simulation,
     TorqueRipple,
@@ -241,3 +242,16 @@ def test_little_more_of_a_stated_effect_is_a_value_of_it(amplitude, detail):
     member = len(problem.candidates) - 1
     found = to_identify(problem, fitted(problem, (member,), noise))
     assert found == ((member,) if detail else ())
+
+
+@pytest.mark.slow("fits an arm of seven joints")
+def test_a_little_more_tilt_of_an_arm_that_is_known_to_hang_is_no_value_of_a_joint():
+    on_a_wall = Simulation("iiwa14", (GravityDirection(gravity=(9.81, 0.0, 0.0)),))
+    recorded = observed(GravityDirection(gravity=(9.8, 0.4, 0.0))).beside(on_a_wall)
+    problem = RegressionProblem.of(recorded, quiet)
+    noise = Noise.independent(np.full(7, 0.02), problem.split.fitted)
+    (member,) = (
+        i for i, item in enumerate(problem.candidates) if item.effect == "gravity_direction"
+    )
+
+    assert to_identify(problem, fitted(problem, (member,), noise)) == ()
