@@ -20,7 +20,12 @@ from estimators.rigid_body.fitting.consistent import (
 from estimators.rigid_body.fitting.folds import FOLDS, jackknife
 from estimators.rigid_body.fitting.least_squares import BaseFit, choose_sign_widths, fit_base
 from estimators.rigid_body.fitting.normal_equations import ArmEquations, Rows, accumulate
-from estimators.rigid_body.stated import stated_armatures, stated_beside, without_stated
+from estimators.rigid_body.stated import (
+    mounting_of,
+    stated_armatures,
+    stated_beside,
+    without_stated,
+)
 from estimators.rigid_body.terms import JointTerms, Term
 from estimators.rigid_body.tolerances import tolerances_of
 from limo_driver.display import Displayed
@@ -304,7 +309,8 @@ def _simulation(
         if (told[joint - 1] and (deviation > 0 or term.effect.endswith("friction")))
         or (term.effect, joint) in stated
     )
-    return Simulation(model.name, (*effects, *beside), bodies, tolerances=known)
+    every = (*effects, *beside, *mounting_of(model))
+    return Simulation(model.name, every, bodies, tolerances=known)
 
 
 def _by_joint(

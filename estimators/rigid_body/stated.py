@@ -1,4 +1,4 @@
-"""What a description states beside bodies and friction: armature, springs, cogging, play."""
+"""What is known beside bodies and friction: armature, springs, cogging, play, and the mounting."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.rigid_body.dynamics.regressor import PER_LINK
-from limo_driver.physics import Armature, Simulation
+from limo_driver.physics import Armature, GravityDirection, Simulation
 from limo_driver.physics.described import described_effects
 
 if TYPE_CHECKING:
@@ -38,6 +38,18 @@ def stated_beside(model: RobotModel, terms: JointTerms) -> tuple[Effect, ...]:
         for effect in described_effects(model)
         if not effect.rubs and effect.name not in modelled
     )
+
+
+def mounting_of(model: RobotModel) -> tuple[GravityDirection, ...]:
+    """Return the gravity of a robot, where its description states another; else nothing."""
+    stated = Simulation(model.name, inertials=model.inertials).model.gravity
+    x, y, z = model.gravity
+    return () if stated == model.gravity else (GravityDirection(gravity=(x, y, z)),)
+
+
+def bare(model: RobotModel) -> Simulation:
+    """Return a simulation of the bodies of a robot alone, as it hangs."""
+    return Simulation(model.name, mounting_of(model), model.inertials)
 
 
 def without_stated(

@@ -47,7 +47,8 @@ def identify(
     Least squares finds the base parameters; a convex fit then finds physically consistent inertias
     that explain the same torques, and stays at the robot's description where the motion reveals
     nothing. Columns that are exchanged or have another sign or unit are refused, as by `diagnose`:
-    base parameters would fit many of them well, and mean nothing.
+    base parameters would fit many of them well, and mean nothing. An arm that hangs on a wall or a
+    ceiling although its description stands is identified as it hangs.
 
     Args:
         robot: The arm with its nominal inertias, or its built-in name or URDF.
@@ -70,6 +71,7 @@ def identify(
     Example:
         >>> limo.identify("iiwa14", "run.parquet").simulation.save("sim.yaml")
     """
+    from estimators.diagnosis.residuals.mounting import as_it_hangs
     from estimators.diagnosis.residuals.plausibility import doubts_about
     from estimators.recordings import check_recordings
     from estimators.rigid_body import JointTerms, Rows
@@ -80,9 +82,21 @@ def identify(
     terms = expected("terms", terms or JointTerms(), JointTerms)
     rows = expected("rows", rows or Rows(bandwidth_for(measured)), Rows)
     check_recordings(measured, model)
-    doubts = doubts_about(model, measured, rows.bandwidth)
-    result = found(model, measured, terms, rows, tolerance, progress)
+    hung = as_it_hangs(model, measured, rows.bandwidth)
+    doubts = (*_turned(model, hung), *doubts_about(hung, measured, rows.bandwidth))
+    result = found(hung, measured, terms, rows, tolerance, progress)
     return replace(result, warnings=(*doubts, *result.warnings))
+
+
+def _turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:
+    """Say how an arm hangs that hangs otherwise than its description says."""
+    if hung is stated:
+        return ()
+    said, found = (", ".join(f"{x:.3g}" for x in model.gravity) for model in (stated, hung))
+    return (
+        f"the torques are those of an arm mounted otherwise than its description says: gravity is "
+        f"({found}) m/s² in the frame of its base, not ({said}); the simulation states it so",
+    )
 
 
 def nominal(

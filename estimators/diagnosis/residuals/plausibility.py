@@ -7,7 +7,6 @@ mistake explains is left to the diagnosis, unless the torques have nothing to do
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,8 +35,8 @@ from estimators.diagnosis.residuals.usable_joints import (
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.diagnosis.wording import listed, of_joints
 from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.stated import bare
 from limo_driver.errors import RecordingError
-from limo_driver.physics import GravityDirection, Simulation
 from limo_driver.recordings.bandwidth import lowered
 
 if TYPE_CHECKING:
@@ -85,20 +84,11 @@ def doubts_about(
             have the other sign.
     """
     try:
-        observed = Observations.of(_simulation_of(model), recordings, bandwidth)
+        observed = Observations.of(bare(model), recordings, bandwidth)
         _check_motion(observed)
     except RecordingError as error:  # too little to judge by may be enough to learn from
         return (f"signs, units and order of the columns cannot be checked: {error}",)
     return (*filter(None, _check_log(observed)), *_stuck_in(observed), *_weightless_in(observed))
-
-
-def _simulation_of(model: RobotModel) -> Simulation:
-    """Return a simulation of the bare arm as it hangs."""
-    bare = Simulation(model.name, inertials=model.inertials)
-    if bare.model.gravity == model.gravity:
-        return bare
-    x, y, z = model.gravity
-    return replace(bare, effects=(GravityDirection(gravity=(x, y, z)),))
 
 
 def _check_log(observed: Observations) -> tuple[str, str]:

@@ -20,6 +20,7 @@ from limo_driver.physics import (
     SpringLoad,
 )
 from limo_driver.recordings.recording import Recording
+from limo_driver.workflow.learning import identify
 
 BARE = Simulation("iiwa14")
 RUBBING = tuple(CoulombFriction(joint=j, tau_c=0.4, v_eps=0.01) for j in range(1, 8))
@@ -72,3 +73,23 @@ def test_a_diagnosis_says_how_the_arm_hangs_and_puts_no_other_name_in_its_place(
     assert {item.effect for item in others} <= {"unknown"}
     assert verdict.fit.heldout_rmse_before[1] > 80.0  # beside the upright arm that was given
     assert np.all(np.array(verdict.fit.heldout_rmse_after[1:6]) < 1.2 * NOISE)
+
+
+def test_an_arm_on_a_wall_is_identified_as_it_hangs() -> None:
+    given = seen(GravityDirection(gravity=(9.81, 0.0, 0.0)))
+
+    found = identify("iiwa14", given.recordings)
+
+    assert found.simulation.body.gravity == (9.81, 0.0, 0.0)
+    assert "gravity is (9.81, 0, 0) m/s² in the frame of its base" in found.warnings[0]
+    assert np.all(found.rmse_consistent < 2.0 * NOISE)
+    assert max(abs(link.mass / link.mass_nominal - 1.0) for link in found.links) < 0.1
+
+
+def test_an_arm_that_stands_is_identified_as_described() -> None:
+    given = seen()
+
+    found = identify("iiwa14", given.recordings)
+
+    assert not any(isinstance(item, GravityDirection) for item in found.simulation.effects)
+    assert not any("mounted" in warning for warning in found.warnings)
