@@ -367,12 +367,13 @@ def _beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) ->
     if not held or harmed(problem, judged.proven, judged.remaining):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
-    found = JudgedSet.of(*settled(*solve(problem, progress), progress))
-    again = _around(found, progress, budget)
-    if not again.places(again.named) <= judged.places(solution.members) | held:
+    again = JudgedSet.of(*settled(*solve(problem, progress), progress))
+    again = _around(again, progress, budget)
+    found = again.places(again.findings)
+    if not found <= judged.places(solution.members) | held:
         return judged
     fewer = set(again.unknown) < set(judged.unknown)
-    wrong = set(again.unknown) == set(judged.unknown) and again.places(again.named) & held
+    wrong = set(again.unknown) == set(judged.unknown) and found & held
     if fewer or (wrong and not worse(problem, again.proven, judged.proven, judged.remaining)):
         return again
     return judged

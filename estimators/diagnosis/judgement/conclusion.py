@@ -104,7 +104,11 @@ def conclude(
     """
     alone = rmse(tolerances, problem.split.held_out)
     after = rmse(proven, problem.split.held_out)
-    stand_ins = [member for member in solution.members if member not in named]
+    stand_ins = [  # of what passes, the improved simulation has nothing
+        member
+        for member in solution.members
+        if member not in named and problem.candidates[member].lasts
+    ]
     values = to_identify(problem, solution)
     plain = [member for member in named if member in values]
     unusual = [member for member in named if member not in values]

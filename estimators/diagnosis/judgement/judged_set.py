@@ -66,6 +66,12 @@ class JudgedSet:
         """Residual (K, n) of a simulation that was fitted to no row held out [N m]."""
         return self.beside.residual
 
+    @property
+    def findings(self) -> tuple[int, ...]:
+        """Members that are findings: named, and no values that are just identified."""
+        plain = to_identify(self.problem, self.solution)
+        return tuple(member for member in self.named if member not in plain)
+
     def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
         """Return effect and joints (0-based) of some candidates."""
         return {self.problem.candidates[member].place for member in members}

@@ -25,7 +25,7 @@ from estimators.regression.evidence import Prior
 from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from limo_driver.physics import CoulombFriction, TorqueGain, ViscousFriction
-from limo_driver.physics.catalogue import description_of
+from limo_driver.physics.catalogue import description_of, known_as
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -68,6 +68,12 @@ class Candidate:
     def place(self) -> tuple[str, tuple[int, ...]]:
         """Name of the candidate: effect and joints."""
         return self.effect, self.joints
+
+    @property
+    def lasts(self) -> bool:
+        """Whether another recording has it, too, so that the improved simulation does."""
+        known = known_as(self.effect)
+        return known is None or known.lasts
 
     @property
     def price(self) -> float:

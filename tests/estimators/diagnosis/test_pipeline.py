@@ -491,6 +491,18 @@ def test_friction_stated_twice_too_large_is_a_wrong_parameter(given, true, name)
     assert closure(found)[1] < CLOSED
 
 
+@pytest.mark.slow("a whole diagnosis")
+def test_a_wrong_value_is_found_where_a_sign_is_but_sharper_beside_it(given):
+    """Dry friction of that joint, sharper once the value is held as stated, is no other name."""
+    true = ViscousFriction(joint=1, f_v=3.0)
+    dry, *others = (item for item in given.effects if item.place != true.place)
+    recording = record(replace(given, effects=(true, dry, *others)), 2)
+    stated = replace(true, f_v=2 * true.f_v), replace(dry, v_eps=10 * dry.v_eps)
+    found = diagnose(replace(given, effects=(*stated, *others)), [recording])
+    assert names(found) == {("viscous_friction", "wrong_parameter", (1,))}
+    assert found.verdict.findings[0].parameters["f_v"].value == pytest.approx(true.f_v, rel=0.02)
+
+
 @pytest.mark.slow("diagnoses an arm of seven joints")
 def test_a_payload_is_named_with_its_mass():
     iiwa = Simulation("iiwa14", tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8)))

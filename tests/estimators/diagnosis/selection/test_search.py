@@ -148,3 +148,8 @@ def test_ranked_additions_are_best_first(columns):
     assert names(search, ranked[0]) == {3, 6}
     assert [item.gain for item in ranked] == sorted((i.gain for i in ranked), reverse=True)
     assert len(ranked) == 5
+
+
+def test_a_candidate_that_passes_is_no_part_of_an_improved_simulation():
+    kinds = ("torque_drift", "presliding_hysteresis", "link_inertia")  # the last is no effect
+    assert [candidate(0, effect=effect).lasts for effect in kinds] == [False, True, True]
