@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path  # noqa: TC003  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,12 +36,18 @@ def command(
         typer.Option(help=f"Or the arm alone, inertias trusted, friction unknown: {ROBOTS}."),
     ] = None,
     inertia_tolerance: Annotated[
-        float, typer.Option(help="With --robot: how far its inertias may be off, relative.")
-    ] = 0.05,
+        float | None,
+        typer.Option(
+            help="How far inertias may be off, relative; what --sim says, or 0.05 with --robot."
+        ),
+    ] = None,
     gain_tolerance: Annotated[
-        float,
-        typer.Option(help="With --robot: the same of the scale of its torques, as of currents."),
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            help="The same of the scale of each joint's torque, as of currents; what --sim says, "
+            "or 0 with --robot."
+        ),
+    ] = None,
     export: Annotated[
         Path | None,
         typer.Option(
@@ -77,7 +84,7 @@ def command(
 
     Without a sim.yaml, --robot will do: friction is identified beside everything else, and the
     inertias of the description are trusted to --inertia-tolerance, so that a payload or a wrong
-    link shows.
+    link shows. With a sim.yaml, both tolerances take the place of those that it states.
 
     Examples:
         limo diagnose log.csv --robot model.xml --out diagnosis --export new.xml
@@ -101,7 +108,8 @@ def command(
     notes = terminal(stderr=True, soft_wrap=True)
     given = [sim] if sim is not None else []
     require_place(out, "the diagnosis", FILES, [*given, *recordings])
-    tolerances = inertia_tolerance, gain_tolerance
+    asked = {"inertia": inertia_tolerance, "gain": gain_tolerance}
+    tolerances = {name: value for name, value in asked.items() if value is not None}
     simulation, measured = _start(recordings, sim, robot, tolerances, mapping, notes)
     if not any(recording.has_torque for recording in measured):
         known = frozenset(context.params) - _OF_TORQUE
@@ -143,7 +151,7 @@ def _start(
     recordings: list[Path],
     sim: Path | None,
     robot: str | None,
-    tolerances: tuple[float, float],
+    tolerances: dict[str, float],
     mapping: Path | None,
     notes: Console,
 ) -> tuple[Simulation, list[Recording]]:
@@ -164,15 +172,19 @@ def _start(
         raise ConfigError(f"{given} of --sim and --robot given, expected one of them")
     if sim is not None:
         simulation = Simulation.load(sim)
+        known = replace(simulation.tolerances, **tolerances)
+        simulation = replace(simulation, tolerances=known)
         return simulation, [read(path, simulation.model, mapping) for path in recordings]
     model = RobotModel.load(str(robot))
     measured = [read(path, model, mapping) for path in recordings]
     model = model_for(model, measured)
     for note in model.notes:
         notes.print(f"{robot}: {note}")
+    known = {f"{name}_tolerance": value for name, value in tolerances.items()}
     if not any(recording.has_torque for recording in measured):
-        return described(model, tolerances[0]), measured
-    return nominal(model, (), *tolerances), measured
+        known.pop("gain_tolerance", None)  # which is refused
+        return described(model, **known), measured
+    return nominal(model, (), **known), measured
 
 
 def _export(found: Diagnosis | DriveDiagnosis, to: Path, kind: str, *, as_json: bool) -> None:

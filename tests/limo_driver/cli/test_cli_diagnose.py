@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,8 +24,8 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from limo_driver.cli import main
-from limo_driver.errors import ConfigError
-from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, Tolerances
 from limo_driver.physics.effects.friction import SIGN_WIDTH
 from limo_driver.recordings.differentiation import smooth
 from limo_driver.recordings.recording import Recording
@@ -151,6 +152,35 @@ def test_writes_verdict_simulation_report_and_the_next_motion(tmp_path, recordin
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Joint 2: difference" in page
     assert "The motion to record next" in page
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        ((), Tolerances(0.03, 0.2)),
+        (("--gain-tolerance", "0.1"), Tolerances(0.03, 0.2, gain=0.1)),
+        (("--inertia-tolerance", "0.01"), Tolerances(0.01, 0.2)),
+    ],
+)
+def test_tolerances_that_are_given_take_the_place_of_those_stated(
+    recording, diagnose, sim, monkeypatch, more, expected
+):
+    replace(GIVEN, tolerances=Tolerances(0.03, 0.2)).save(sim)
+    known = []
+
+    def search(simulation, *_):
+        known.append(simulation.tolerances)
+        raise RecordingError("that was all to see")
+
+    monkeypatch.setattr("estimators.diagnosis.diagnose", search)
+    diagnose(recording, more=more)
+    assert known == [expected]
+
+
+def test_a_tolerance_that_is_none_is_refused(recording, diagnose):
+    status, _, notes = diagnose(recording, more=("--gain-tolerance", "-0.1"))
+    assert status == 2
+    assert "gain is -0.1, expected a number of 0 or more" in notes
 
 
 @pytest.mark.slow("runs all stages of a diagnosis but the search")
