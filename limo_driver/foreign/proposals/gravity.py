@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
+DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
 _ROWS: Final = 1500  # that are looked at
 _FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
@@ -27,7 +28,7 @@ class Gravity:
     def __init__(
         self, model: RobotModel, torque: FloatArray | None, unit: float | None = None
     ) -> None:
-        self.model, self.torque = model, torque
+        self.model, self.torque, self._unit = model, torque, unit
         # loads may add to what gravity makes of a torque in a known unit, though not tenfold; it
         # may well be less, where it was measured before the gear
         self._most = math.inf if unit is None else WITHIN / unit
@@ -46,6 +47,22 @@ class Gravity:
                 rest = own - _fit(own, gravity, angle, self._most)
                 left += 0.5 * math.log(max(float(np.var(rest)) / total, 1e-6))
         return left
+
+    def as_mounted(self, position: FloatArray, units: tuple[str, ...]) -> Gravity:
+        """Return this, or that of the base on its side, which explains torques decidedly better.
+
+        Descriptions stand upright; the arms of many hang on a wall, or beside a body.
+        """
+        if self.torque is None:
+            return self
+        size = float(np.linalg.norm(self.model.gravity))
+        turned = [  # the other direction is the same with the other sign, which is fitted
+            Gravity(self.model.with_gravity((size * axis).tolist()), self.torque, self._unit)
+            for axis in np.eye(3)
+        ]
+        best = min(turned, key=lambda item: item.of(position, units))
+        is_better = best.of(position, units) < self.of(position, units) - DECISIVE
+        return best if is_better else self
 
     def slopes(self, position: FloatArray) -> FloatArray:
         """Return torque over gravity of the joints whose torque is gravity for the most part."""

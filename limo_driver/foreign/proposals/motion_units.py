@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.foreign.columns.units import UNITS
-from limo_driver.foreign.proposals.gravity import Gravity, some_rows, usual
+from limo_driver.foreign.proposals.gravity import DECISIVE, Gravity, some_rows, usual
 from limo_driver.foreign.proposals.odd_columns import maybe_in_radians
 from limo_driver.recordings.gate import velocity_factor
 
@@ -23,7 +23,6 @@ _ROOM: Final = 0.1  # [m] beyond the limits, likewise of a joint that slides
 _MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
 _FEWEST_ROWS: Final = 10
-_DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
 _SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
 _FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
@@ -72,7 +71,10 @@ def position_reading(position: FloatArray, beside: Beside, model: RobotModel) ->
     slides = _slides(position, model)
     # as if in rad: nothing else is open of joints that slide
     position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
-    found = _turns(position, Gravity(model, torque, beside.torque_unit), by_speed)
+    cost = Gravity(model, torque, beside.torque_unit)
+    found = _turns(position, cost, by_speed)
+    if found.fits_both and (mounted := cost.as_mounted(position, found.units)) is not cost:
+        found = _turns(position, mounted, by_speed)
     if found.question and rests_at_zero:  # the same pose in either unit
         found = Reading(("rad",) * model.n, "taken for rad: noise about zero says nothing of it")
     units = tuple(own or unit for own, unit in zip(slides, found.units, strict=True))
@@ -169,7 +171,7 @@ def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None
         return _unless_mixed(position, (unit,) * n, why, possible, cost)
     if len(uniform) > 1:
         rad, deg = (cost.of(position, (unit,) * n) for unit in ("rad", "deg"))
-        decided = abs(rad - deg) >= _DECISIVE
+        decided = abs(rad - deg) >= DECISIVE
         unit, other = ("rad", "deg") if rad < deg else ("deg", "rad")
         if by_speed is not None and not (decided and by_speed[0] == other):
             return _unless_mixed(position, (by_speed[0],) * n, by_speed[1], possible, cost)
@@ -206,7 +208,7 @@ def _unless_mixed(
     best, least = _flipped(position, units, possible, cost)
     other, its = _flipped(position, apart, possible, cost)
     mixed = _differ(best, cost.model)  # then those of which nothing tells are as likely in rad
-    if its < least + (_DECISIVE if mixed else -_DECISIVE):
+    if its < least + (DECISIVE if mixed else -DECISIVE):
         best = other
     if not _differ(best, cost.model):
         return Reading(best, why, _about_narrow(position, best, possible["rad"], cost))
@@ -231,7 +233,7 @@ def _about_narrow(
     open_still = [
         j + 1
         for j in narrow
-        if cost.of(position, (*units[:j], "rad", *units[j + 1 :])) < least + _DECISIVE
+        if cost.of(position, (*units[:j], "rad", *units[j + 1 :])) < least + DECISIVE
     ]
     if not open_still:
         return ""
@@ -257,7 +259,7 @@ def _flipped(
         flipped = (*units[:j], other, *units[j + 1 :])
         if cost.model.sliding[j] or not possible[other][j]:
             continue
-        if (left := cost.of(position, flipped)) < least - _DECISIVE:
+        if (left := cost.of(position, flipped)) < least - DECISIVE:
             units, least = flipped, left
     return units, least
 

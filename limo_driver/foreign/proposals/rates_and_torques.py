@@ -77,7 +77,10 @@ def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) 
         model: The robot.
     """
     rows = some_rows(position, torque)
-    slopes = Gravity(model, torque[rows]).slopes(position[rows])
+    cost = Gravity(model, torque[rows])
+    slopes = cost.slopes(position[rows])
+    if not slopes.size:
+        slopes = cost.as_mounted(position[rows], ("rad",) * model.n).slopes(position[rows])
     if slopes.size:
         middle = float(np.median(slopes))
         for unit, scale in _TORQUE_SCALES.items():

@@ -67,6 +67,15 @@ def test_small_motion_has_its_unit_from_gravity(scale, unit):
         assert re.search("torques are those|in rad, joint 4 would move", found.taken[1].why)
 
 
+@pytest.mark.parametrize("down", [(9.81, 0.0, 0.0), (0.0, -9.81, 0.0)])
+def test_an_arm_on_a_wall_has_its_units_from_gravity_although_its_description_stands(down):
+    torque = arm().with_gravity(down).gravity_torque(POSITION)
+    torque += np.random.default_rng(2).normal(0, 0.05, torque.shape)
+    found = proposed(q=POSITION, tau=torque)
+    assert (found.mapping.position.unit, found.mapping.undecided) == (("rad",), ())
+    assert "times the gravity torque of the arm" in found.taken[2].why
+
+
 def test_two_readings_that_fit_are_a_question():
     found = proposed(q=0.01 * POSITION)  # no torque says which
     assert found.mapping.undecided == (
