@@ -7,7 +7,7 @@ mistake explains is left to the diagnosis, unless the torques have nothing to do
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -42,8 +42,12 @@ from limo_driver.recordings.bandwidth import lowered
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
+
+_ALIKE: Final = 2  # digits of a change; what differs by less is told as the more usual mistake
 
 
 def check_plausible(observed: Observations) -> None:
@@ -93,8 +97,9 @@ def doubts_about(
 
 def _check_log(observed: Observations) -> tuple[str, str]:
     """Refuse mistakes of logs; say how else the arm is mounted, and what else is strange."""
-    if unit := other_unit(observed):
-        raise _refused(observed, unit)
+    unit = other_unit(observed)
+    if unit is not None and not _is_load(RowSample.of(observed), unit):
+        raise _refused(observed, unit.said)
     if len(observed.recordings) > 1:  # a mistake in one would be half hidden by the others
         for k in range(len(observed.recordings)):
             part = observed.part(k)
@@ -102,7 +107,7 @@ def _check_log(observed: Observations) -> tuple[str, str]:
                 _check_columns(part, RowSample.of(part))
     sample = RowSample.of(observed)
     if mounted := _check_columns(observed, sample):
-        return f"{mounted}: turn its base there, or let a diagnosis find by how much", ""
+        return f"{mounted}; identification and diagnosis find by how much", ""
     return "", strange_load(observed, sample)  # of all: a light joint may show little in one
 
 
@@ -254,12 +259,13 @@ def found_in(sample: RowSample) -> list[Mistake]:
         undone = [(mistake, mistake.undo(sample)) for mistake in known]
         mistake, best = min(
             (pair for pair in undone if not _spoils(pair[0], sample, pair[1])),
-            key=lambda pair: _change(sample, pair[1]),
+            key=lambda pair: round(_change(sample, pair[1]), _ALIKE),
         )
         if not _explains(sample, best):
             break
-        if _change(sample, without_payload(sample)) < _change(sample, best):
-            break  # a load that nobody stated explains more
+        loaded = without_payload(sample)  # a load that nobody stated may explain more, if it does
+        if _change(sample, loaded) < _change(sample, best) and _lightens(sample, loaded, best):
+            break
         found.append(mistake)
         sample = best
     return found
@@ -291,13 +297,34 @@ def _change(before: RowSample, after: RowSample) -> float:
 
 def _explains(before: RowSample, after: RowSample) -> bool:
     """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
-    strange = after.judged & (before.misfit > PLAUSIBILITY.strange)
-    mended = (
-        strange
-        & (after.misfit < PLAUSIBILITY.fits)
-        & (PLAUSIBILITY.better * after.misfit < before.misfit)
-    )
+    mended = _mended(before, after)
     return bool(mended.any()) and _change(before, after) < -np.log(PLAUSIBILITY.better)
+
+
+def _mended(before: RowSample, after: RowSample) -> NDArray[np.bool_]:
+    """Mark the strange joints that undoing a mistake makes fit, (n,)."""
+    strange = after.judged & (before.misfit > PLAUSIBILITY.strange)
+    better = PLAUSIBILITY.better * after.misfit < before.misfit
+    return strange & better & (after.misfit < PLAUSIBILITY.fits)
+
+
+def _is_load(sample: RowSample, unit: Mistake) -> bool:
+    """Say whether a load that nobody stated explains torques as well without another unit.
+
+    A load at the flange may well make ten times of the torque of a wrist.
+    """
+    loaded, undone = (without_payload(item) for item in (sample, unit.undo(sample)))
+    return _change(sample, loaded) < min(_change(sample, undone), 0.0)
+
+
+def _lightens(before: RowSample, loaded: RowSample, after: RowSample) -> bool:
+    """Say whether a load explains any of a joint that undoing a mistake makes fit.
+
+    Of a joint that no load acts on, as of a flange that turns about the centre of what it carries,
+    the load that mends others says nothing.
+    """
+    gained = before.misfit - loaded.misfit > PLAUSIBILITY.negligible
+    return bool((gained & _mended(before, after)).any())
 
 
 def foreign_bodies(observed: Observations) -> tuple[int, ...]:

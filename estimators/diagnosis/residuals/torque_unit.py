@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.residuals.mistakes import without_friction
+from estimators.diagnosis.residuals.mistakes import Mistake, RowSample, without_friction
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.types import FloatArray
 
 
-def other_unit(observed: Observations) -> str:
-    """Say which unit torques may be in that follow the motion by another order of size; or nothing.
+def other_unit(observed: Observations) -> Mistake | None:
+    """Return the unit that torques may be in that follow the motion by another order of size.
 
     All torques together are judged more strictly than one, since a sensor may be wrong, and a
     friction known badly.
@@ -29,17 +29,23 @@ def other_unit(observed: Observations) -> str:
     ]
     usual = float(np.exp(np.mean(np.log(list(scale.values()))))) if len(scale) > 1 else 1.0
     if not 1 / PLAUSIBILITY.scale_of_all < usual < PLAUSIBILITY.scale_of_all:
-        return (
+        return Mistake(
             f"the torques are {usual:.3g} times what motion and arm make of them; expected N m; "
-            f"are they in {_unit_of(usual)}, or is it another robot?"
+            f"are they in {_unit_of(usual)}, or is it another robot?",
+            _divided(np.full(observed.n, usual)),
         )
     if wrong:
         j = wrong[0]
-        return (
+        return Mistake(
             f"torque_{j + 1} is {scale[j]:.3g} times what its motion makes of it; expected N m; is "
-            f"it in {_unit_of(scale[j])}?"
+            f"it in {_unit_of(scale[j])}?",
+            _divided(np.where(np.arange(observed.n) == j, scale[j], 1.0)),
         )
-    return ""
+    return None
+
+
+def _divided(factors: FloatArray) -> Callable[[RowSample], RowSample]:
+    return lambda sample: sample.torques(np.diag(1.0 / factors))
 
 
 def _unit_of(factor: float) -> str:

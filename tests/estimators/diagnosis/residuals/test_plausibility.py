@@ -15,6 +15,7 @@ from wandering import wander
 from estimators.diagnosis.fitting.problem import impossible, improve
 from estimators.diagnosis.pipeline import observe
 from estimators.diagnosis.residuals.mistakes import RowSample
+from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import (
     doubts_on,
     foreign_bodies,
@@ -143,6 +144,32 @@ def test_an_axis_of_the_other_direction_is_named(recording):
     torque, position = recording.torque @ turned, recording.position @ turned
     said = "position_2 and torque_2 have the other sign than the axis of joint 2"
     refused(replace(recording, position=position, torque=torque), said)
+
+
+def laden(mass):
+    """Return the arm with a load on the axis of its flange."""
+    load = Payload(mass=mass, com=(0.0, 0.0, 0.2), inertia=(0.05, 0.0, 0.0, 0.05, 0.0, 0.02))
+    return replace(GIVEN, effects=(*GIVEN.effects, load))
+
+
+def test_a_sign_is_named_beside_a_load_that_says_nothing_of_that_joint():
+    given = record(laden(3.0))
+    mistaken = replace(given, torque=given.torque @ invert(6))
+    observed = Observations.of(Simulation("iiwa14"), [mistaken], BANDWIDTH)
+
+    (found,) = found_in(RowSample.of(observed))
+
+    assert found.said.startswith("torque_7 has the other sign than expected")
+
+
+@sampled("mass", [8.0, 14.0], "each looks where a recording belongs")
+def test_a_load_that_nobody_stated_is_no_other_unit(mass):
+    observe(Simulation("iiwa14"), [record(laden(mass))], BANDWIDTH)
+
+
+def test_another_unit_is_refused_where_a_load_explains_less():
+    given = record(laden(3.0))
+    refused(replace(given, torque=5.0 * given.torque), "are they in N mm or mA")
 
 
 def test_friction_many_times_that_which_is_known_is_no_other_unit():
