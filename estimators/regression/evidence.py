@@ -14,6 +14,7 @@ Source: MacKay, "Bayesian interpolation", Neural Computation 1992.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -136,11 +137,31 @@ class Evidence:
         if held is not None and not free.all():
             product = product - G[:, nuisance.index[~free]] @ held[~free]
         inner = s[:, None] * G[np.ix_(at, at)] * s + np.eye(at.size)
-        self._lower = np.linalg.cholesky(inner)
-        half = solve_triangular(self._lower, s[:, None] * G[at], lower=True)
-        self.gram = G - half.T @ half
-        b = solve_triangular(self._lower, s * product[at], lower=True)
-        self.product = product - half.T @ b
+        self._at, self._s = at, s
+        self._lower = np.asarray(np.linalg.cholesky(inner), dtype=np.float64)
+        self._half = solve_triangular(self._lower, s[:, None] * G[at], lower=True)
+        self.gram = G - self._half.T @ self._half
+        self._b = solve_triangular(self._lower, s * product[at], lower=True)
+        self.product = product - self._half.T @ self._b
+
+    def extended(self, products: NormalEquations) -> Evidence:
+        """Return the same with more columns behind those there are, where nothing is held.
+
+        What the earlier ones make of each other is factorised already, so that many alternatives
+        to the later ones cost little each.
+
+        Args:
+            products: Sums of all columns, of which the first are those of `self.products`.
+        """
+        count, G = self.product.size, products.gram
+        half = _solved(self._lower, self._s[:, None] * G[self._at, count:])
+        across = G[:count, count:] - self._half.T @ half
+        own = G[count:, count:] - half.T @ half
+        more = copy(self)
+        more.products, more._half = products, np.hstack([self._half, half])
+        more.gram = np.block([[self.gram, across], [across.T, own]])
+        more.product = np.append(self.product, products.product[count:] - half.T @ self._b)
+        return more
 
     def gain(self, prior: Prior) -> float:
         """Return the log evidence of a set of columns against none.

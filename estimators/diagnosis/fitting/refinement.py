@@ -78,8 +78,7 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
             "initial_simplex": _simplex(np.clip(x0, 0.02, 0.98)),
         },
     )
-    best = family(*settings(found.x))
-    gain = local.gain(best)
+    best, gain = family(*settings(found.x)), -float(found.fun)
     unchanged = local.gain(hypothesis)
     return (best, gain) if gain > unchanged else (hypothesis, unchanged)
 
@@ -110,6 +109,10 @@ class _Local:
             self._gram[np.ix_(to, to)] += A.T @ A
             self._product[to] += A.T @ y
             self._white.append((A, to, y))
+        count = around.nuisance.index.size
+        nuisance = Prior.free(np.arange(count), around.nuisance.deviation)
+        self._others = replace(around.others, index=np.arange(count, size))
+        self._alone = Evidence(NormalEquations(self._gram, self._product), nuisance)
 
     def gain(self, hypothesis: Hypothesis) -> float:
         """Return the log evidence of the hypothesis together with the others."""
@@ -131,11 +134,8 @@ class _Local:
             product[size + at] += B.T @ y
         gram[size:, :size] = gram[:size, size:].T
         own = replace(candidate.prior, index=size + candidate.prior.index)
-        count = self.around.nuisance.index.size
-        nuisance = Prior.free(np.arange(count), self.around.nuisance.deviation)
-        others = replace(self.around.others, index=np.arange(count, size))
-        evidence = Evidence(NormalEquations(gram, product), nuisance)
-        return evidence.gain(joined(others, own))
+        evidence = self._alone.extended(NormalEquations(gram, product))
+        return evidence.gain(joined(self._others, own))
 
 
 def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> Candidate | None:

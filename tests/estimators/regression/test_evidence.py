@@ -168,3 +168,13 @@ def test_with_values_held_at_their_limit_the_rest_is_worth_what_they_leave():
     expected = density(left, other, SET) - density(left, other)
     assert held.gain(SET) == pytest.approx(expected, rel=1e-6)
     assert held.gain(SET) > free.gain(SET) + 10
+
+
+@pytest.mark.parametrize("known", [2, 4, 5])
+def test_columns_that_come_later_are_worth_what_they_are_beside_all_at_once(known):
+    y = COLUMNS @ np.arange(6.0) + np.random.default_rng(known).standard_normal(ROWS)
+    products = products_of(y)
+    earlier = NormalEquations(products.gram[:known, :known], products.product[:known])
+    extended = Evidence(earlier, NUISANCE).extended(products)
+    assert extended.gain(SET) == pytest.approx(Evidence(products, NUISANCE).gain(SET), rel=1e-9)
+    assert extended.extended(products).gain(SET) == extended.gain(SET)  # by none
