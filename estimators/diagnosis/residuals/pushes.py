@@ -65,7 +65,7 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
         if push.evidence < PUSHES.least_evidence or len(found) > PUSHES.most:
             break
         if not any(_near(push, other) for other in found):
-            found.append(scan.settled(push))
+            found.append(scan.settled(push, found))
     if len(found) > PUSHES.most:
         return ()  # what recurs all the time is no push
     events = [replace(p, rarity=scan.rarity(p)) for p in found if scan.is_event(p, found, trials)]
@@ -106,7 +106,8 @@ class _Scan:
     observed: Observations
     residual: FloatArray  # (K, n) [N m]
     floor: FloatArray  # (n,) [N m], what is usual
-    surprise: FloatArray  # (K, n), zero where it is not judged
+    surprise: FloatArray  # (K, n) over as long as a short hit, zero where it is not judged
+    lasting: FloatArray  # (K, n) over longer, by which the confidence was learned
     judged: NDArray[np.bool_]  # (K, n)
     resting: NDArray[np.bool_]  # (K,)
 
@@ -118,11 +119,14 @@ class _Scan:
         residual = _without_offsets(residual, resting)
         floor = np.array([_usual(residual[use, j]) for j, use in enumerate(judged.T)])
         noise = _noise(observed, residual, observed.moving | resting[:, None])
-        white = [noise.whiten(residual[:, j], j) for j in range(observed.n)]
-        rows = _rows(observed, PUSHES.smoothed) | 1
-        smooth = uniform_filter1d(np.stack(white, axis=1) * judged, rows, axis=0)
+        white = np.stack([noise.whiten(residual[:, j], j) for j in range(observed.n)], axis=1)
         own = np.hypot(1.0, PUSHES.of_inertia * _inertial(observed, moving))
-        return cls(observed, residual, floor, smooth / own * judged, judged, resting)
+        short, long = (_averaged(observed, s) for s in (PUSHES.smoothed, PUSHES.scattered))
+        surprise, lasting = (
+            np.where(judged, uniform_filter1d(white * judged, rows, axis=0) / own, 0.0)
+            for rows in (short, long)
+        )
+        return cls(observed, residual, floor, surprise, lasting, judged, resting)
 
     def trials(self) -> list[Push]:
         """Return all windows in which some joint felt something, the strongest first."""
@@ -149,26 +153,28 @@ class _Scan:
         feel one and the same course; single joints stop and turn at any time, also while the arm is
         pushed. While the whole arm rests, its physics does nothing that recurs.
         """
-        joint, *more = push.joints
-        within = (self.observed.recording == push.recording) & (
-            np.abs(self.observed.slow.time - (push.start + push.end) / 2)
-            <= (push.end - push.start) / 2
-        )
+        within = self._within(push)
         judged = self.judged[within].any(axis=1)
+        rests = not self.observed.moving[within].any()
         alike = len(push.joints) >= PUSHES.many and self._explained(push) >= PUSHES.one_course
-        if judged.size and judged.mean() < PUSHES.judged and not alike:
+        known = not judged.size or judged.mean() >= PUSHES.judged
+        if not alike and not (known and (rests or self._apart_from_ends(push))):
             return False
-        if more:
-            return True
-        if self._explained(push) < PUSHES.explained:
+        return len(push.joints) > 1 or self._is_event_of_one(push, found, trials)
+
+    def _is_event_of_one(self, push: Push, found: Sequence[Push], trials: Sequence[Push]) -> bool:
+        """Say whether what one joint alone felt may be an event."""
+        (joint,), within = push.joints, self._within(push)
+        turned = self.judged[within, joint].mean() < PUSHES.judged
+        if turned or self._explained(push) < PUSHES.explained:
             return False
         time = self.observed.slow.time
         before = (self.observed.recording == push.recording) & (time < push.end)
         before &= time > push.start - PUSHES.steady
-        rests = bool(self.resting[before].all())
-        if rests and self.resting[within].all():
+        rested = bool(self.resting[before].all())
+        if rested and self.resting[within].all():
             return True
-        steady = rests or self.observed.moving[before, joint].all()
+        steady = rested or self.observed.moving[before, joint].all()
         others = (
             trial.evidence
             for trial in trials
@@ -182,7 +188,7 @@ class _Scan:
         time, errors = self.observed.slow.time[near], self.residual[near][:, list(push.joints)]
         course = partial(_hold, ramp=1.0 / self.observed.bandwidth) if push.held else _half_sine
         others = np.ones((time.size, 1))
-        columns = np.column_stack([course(time, push.start, push.end), others])
+        columns = np.column_stack([_felt(course, time, push.start, push.end), others])
         return 1.0 - (_left(columns, errors) / max(_left(others, errors), 1e-12)) ** 2
 
     def _evidence(self, rows: int) -> FloatArray:
@@ -192,7 +198,7 @@ class _Scan:
         segment ends among them.
         """
         result = np.zeros_like(self.surprise)
-        energy, enough, independent = self._energies(rows)
+        energy, enough, independent = self._energies(self.surprise, PUSHES.smoothed, rows)
         starts, resting = np.arange(len(energy)), self._touch_rest(rows)
         for j, use in enumerate(enough.T):
             if use.sum() < PUSHES.fewest:
@@ -205,16 +211,18 @@ class _Scan:
             result[starts, j] = 0.5 * independent * (ratio - 1.0 - np.log(ratio))
         return result
 
-    def _energies(self, rows: int) -> tuple[FloatArray, NDArray[np.bool_], float]:
+    def _energies(
+        self, surprise: FloatArray, smoothed: float, rows: int
+    ) -> tuple[FloatArray, NDArray[np.bool_], float]:
         """Return sums of squares over so many rows from each on, (S, n), and which are judged.
 
         Not judged are those of too few judged rows, and those in which a segment ends. The last is
         how many independent errors there are in each.
         """
-        energy, known = (_sums(x, rows) for x in (self.surprise**2, self.judged.astype(float)))
+        energy, known = (_sums(x, rows) for x in (surprise**2, self.judged.astype(float)))
         segment = self.observed.segment
         whole = segment[: len(energy)] == segment[rows - 1 :][: len(energy)]
-        independent = rows / (PUSHES.alike * (_rows(self.observed, PUSHES.smoothed) | 1))
+        independent = rows / (PUSHES.alike * _averaged(self.observed, smoothed))
         return energy, whole[:, None] & (known >= PUSHES.judged * rows), independent
 
     def _touch_rest(self, rows: int) -> NDArray[np.bool_]:
@@ -228,7 +236,7 @@ class _Scan:
         """
         time, most = self.observed.slow.time, 0.0
         for rows in {max(3, _rows(self.observed, length)) for length in PUSHES.lengths}:
-            energy, enough, independent = self._energies(rows)
+            energy, enough, independent = self._energies(self.lasting, PUSHES.scattered, rows)
             first, last = time[: len(energy)], time[rows - 1 :]
             own = self.observed.recording[: len(energy)] == push.recording
             near = own & (first < push.end + PUSHES.spread) & (last > push.start - PUSHES.spread)
@@ -245,11 +253,15 @@ class _Scan:
             most = max(most, float(total.max(initial=0.0)))
         return most
 
-    def settled(self, push: Push) -> Push:
-        """Move start and end to where half a sine, or a hold, leaves least of what was felt."""
+    def settled(self, push: Push, others: Sequence[Push] = ()) -> Push:
+        """Move start and end to where half a sine, or a hold, leaves least of what was felt.
+
+        Of rows on which other pushes act nothing is asked.
+        """
         middle = (push.start + push.end) / 2
         away = np.abs(self.observed.slow.time - middle)
         near = (self.observed.recording == push.recording) & (away < PUSHES.longest)
+        near &= ~covered(self.observed, others) | self._within(push)
         time, joints = self.observed.slow.time[near], list(push.joints)
         errors = self.residual[near][:, joints] / self.floor[joints]
         sine, hold = (
@@ -261,6 +273,27 @@ class _Scan:
         )
         _, start, end = min(sine, hold)
         return replace(push, start=start, end=end, held=hold < sine)
+
+    def _within(self, push: Push) -> NDArray[np.bool_]:
+        """Mark the rows (K,) between the start and the end of a push."""
+        time = self.observed.slow.time
+        own = self.observed.recording == push.recording
+        return own & (time >= push.start) & (time <= push.end)
+
+    def _apart_from_ends(self, push: Push) -> bool:
+        """Say whether errors are as usual for a while between a push and the ends of the motion.
+
+        Where they are not, nobody can tell a push from what starting or braking does.
+        """
+        time, joints = self.observed.slow.time, list(push.joints)
+        large = (np.abs(self.residual[:, joints]) > PUSHES.usual * self.floor[joints]).any(axis=1)
+        rows = _rows(self.observed, PUSHES.ends) | 1
+        quiet = np.asarray(minimum_filter1d(~large, rows), dtype=bool)
+        own = self.observed.recording == push.recording
+        moves = time[own & self.observed.moving.any(axis=1)]
+        before = own & (time > moves[0]) & (time < push.start)
+        after = own & (time < moves[-1]) & (time > push.end)
+        return bool(quiet[before].any() and quiet[after].any())
 
 
 _Course = Callable[[FloatArray, float, float], FloatArray]
@@ -275,6 +308,15 @@ def _hold(time: FloatArray, start: float, end: float, ramp: float) -> FloatArray
     return np.clip(np.minimum(time - start, end - time) / ramp + 0.5, 0.0, 1.0)
 
 
+def _felt(course: _Course, time: FloatArray, start: float, end: float) -> FloatArray:
+    """Return what joints may feel of a course, (R, 2): the arm moves on under the force.
+
+    So its lever at a joint changes over the push, by about as much in each second.
+    """
+    strength = course(time, start, end)
+    return np.stack([strength, strength * (time - (start + end) / 2) / (end - start)], axis=1)
+
+
 def _fitted(
     course: _Course, time: FloatArray, errors: FloatArray, start: float, end: float
 ) -> tuple[float, float, float]:
@@ -283,7 +325,7 @@ def _fitted(
     start, end = max(start, float(time[0])), min(end, float(time[-1]))
 
     def left(start: float, end: float) -> float:
-        return _left(np.column_stack([course(time, start, end), others]), errors)
+        return _left(np.column_stack([_felt(course, time, start, end), others]), errors)
 
     best = (left(start, end), start, end)
     for step in PUSHES.steps:
@@ -307,6 +349,11 @@ def _rows(observed: Observations, seconds: float) -> int:
     return round(seconds / observed.row_period)
 
 
+def _averaged(observed: Observations, seconds: float) -> int:
+    """Return how many rows are averaged over some seconds, an odd number."""
+    return _rows(observed, seconds) | 1
+
+
 def _usual(errors: FloatArray) -> float:
     """Return the deviation of most errors [N m], whatever a few of them are."""
     usual = _MAD * float(np.median(np.abs(errors))) if errors.size else 0.0
@@ -322,26 +369,40 @@ def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_])
 def _moving(observed: Observations) -> NDArray[np.bool_]:
     """Mark the rows (K, n) on which a joint moves on for a while, in one direction.
 
-    A joint that turns stops and starts, however fast it passes through rest. The first and last
-    moments of a motion are those of starting and of braking.
+    A joint that turns stops and starts, however fast it passes through rest.
     """
-    moving, time = observed.moving, observed.slow.time
-    steady = moving & ~_turning(observed)
-    result = np.asarray(
-        minimum_filter1d(steady, 2 * _rows(observed, PUSHES.settling) + 1, axis=0), dtype=bool
-    )
+    steady = observed.moving & ~_turning(observed)
+    settled = minimum_filter1d(steady, 2 * _rows(observed, PUSHES.settling) + 1, axis=0)
+    return np.asarray(settled, dtype=bool) & ~_ends(observed)[:, None]
+
+
+def _ends(observed: Observations) -> NDArray[np.bool_]:
+    """Mark the rows (K,) outside the motion of a recording, and in its first and last moments.
+
+    Those are of starting and of braking.
+    """
+    time, moves = observed.slow.time, observed.moving.any(axis=1)
+    result = np.zeros(time.size, dtype=bool)
     for recording in range(len(observed.recordings)):
         rows = observed.recording == recording
-        inside = time[rows & moving.any(axis=1)]
+        inside = time[rows & moves]
         if inside.size:
             early, late = inside[0] + PUSHES.ends, inside[-1] - PUSHES.ends
-            result[rows & ((time < early) | (time > late))] = False
+            result[rows & ((time < early) | (time > late))] = True
     return result
 
 
 def _turning(observed: Observations) -> NDArray[np.bool_]:
-    """Mark the last row (K, n) before a joint turns, and the first after."""
-    ahead = np.sign(observed.slow.velocity)
+    """Mark the last row (K, n) before a joint turns, and the first after.
+
+    Or before and after it all but stops, to go on as before: its friction does the same.
+    """
+    velocity, moving = observed.slow.velocity, observed.moving
+    usual = [
+        np.median(np.abs(velocity[use, j])) if use.any() else 0.0 for j, use in enumerate(moving.T)
+    ]
+    slow = PUSHES.stops * np.array(usual)
+    ahead = np.where(np.abs(velocity) < slow, 0.0, np.sign(velocity))
     turns = (ahead[1:] != ahead[:-1]) & (observed.segment[1:] == observed.segment[:-1])[:, None]
     none = np.zeros((1, observed.n), dtype=bool)
     return np.concatenate([turns, none]) | np.concatenate([none, turns])

@@ -28,13 +28,17 @@ class PushSettings:
         "more name what recurs; fewer miss pushes")
     lengths: tuple[float, ...] = setting((0.25, 0.5, 1.0, 2.0), "s", "of the scan's windows",
         "more cost time; fewer miss some lengths", chosen="from a hit to a human push")
-    smoothed: float = setting(0.2, "s", "over which errors are averaged",
+    smoothed: float = setting(0.1, "s", "over which errors are averaged",
         "longer misses short hits; shorter takes single errors for hits",
-        chosen="by hits added to what the simulations of three real arms leave: 0.04 s finds a "
-               "third of those that 0.2 s does at as few false ones")
-    least_evidence: float = setting(80.0, "nat", "for a push, of all joints together",
+        chosen="by hits added to what the simulations of three real arms leave: of 0.05, 0.1 and "
+               "0.2 s it finds most at no false one")
+    scattered: float = setting(0.2, "s", "over which they are to tell how they scatter",
+        "longer tells less of it; shorter takes single errors for scatter",
+        chosen="that by which the confidence of pushes was learned")
+    least_evidence: float = setting(120.0, "nat", "for a push, of all joints together",
         "higher misses weak pushes; lower takes for pushes what the arm does at times",
-        chosen="a quarter above the largest on the same arms without hits, which is 63")
+        chosen="a quarter above the largest that would be named on four arms without hits, "
+               "beside simulations of other runs, which is 94")
     rare: float = setting(14.0, "nat", "how seldom what passes for a push has to be, by chance",
         "higher misses pushes on arms of much unknown physics; lower takes that for pushes",
         chosen="where a push is as likely as not, by the weights of its confidence")
@@ -70,6 +74,10 @@ class PushSettings:
     settling: float = setting(0.3, "s",
         "before and after which a joint neither stops nor starts, nor turns",
         "longer leaves out motion; shorter takes stiction for pushes")
+    stops: float = setting(0.1, "of a joint's usual speed", "below which it all but stops",
+        "higher judges less motion; lower takes a stop on the way for steady motion")
+    usual: float = setting(3.0, "of the usual error", "beyond which errors are not as usual",
+        "higher takes starting for pushes; lower misses pushes soon after a start")
     ends: float = setting(0.5, "s", "of motion at its start and end that is not judged",
         "longer leaves out motion; shorter takes braking for a push")
     apart: float = setting(1.0, "s", "between two pushes",

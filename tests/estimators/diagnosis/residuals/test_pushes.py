@@ -128,7 +128,7 @@ def test_what_an_arm_at_rest_does_as_the_recording_ends_is_no_push() -> None:
     residual[o.slow.time > DURATION - 0.5, :3] += 0.4
 
     assert pushes(o, residual) == ()
-    residual[o.slow.time > DURATION - 0.9, :3] += 0.4
+    residual[o.slow.time > DURATION - 0.9, :3] = o.residual[o.slow.time > DURATION - 0.9, :3] + 0.4
     assert pushes(o, residual) != ()
 
 
@@ -224,6 +224,51 @@ def test_what_one_joint_does_as_it_turns_at_speed_is_no_push() -> None:
 
     assert found(turn - 0.15) == []
     assert found(turn + 0.6) == [(3,)]
+
+
+def turn_after(o: Observations, joint: int, start: float) -> float:
+    """Return when a joint (0-based) turns first after some time [s]."""
+    time, velocity = o.slow.time, o.slow.velocity[:, joint]
+    turns = time[np.flatnonzero(np.diff(np.sign(velocity)))]
+    return float(turns[np.searchsorted(turns, start)])
+
+
+def test_what_joints_do_whenever_they_turn_is_no_push() -> None:
+    o = swinging()
+    residual, time = o.residual.copy(), o.slow.time
+    random = np.random.default_rng(3)
+    for joint in range(7):
+        turn = turn_after(o, joint, 0.0)
+        while turn < 28.0:
+            residual[np.abs(time - turn) < 0.15, joint] += 0.5 * random.uniform(0.5, 1.5)
+            turn = turn_after(o, joint, turn + 0.1)
+
+    assert pushes(o, residual) == ()
+
+
+def test_what_decays_from_the_start_of_the_motion_is_no_push() -> None:
+    o = swinging()
+    time = o.slow.time
+
+    def found(start: float) -> int:
+        residual, since = o.residual.copy(), np.clip(time - start, 0.0, None)
+        decay = (since > 0) * np.exp(-since / 0.6) * np.sin(2 * np.pi * 1.2 * since)
+        residual[:, :3] += 2.0 * decay[:, None]
+        return len(pushes(o, residual))
+
+    assert found(0.0) == 0
+    assert found(10.0) > 0
+
+
+def test_a_push_whose_lever_changes_meanwhile_keeps_its_times() -> None:
+    o = swinging()
+    residual, time = o.residual.copy(), o.slow.time
+    within = np.clip((time - 12.8) / 1.0, 0.0, 1.0)
+    residual[:, :3] += (np.sin(np.pi * within) * (1.0 - 0.9 * within))[:, None]
+
+    (found,) = pushes(o, residual)
+
+    assert (found.start, found.end) == pytest.approx((12.8, 13.8), abs=0.1)
 
 
 def held(pushed: tuple[tuple[float, float], ...]) -> Observations:
