@@ -198,15 +198,15 @@ def test_a_robot_that_falls_silent_has_a_verdict_of_its_own(few_ports, monkeypat
     assert "stopped sending" in text_of(found, "silent")
 
 
-def test_a_robot_that_is_silent_when_it_shall_be_answered_is_silent_too(few_ports):
-    arm = SteppedArm(port=few_ports[0])
-    sent = arm.cycle
+def test_a_robot_that_is_silent_when_it_shall_be_answered_is_silent_too(few_ports, monkeypatch):
+    arm, listen = SteppedArm(port=few_ports[0]), doctor.listen
 
-    def once():
+    def then_silent(*ports):
+        heard = listen(*ports)
         arm.cycle = lambda: None
-        sent()
+        return heard
 
-    arm.cycle = once
+    monkeypatch.setattr(doctor, "listen", then_silent)
     found = examined(arm, few_ports[0], 1.0)
     assert codes(found) == {"robot", "silent"}
     assert "limo doctor" not in text_of(found, "silent")  # which is what runs
