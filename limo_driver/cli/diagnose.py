@@ -172,19 +172,17 @@ def _start(
         raise ConfigError(f"{given} of --sim and --robot given, expected one of them")
     if sim is not None:
         simulation = Simulation.load(sim)
-        known = replace(simulation.tolerances, **tolerances)
-        simulation = replace(simulation, tolerances=known)
-        return simulation, [read(path, simulation.model, mapping) for path in recordings]
-    model = RobotModel.load(str(robot))
-    measured = [read(path, model, mapping) for path in recordings]
-    model = model_for(model, measured)
-    for note in model.notes:
-        notes.print(f"{robot}: {note}")
-    known = {f"{name}_tolerance": value for name, value in tolerances.items()}
-    if not any(recording.has_torque for recording in measured):
-        known.pop("gain_tolerance", None)  # which is refused
-        return described(model, **known), measured
-    return nominal(model, (), **known), measured
+        measured = [read(path, simulation.model, mapping) for path in recordings]
+    else:
+        model = RobotModel.load(str(robot))
+        measured = [read(path, model, mapping) for path in recordings]
+        model = model_for(model, measured)
+        for note in model.notes:
+            notes.print(f"{robot}: {note}")
+        has_torque = any(recording.has_torque for recording in measured)
+        simulation = nominal(model) if has_torque else described(model)
+    known = replace(simulation.tolerances, **tolerances)
+    return replace(simulation, tolerances=known), measured
 
 
 def _export(found: Diagnosis | DriveDiagnosis, to: Path, kind: str, *, as_json: bool) -> None:

@@ -71,8 +71,7 @@ def identify(
     Example:
         >>> limo.identify("iiwa14", "run.parquet").simulation.save("sim.yaml")
     """
-    from estimators.diagnosis.residuals.mounting import as_it_hangs
-    from estimators.diagnosis.residuals.plausibility import doubts_about
+    from estimators.diagnosis.residuals.plausibility import as_it_hangs
     from estimators.recordings import check_recordings
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body import identify as found
@@ -82,10 +81,9 @@ def identify(
     terms = expected("terms", terms or JointTerms(), JointTerms)
     rows = expected("rows", rows or Rows(bandwidth_for(measured)), Rows)
     check_recordings(measured, model)
-    hung = as_it_hangs(model, measured, rows.bandwidth)
-    doubts = (*_turned(model, hung), *doubts_about(hung, measured, rows.bandwidth))
+    hung, doubts = as_it_hangs(model, measured, rows.bandwidth)
     result = found(hung, measured, terms, rows, tolerance, progress)
-    return replace(result, warnings=(*doubts, *result.warnings))
+    return replace(result, warnings=(*_turned(model, hung), *doubts, *result.warnings))
 
 
 def _turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:

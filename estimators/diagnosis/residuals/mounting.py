@@ -14,36 +14,14 @@ import numpy as np
 
 from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.mistakes import dry_and_viscous
-from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.settings.residuals import MOUNTING
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Verdict, Where
-from estimators.rigid_body.stated import bare
-from limo_driver.errors import RecordingError
 from limo_driver.physics import GravityDirection
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from limo_driver.model import RobotModel
+    from estimators.diagnosis.residuals.observations import Observations
     from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
-
-
-def as_it_hangs(model: RobotModel, recordings: Sequence[Recording], bandwidth: float) -> RobotModel:
-    """Return a robot under the gravity that its torques say: its own, unless that is turned far.
-
-    Args:
-        model: The arm with its nominal inertias.
-        recordings: Of that arm, one or more.
-        bandwidth: Of the zero-phase filter on motion and torque [Hz].
-    """
-    try:
-        observed = Observations.of(bare(model), recordings, bandwidth)
-    except RecordingError:  # too little to judge by
-        return model
-    gravity = as_mounted(observed).simulation.body.gravity
-    return model if gravity == model.gravity else model.with_gravity(gravity)
 
 
 def as_mounted(observed: Observations) -> Observations:

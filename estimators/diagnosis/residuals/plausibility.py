@@ -21,6 +21,7 @@ from estimators.diagnosis.residuals.body_fit import (
     without_payload,
 )
 from estimators.diagnosis.residuals.mistakes import Mistake, RowSample, mistakes, stuck
+from estimators.diagnosis.residuals.mounting import as_mounted
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.torque_unit import other_unit
 from estimators.diagnosis.residuals.usable_joints import (
@@ -89,9 +90,40 @@ def doubts_about(
     """
     try:
         observed = Observations.of(bare(model), recordings, bandwidth)
+    except RecordingError as error:
+        return (_unchecked(error),)
+    return _doubts_in(observed)
+
+
+def as_it_hangs(
+    model: RobotModel, recordings: Sequence[Recording], bandwidth: float
+) -> tuple[RobotModel, tuple[str, ...]]:
+    """Return a robot under the gravity that its torques say, and what makes one doubt the log then.
+
+    That is its own gravity, unless it is turned far. Arguments and errors as of `doubts_about`.
+    """
+    try:
+        observed = Observations.of(bare(model), recordings, bandwidth)
+    except RecordingError as error:
+        return model, (_unchecked(error),)
+    gravity = as_mounted(observed).simulation.body.gravity
+    if gravity == model.gravity:
+        return model, _doubts_in(observed)
+    hung = model.with_gravity(gravity)
+    return hung, doubts_about(hung, recordings, bandwidth)
+
+
+def _unchecked(error: RecordingError) -> str:
+    """Say that too little is there to judge by, which may be enough to learn from."""
+    return f"signs, units and order of the columns cannot be checked: {error}"
+
+
+def _doubts_in(observed: Observations) -> tuple[str, ...]:
+    """Refuse mistakes of logs beside a bare arm, and return what else makes one doubt them."""
+    try:
         _check_motion(observed)
-    except RecordingError as error:  # too little to judge by may be enough to learn from
-        return (f"signs, units and order of the columns cannot be checked: {error}",)
+    except RecordingError as error:
+        return (_unchecked(error),)
     return (*filter(None, _check_log(observed)), *_stuck_in(observed), *_weightless_in(observed))
 
 

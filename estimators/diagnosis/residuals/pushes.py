@@ -121,7 +121,7 @@ class _Scan:
         noise = _noise(observed, residual, observed.moving | resting[:, None])
         white = np.stack([noise.whiten(residual[:, j], j) for j in range(observed.n)], axis=1)
         own = np.hypot(1.0, PUSHES.of_inertia * _inertial(observed, moving))
-        short, long = (_averaged(observed, s) for s in (PUSHES.smoothed, PUSHES.scattered))
+        short, long = (_odd_rows(observed, s) for s in (PUSHES.smoothed, PUSHES.scattered))
         surprise, lasting = (
             np.where(judged, uniform_filter1d(white * judged, rows, axis=0) / own, 0.0)
             for rows in (short, long)
@@ -222,7 +222,7 @@ class _Scan:
         energy, known = (_sums(x, rows) for x in (surprise**2, self.judged.astype(float)))
         segment = self.observed.segment
         whole = segment[: len(energy)] == segment[rows - 1 :][: len(energy)]
-        independent = rows / (PUSHES.alike * _averaged(self.observed, smoothed))
+        independent = rows / (PUSHES.alike * _odd_rows(self.observed, smoothed))
         return energy, whole[:, None] & (known >= PUSHES.judged * rows), independent
 
     def _touch_rest(self, rows: int) -> NDArray[np.bool_]:
@@ -253,7 +253,7 @@ class _Scan:
             most = max(most, float(total.max(initial=0.0)))
         return most
 
-    def settled(self, push: Push, others: Sequence[Push] = ()) -> Push:
+    def settled(self, push: Push, others: Sequence[Push]) -> Push:
         """Move start and end to where half a sine, or a hold, leaves least of what was felt.
 
         Of rows on which other pushes act nothing is asked.
@@ -287,7 +287,7 @@ class _Scan:
         """
         time, joints = self.observed.slow.time, list(push.joints)
         large = (np.abs(self.residual[:, joints]) > PUSHES.usual * self.floor[joints]).any(axis=1)
-        rows = _rows(self.observed, PUSHES.ends) | 1
+        rows = _odd_rows(self.observed, PUSHES.ends)
         quiet = np.asarray(minimum_filter1d(~large, rows), dtype=bool)
         own = self.observed.recording == push.recording
         moves = time[own & self.observed.moving.any(axis=1)]
@@ -349,8 +349,8 @@ def _rows(observed: Observations, seconds: float) -> int:
     return round(seconds / observed.row_period)
 
 
-def _averaged(observed: Observations, seconds: float) -> int:
-    """Return how many rows are averaged over some seconds, an odd number."""
+def _odd_rows(observed: Observations, seconds: float) -> int:
+    """Return how many rows some seconds are, an odd number, so that a window has a middle."""
     return _rows(observed, seconds) | 1
 
 
