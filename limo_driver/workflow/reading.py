@@ -118,6 +118,8 @@ def _judged(take: Callable[[Columns, str], _T], columns: Columns, log: object) -
     try:
         return take(columns, source)
     except RecordingError as error:
+        if error.path is not None:
+            raise
         raise RecordingError(str(error), path=source or None, rows=error.rows) from None
 
 

@@ -9,8 +9,9 @@ import pytest
 from logged import arm, measured, numbered, written
 
 import limo_driver as limo
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.recordings.recorder import read_header
+from limo_driver.workflow.reading import read_commanded
 
 TIME, POSITION, VELOCITY, TORQUE = measured()
 
@@ -192,3 +193,12 @@ def test_what_is_no_recording_yet_is_told_how_to_become_one():
             limo.identify("iiwa14", given)
     with pytest.raises(ConfigError, match=r"`limo.nominal\('iiwa14'\)` is the one of that robot"):
         limo.diagnose("iiwa14", [])
+
+
+def test_what_lacks_commands_is_named_once(tmp_path):
+    path = tmp_path / "run.parquet"
+    limo.Recording(TIME, POSITION, TORQUE).save(path)
+    with pytest.raises(RecordingError) as refused:
+        read_commanded(path)
+    assert str(refused.value).count(str(path)) == 1
+    assert str(refused.value).startswith(f"{path}: lacks command_1")
