@@ -88,12 +88,16 @@ def identify(
 
 def _turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:
     """Say how an arm hangs that hangs otherwise than its description says."""
+    import numpy as np
+
+    from estimators.diagnosis.residuals.mistakes import mounted_otherwise
+
     if hung is stated:
         return ()
     said, found = (", ".join(f"{x:.3g}" for x in model.gravity) for model in (stated, hung))
     return (
-        f"the torques are those of an arm mounted otherwise than its description says: gravity is "
-        f"({found}) m/s² in the frame of its base, not ({said}); the simulation states it so",
+        f"{mounted_otherwise(np.array(hung.gravity))}: gravity is ({found}) m/s² in the frame of "
+        f"its base, not ({said}); the simulation states it so",
     )
 
 

@@ -193,11 +193,10 @@ def mistakes(n: int) -> Iterator[Mistake]:
     )
     for axis in range(3):
         for sign in (1.0, -1.0):
-            down = f"{'+' if sign > 0 else '-'}{'xyz'[axis]}"
+            along = sign * np.eye(3)[axis]
             yield Mistake(
-                f"gravity acts along {down} of the base, so the arm is mounted otherwise than its "
-                "description says",
-                _gravity(sign * np.eye(3)[axis]),
+                mounted_otherwise(along),
+                _gravity(along),
                 is_of_data=False,
             )
 
@@ -275,6 +274,19 @@ def _weighed(sample: RowSample) -> RowSample:
     weighed = replace(sample, torque=sample.torque + gravity)
     left, recorded = weighed.misfit * weighed.torque.std(axis=0), sample.torque.std(axis=0)
     return weighed if np.linalg.norm(left) < MISTAKES.left * np.linalg.norm(recorded) else sample
+
+
+def mounted_otherwise(gravity: FloatArray) -> str:
+    """Say along which direction of the base gravity (3,) acts, where a description has another."""
+    unit = gravity / np.linalg.norm(gravity)
+    axis = int(np.argmax(np.abs(unit)))
+    is_along = np.count_nonzero(unit) == 1
+    sign = "+" if unit[axis] > 0 else "-"
+    along = f"{sign}{'xyz'[axis]}" if is_along else f"({', '.join(f'{x:.2g}' for x in unit)})"
+    return (
+        f"gravity acts along {along} of the base, so the arm is mounted otherwise than its "
+        "description says"
+    )
 
 
 def _gravity(direction: FloatArray) -> Undo:

@@ -9,6 +9,7 @@ import pytest
 from noisy_recordings import NOISE, motion
 
 from estimators.diagnosis.pipeline import diagnose
+from estimators.diagnosis.residuals.mistakes import mounted_otherwise
 from estimators.diagnosis.residuals.mounting import as_mounted
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import (
@@ -93,3 +94,9 @@ def test_an_arm_that_stands_is_identified_as_described() -> None:
 
     assert not any(isinstance(item, GravityDirection) for item in found.simulation.effects)
     assert not any("mounted" in warning for warning in found.warnings)
+
+
+def test_a_direction_is_named_by_its_axis_where_it_is_one() -> None:
+    assert mounted_otherwise(np.array([0.0, -9.81, 0.0])).startswith("gravity acts along -y of")
+    skew = mounted_otherwise(np.array([3.0, 0.0, -4.0]))
+    assert skew.startswith("gravity acts along (0.6, 0, -0.8) of the base")
