@@ -57,7 +57,9 @@ def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
     """Yield joint (0-based) and recorded over simulated torque, where one is like the other.
 
     Friction of any size may be added, or be all that is recorded of a gear that holds its load:
-    where what is beyond it is of the usual size, or is none, nothing is another unit.
+    where what is beyond it is of the usual size, or is none, nothing is another unit. Nor is it
+    where a torque varies by less than what it should be in all: a joint that turned one way, under
+    a load that hardly changed, shows little but its errors.
     """
     for j in range(observed.n):
         use = observed.moving[:, j]
@@ -74,7 +76,10 @@ def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
             if not _alike(rest, expected):
                 continue
             told.append(abs(float(rest @ expected)) / float(expected @ expected))
-        yield j, min(told, key=lambda factor: abs(math.log(factor)))
+        factor = min(told, key=lambda factor: abs(math.log(factor)))
+        if factor > PLAUSIBILITY.scale and y @ y < torques[1] @ torques[1]:
+            continue
+        yield j, factor
 
 
 def _alike(y: FloatArray, s: FloatArray) -> bool:

@@ -188,6 +188,24 @@ def test_friction_many_times_that_which_is_known_is_no_other_unit():
         observe(known, [replace(rubbing, torque=torque)], BANDWIDTH)
 
 
+def test_a_joint_that_shows_little_but_its_errors_is_in_no_other_unit():
+    """It turned one way, under a load that hardly changed."""
+    usual = motion_of()
+    position, velocity = usual.position.copy(), usual.velocity.copy()
+    acceleration = usual.acceleration.copy()
+    position[:, 6], velocity[:, 6], acceleration[:, 6] = 0.03 * usual.time, 0.03, 0.0
+    given = record(motion=Motion(usual.time, position, velocity, acceleration))
+    simulated = GIVEN.predict(given)[:, 6]
+    errors = 15.0 * (simulated - simulated.mean())
+    assert 0.0 < errors.std() < np.abs(simulated).mean()
+    torque = given.torque.copy()
+    torque[:, 6] = simulated.mean() + errors
+    observe(GIVEN, [replace(given, torque=torque)], BANDWIDTH)
+    torque[:, 6] = 1000.0 * simulated
+    with pytest.raises(RecordingError, match=r"torque_7 is .* times .*; expected N m"):
+        observe(GIVEN, [replace(given, torque=torque)], BANDWIDTH)
+
+
 def test_torque_of_another_motion_is_refused(recording):
     torque = np.roll(recording.torque, len(recording) // 6, axis=0)
     refused(replace(recording, torque=torque), "are not the load of iiwa14 on this motion")
