@@ -157,11 +157,21 @@ def relieves(problem: RegressionProblem, solution: Solution, member: int) -> boo
     Few rows show little more error then, since those values stand in for it. But that several are
     so far off at once is far less likely than the member.
     """
-    fits = solution.fitted, without(problem, solution, member)
+    return strains(problem, solution, without(problem, solution, member))
+
+
+def strains(problem: RegressionProblem, solution: Solution, other: Posterior) -> bool:
+    """Say whether another fit has several more stated values as far off as they may be.
+
+    Args:
+        problem: What is fitted.
+        solution: This.
+        other: Fit of another set.
+    """
     count = problem.nuisance.prior.index.size
     ahead, behind = (
         ~np.isnan(solution.search.evidence.at_limit(fit)[:count]) & problem.nuisance.entered
-        for fit in fits
+        for fit in (solution.fitted, other)
     )
     return int(behind.sum()) - int(ahead.sum()) >= CONTRIBUTION.relieved
 

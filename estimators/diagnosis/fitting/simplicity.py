@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.fitting.contribution import TINY, coefficients, surely_better
+from estimators.diagnosis.fitting.contribution import (
+    TINY,
+    coefficients,
+    strains,
+    surely_better,
+)
 from estimators.diagnosis.fitting.laws import compete
 from estimators.diagnosis.fitting.problem import simulated
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
@@ -64,6 +69,8 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
     for other in simpler:
         new = solution.having((*rest, other))
         everywhere = range(problem.observed.n)
+        if strains(problem, solution, new.fitted):
+            continue  # what a body does at other joints would be laid to stated values
         if not surely_better(problem, solution, solution.members, new.members, everywhere):
             return new
     return solution
