@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial, reduce
 from typing import TYPE_CHECKING
 
@@ -10,46 +10,31 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.contact import contact_of
+from estimators.diagnosis.events import Events, apart_from_events
 from estimators.diagnosis.fitting.contribution import left_by_tolerances
 from estimators.diagnosis.fitting.intervals import with_parameters
-from estimators.diagnosis.fitting.lateness import made_late
-from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
-from estimators.diagnosis.fitting.settling import (
-    curved,
-    pruned,
-    settled,
-    settled_around,
-    suspects,
-)
-from estimators.diagnosis.fitting.solving import solve
+from estimators.diagnosis.fitting.problem import RegressionProblem
 from estimators.diagnosis.judgement.conclusion import conclude, explanations_of, shifts_of
-from estimators.diagnosis.judgement.judged_set import JudgedSet
-from estimators.diagnosis.judgement.judgement import (
-    harmed,
-    remarks,
-    trusted_gains,
-    worse,
-)
+from estimators.diagnosis.judgement.judgement import remarks, trusted_gains
 from estimators.diagnosis.judgement.questions import tests_of
 from estimators.diagnosis.judgement.sizes import unsure
+from estimators.diagnosis.reconsidering import beyond_tolerances
 from estimators.diagnosis.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.plausibility import check_plausible
-from estimators.diagnosis.residuals.pushes import covered, overlap, pushes
 from estimators.diagnosis.residuals.usable_joints import left_out
 from estimators.diagnosis.result import Diagnosis, Traces
-from estimators.diagnosis.settings.pushes import ROUNDS
 from estimators.diagnosis.stages import Attempts, Budget, Progress, forward, quiet
 from estimators.diagnosis.verdict import Finding, Identified
 from estimators.recordings import check_different
 from limo_driver.errors import RecordingError
-from limo_driver.physics import TimeDelay, spoken
+from limo_driver.physics import spoken
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
-    from estimators.diagnosis.residuals.pushes import Push
+    from estimators.diagnosis.judgement.judged_set import JudgedSet
     from estimators.diagnosis.verdict import Verdict
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
@@ -100,16 +85,16 @@ def diagnose(
     progress("reading motion", 0.0)
     given = observe(simulation, recordings, bandwidth)
     problem = RegressionProblem.of(as_mounted(given), progress)
-    judged, pushed = _without_pushes(problem, progress, budget)
+    judged, events = apart_from_events(problem, progress, budget)
     judged = budget.within(
         "values beyond their tolerances",
-        lambda: _beyond_tolerances(judged, progress, budget),
+        lambda: beyond_tolerances(judged, progress, budget),
         judged,
     )
     judged, harmful = judged.harmless()
     judged = judged.beyond_ordinary()
     progress("fitting to all rows", 0.95)
-    found = _told(given, judged, pushed, budget, harmful=harmful)
+    found = _told(given, judged, events, budget, harmful=harmful)
     progress("done", 1.0)
     return found
 
@@ -117,7 +102,7 @@ def diagnose(
 def _told(
     given: Observations,
     judged: JudgedSet,
-    pushed: _Pushed,
+    events: Events,
     budget: Budget,
     *,
     harmful: bool,
@@ -127,7 +112,7 @@ def _told(
     Args:
         given: The recordings beside the given simulation.
         judged: The set, its proof, and what it leaves.
-        pushed: Stretches in which something pushed, or seemed to.
+        events: Stretches that nothing was fitted to.
         budget: Time for it.
         harmful: Whether nothing is left of the set, since all of it harms.
     """
@@ -142,10 +127,10 @@ def _told(
             improved,
         )
     contact: tuple[Finding, ...] = ()
-    if pushed.seen:
+    if events.pushes:
         contact = attempts.at(
             "force of pushes",
-            lambda: contact_of(pushed.seen, observed, judged.proven, remaining),
+            lambda: contact_of(events.pushes, observed, judged.proven, remaining),
             contact,
         )
     say = partial(_verdict, given, judged, improved, contact, attempts)
@@ -166,7 +151,10 @@ def _told(
     )
     tolerances = left_by_tolerances(problem, solution)
     found = Diagnosis(
-        verdict=replace(verdict, notes=(*verdict.notes, *said, *of_gains, *pushed.notes())),
+        verdict=replace(
+            verdict,
+            notes=(*verdict.notes, *said, *of_gains, *events.notes(len(observed.recordings))),
+        ),
         before=simulation,
         after=_lasting(improved.simulation, simulation),
         recordings=observed.recordings,
@@ -228,155 +216,6 @@ def _lasting(improved: Simulation, given: Simulation) -> Simulation:
     kept = tuple(item for item in improved.effects if item.lasts or item.place in stated)
     # what was stated exactly, to prove a set, is tolerated as before
     return replace(improved, effects=kept, tolerances=given.tolerances)
-
-
-@dataclass(frozen=True)
-class _Pushed:
-    """Stretches in which something pushed, and those that only looked so until all was out."""
-
-    seen: tuple[Push, ...]
-    gone: tuple[Push, ...]
-
-    def notes(self) -> Iterator[str]:
-        """Say what is no finding any more; nothing where there is no such thing."""
-        if times := [f"{push.start:.1f} to {push.end:.1f} s" for push in self.gone]:
-            yield (
-                f"What looked like a push at first ({'; '.join(times)}) is explained by what was "
-                "found since, and is no finding."
-            )
-
-
-def _without_pushes(
-    problem: RegressionProblem, progress: Progress, budget: Budget
-) -> tuple[JudgedSet, _Pushed]:
-    """Return the set that is found beside pushes, and those: nothing is fitted to events.
-
-    They are sought in what a set of effects leaves, since effects that are not out look like pushes
-    themselves. What larger errors hid shows once the whole set is out, and what they feigned is
-    gone then: its rows count again.
-    """
-    first = problem
-    problem, solution = solve(problem, progress)
-    pushed = pushes(problem.observed, problem.left(solution.fitted))
-    if pushed:
-        problem, solution = _without(problem, pushed, progress)
-    found = budget.within(
-        "values that are not linear, and simpler laws",
-        lambda: settled(problem, solution, progress),
-        None,
-    )
-    problem, solution = found or (problem, pruned(problem, solution))
-    judged, seen = _round(problem, solution, progress, budget)
-    for _ in range(ROUNDS.more):
-        hidden = tuple(push for push in seen if not _among(push, pushed))
-        if not hidden:
-            break
-        again = partial(_once_more, problem, (*pushed, *hidden), progress, budget)
-        more = budget.within("pushes that larger errors hid", again, None)
-        if more is None:
-            break
-        pushed, (problem, judged, seen) = (*pushed, *hidden), more
-    sought = pushed
-    while (held := tuple(push for push in pushed if _among(push, seen))) != pushed:
-        again = partial(_once_more, first, held, progress, budget)
-        more = budget.within("rows on which effects feigned a push", again, None)
-        if more is None:
-            break
-        pushed, (_, judged, seen) = held, more
-    real = tuple(push for push in seen if _among(push, pushed))
-    return judged, _Pushed(real, tuple(push for push in sought if not _among(push, real)))
-
-
-def _once_more(
-    problem: RegressionProblem, pushed: tuple[Push, ...], progress: Progress, budget: Budget
-) -> tuple[RegressionProblem, JudgedSet, tuple[Push, ...]]:
-    """Solve, settle and judge without the rows of pushes; return the problem with both results."""
-    problem, solution = settled(*_without(problem, pushed, progress), progress)
-    return problem, *_round(problem, solution, progress, budget)
-
-
-def _without(
-    problem: RegressionProblem, pushed: Sequence[Push], progress: Progress
-) -> tuple[RegressionProblem, Solution]:
-    """Leave the rows of pushes out, and solve again."""
-    return solve(problem.undisturbed(covered(problem.observed, pushed)), progress)
-
-
-def _round(
-    problem: RegressionProblem, solution: Solution, progress: Progress, budget: Budget
-) -> tuple[JudgedSet, tuple[Push, ...]]:
-    """Judge a settled set; return it with the pushes that are seen in what it leaves."""
-    progress("proving on held-out motion", 0.8)
-    judged = _around(JudgedSet.of(problem, solution), progress, budget)
-    judged = budget.within("a delay of all of it", lambda: _in_time(judged, progress), judged)
-    return judged, pushes(problem.observed, judged.proven)
-
-
-def _among(push: Push, others: Sequence[Push]) -> bool:
-    return any(overlap(push, other) for other in others)
-
-
-def _around(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:
-    """Return the best set around one, if there is time to look for it."""
-    return budget.within(
-        "other sets around the one that was found", lambda: _best(judged, progress), judged
-    )
-
-
-def _best(judged: JudgedSet, progress: Progress) -> JudgedSet:
-    """Return what is found around a set, where that may differ and predicts no worse."""
-    problem, solution = judged.problem, judged.solution
-    several = len(solution.members) >= ROUNDS.several
-    if not (several or judged.remaining.clearly_predictable.any()) or not curved(problem, solution):
-        return judged
-    again = JudgedSet.of(*settled_around(problem, solution, progress))
-    return judged if worse(problem, again.proven, judged.proven, judged.remaining) else again
-
-
-def _in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
-    """Return what is found around a lateness of all of it, where that predicts no worse.
-
-    It counts if it names a delay, or leaves less unknown than before.
-    """
-    late = made_late(judged.problem, judged.solution)
-    if late is None:
-        return judged
-    again = JudgedSet.of(*settled_around(*late, progress))
-    # times that are tried lie far apart: what stood for the difference to the true one goes, or is
-    # another effect, but there is no more than before
-    nearer = JudgedSet.of(*settled_around(again.problem, again.solution, progress))
-    larger = len(nearer.solution.members) > len(again.solution.members)
-    if not larger and not worse(nearer.problem, nearer.proven, again.proven, again.remaining):
-        again = nearer
-    found = {effect for effect, _ in again.places(again.named)}
-    if TimeDelay.name not in found and not set(again.unknown) < set(judged.unknown):
-        return judged
-    return judged if worse(again.problem, again.proven, judged.proven, judged.remaining) else again
-
-
-def _beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:
-    """Return the findings with suspicious values held as stated, where that explains more.
-
-    While sets compete, thousands of rows outvote tolerances, and the effect of a wrong value is
-    ascribed to nuisance parameters. Fitted values stay within their limits, and their effect beyond
-    those is unknown, or too small to be seen. Held as it is stated, such a value has to be a
-    finding, and may bring no other name with it.
-    """
-    problem, solution = judged.problem, judged.solution
-    held = suspects(problem, solution, judged.unknown)
-    if not held or harmed(problem, judged.proven, judged.remaining):
-        return judged
-    problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
-    again = JudgedSet.of(*settled(*solve(problem, progress), progress))
-    again = _around(again, progress, budget)
-    found = again.places(again.findings)
-    if not found <= judged.places(solution.members) | held:
-        return judged
-    fewer = set(again.unknown) < set(judged.unknown)
-    wrong = set(again.unknown) == set(judged.unknown) and found & held
-    if fewer or (wrong and not worse(problem, again.proven, judged.proven, judged.remaining)):
-        return again
-    return judged
 
 
 def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArray) -> Traces:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Finding, Verdict
 
 ROWS_JUDGED: Final = "rows judged"  # heading of the only column that is no error
-NOT_JUDGED = "near rest, at reversals or under a push"
+NOT_JUDGED = "near rest, at reversals, under a push or in a jolt"
 _OF_A_JOINT = re.compile(r"(.+) of joint (\d+)( \(.+\))?")
 WORSE = (
     "* Worse than given: without the effects that are missing, values move to make up for them on "

@@ -162,7 +162,7 @@ class RowCount:
     used: int  # samples
     left_out: Mapping[str, int]  # samples, by reason
     total: int = 0  # rows of the slow grid
-    usable: tuple[int, ...] = ()  # (n,) of them not near rest, nor under a push
+    usable: tuple[int, ...] = ()  # (n,) of them not near rest, nor under a push or in a jolt
     fitted: tuple[int, ...] = ()  # (n,) of those, that parameters were fitted to
     held_out: int = 0  # rows in the blocks of time that nothing was fitted to
     judged: tuple[int, ...] = ()  # (n,) of those, usable: the errors of `Fit` count these

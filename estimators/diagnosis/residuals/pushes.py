@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
@@ -72,21 +72,40 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
     return tuple(push for push in events if push.rarity > PUSHES.rare)
 
 
-def covered(observed: Observations, found: Sequence[Push]) -> NDArray[np.bool_]:
-    """Mark the rows that pushes act on, filter included, (K,)."""
+class Stretch(Protocol):
+    """Time of a recording."""
+
+    @property
+    def recording(self) -> int:
+        """Which, 0-based."""
+        ...
+
+    @property
+    def start(self) -> float:
+        """[s]."""
+        ...
+
+    @property
+    def end(self) -> float:
+        """[s]."""
+        ...
+
+
+def covered(observed: Observations, found: Sequence[Stretch]) -> NDArray[np.bool_]:
+    """Mark the rows that pushes or jolts act on, filter included, (K,)."""
     time = observed.slow.time
     result = np.zeros(time.size, dtype=bool)
-    for push in found:
-        near = (time > push.start - PUSHES.spread) & (time < push.end + PUSHES.spread)
-        result |= near & (observed.recording == push.recording)
+    for own in found:
+        near = (time > own.start - PUSHES.spread) & (time < own.end + PUSHES.spread)
+        result |= near & (observed.recording == own.recording)
     return result
 
 
-def overlap(a: Push, b: Push, within: float = PUSHES.spread) -> bool:
-    """Say whether two pushes share rows, once the filter has spread them.
+def overlap(a: Stretch, b: Stretch, within: float = PUSHES.spread) -> bool:
+    """Say whether two events share rows, once the filter has spread them.
 
     Args:
-        a: One push.
+        a: One event.
         b: Another.
         within: What may lie between them [s].
     """
@@ -114,10 +133,11 @@ class _Scan:
     @classmethod
     def of(cls, observed: Observations, residual: FloatArray) -> _Scan:
         """Whiten a residual (K, n), smooth it over a push's least length, and scale it."""
-        moving, resting = _moving(observed), _resting(observed)
+        resting = _resting(observed)
+        moving = steadily_moving(observed) & ~_ends(observed)[:, None]
         judged = moving | resting[:, None]
         residual = _without_offsets(residual, resting)
-        floor = np.array([_usual(residual[use, j]) for j, use in enumerate(judged.T)])
+        floor = np.array([usual_error(residual[use, j]) for j, use in enumerate(judged.T)])
         noise = _noise(observed, residual, observed.moving | resting[:, None])
         white = np.stack([noise.whiten(residual[:, j], j) for j in range(observed.n)], axis=1)
         own = np.hypot(1.0, PUSHES.of_inertia * _inertial(observed, moving))
@@ -354,7 +374,7 @@ def _odd_rows(observed: Observations, seconds: float) -> int:
     return _rows(observed, seconds) | 1
 
 
-def _usual(errors: FloatArray) -> float:
+def usual_error(errors: FloatArray) -> float:
     """Return the deviation of most errors [N m], whatever a few of them are."""
     usual = _MAD * float(np.median(np.abs(errors))) if errors.size else 0.0
     return max(usual, np.finfo(float).tiny)
@@ -362,18 +382,18 @@ def _usual(errors: FloatArray) -> float:
 
 def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_]) -> Noise:
     """Return how errors (K, n) usually look: what a push adds is cut, and passes for none."""
-    most = PUSHES.cut * np.array([_usual(residual[rows, j]) for j, rows in enumerate(use.T)])
+    most = PUSHES.cut * np.array([usual_error(residual[rows, j]) for j, rows in enumerate(use.T)])
     return Noise.of(np.clip(residual, -most, most), use, observed.segment, observed.least_noise)
 
 
-def _moving(observed: Observations) -> NDArray[np.bool_]:
+def steadily_moving(observed: Observations) -> NDArray[np.bool_]:
     """Mark the rows (K, n) on which a joint moves on for a while, in one direction.
 
     A joint that turns stops and starts, however fast it passes through rest.
     """
     steady = observed.moving & ~_turning(observed)
     settled = minimum_filter1d(steady, 2 * _rows(observed, PUSHES.settling) + 1, axis=0)
-    return np.asarray(settled, dtype=bool) & ~_ends(observed)[:, None]
+    return np.asarray(settled, dtype=bool)
 
 
 def _ends(observed: Observations) -> NDArray[np.bool_]:

@@ -11,10 +11,11 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import limo_driver as limo
-from estimators.diagnosis import diagnose, pipeline
+from estimators.diagnosis import diagnose, events, pipeline
 from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.judgement.judged_set import JudgedSet
-from estimators.diagnosis.residuals.pushes import Push
+from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.residuals.pushes import Push, steadily_moving
 from estimators.diagnosis.settings.residuals import HELD_OUT, ROWS
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import ConfigError, RecordingError
@@ -179,10 +180,32 @@ def test_an_arm_of_a_millinewton_metre_is_judged_as_one_of_a_hundred(given):
         np.testing.assert_allclose(getattr(weak.fit, name), scaled, rtol=1e-3)
 
 
+@pytest.mark.slow("two whole diagnoses")
+def test_a_jolt_is_told_and_hides_nothing(given, monkeypatch):
+    monkeypatch.setattr(events, "pushes", lambda *_: ())  # with an arm that rings along, none is
+    true = plus(given, SpringLoad(joint=2, stiffness=0.15, rest=0.0))
+    calm = record(true, 0)
+    seen = Observations.of(given, [calm], 10.0)
+    quiet = np.flatnonzero(steadily_moving(seen).all(axis=1))
+    runs = np.split(quiet, np.flatnonzero(np.diff(quiet) > 1) + 1)
+    at = float(np.median(seen.slow.time[max(runs, key=len)]))
+    since = np.maximum(calm.time - at, 0.0)
+    ring = 10.0 * np.sin(2 * np.pi * 8.0 * since) * np.exp(-since / 0.1)
+    rung = Recording.from_arrays(calm.time, calm.position, calm.torque + ring[:, None])
+
+    usual, jolted = (diagnose(given, [heard]).verdict for heard in (calm, rung))
+
+    (told,) = [note for note in jolted.notes if "usual ones at once" in note]
+    assert float(told.split()[1]) == pytest.approx(at, abs=0.3)
+    assert "joints 1 and 2" in told
+    assert [(f.effect, f.joints) for f in jolted.findings] == [("spring_load", (2,))]
+    np.testing.assert_allclose(jolted.fit.noise_floor, usual.fit.noise_floor, rtol=0.2)
+
+
 @pytest.mark.slow("a whole diagnosis")
 def test_a_push_that_larger_errors_hid_is_taken_out_once_they_are(given, monkeypatch):
     scans = iter([(), (PUSH,), (PUSH,)])  # of the first set, of the whole one, and without its rows
-    monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
+    monkeypatch.setattr(events, "pushes", lambda *_: next(scans))
     found = diagnose(given, [record(given, 0)])
     assert [item.effect for item in found.verdict.findings] == ["external_contact"]
     assert found.verdict.findings[0].where.time == ((20.0, 21.0),)
@@ -196,11 +219,11 @@ def test_what_looks_like_a_push_only_beside_missing_effects_is_none_and_its_rows
     given, monkeypatch
 ):
     scans = iter([(PUSH,), (), ()])  # of the first set, without its rows, and with them again
-    monkeypatch.setattr(pipeline, "pushes", lambda *_: next(scans))
+    monkeypatch.setattr(events, "pushes", lambda *_: next(scans))
     found = diagnose(given, [record(given, 0)])
     assert found.verdict.verdict == "consistent"
     assert next(scans, "none is left") == "none is left"
-    monkeypatch.setattr(pipeline, "pushes", lambda *_: ())
+    monkeypatch.setattr(events, "pushes", lambda *_: ())
     assert found.verdict.rows == diagnose(given, [record(given, 0)]).verdict.rows
 
 

@@ -1,0 +1,76 @@
+"""Jolts: found where errors of several joints are far larger than usual at once, and seldom."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from noisy_recordings import half_sines, observed
+
+from estimators.diagnosis.residuals.jolts import Jolt, jolts, note
+from estimators.diagnosis.residuals.pushes import covered, pushes
+from estimators.diagnosis.settings.pushes import JOLTS
+
+
+def rung(residual, time, at, joints, size=1.0):
+    """Return errors (K, n) with a ring of 8 Hz that fades within 0.2 s [N m]."""
+    since = np.maximum(time - at, 0.0)
+    ring = size * np.sin(2 * np.pi * 8.0 * since + 0.5) * np.exp(-since / 0.1) * (time >= at)
+    result = residual.copy()
+    result[:, list(joints)] += ring[:, None]
+    return result
+
+
+def test_an_arm_that_rings_is_jolted_there_and_nowhere_else() -> None:
+    o = observed()
+    time = o.slow.time
+    steady = [at for at in np.arange(5.0, 50.0, 0.5) if len(jolted(o, at)) == 1]
+
+    assert len(steady) > 10  # at the others, joints turn
+    (found,) = jolted(o, steady[0])
+
+    assert found.recording == 0
+    assert steady[0] <= found.start <= found.end < steady[0] + 0.4
+    assert {*found.joints} <= {1, 3, 4}
+    assert found.times > JOLTS.outstanding
+    rows = covered(o, (found,))
+    assert rows[np.abs(time - steady[0]) < 0.1].all()
+    assert rows.mean() < 0.03
+
+
+def jolted(o, at):
+    return jolts(o, rung(o.residual, o.slow.time, at, (1, 3, 4)), ())
+
+
+def test_what_one_joint_alone_does_is_none() -> None:
+    o = observed()
+    for at in np.arange(5.0, 50.0, 5.0):
+        assert jolts(o, rung(o.residual, o.slow.time, at, (3,)), ()) == ()
+
+
+def test_noise_holds_none() -> None:
+    o = observed(seeds=(1, 2))
+    assert jolts(o, o.residual, ()) == ()
+
+
+def test_what_recurs_is_none() -> None:
+    o = observed()
+    residual = o.residual
+    for at in np.arange(3.0, 55.0, 1.0):
+        residual = rung(residual, o.slow.time, at, (1, 3, 4))
+    assert jolts(o, residual, ()) == ()
+
+
+def test_a_push_is_none_besides() -> None:
+    o = observed(half_sines(), seeds=(1, 2), affected=1)
+    assert jolts(o, o.residual, ())
+    assert jolts(o, o.residual, pushes(o, o.residual)) == ()
+
+
+@pytest.mark.parametrize(
+    ("recordings", "when"), [(1, "At 3.2 s and 9.0 s"), (2, "At 3.2 s of recording 1 and 9.0 s of")]
+)
+def test_a_note_says_when_where_and_how_far(recordings, when) -> None:
+    found = (Jolt(0, 3.21, 3.4, (1, 2), 16.2), Jolt(recordings - 1, 9.0, 9.1, (0, 2), 7.0))
+    said = note(found, recordings)
+    assert said.startswith(when)
+    assert "joints 1, 2 and 3 are up to 16 times" in said
