@@ -20,6 +20,7 @@ from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     CoulombFriction,
     JointElasticity,
+    LoadDependentFriction,
     Payload,
     PositionDependentFriction,
     Simulation,
@@ -168,6 +169,37 @@ def test_what_is_more_than_the_simpler_explains_keeps_its_name():
     knots = place_of(problem, "spring_load", 3)
     (kept,) = simplified(problem, fitted(problem, (knots,), noise)).members
     assert problem.candidates[kept].effect == "spring_load"
+
+
+@pytest.mark.slow("fits an arm of seven joints")
+def test_two_of_a_joint_give_way_to_one_that_does_as_well_and_stay_where_none_does():
+    pressed = LoadDependentFriction(joint=3, coefficient=0.2, variant="negative")
+    spring = SpringLoad(joint=3, stiffness=3.0, rest=0.3)
+    problem, noise = problem_of(pressed)
+    absolute, negative = (
+        next(
+            i
+            for i, item in enumerate(problem.candidates)
+            if item.effect == pressed.name and item.hypothesis.terms[0].variant == variant
+            if item.joints == (2,)
+        )
+        for variant in ("absolute", "negative")
+    )
+    gain = place_of(problem, "torque_gain", 3)
+    both = fitted(problem, (absolute, gain), noise)
+    assert simplified(problem, both).members == (negative,)
+
+    more, noise = problem_of(pressed, spring)
+    (linear,) = (
+        i
+        for i, item in enumerate(more.candidates)
+        if item.place == (spring.name, (2,)) and isinstance(item.hypothesis.terms[1], TorqueOffset)
+    )
+    both = fitted(more, (negative, linear), noise)
+    assert {more.candidates[i].effect for i in simplified(more, both).members} == {
+        pressed.name,
+        spring.name,
+    }
 
 
 def test_a_load_has_the_name_of_the_wrong_last_link_that_it_equals(carrying):
