@@ -32,14 +32,13 @@ def _best(judged: JudgedSet, progress: Progress) -> JudgedSet:
     several = len(solution.members) >= ROUNDS.several
     if not (several or judged.remaining.clearly_predictable.any()) or not curved(problem, solution):
         return judged
-    again = JudgedSet.of(*settled_around(problem, solution, progress))
-    return judged if worse(problem, again.proven, judged.proven, judged.remaining) else again
+    return judged.or_better(JudgedSet.of(*settled_around(problem, solution, progress)))
 
 
 def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     """Return what is found around a lateness of all of it, where that predicts no worse.
 
-    It counts if it names a delay, or leaves less unknown than before.
+    It counts if it names a delay, leaves less unknown than before, or serves where that does not.
     """
     late = made_late(judged.problem, judged.solution)
     if late is None:
@@ -52,9 +51,10 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     if not larger and not worse(nearer.problem, nearer.proven, again.proven, again.remaining):
         again = nearer
     found = {effect for effect, _ in again.places(again.named)}
-    if TimeDelay.name not in found and not set(again.unknown) < set(judged.unknown):
+    serves = again.serves and not judged.serves
+    if not serves and TimeDelay.name not in found and not set(again.unknown) < set(judged.unknown):
         return judged
-    return judged if worse(again.problem, again.proven, judged.proven, judged.remaining) else again
+    return judged.or_better(again)
 
 
 def beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:

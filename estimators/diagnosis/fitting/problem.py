@@ -209,6 +209,15 @@ class RegressionProblem:
         problem = self.as_stated(self.nuisance.entered)
         return replace(problem, observed=observed.beside(exact, observed.around))
 
+    def with_stated_bodies(self) -> RegressionProblem:
+        """Return the same, with bodies exactly as stated; effects may move within tolerances."""
+        observed, nuisance = self.observed, self.nuisance
+        tolerances = replace(observed.simulation.tolerances, inertia=0.0)
+        exact = replace(observed.simulation, tolerances=tolerances)
+        of_bodies = np.array([not item.of_effect for item in nuisance.parameters], dtype=bool)
+        problem = self.as_stated(nuisance.entered & of_bodies)
+        return replace(problem, observed=observed.beside(exact, observed.around))
+
     def again(self, candidate: Candidate, place: int) -> int:
         """Enter a candidate that has a place on another problem; return its place on this one."""
         if candidate.hypothesis is None:

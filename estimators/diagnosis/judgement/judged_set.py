@@ -21,6 +21,7 @@ from estimators.diagnosis.judgement.judgement import (
 )
 from estimators.diagnosis.judgement.ordinary import beyond_siblings, to_identify
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -76,32 +77,56 @@ class JudgedSet:
         """Return effect and joints (0-based) of some candidates."""
         return {self.problem.candidates[member].place for member in members}
 
+    @property
+    def serves(self) -> bool:
+        """Say whether the arm is surely predicted better than given, and no joint clearly worse."""
+        return self._surely_better and not self._harmed
+
+    def or_better(self, other: JudgedSet) -> JudgedSet:
+        """Return another set in place of this, where that predicts no joint clearly worse.
+
+        Where this does not serve, and would be taken apart for that, the other just has to serve:
+        a fit that follows one joint further than the arm allows is no measure of that joint.
+        """
+        if other.serves and not self.serves:
+            return other
+        worse = worse_at(other.problem, other.proven, self.proven, self.remaining)
+        return self if worse else other
+
     def harmless(self) -> tuple[JudgedSet, bool]:
         """Return this without what makes motion held out worse.
 
-        First what acts on the harmed joints alone, then the values that moved inside their
-        tolerances, then members one by one. A set that makes one joint somewhat worse and the arm
-        surely better is the lesser harm where what is left then brings less than half as much.
+        First what acts on the harmed joints alone, then bodies and then all values that moved
+        inside their tolerances, then members one by one. A set that makes one joint somewhat worse
+        and the arm surely better is the lesser harm where what is left then brings less than half
+        as much.
 
         Returns:
             What is left, and whether that is nothing since all of it harms.
         """
-        judged = self if not self._harmed else self._stated_at(self._harmed)
-        problem = judged.problem
-        tried = [self, judged]
+        judged, tried = self._spared, [self]
+        problem, noise = judged.problem, judged.solution.noise
+        if judged._harmed and problem.observed.simulation.tolerances.inertia:
+            # a body that moved inside its tolerance acts on joints that it is not fitted for
+            tried.append(judged)
+            some = problem.with_stated_bodies()
+            judged = JudgedSet.of(some, fitted(some, self.solution.members, noise))._spared
         if judged._harmed:
             # values moved inside their tolerances may be what harms: few rows outvote no statement
+            tried.append(judged)
             problem = problem.with_stated_values()
-            noise = judged.solution.noise
             judged = JudgedSet.of(problem, fitted(problem, self.solution.members, noise))
+        exact = judged.problem is problem and problem is not self.problem
         while judged._harmed and judged.solution.members:
             tried.append(judged)
             fewer = least_harmful(problem, judged.solution, judged.solution.members)
             judged = JudgedSet.of(problem, fitted(problem, fewer, judged.solution.noise))
-        some = [one for one in tried if one.named]  # nothing is, unless the arm is surely better
+        some = [one for one in tried if one._is_sure]
         best = max(some, key=JudgedSet._gain, default=judged)
-        moved = judged.solution.members or judged.problem is self.problem
-        if moved and not judged._harmed:
+        moved = judged.solution.members or not exact
+        # what harmed somewhere before and has no name has to bring more than chance does
+        worth = judged is self or judged._is_sure or judged._gain() > CONTRIBUTION.material**2
+        if moved and worth and not judged._harmed:
             return (judged if 2 * judged._gain() >= best._gain() else best), False
         if some:
             return best, False
@@ -133,6 +158,21 @@ class JudgedSet:
             judged = JudgedSet.of(problem, fitted(problem, fewer, noise))
             tried.append(judged)
         return judged
+
+    @property
+    def _spared(self) -> JudgedSet:
+        """This, with all that acts on harmed joints alone as it is stated."""
+        return self._stated_at(self._harmed) if self._harmed else self
+
+    @property
+    def _is_sure(self) -> bool:
+        """Say whether names are in this, or the arm is surely better predicted without any."""
+        return bool(self.named) or self._surely_better
+
+    @property
+    def _surely_better(self) -> bool:
+        """Say whether the arm's motion held out is surely predicted better than before."""
+        return gains(self.problem, self.solution, self.proven, self.remaining)
 
     def _worse_at(self, other: FloatArray) -> tuple[int, ...]:
         return worse_at(self.problem, self.proven, other, self.remaining)

@@ -71,3 +71,56 @@ def test_values_moved_where_they_are_surely_worse_stay_as_stated(right, changed)
     found, as_given = JudgedSet.beside_one(right, nothing, moved).harmless()
     assert as_given
     np.testing.assert_array_equal(found.proven, observed.residual)
+
+
+@pytest.fixture(scope="module")
+def rubbing(arm, training_recording):
+    """Joint 2 rubs three times as much as the simulation states, within its tolerance."""
+    stated, random = Simulation(str(arm)), np.random.default_rng(5)
+    rub = ViscousFriction(joint=1, f_v=0.5)
+    stated = replace(stated, effects=(rub, ViscousFriction(joint=2, f_v=1.0)))
+    stated = replace(stated, tolerances=replace(stated.tolerances, friction=1.0))
+    true = replace(stated, effects=(rub, ViscousFriction(joint=2, f_v=3.0)))
+    torque = true.predict(training_recording)
+    noisy = replace(training_recording, torque=torque + 0.2 * random.standard_normal(torque.shape))
+    return RegressionProblem.of(Observations.of(stated, [noisy], 10.0), quiet), true
+
+
+def beside(rubbing, lighter, f_v):
+    """Judge what a fit may have come to: a first link that is lighter, and friction of joint 2."""
+    problem, true = rubbing
+    observed, nothing = problem.observed, fitted(problem, (), noise_of_everything(problem))
+    link = true.model.link_names[0]
+    body = true.model.inertials[link]
+    found = replace(
+        true,
+        effects=(true.effects[0], ViscousFriction(joint=2, f_v=f_v)),
+        inertials={link: replace(body, mass=lighter * body.mass)},
+    )
+    return JudgedSet.beside_one(problem, nothing, observed.beside(found))
+
+
+def test_values_of_one_joint_stay_where_bodies_harm_another(rubbing):
+    problem, _ = rubbing
+    rows, harmful = problem.split.held_out, beside(rubbing, 0.8, 3.0)
+    assert rmse(harmful.proven, rows)[0] > 2 * rmse(problem.observed.residual, rows)[0]
+    found, as_given = harmful.harmless()
+    assert not as_given
+    left, given = rmse(found.proven, rows), rmse(problem.observed.residual, rows)
+    assert left[0] < 1.1 * given[0]
+    assert left[1] < 0.5 * given[1]
+
+
+def test_a_set_that_serves_takes_the_place_of_one_that_harms(rubbing):
+    """Although that follows a joint further, which it would lose together with what harms."""
+    harmful, serving = beside(rubbing, 0.8, 3.0), beside(rubbing, 1.0, 2.6)
+    assert not harmful.serves
+    assert serving.serves
+    assert harmful.or_better(serving) is serving
+    assert serving.or_better(harmful) is serving
+
+
+def test_of_two_sets_that_serve_none_is_worse_at_a_joint(rubbing):
+    better, serving = beside(rubbing, 1.0, 3.0), beside(rubbing, 1.0, 1.8)
+    assert better.or_better(serving) is better
+    assert serving.or_better(better) is better
