@@ -104,7 +104,8 @@ class JudgedSet:
         Returns:
             What is left, and whether that is nothing since all of it harms.
         """
-        judged, tried = self._spared, [self]
+        judged = self._spared
+        tried: list[JudgedSet] = [self]
         problem, noise = judged.problem, judged.solution.noise
         if judged._harmed and problem.observed.simulation.tolerances.inertia:
             # a body that moved inside its tolerance acts on joints that it is not fitted for
