@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.residuals.pushes import overlap, steadily_moving, usual_error
+from estimators.diagnosis.residuals.noise import usual_error
+from estimators.diagnosis.residuals.pushes import overlap
+from estimators.diagnosis.residuals.reversals import steadily_moving
 from estimators.diagnosis.settings.pushes import JOLTS
 from estimators.diagnosis.wording import listed, rounded
 

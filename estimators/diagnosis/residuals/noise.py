@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
+_MAD = 1.4826  # of a normal distribution, its deviation over the median of absolute values
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -178,3 +180,9 @@ def roughness(
 
 
 _THIRD = 20.0  # variance of a third difference of white noise
+
+
+def usual_error(errors: FloatArray) -> float:
+    """Return the deviation of most errors [N m], whatever a few of them are."""
+    usual = _MAD * float(np.median(np.abs(errors))) if errors.size else 0.0
+    return max(usual, np.finfo(float).tiny)

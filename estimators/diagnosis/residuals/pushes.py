@@ -20,8 +20,15 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from estimators.diagnosis.residuals.noise import Noise
+from estimators.diagnosis.residuals.noise import Noise, usual_error
 from estimators.diagnosis.residuals.rarity import rarity
+from estimators.diagnosis.residuals.reversals import (
+    about_reversals,
+    ends_of_motion,
+    rows_in,
+    steadily_moving,
+    usual_about_reversals,
+)
 from estimators.diagnosis.residuals.usable_joints import doubtful_encoders
 from estimators.diagnosis.settings.pushes import PUSHES
 from limo_driver.types import FloatArray
@@ -32,8 +39,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.residuals.observations import Observations
-
-_MAD = 1.4826  # of a normal distribution, its deviation over the median of absolute values
 
 
 @dataclass(frozen=True)
@@ -128,32 +133,36 @@ class _Scan:
     surprise: FloatArray  # (K, n) over as long as a short hit, zero where it is not judged
     lasting: FloatArray  # (K, n) over longer, by which the confidence was learned
     judged: NDArray[np.bool_]  # (K, n)
+    steady: NDArray[np.bool_]  # (K, n), those of them that are not about a reversal
     resting: NDArray[np.bool_]  # (K,)
 
     @classmethod
     def of(cls, observed: Observations, residual: FloatArray) -> _Scan:
         """Whiten a residual (K, n), smooth it over a push's least length, and scale it."""
-        resting = _resting(observed)
-        moving = steadily_moving(observed) & ~_ends(observed)[:, None]
-        judged = moving | resting[:, None]
+        resting, turns = _resting(observed), about_reversals(observed)
+        moving = steadily_moving(observed) & ~ends_of_motion(observed)[:, None]
+        steady = moving | resting[:, None]
         residual = _without_offsets(residual, resting)
-        floor = np.array([usual_error(residual[use, j]) for j, use in enumerate(judged.T)])
+        floor = np.array([usual_error(residual[use, j]) for j, use in enumerate(steady.T)])
         noise = _noise(observed, residual, observed.moving | resting[:, None])
         white = np.stack([noise.whiten(residual[:, j], j) for j in range(observed.n)], axis=1)
-        own = np.hypot(1.0, PUSHES.of_inertia * _inertial(observed, moving))
-        short, long = (_odd_rows(observed, s) for s in (PUSHES.smoothed, PUSHES.scattered))
-        surprise, lasting = (
-            np.where(judged, uniform_filter1d(white * judged, rows, axis=0) / own, 0.0)
-            for rows in (short, long)
-        )
-        return cls(observed, residual, floor, surprise, lasting, judged, resting)
+        inertial = PUSHES.of_inertia * _inertial(observed, moving)
+        own = np.where(turns, 1.0, np.hypot(1.0, inertial))  # at reversals others tell as much
+        judged, averaged = steady | turns, []
+        for seconds in (PUSHES.smoothed, PUSHES.scattered):
+            errors = uniform_filter1d(white * judged, _odd_rows(observed, seconds), axis=0) / own
+            usual = usual_about_reversals(observed, errors, steady, turns)
+            judged = judged & np.isfinite(usual)
+            averaged.append(errors / usual)
+        surprise, lasting = (np.where(judged, errors, 0.0) for errors in averaged)
+        return cls(observed, residual, floor, surprise, lasting, judged, steady, resting)
 
     def trials(self) -> list[Push]:
         """Return all windows in which some joint felt something, the strongest first."""
         found: list[Push] = []
         time = self.observed.slow.time
         for length in PUSHES.lengths:
-            rows = max(3, _rows(self.observed, length))
+            rows = max(3, rows_in(self.observed, length))
             evidence = self._evidence(rows)
             total = np.maximum(evidence - PUSHES.joint, 0.0).sum(axis=1)
             for first in np.flatnonzero((evidence > PUSHES.felt).any(axis=1)).tolist():
@@ -185,7 +194,7 @@ class _Scan:
     def _is_event_of_one(self, push: Push, found: Sequence[Push], trials: Sequence[Push]) -> bool:
         """Say whether what one joint alone felt may be an event."""
         (joint,), within = push.joints, self._within(push)
-        turned = self.judged[within, joint].mean() < PUSHES.judged
+        turned = self.steady[within, joint].mean() < PUSHES.judged
         if turned or self._explained(push) < PUSHES.explained:
             return False
         time = self.observed.slow.time
@@ -220,12 +229,12 @@ class _Scan:
         result = np.zeros_like(self.surprise)
         energy, enough, independent = self._energies(self.surprise, PUSHES.smoothed, rows)
         starts, resting = np.arange(len(energy)), self._touch_rest(rows)
-        for j, use in enumerate(enough.T):
-            if use.sum() < PUSHES.fewest:
+        for j, (use, away) in enumerate(zip(enough.T, (enough & ~self._turn(rows)).T, strict=True)):
+            if away.sum() < PUSHES.fewest:
                 continue
-            usual = np.full(starts.size, max(np.median(energy[use, j]), np.finfo(float).tiny))
+            usual = np.full(starts.size, max(np.median(energy[away, j]), np.finfo(float).tiny))
             for alike in (resting, ~resting):  # what is usual at rest is not so in motion
-                if (own := use & alike).any():
+                if (own := away & alike).any():
                     usual[alike] = max(usual[0], float(np.median(energy[own, j])))
             ratio = np.where(use, np.maximum(energy[:, j] / usual, 1.0), 1.0)
             result[starts, j] = 0.5 * independent * (ratio - 1.0 - np.log(ratio))
@@ -248,6 +257,10 @@ class _Scan:
     def _touch_rest(self, rows: int) -> NDArray[np.bool_]:
         return np.asarray(_sums(self.resting[:, None].astype(float), rows)[:, 0] > 0)
 
+    def _turn(self, rows: int) -> NDArray[np.bool_]:
+        """Mark windows (S, n) in which a joint turns: they do not tell what is usual."""
+        return np.asarray(_sums((self.judged & ~self.steady).astype(float), rows) > 0)
+
     def rarity(self, push: Push) -> float:
         """Return how seldom errors that scatter as those of other stretches are as large [nat].
 
@@ -255,7 +268,7 @@ class _Scan:
         the evidence.
         """
         time, most = self.observed.slow.time, 0.0
-        for rows in {max(3, _rows(self.observed, length)) for length in PUSHES.lengths}:
+        for rows in {max(3, rows_in(self.observed, length)) for length in PUSHES.lengths}:
             energy, enough, independent = self._energies(self.lasting, PUSHES.scattered, rows)
             first, last = time[: len(energy)], time[rows - 1 :]
             own = self.observed.recording[: len(energy)] == push.recording
@@ -266,9 +279,10 @@ class _Scan:
                 return push.evidence
             enough &= ~resting[:, None]  # which say nothing of what is usual in motion
             total = np.zeros(len(energy))
-            for j, use in enumerate(enough.T):
-                if (use & ~near).sum() >= PUSHES.fewest and (use & within).any():
-                    rare = rarity(energy[use & within, j], energy[use & ~near, j], independent)
+            others = enough & ~self._turn(rows) & ~near[:, None]
+            for j, (use, away) in enumerate(zip(enough.T, others.T, strict=True)):
+                if away.sum() >= PUSHES.fewest and (use & within).any():
+                    rare = rarity(energy[use & within, j], energy[away, j], independent)
                     total[use & within] += np.maximum(rare - PUSHES.joint, 0.0)
             most = max(most, float(total.max(initial=0.0)))
         return most
@@ -365,67 +379,15 @@ def _left(columns: FloatArray, errors: FloatArray) -> float:
     return float(np.linalg.norm(errors - columns @ np.linalg.lstsq(columns, errors)[0]))
 
 
-def _rows(observed: Observations, seconds: float) -> int:
-    return round(seconds / observed.row_period)
-
-
 def _odd_rows(observed: Observations, seconds: float) -> int:
     """Return how many rows some seconds are, an odd number, so that a window has a middle."""
-    return _rows(observed, seconds) | 1
-
-
-def usual_error(errors: FloatArray) -> float:
-    """Return the deviation of most errors [N m], whatever a few of them are."""
-    usual = _MAD * float(np.median(np.abs(errors))) if errors.size else 0.0
-    return max(usual, np.finfo(float).tiny)
+    return rows_in(observed, seconds) | 1
 
 
 def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_]) -> Noise:
     """Return how errors (K, n) usually look: what a push adds is cut, and passes for none."""
     most = PUSHES.cut * np.array([usual_error(residual[rows, j]) for j, rows in enumerate(use.T)])
     return Noise.of(np.clip(residual, -most, most), use, observed.segment, observed.least_noise)
-
-
-def steadily_moving(observed: Observations) -> NDArray[np.bool_]:
-    """Mark the rows (K, n) on which a joint moves on for a while, in one direction.
-
-    A joint that turns stops and starts, however fast it passes through rest.
-    """
-    steady = observed.moving & ~_turning(observed)
-    settled = minimum_filter1d(steady, 2 * _rows(observed, PUSHES.settling) + 1, axis=0)
-    return np.asarray(settled, dtype=bool)
-
-
-def _ends(observed: Observations) -> NDArray[np.bool_]:
-    """Mark the rows (K,) outside the motion of a recording, and in its first and last moments.
-
-    Those are of starting and of braking.
-    """
-    time, moves = observed.slow.time, observed.moving.any(axis=1)
-    result = np.zeros(time.size, dtype=bool)
-    for recording in range(len(observed.recordings)):
-        rows = observed.recording == recording
-        inside = time[rows & moves]
-        if inside.size:
-            early, late = inside[0] + PUSHES.ends, inside[-1] - PUSHES.ends
-            result[rows & ((time < early) | (time > late))] = True
-    return result
-
-
-def _turning(observed: Observations) -> NDArray[np.bool_]:
-    """Mark the last row (K, n) before a joint turns, and the first after.
-
-    Or before and after it all but stops, to go on as before: its friction does the same.
-    """
-    velocity, moving = observed.slow.velocity, observed.moving
-    usual = [
-        np.median(np.abs(velocity[use, j])) if use.any() else 0.0 for j, use in enumerate(moving.T)
-    ]
-    slow = PUSHES.stops * np.array(usual)
-    ahead = np.where(np.abs(velocity) < slow, 0.0, np.sign(velocity))
-    turns = (ahead[1:] != ahead[:-1]) & (observed.segment[1:] == observed.segment[:-1])[:, None]
-    none = np.zeros((1, observed.n), dtype=bool)
-    return np.concatenate([turns, none]) | np.concatenate([none, turns])
 
 
 def _resting(observed: Observations) -> NDArray[np.bool_]:
@@ -435,7 +397,7 @@ def _resting(observed: Observations) -> NDArray[np.bool_]:
     is about to move, and nobody knows what came before a recording, or after it.
     """
     still = np.asarray(~observed.moving.any(axis=1))
-    rows = 2 * _rows(observed, PUSHES.ends) + 1
+    rows = 2 * rows_in(observed, PUSHES.ends) + 1
     result = np.zeros_like(still)
     for recording in range(len(observed.recordings)):
         own = observed.recording == recording
@@ -462,7 +424,7 @@ def _inertial(observed: Observations, moving: NDArray[np.bool_]) -> FloatArray:
     torque = body.inverse_dynamics(
         slow.position, slow.velocity, slow.acceleration
     ) - body.inverse_dynamics(slow.position, still, still)
-    near = maximum_filter1d(np.abs(torque), 2 * _rows(observed, PUSHES.spread) + 1, axis=0)
+    near = maximum_filter1d(np.abs(torque), 2 * rows_in(observed, PUSHES.spread) + 1, axis=0)
     usual = [float(np.median(near[use, j])) if use.any() else 1.0 for j, use in enumerate(moving.T)]
     return near / np.maximum(usual, np.finfo(float).tiny)
 

@@ -76,6 +76,11 @@ class PushSettings:
         "longer leaves out motion; shorter takes stiction for pushes")
     stops: float = setting(0.1, "of a joint's usual speed", "below which it all but stops",
         "higher judges less motion; lower takes a stop on the way for steady motion")
+    at_turns: float = setting(0.9, "quantile",
+        "of a joint's errors as long before or after its other reversals, that are usual there",
+        "higher misses pushes over a reversal; lower takes friction that varies for them")
+    fewest_turns: int = setting(6, "reversals", "of a joint, other ones, to learn that",
+        "more judge no short recordings about reversals; fewer know little")
     usual: float = setting(3.0, "of the usual error", "beyond which errors are not as usual",
         "higher takes starting for pushes; lower misses pushes soon after a start")
     ends: float = setting(0.5, "s", "of motion at its start and end that is not judged",

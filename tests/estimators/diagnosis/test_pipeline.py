@@ -15,7 +15,8 @@ from estimators.diagnosis import diagnose, events, pipeline
 from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.judgement.judged_set import JudgedSet
 from estimators.diagnosis.residuals.observations import Observations
-from estimators.diagnosis.residuals.pushes import Push, steadily_moving
+from estimators.diagnosis.residuals.pushes import Push
+from estimators.diagnosis.residuals.reversals import steadily_moving
 from estimators.diagnosis.settings.residuals import HELD_OUT, ROWS
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import ConfigError, RecordingError

@@ -11,6 +11,7 @@ from estimators.diagnosis.contact import ContactIn, wrench_of
 from estimators.diagnosis.hypotheses.responses import response
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.residuals.pushes import Push, covered, pushes
+from estimators.diagnosis.residuals.reversals import steadily_moving
 from limo_driver.physics import ExternalContact, Payload, Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
@@ -244,6 +245,32 @@ def test_what_joints_do_whenever_they_turn_is_no_push() -> None:
             turn = turn_after(o, joint, turn + 0.1)
 
     assert pushes(o, residual) == ()
+
+
+def test_a_push_over_reversals_of_all_joints_that_feel_it_is_found_beyond_what_they_do_there() -> (
+    None
+):
+    """Errors about reversals are held against those of the same joint at its other reversals."""
+    o = swinging()
+    random, residual, time = np.random.default_rng(3), o.residual.copy(), o.slow.time
+    for joint in (1, 3):
+        turn = turn_after(o, joint, 0.0)
+        while turn < 27.0:
+            residual[np.abs(time - turn) < 0.15, joint] += 0.2 * random.uniform(0.5, 1.5)
+            turn = turn_after(o, joint, turn + 0.1)
+    starts = np.arange(5.0, 24.0, 0.1)
+    apart = [turn_after(o, 1, start) - turn_after(o, 3, start) for start in starts]
+    turn = turn_after(o, 1, float(starts[int(np.argmin(np.abs(apart)))]))
+    near = np.abs(time - turn) < 0.25
+    assert not steadily_moving(o)[near][:, [1, 3]].any()
+    course = np.cos(np.pi * np.clip((time - turn) / 0.6, -0.5, 0.5))
+
+    assert pushes(o, residual) == ()
+    residual[:, [1, 3]] += 2.0 * course[:, None]
+    (found,) = pushes(o, residual)
+
+    assert set(found.joints) == {1, 3}
+    assert (found.start, found.end) == pytest.approx((turn - 0.3, turn + 0.3), abs=0.2)
 
 
 def test_what_decays_from_the_start_of_the_motion_is_no_push() -> None:
