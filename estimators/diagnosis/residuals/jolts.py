@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.residuals.observations import Observations
-    from estimators.diagnosis.residuals.pushes import Stretch
+    from estimators.diagnosis.residuals.pushes import TimeSpan
     from limo_driver.types import FloatArray
 
 
@@ -40,7 +40,7 @@ class Jolt:
 
 
 def jolts(
-    observed: Observations, residual: FloatArray, events: Sequence[Stretch]
+    observed: Observations, residual: FloatArray, events: Sequence[TimeSpan]
 ) -> tuple[Jolt, ...]:
     """Return the jolts of all recordings; none where that recurs.
 

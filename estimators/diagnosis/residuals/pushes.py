@@ -77,7 +77,7 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
     return tuple(push for push in events if push.rarity > PUSHES.rare)
 
 
-class Stretch(Protocol):
+class TimeSpan(Protocol):
     """Time of a recording."""
 
     @property
@@ -96,7 +96,7 @@ class Stretch(Protocol):
         ...
 
 
-def covered(observed: Observations, found: Sequence[Stretch]) -> NDArray[np.bool_]:
+def covered(observed: Observations, found: Sequence[TimeSpan]) -> NDArray[np.bool_]:
     """Mark the rows that pushes or jolts act on, filter included, (K,)."""
     time = observed.slow.time
     result = np.zeros(time.size, dtype=bool)
@@ -106,7 +106,7 @@ def covered(observed: Observations, found: Sequence[Stretch]) -> NDArray[np.bool
     return result
 
 
-def overlap(a: Stretch, b: Stretch, within: float = PUSHES.spread) -> bool:
+def overlap(a: TimeSpan, b: TimeSpan, within: float = PUSHES.spread) -> bool:
     """Say whether two events share rows, once the filter has spread them.
 
     Args:
