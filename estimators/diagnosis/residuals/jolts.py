@@ -1,15 +1,16 @@
 """Jolts: short stretches in which errors of several joints are far larger than usual at once.
 
-A controller that stalls for some milliseconds, a part of the log that is missing, or a brake makes
-an arm ring at frequencies that no slow physics reaches. Half a second of that may double the noise
-of a whole recording, and hide all that is smaller. So nothing is fitted to those rows, and a note
-says when they are. Joints that start, stop or turn do not count: what friction does there is
-physics.
+A controller that stalls for some milliseconds, or a brake, makes an arm ring at frequencies that no
+slow physics reaches; a part of the log that is missing looks much the same. Half a second of that
+may double the noise of a whole recording, and hide all that is smaller. So nothing is fitted to
+those rows, nor to those to which the filter spreads them, and a note says when they are. Joints
+that start, stop or turn do not count: what friction does there is physics.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 from estimators.diagnosis.residuals.noise import usual_error
 from estimators.diagnosis.residuals.pushes import overlap
 from estimators.diagnosis.residuals.reversals import steadily_moving
-from estimators.diagnosis.settings.pushes import JOLTS
+from estimators.diagnosis.settings.pushes import JOLTS, PUSHES
 from estimators.diagnosis.wording import listed, rounded
 
 if TYPE_CHECKING:
@@ -79,16 +80,24 @@ def note(found: Sequence[Jolt], recordings: int) -> str:
     """Say when an arm was jolted.
 
     Args:
-        found: The jolts, at least one.
+        found: The jolts, at least one, those of a recording one after the other.
         recordings: How many there are; which one it is goes without saying where there is one.
     """
     times = [
-        f"{jolt.start:.1f} s" + (f" of recording {jolt.recording + 1}" if recordings > 1 else "")
-        for jolt in found
+        f"{_times(list(own))}{f' of recording {recording + 1}' * (recordings > 1)}"
+        for recording, own in groupby(found, lambda jolt: jolt.recording)
     ]
     joints = sorted({joint + 1 for jolt in found for joint in jolt.joints})
     return (
-        f"At {listed(times)} the errors of joints {listed([str(j) for j in joints])} are up to "
-        f"{rounded(max(jolt.times for jolt in found), 2)} times the usual ones at once, for a "
-        "moment: a jolt, or a fault of the log. Those rows are neither fitted nor judged."
+        f"At {' and at '.join(times)} the errors of joints {listed([str(j) for j in joints])} are "
+        f"up to {rounded(max(jolt.times for jolt in found), 2)} times the usual ones at once, for "
+        "a moment: a jolt, or a fault of the log. What lies within "
+        f"{PUSHES.spread:g} s of that is neither fitted nor judged."
     )
+
+
+def _times(found: Sequence[Jolt]) -> str:
+    """Say when the jolts of one recording begin; of many, when the first ones do."""
+    said = [f"{jolt.start:.1f} s" for jolt in found[: JOLTS.said]]
+    more = len(found) - len(said)
+    return listed([*said, f"{more} other time{'s' * (more > 1)}"] if more else said)

@@ -114,8 +114,10 @@ class JoltSettings:
         "more miss jolts; one takes the physics of a joint for one")
     apart: float = setting(0.5, "s", "between two jolts", "only wording")
     fewest: int = setting(30, "rows", "to learn what is usual", "as for pushes")
-    most: float = setting(0.03, "of the rows of motion", "that are jolts",
+    most: float = setting(0.03, "of the rows of motion",
+        "that are jolts, without those to which the filter spreads them",
         "more leave out what recurs; fewer keep the jolts of a rough motion")
+    said: int = setting(5, "jolts", "of a recording whose times a note names", "only wording")
 
 
 JOLTS = JoltSettings()
@@ -123,12 +125,12 @@ JOLTS = JoltSettings()
 
 @dataclass(frozen=True)
 class RoundSettings:
-    """Pushes and effects in turn (pipeline)."""
+    """Events and effects in turn (events), and other sets around one (reconsidering)."""
 
     several: int = setting(3, "effects",
         "of which one may stand for what two others make of one another",
         "fewer search again more often, which costs time")
-    more: int = setting(2, "rounds", "of pushes and effects in turn",
+    more: int = setting(2, "rounds", "of events and effects in turn",
         "more cost time; fewer leave one in the other")
 
 

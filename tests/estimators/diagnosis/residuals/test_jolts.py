@@ -67,10 +67,19 @@ def test_a_push_is_none_besides() -> None:
 
 
 @pytest.mark.parametrize(
-    ("recordings", "when"), [(1, "At 3.2 s and 9.0 s"), (2, "At 3.2 s of recording 1 and 9.0 s of")]
+    ("recordings", "when"),
+    [(1, "At 3.2 s and 9.0 s"), (2, "At 3.2 s of recording 1 and at 9.0 s of recording 2")],
 )
 def test_a_note_says_when_where_and_how_far(recordings, when) -> None:
     found = (Jolt(0, 3.21, 3.4, (1, 2), 16.2), Jolt(recordings - 1, 9.0, 9.1, (0, 2), 7.0))
     said = note(found, recordings)
-    assert said.startswith(when)
+    assert said.startswith(f"{when} the errors")
     assert "joints 1, 2 and 3 are up to 16 times" in said
+
+
+def test_a_note_names_the_recording_once_and_counts_what_it_does_not_name() -> None:
+    many = [Jolt(1, float(at), at + 0.1, (0, 1), 6.0) for at in range(JOLTS.said + 2)]
+    said = note([Jolt(0, 7.0, 7.1, (0, 1), 6.0), *many[:-1]], 2)
+    assert said.startswith("At 7.0 s of recording 1 and at 0.0 s, 1.0 s, ")
+    assert f"{JOLTS.said - 1:.1f} s and 1 other time of recording 2 the errors" in said
+    assert "and 2 other times the errors" in note(many, 1)
