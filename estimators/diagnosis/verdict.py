@@ -126,8 +126,8 @@ class Fit:
     floor, summed over joints. Values that move inside their tolerances may take most of it; the
     shares of findings are of what those leave (`heldout_rmse_tolerances`), and add up to 1 at most.
 
-    Rows near rest, at reversals and under pushes do not count: `RowCount` says how many are left,
-    and `..._all_rows` what the errors are with them.
+    Rows near rest, at reversals, under a push or in a jolt do not count: `RowCount` says how many
+    are left, and `..._all_rows` what the errors are with them.
     """
 
     heldout_rmse_before: tuple[float, ...]  # (n,) [N m]

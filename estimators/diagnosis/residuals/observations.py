@@ -55,7 +55,7 @@ class Observations:
     kept: NDArray[np.int64]  # (K,) samples that are rows of the slow grid
     measured: FloatArray  # (K, n) [N m]
     extents: Extents  # where mass may be, by the simulation that was given
-    disturbed: NDArray[np.bool_] | None = None  # (K,) rows on which something pushed
+    disturbed: NDArray[np.bool_] | None = None  # (K,) rows of pushes and jolts
     around: Simulation | None = None  # that columns are taken around, where not the given one
     unmeasured: NDArray[np.bool_] | None = None  # (K, n) torques that are no measurement
 
@@ -139,7 +139,7 @@ class Observations:
         return self._sharing(other, (*_OF_MOTION, *_OF_REFERENCE, "simulated"))
 
     def undisturbed(self, rows: NDArray[np.bool_] | None) -> Observations:
-        """Return the same, where something pushed on some rows (K,), or on none."""
+        """Return the same, where some rows (K,) are of pushes or jolts, or none."""
         other = replace(self, disturbed=rows)
         return self._sharing(other, (*_OF_MOTION, *_OF_REFERENCE, "simulated"))
 
@@ -335,7 +335,7 @@ class Observations:
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        """Mark the rows on which a joint is not near rest and nothing pushes, (K, n).
+        """Mark the rows on which a joint is not near rest, without pushes and jolts, (K, n).
 
         Near rest friction takes any value in its band, and a sharp sign turns the noise of the
         velocity into torque: such rows say little and err much. The few rows of a joint that hardly
