@@ -10,6 +10,7 @@ import pytest
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.fitting.solving import noise_of_everything
 from estimators.diagnosis.judgement.judged_set import JudgedSet
+from estimators.diagnosis.judgement.judgement import worse_at
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.stages import quiet
@@ -113,9 +114,10 @@ def test_values_of_one_joint_stay_where_bodies_harm_another(rubbing):
 
 def test_a_set_that_serves_takes_the_place_of_one_that_harms(rubbing):
     """Although that follows a joint further, which it would lose together with what harms."""
-    harmful, serving = beside(rubbing, 0.8, 3.0), beside(rubbing, 1.0, 2.6)
+    harmful, serving = beside(rubbing, 0.8, 3.0), beside(rubbing, 1.0, 1.8)
     assert not harmful.serves
     assert serving.serves
+    assert worse_at(serving.problem, serving.proven, harmful.proven, harmful.remaining) == (1,)
     assert harmful.or_better(serving) is serving
     assert serving.or_better(harmful) is serving
 
