@@ -8,6 +8,7 @@ from noisy_recordings import half_sines, observed
 
 from estimators.diagnosis.residuals.jolts import Jolt, jolts, note
 from estimators.diagnosis.residuals.pushes import covered, pushes
+from estimators.diagnosis.residuals.reversals import steadily_moving
 from estimators.diagnosis.settings.pushes import JOLTS
 
 
@@ -45,6 +46,16 @@ def test_what_one_joint_alone_does_is_none() -> None:
     o = observed()
     for at in np.arange(5.0, 50.0, 5.0):
         assert jolts(o, rung(o.residual, o.slow.time, at, (3,)), ()) == ()
+
+
+def test_joints_that_turn_do_not_count() -> None:
+    o = observed()
+    time, turns = o.slow.time, ~steadily_moving(o)[:, [1, 3]].all(axis=1)
+    starts = np.arange(5.0, 50.0, 0.2)
+    some = [at for at in starts if turns[(time > at - 0.1) & (time < at + 0.4)].all()]
+    assert some
+    for at in some:
+        assert jolts(o, rung(o.residual, time, at, (1, 3)), ()) == ()
 
 
 def test_noise_holds_none() -> None:
