@@ -143,6 +143,7 @@ def _told(
         members=problem.beyond_base(solution.members),
         harmful=harmful,
         passing=sorted({spoken(e.name) for e in improved.simulation.effects if not e.lasts}),
+        recordings=len(observed.recordings),
     )
     of_gains = attempts.at(
         "side of the gear",

@@ -309,7 +309,12 @@ def _moved(shift: Shift) -> str:
 
 
 def remarks(
-    shifts: Sequence[Shift], *, members: int, harmful: bool, passing: Sequence[str]
+    shifts: Sequence[Shift],
+    *,
+    members: int,
+    harmful: bool,
+    passing: Sequence[str],
+    recordings: int = 1,
 ) -> Iterator[str]:
     """Yield notes on the fit, one sentence each."""
     moved = [shift for shift in shifts if abs(shift.sigmas) > JUDGEMENT.worth_a_word][:3]
@@ -328,8 +333,10 @@ def remarks(
         )
     if harmful:
         yield (
-            "What was fitted predicts held-out motion worse than the given simulation does, so "
-            "the written simulation is the given one. Do the recordings belong together?"
+            "What was fitted predicts held-out motion no better than the given simulation does, so "
+            "the written simulation is the given one."
+            + " Do the recordings belong together?"
+            * (recordings > 1)
         )
     if passing:
         yield (

@@ -150,6 +150,12 @@ def test_a_reader_is_told_what_moved_and_what_stopped_the_search():
     assert tuple(remarks((), members=1, harmful=False, passing=())) == ()
 
 
+@pytest.mark.parametrize("recordings", [1, 2])
+def test_whether_recordings_belong_together_is_asked_of_several(recordings):
+    (said,) = remarks((), members=1, harmful=True, passing=(), recordings=recordings)
+    assert ("belong together" in said) == (recordings > 1)
+
+
 @pytest.mark.parametrize(
     ("share", "gain", "found", "told"),
     [
