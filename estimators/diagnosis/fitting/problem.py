@@ -204,19 +204,20 @@ class RegressionProblem:
 
     def with_stated_values(self) -> RegressionProblem:
         """Return the same, with bodies and effects of the simulation exactly as it states them."""
-        observed = self.observed
-        exact = replace(observed.simulation, tolerances=Tolerances(inertia=0.0, friction=0.0))
-        problem = self.as_stated(self.nuisance.entered)
-        return replace(problem, observed=observed.beside(exact, observed.around))
+        return self._exactly(Tolerances(inertia=0.0, friction=0.0), self.nuisance.entered)
 
     def with_stated_bodies(self) -> RegressionProblem:
         """Return the same, with bodies exactly as stated; effects may move within tolerances."""
-        observed, nuisance = self.observed, self.nuisance
-        tolerances = replace(observed.simulation.tolerances, inertia=0.0)
+        tolerances = replace(self.observed.simulation.tolerances, inertia=0.0)
+        of_effect = np.array([item.of_effect for item in self.nuisance.parameters], dtype=bool)
+        return self._exactly(tolerances, self.nuisance.entered & ~of_effect)
+
+    def _exactly(self, tolerances: Tolerances, some: NDArray[np.bool_]) -> RegressionProblem:
+        """Return the same under other tolerances, with some coefficients (c,) as stated."""
+        observed = self.observed
         exact = replace(observed.simulation, tolerances=tolerances)
-        of_bodies = np.array([not item.of_effect for item in nuisance.parameters], dtype=bool)
-        problem = self.as_stated(nuisance.entered & of_bodies)
-        return replace(problem, observed=observed.beside(exact, observed.around))
+        beside = observed.beside(exact, observed.around)
+        return replace(self.as_stated(some), observed=beside)
 
     def again(self, candidate: Candidate, place: int) -> int:
         """Enter a candidate that has a place on another problem; return its place on this one."""

@@ -35,6 +35,8 @@ from limo_driver.physics import Payload
 from limo_driver.physics.effect import SensorEffect
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.selection.candidates import Candidate
     from limo_driver.types import FloatArray
@@ -53,20 +55,14 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
     """Put the simplest effect that does as well into a member's place; the likeliest of those."""
     search, candidates = solution.search, problem.candidates
     own = candidates[member]
-    rest = tuple(i for i in solution.members if i != member)
-    taken = {candidates[i].slot for i in rest}
-    without = search.gain(rest)
-    enough = without + CONTRIBUTION.most * (solution.gain - without)
-    as_likely = solution.gain - CONTRIBUTION.tellable
+    rest, others = _in_place_of(problem, solution, (member,))
+    enough, as_likely = _enough(solution, rest), solution.gain - CONTRIBUTION.tellable
     simpler = [
         i
-        for i, candidate in enumerate(candidates)
-        if _is_within(candidate.joints, own.joints)
-        and candidate.effect != own.effect  # which law of it carries over better, its laws decide
-        and candidate.slot not in taken
-        and _freedom(candidate) < _freedom(own)
-        and not _is_of_sensor(candidate)
-        and search.gain((*rest, i)) >= (as_likely if compete(candidate, own) else enough)
+        for i in others
+        if _is_within(candidates[i].joints, own.joints)
+        and candidates[i].effect != own.effect  # which law of it carries over, its laws decide
+        and search.gain((*rest, i)) >= (as_likely if compete(candidates[i], own) else enough)
     ]
     simpler.sort(key=lambda i: (_freedom(candidates[i]), -search.gain((*rest, i))))
     problem.rotation(solution.noise, [*solution.members, *simpler])  # sums of all at once
@@ -93,26 +89,38 @@ def _with_one_for_two(problem: RegressionProblem, solution: Solution) -> Solutio
         joints = candidates[pair[0]].joints
         if not joints or candidates[pair[1]].joints != joints:
             continue
-        rest = tuple(i for i in solution.members if i not in pair)
-        taken = {candidates[i].slot for i in rest}
-        without = search.gain(rest)
-        enough = without + CONTRIBUTION.most * (solution.gain - without)
-        freedom = sum(_freedom(candidates[i]) for i in pair)
-        ones = [
-            i
-            for i, candidate in enumerate(candidates)
-            if candidate.joints == joints
-            and candidate.slot not in taken
-            and _freedom(candidate) < freedom
-            and not _is_of_sensor(candidate)
-            and search.gain((*rest, i)) >= enough
-        ]
-        if not ones:
+        rest, others = _in_place_of(problem, solution, pair)
+        gains = {i: search.gain((*rest, i)) for i in others if candidates[i].joints == joints}
+        best = max(gains, key=lambda i: gains[i], default=None)
+        if best is None or gains[best] < _enough(solution, rest):
             continue
-        new = solution.having((*rest, max(ones, key=lambda i: search.gain((*rest, i)))))
+        new = solution.having((*rest, best))
         if not strains(problem, solution, new.fitted) and _does_as_well(problem, solution, new):
             return new
     return solution
+
+
+def _in_place_of(
+    problem: RegressionProblem, solution: Solution, gone: Sequence[int]
+) -> tuple[tuple[int, ...], list[int]]:
+    """Return the other members, and the candidates that choose less than some members do."""
+    candidates = problem.candidates
+    rest = tuple(i for i in solution.members if i not in gone)
+    taken = {candidates[i].slot for i in rest}
+    freedom = sum(_freedom(candidates[i]) for i in gone)
+    return rest, [
+        i
+        for i, candidate in enumerate(candidates)
+        if candidate.slot not in taken
+        and _freedom(candidate) < freedom
+        and not _is_of_sensor(candidate)
+    ]
+
+
+def _enough(solution: Solution, rest: Sequence[int]) -> float:
+    """Return the evidence that a set has to have, to have most of what is beyond its rest [nat]."""
+    without = solution.search.gain(rest)
+    return without + CONTRIBUTION.most * (solution.gain - without)
 
 
 def _does_as_well(problem: RegressionProblem, solution: Solution, fewer: Solution) -> bool:

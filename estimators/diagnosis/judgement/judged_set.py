@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -170,7 +171,7 @@ class JudgedSet:
         """Say whether names are in this, or the arm is surely better predicted without any."""
         return bool(self.named) or self._surely_better
 
-    @property
+    @cached_property
     def _surely_better(self) -> bool:
         """Say whether the arm's motion held out is surely predicted better than before."""
         return gains(self.problem, self.solution, self.proven, self.remaining)
@@ -200,7 +201,7 @@ class JudgedSet:
         start = self.beside.beside(self.beside.simulation)
         return polished(start, observed.simulation, observed.moving, places)
 
-    @property
+    @cached_property
     def _harmed(self) -> tuple[int, ...]:
         """Joints (0-based) whose motion held out is predicted clearly worse than before.
 

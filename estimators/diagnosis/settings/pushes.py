@@ -108,8 +108,9 @@ class JoltSettings:
 
     outstanding: float = setting(5.0, "usual errors", "beyond which an error is no slow physics",
         "higher leaves jolts in the noise; lower leaves out what is odd about a motion",
-        chosen="the second largest of all joints reaches 3.3 in 33 recordings of real and "
-               "concealed arms without a jolt, and 6 to 10 in the jolts of an xMate")
+        chosen="the second largest of all joints reaches 3.5 in 24 recordings of real and "
+               "concealed arms without a jolt, 8 where two logs of an LWR4+ end as it brakes, and "
+               "6 to 10 in the jolts of an xMate")
     joints: int = setting(2, "joints", "whose errors are as large at once",
         "more miss jolts; one takes the physics of a joint for one")
     apart: float = setting(0.5, "s", "between two jolts", "only wording")
