@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 WHOLE = "all of it"
 FITTING = "estimators.diagnosis.fitting"
-PIPELINE = "estimators.diagnosis.pipeline"
+DIAGNOSIS = "estimators.diagnosis"
 SETTINGS = "estimators.diagnosis.settings"
 
 
@@ -80,25 +80,29 @@ PARTS: dict[str, Change] = {
         {},
         {
             f"{FITTING}.problem.with_possible_bodies": lambda *given: given[3].mean,
-            f"{FITTING}.solving.loaded": lambda _problem, solution: solution,
+            f"{FITTING}.settling.loaded": lambda _problem, solution: solution,
         },
     ),
     "noise: of a fit of everything, as it is": _without(fitting__SOLVING__least_left=1.0),
     "names: that need not surely help": Change(
         {},
         {
-            f"{FITTING}.solving.sure": lambda *_: True,
+            f"{FITTING}.settling.sure": lambda *_: True,
             f"{FITTING}.contribution.sure": lambda *_: True,
+            f"{DIAGNOSIS}.judgement.judgement.sure": lambda *_: True,
         },
     ),
     "names: no simpler ones": Change(
-        {}, {f"{FITTING}.solving.simplified": lambda _problem, solution: solution}
+        {}, {f"{FITTING}.settling.simplified": lambda _problem, solution: solution}
     ),
     "reach: three lines of a ripple": _without(hypotheses__RIPPLE__lines=3),
-    "reach: no lateness of all of it": Change({}, {f"{PIPELINE}.made_late": lambda *_: None}),
-    "reach: no pushes": Change({}, {f"{PIPELINE}.pushes": lambda *_: ()}),
+    "reach: no lateness of all of it": Change(
+        {}, {f"{DIAGNOSIS}.reconsidering.made_late": lambda *_: None}
+    ),
+    "reach: no pushes": Change({}, {f"{DIAGNOSIS}.events.pushes": lambda *_: ()}),
+    "reach: no jolts": Change({}, {f"{DIAGNOSIS}.events.jolts": lambda *_: ()}),
     "reach: no values beyond their tolerances": Change(
-        {}, {f"{PIPELINE}.suspects": lambda *_: set()}
+        {}, {f"{DIAGNOSIS}.reconsidering.suspects": lambda *_: set()}
     ),
 }
 CHOSEN: dict[str, Sequence[float]] = {  # values beside the one that stands
