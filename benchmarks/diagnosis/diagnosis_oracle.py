@@ -63,7 +63,7 @@ def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
     """Return the simulation with the hidden effects, and its expected error, (n,) [N m]."""
     from estimators.diagnosis.fitting.foreseen import Foreseen
     from estimators.diagnosis.fitting.linearised import polished
-    from estimators.diagnosis.fitting.problem import RegressionProblem, fitted, improve
+    from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
     from estimators.diagnosis.fitting.settling import refined
     from estimators.diagnosis.fitting.solving import noise_left, noise_of_everything
     from estimators.diagnosis.judgement.judged_set import places_of
@@ -83,7 +83,7 @@ def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
         solution = fitted(problem, solution.members, noise_left(problem, solution.fitted))
     problem, solution = refined(problem, solution, quiet)
     places = places_of(problem, solution)
-    best = polished(problem.observed, improve(problem, solution), problem.observed.moving, places)
+    best = polished(problem.beside(solution), given, problem.observed.moving, places)
     others = [Recording.load(path) for path in sorted(case.glob("held_out_*.parquet"))]
     elsewhere = Observations.of(given, others, BANDWIDTH)
     foreseen = Foreseen.of(best, given, places)
