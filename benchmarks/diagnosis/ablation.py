@@ -29,6 +29,7 @@ from diagnosis_judged import Judged
 
 import limo_driver as limo
 from estimators.diagnosis.pipeline import diagnose
+from estimators.regression.evidence import Posterior
 from limo_driver.cli.predict import write
 from limo_driver.errors import LimoError
 from limo_driver.workflow.learning import predict
@@ -79,7 +80,9 @@ PARTS: dict[str, Change] = {
     "bodies: as they are fitted, possible or not; no load in place of a link": Change(
         {},
         {
-            f"{FITTING}.problem.with_possible_bodies": lambda *given: given[3].mean,
+            f"{FITTING}.problem.with_possible_bodies": lambda *given: next(
+                item.mean for item in given if isinstance(item, Posterior)
+            ),
             f"{FITTING}.settling.loaded": lambda _problem, solution: solution,
         },
     ),
