@@ -204,7 +204,15 @@ def _said(group: Sequence[Finding], n: int, *, values: bool) -> str:
     if first.kind == "wrong_parameter":
         should = f": {quantity(known)} fits" if known else ""
         return f"wrong {name} {at}{should}"
-    return f"{name}{f' of {quantity(known)}' if known else ''} {at}"
+    return f"{name}{f' of {_size(known)}' if known else ''} {at}"
+
+
+def _size(known: Interval) -> str:
+    """Say how large something is; where it may be next to nothing, by what it is at most."""
+    if known.ci95 is not None and known.ci95[0] == 0.0:  # the least that there can be
+        high = float(known.ci95[1])
+        return f"at most {high:.{_decimals(high / 2)}f}{_unit(known.unit)}"
+    return quantity(known)
 
 
 def _against_stated(group: Sequence[Finding], n: int) -> str:

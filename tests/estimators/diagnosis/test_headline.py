@@ -52,6 +52,12 @@ def test_many_findings_are_grouped_with_values_and_what_is_unknown():
     )
 
 
+def test_a_load_that_may_weigh_nothing_is_said_by_what_it_weighs_at_most():
+    # its first moment is known where the arm hardly turns about it
+    light = finding("payload", (7,), mass=Interval(0.165, "kg", (0.0, 0.3497)))
+    assert headline(verdict(light)) == "Payload of at most 0.35 kg at the flange."
+
+
 def test_a_name_that_is_rather_wrong_than_right_stands_in_the_headline_only_where_it_is_alone():
     doubtful = replace(finding("torque_offset", (2,)), confidence=0.1)
     assert "offset" not in headline(verdict(PAYLOAD, doubtful))
