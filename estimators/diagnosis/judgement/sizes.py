@@ -13,6 +13,7 @@ import numpy as np
 
 from estimators.diagnosis.fitting.entries import found_in
 from limo_driver.parameters import REAL
+from limo_driver.physics import GravityDirection
 from limo_driver.physics.catalogue import every_effect
 
 if TYPE_CHECKING:
@@ -42,6 +43,8 @@ def _is_sure(item: Finding, given: Simulation, sized_by: tuple[str, ...]) -> boo
     stated = None
     if item.kind == "wrong_parameter":
         stated = found_in(given, item.effect, item.joints, missing=False)
+    elif item.effect == GravityDirection.name:  # every simulation states where gravity points to
+        stated = GravityDirection(gravity=tuple(map(float, given.model.gravity)))
     known = sized_by
     if stated is not None:
         known = tuple(p.name for p in stated.parameters() if p.kind == REAL)

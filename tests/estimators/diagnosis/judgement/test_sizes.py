@@ -44,6 +44,8 @@ def finding(effect, joint, *, kind="missing", **intervals):
             True,
         ),
         (finding("payload", 7, mass=(0.0, 2.0)), True),  # whose moment may well be known
+        (finding("gravity_direction", 7, gravity=((-0.4, 0.2), (-0.2, 0.7), (-26.0, 6.8))), False),
+        (finding("gravity_direction", 7, gravity=((-0.4, 0.2), (0.1, 0.7), (-26.0, 6.8))), True),
         (finding("spring_load", 7), True),  # without intervals nothing can be said
     ],
 )
