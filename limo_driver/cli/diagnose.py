@@ -59,7 +59,7 @@ def command(
         float | None,
         typer.Option(
             help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
-            "recordings sampled below 25 Hz."
+            "recordings sampled below 25 Hz or with noisy positions."
         ),
     ] = None,
     budget: Annotated[

@@ -48,7 +48,8 @@ def diagnose(
         simulation: What is believed of the arm, with its tolerances, or its file.
         recordings: Of that arm: one or several, or their files.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what
-            the most slowly sampled recording can bear. Not used where no torque was recorded.
+            the most slowly sampled recording can bear, or less where the noise of the positions
+            is all that is above. Not used where no torque was recorded.
         budget: Time for the search [s], after which it ends with what is proven by then, and the
             verdict says what was not tried; what no verdict can do without takes as long as it
             takes. Not for recordings without torque.
@@ -70,6 +71,7 @@ def diagnose(
         >>> found.save("diagnosis/")
     """
     from estimators.diagnosis import diagnose as diagnosed
+    from estimators.diagnosis.residuals.motion_noise import clear_bandwidth, lowered_for
     from estimators.diagnosis.result import Diagnosis
     from estimators.diagnosis.stages import Attempts, Budget, forward, quiet
 
@@ -84,8 +86,10 @@ def diagnose(
         if budget is not None:
             raise ConfigError("`budget` is for recordings with torque, and these have none")
         return diagnose_drives(known, measured, tell)
-    width = bandwidth_for(measured, bandwidth)
-    measured = _within_memory(measured, width)
+    usual = width = bandwidth_for(measured, bandwidth)
+    measured = _within_memory(measured, usual)
+    if bandwidth is None:
+        width = clear_bandwidth(known, measured, usual)
     found = diagnosed(known, measured, width, forward(tell, _DIAGNOSED), time)
     attempts = Attempts()
     tell("planning the next motion", _DIAGNOSED)
@@ -96,10 +100,8 @@ def diagnose(
     tell("replaying on the simulated robot", _PLANNED)
     played = partial(time.within, "a replay", partial(with_replay, found))
     found = attempts.at("replay on the simulated robot", lambda: played(found), found)
-    if time.note():
-        found = replace(
-            found, verdict=replace(found.verdict, notes=(*found.verdict.notes, time.note()))
-        )
+    notes = [lowered_for(width, usual)] * (width < usual) + [time.note()] * bool(time.note())
+    found = replace(found, verdict=replace(found.verdict, notes=(*found.verdict.notes, *notes)))
     tell("done", 1.0)
     return reduce(Diagnosis.failed, attempts.failures, found)
 

@@ -52,6 +52,38 @@ ROWS = RowSettings()
 
 
 @dataclass(frozen=True)
+class MotionSettings:
+    """Noise of positions, twice differentiated (residuals.motion_noise)."""
+
+    noise: float = setting(4.0, "",
+        "power that the bodies would need over the power measured, in the upper half of the "
+        "bandwidth, from which a joint's is noise of the positions",
+        "higher compares noise, which looks like errors of the torque, and is called a lag; lower "
+        "leaves out fast motion of arms whose description is too heavy",
+        chosen="that of bodies twice as heavy as they are; of 40 recordings that 10 Hz suit it is "
+        "at most 1.3, of a Franka sampled at 30 Hz 17, and 6 from 2.5 to 5 Hz")
+    matters: float = setting(0.25, "of the squared error",
+        "that a simulation leaves, which such noise has to make",
+        "higher compares noise; lower leaves out fast motion where it is known well enough",
+        chosen="an LWR4+ whose torques hold nothing above 5 Hz has 0.001; the Franka 0.6, and "
+        "0.3 to 0.4 from 2.5 to 5 Hz")
+    joints: float = setting(1 / 3, "of the joints that move", "at which it is, for all to be "
+        "compared at a lower bandwidth",
+        "more keeps noise of the joints that carry most; fewer takes one late torque for noise",
+        chosen="it is those of the Franka's upper arm, four of seven")
+    rows: int = setting(120, "rows", "that have to be left at a lower bandwidth",
+        "more leave short recordings noisy; fewer judge by little",
+        chosen="twice the least of any diagnosis")
+    lowest: float = setting(1.0, "Hz", "bandwidth below which none is lowered for noise",
+        "higher keeps noise; lower leaves nothing but gravity and friction to compare")
+    travel: float = setting(0.05, "rad", "of a joint that counts, or m of one that slides",
+        "more leaves out small motion; less asks joints at rest, whose torque is all noise")
+
+
+MOTION = MotionSettings()
+
+
+@dataclass(frozen=True)
 class NoiseSettings:
     """Errors that are alike in time (residuals.noise)."""
 
