@@ -60,8 +60,9 @@ class MotionSettings:
         "bandwidth, from which a joint's is noise of the positions",
         "higher compares noise, which looks like errors of the torque, and is called a lag; lower "
         "leaves out fast motion of arms whose description is too heavy",
-        chosen="that of bodies twice as heavy as they are; of 40 recordings that 10 Hz suit it is "
-        "at most 1.3, of a Franka sampled at 30 Hz 17, and 6 from 2.5 to 5 Hz")
+        chosen="that of bodies twice as heavy as they are; of some 33 recordings that 10 Hz suit "
+        "it is at most 1.3, but for an LWR4+, and of a Franka sampled at 30 Hz 17, and 6 from 2.5 "
+        "to 5 Hz")
     matters: float = setting(0.25, "of the squared error",
         "that a simulation leaves, which such noise has to make",
         "higher compares noise; lower leaves out fast motion where it is known well enough",
