@@ -180,14 +180,21 @@ class _Scan:
         stopped, and where it leaves weaker ones of the kind at other times. And what reaches over
         the start or the end of the arm's motion is what friction does there, unless many joints
         feel one and the same course; single joints stop and turn at any time, also while the arm is
-        pushed. While the whole arm rests, its physics does nothing that recurs.
+        pushed. While the whole arm rests, its physics does nothing that recurs, once it has
+        settled: as it stops, all joints creep within their friction, and in one course.
         """
         within = self._within(push)
         judged = self.judged[within].any(axis=1)
         rests = not self.observed.moving[within].any()
         alike = len(push.joints) >= PUSHES.many and self._explained(push) >= PUSHES.one_course
         known = not judged.size or judged.mean() >= PUSHES.judged
-        if not alike and not (known and (rests or self._apart_from_ends(push))):
+        if not (known or alike):
+            return False
+        if rests:  # creep is largest as it begins
+            apart = (alike and not push.held) or self._has_settled(push)
+        else:
+            apart = alike or self._apart_from_ends(push)
+        if not apart:
             return False
         return len(push.joints) > 1 or self._is_event_of_one(push, found, trials)
 
@@ -319,15 +326,26 @@ class _Scan:
 
         Where they are not, nobody can tell a push from what starting or braking does.
         """
-        time, joints = self.observed.slow.time, list(push.joints)
-        large = (np.abs(self.residual[:, joints]) > PUSHES.usual * self.floor[joints]).any(axis=1)
-        rows = _odd_rows(self.observed, PUSHES.ends)
-        quiet = np.asarray(minimum_filter1d(~large, rows), dtype=bool)
+        time, quiet = self.observed.slow.time, self._quiet(push)
         own = self.observed.recording == push.recording
         moves = time[own & self.observed.moving.any(axis=1)]
         before = own & (time > moves[0]) & (time < push.start)
         after = own & (time < moves[-1]) & (time > push.end)
         return bool(quiet[before].any() and quiet[after].any())
+
+    def _has_settled(self, push: Push) -> bool:
+        """Say whether errors of an arm at rest are as usual for a while before a push."""
+        time, quiet = self.observed.slow.time, self._quiet(push)
+        before = (self.observed.recording == push.recording) & (time < push.start)
+        moves = np.flatnonzero(before & self.observed.moving.any(axis=1))
+        return not moves.size or bool(quiet[moves[-1] + 1 :][before[moves[-1] + 1 :]].any())
+
+    def _quiet(self, push: Push) -> NDArray[np.bool_]:
+        """Mark rows (K,) about which errors of what felt a push are as usual for a while."""
+        joints = list(push.joints)
+        large = (np.abs(self.residual[:, joints]) > PUSHES.usual * self.floor[joints]).any(axis=1)
+        rows = _odd_rows(self.observed, PUSHES.ends)
+        return np.asarray(minimum_filter1d(~large, rows), dtype=bool)
 
 
 _Course = Callable[[FloatArray, float, float], FloatArray]

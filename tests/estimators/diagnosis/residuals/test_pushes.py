@@ -114,6 +114,22 @@ def test_a_push_at_rest_is_found() -> None:
     assert (found.start, found.end) == pytest.approx((22.0, 22.5), abs=0.1)
 
 
+def test_what_an_arm_does_that_settles_after_its_motion_is_no_push() -> None:
+    """All of its joints creep to rest within their friction, and in one course."""
+    o = paused()
+    time, moves = o.slow.time, o.moving.any(axis=1)
+    stop = float(time[(time < 20.0) & moves][-1])
+
+    def found(start: float) -> int:
+        residual, since = o.residual.copy(), time - start
+        creeping = (since > 0) & (time < 30.0)
+        residual[creeping, :5] += 0.3 * np.exp(-since[creeping, None])
+        return len(pushes(o, residual))
+
+    assert found(stop + 0.2) == 0
+    assert found(stop + 3.0) == 1
+
+
 @pytest.mark.parametrize("mass", [0.1, 1.0])
 def test_what_an_arm_that_rested_long_does_in_motion_is_no_push(mass: float) -> None:
     """At rest physics that is left out changes nothing: that is not what is usual in motion."""
