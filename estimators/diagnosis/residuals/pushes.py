@@ -73,7 +73,13 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
             found.append(scan.settled(push, found))
     if len(found) > PUSHES.most:
         return ()  # what recurs all the time is no push
-    events = [replace(p, rarity=scan.rarity(p)) for p in found if scan.is_event(p, found, trials)]
+    others = [trial for trial in trials if not any(_near(trial, push) for push in found)]
+    events: list[Push] = []
+    for push in found:
+        if scan.is_event(push, others):
+            events.append(replace(push, rarity=scan.rarity(push)))
+        else:  # so it tells what there is besides events
+            others.append(push)
     return tuple(push for push in events if push.rarity > PUSHES.rare)
 
 
@@ -173,7 +179,7 @@ class _Scan:
                 found.append(Push(recording, start, end, float(total[first]), tuple(felt)))
         return sorted(found, key=lambda push: -push.evidence)
 
-    def is_event(self, push: Push, found: Sequence[Push], trials: Sequence[Push]) -> bool:
+    def is_event(self, push: Push, others: Sequence[Push]) -> bool:
         """Say whether what was found may be an event: if several joints felt it, it is.
 
         What one joint alone felt is physics of that joint where the joint has just turned or
@@ -196,9 +202,9 @@ class _Scan:
             apart = alike or self._apart_from_ends(push)
         if not apart:
             return False
-        return len(push.joints) > 1 or self._is_event_of_one(push, found, trials)
+        return len(push.joints) > 1 or self._is_event_of_one(push, others)
 
-    def _is_event_of_one(self, push: Push, found: Sequence[Push], trials: Sequence[Push]) -> bool:
+    def _is_event_of_one(self, push: Push, others: Sequence[Push]) -> bool:
         """Say whether what one joint alone felt may be an event."""
         (joint,), within = push.joints, self._within(push)
         turned = self.steady[within, joint].mean() < PUSHES.judged
@@ -211,12 +217,8 @@ class _Scan:
         if rested and self.resting[within].all():
             return True
         steady = rested or self.observed.moving[before, joint].all()
-        others = (
-            trial.evidence
-            for trial in trials
-            if joint in trial.joints and not any(_near(trial, other) for other in found)
-        )
-        return bool(steady and push.evidence > PUSHES.outstanding * max(others, default=0.0))
+        alike = (other.evidence for other in others if joint in other.joints)
+        return bool(steady and push.evidence > PUSHES.outstanding * max(alike, default=0.0))
 
     def _explained(self, push: Push) -> float:
         """Return the part of squared errors in and around a push that its course explains."""

@@ -192,6 +192,21 @@ def test_what_one_joint_does_at_times_more_and_at_times_less_is_no_push() -> Non
     assert [push.joints for push in pushes(o, residual)] == [(3,)]
 
 
+def test_what_one_joint_does_more_of_where_that_is_no_push_is_none() -> None:
+    """As a sensor does that jumps, whatever the arm does meanwhile."""
+    o = observed()
+    time, turn = o.slow.time, turn_after(o, 3, 40.0)
+
+    def found(size: float) -> list[tuple[int, ...]]:
+        residual = o.residual.copy()
+        residual[(time > 20.0) & (time < 20.8), 3] += 0.3
+        residual[np.abs(time - turn) < 0.8, 3] += size
+        return [push.joints for push in pushes(o, residual)]
+
+    assert found(0.0) == [(3,)]
+    assert found(0.6) == []
+
+
 def test_what_one_joint_does_as_it_turns_is_no_push() -> None:
     o = observed()
     residual = o.residual.copy()
