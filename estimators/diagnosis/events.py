@@ -1,4 +1,4 @@
-"""Events, sought in turn with the effects beside which they show: pushes, and jolts of the arm.
+"""Events, sought in turn with effects beside which they show: pushes, jolts, impacts of play.
 
 An event is no physics of the arm, so nothing is fitted to its rows. They are sought in what a set
 of effects leaves, since effects that are not out look like pushes themselves. What larger errors
@@ -15,6 +15,8 @@ from estimators.diagnosis.fitting.settling import pruned, settled
 from estimators.diagnosis.fitting.solving import solve
 from estimators.diagnosis.judgement.judged_set import JudgedSet
 from estimators.diagnosis.reconsidering import around, in_time
+from estimators.diagnosis.residuals.impacts import Impact, impacts
+from estimators.diagnosis.residuals.impacts import note as note_of_play
 from estimators.diagnosis.residuals.jolts import Jolt, jolts, note
 from estimators.diagnosis.residuals.pushes import Push, covered, overlap, pushes
 from estimators.diagnosis.settings.pushes import ROUNDS
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.stages import Budget, Progress
     from limo_driver.types import FloatArray
 
-Event: TypeAlias = "Push | Jolt"
+Event: TypeAlias = "Push | Jolt | Impact"
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,11 @@ class Events:
         return tuple(event for event in self.seen if isinstance(event, Push))
 
     def notes(self, recordings: int) -> Iterator[str]:
-        """Say what is no finding: jolts, and pushes that are explained; of so many recordings."""
+        """Say what is no finding, of so many recordings: jolts, impacts, and pushes explained."""
         if found := [event for event in self.seen if isinstance(event, Jolt)]:
             yield note(found, recordings)
+        if caught := [event for event in self.seen if isinstance(event, Impact)]:
+            yield note_of_play(caught, recordings)
         if times := [
             f"{event.start:.1f} to {event.end:.1f} s"
             for event in self.gone
@@ -121,7 +125,9 @@ def _round(
 def _events(observed: Observations, left: FloatArray) -> tuple[Event, ...]:
     """Return the events in what a fit leaves, (K, n) [N m]."""
     pushed = pushes(observed, left)
-    return (*pushed, *jolts(observed, left, pushed))
+    found = (*pushed, *jolts(observed, left, pushed))
+    caught = impacts(observed, left, found)
+    return (*(event for event in found if not _among(event, caught)), *caught)
 
 
 def _among(event: Event, others: Sequence[Event]) -> bool:

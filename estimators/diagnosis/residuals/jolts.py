@@ -83,21 +83,26 @@ def note(found: Sequence[Jolt], recordings: int) -> str:
         found: The jolts, at least one, those of a recording one after the other.
         recordings: How many there are; which one it is goes without saying where there is one.
     """
-    times = [
-        f"{_times(list(own))}{f' of recording {recording + 1}' * (recordings > 1)}"
-        for recording, own in groupby(found, lambda jolt: jolt.recording)
-    ]
     joints = sorted({joint + 1 for jolt in found for joint in jolt.joints})
+    times = times_of(found, recordings)
     return (
-        f"At {' and at '.join(times)} the errors of joints {listed([str(j) for j in joints])} are "
+        f"At {times} the errors of joints {listed([str(j) for j in joints])} are "
         f"up to {rounded(max(jolt.times for jolt in found), 2)} times the usual ones at once, for "
         "a moment: a jolt, or a fault of the log. What lies within "
         f"{PUSHES.spread:g} s of that is neither fitted nor judged."
     )
 
 
-def _times(found: Sequence[Jolt]) -> str:
-    """Say when the jolts of one recording begin; of many, when the first ones do."""
-    said = [f"{jolt.start:.1f} s" for jolt in found[: JOLTS.said]]
+def times_of(found: Sequence[TimeSpan], recordings: int) -> str:
+    """Say when events begin, one recording after the other; of so many recordings."""
+    return " and at ".join(
+        f"{_times(list(own))}{f' of recording {recording + 1}' * (recordings > 1)}"
+        for recording, own in groupby(found, lambda event: event.recording)
+    )
+
+
+def _times(found: Sequence[TimeSpan]) -> str:
+    """Say when the events of one recording begin; of many, when the first ones do."""
+    said = [f"{event.start:.1f} s" for event in found[: JOLTS.said]]
     more = len(found) - len(said)
     return listed([*said, f"{more} other time{'s' * (more > 1)}"] if more else said)
