@@ -44,7 +44,8 @@ def _is_sure(item: Finding, given: Simulation, sized_by: tuple[str, ...]) -> boo
     if item.kind == "wrong_parameter":
         stated = found_in(given, item.effect, item.joints, missing=False)
     elif item.effect == GravityDirection.name:  # every simulation states where gravity points to
-        stated = GravityDirection(gravity=tuple(map(float, given.model.gravity)))
+        x, y, z = map(float, given.model.gravity)
+        stated = GravityDirection(gravity=(x, y, z))
     known = sized_by
     if stated is not None:
         known = tuple(p.name for p in stated.parameters() if p.kind == REAL)

@@ -57,7 +57,7 @@ def impacts(
         residual: What a fit leaves, (K, n) [N m].
         events: Stretches in which errors are far larger than usual.
     """
-    if len(events) < IMPACTS.fewest:
+    if len(events) < IMPACTS.fewest or observed.n < IMPACTS.joints:
         return ()
     observed = observed.undisturbed(None)
     usual = np.array(

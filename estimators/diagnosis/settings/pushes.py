@@ -138,6 +138,8 @@ class ImpactSettings:
         "that it explains of further ones of a joint", "as above", chosen="as above")
     fewest: int = setting(2, "events", "of one joint that it explains",
         "more take impacts for pushes; one takes pushes for impacts by chance")
+    joints: int = setting(3, "joints", "of an arm, at least",
+        "more take impacts for pushes; of fewer, levers stand in such ratios often")
     fall: float = setting(1.5, "s", "before an event, in which the load of the joint changes",
         "longer takes pushes for impacts; shorter misses the slow fall across a wide play",
         chosen="1.3 s in a concealed gear whose play of 29 mrad is damped")

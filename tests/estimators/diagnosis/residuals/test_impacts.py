@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
+
 import numpy as np
 from noisy_recordings import half_sines, observed
 
 from estimators.diagnosis.events import Events
 from estimators.diagnosis.residuals.impacts import Impact, impacts, note
 from estimators.diagnosis.residuals.pushes import Push, pushes
+
+if TYPE_CHECKING:
+    from estimators.diagnosis.residuals.observations import Observations
 
 
 def changes(o, joint: int) -> list[float]:
@@ -48,6 +54,15 @@ def test_what_is_seen_once_or_far_from_a_change_of_the_load_is_none() -> None:
     inside = time[np.array(same) & (time > 5.0) & (time < 55.0)]
     away = [float(inside[0]), float(inside[-1])]
     assert impacts(o, caught(o, 1, away), events(away)) == ()
+
+
+def test_fewer_joints_than_three_make_no_ratios_to_go_by() -> None:
+    o = observed()
+    at = [t + 0.2 for t in changes(o, 1)[:2]]
+    errors = caught(o, 1, at)
+    assert impacts(o, errors, events(at))
+    two = cast("Observations", SimpleNamespace(n=2))
+    assert impacts(two, errors[:, :2], events(at)) == ()
 
 
 def test_somebody_who_pushes_makes_none() -> None:
