@@ -2,7 +2,8 @@
 
 An effect may predict better on motion held out and still be of no known size: a spring whose
 stiffness may be zero, since a wrong body of the link does nearly as well. What the recordings do
-not tell from nothing is no finding.
+not tell from nothing is no finding. Of elements that stand in for one another, as those of
+presliding, what all of them take off says whether they are nothing.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimators.diagnosis.fitting.entries import found_in
+from estimators.diagnosis.settings.judgement import JUDGEMENT
 from limo_driver.parameters import REAL
 from limo_driver.physics import GravityDirection
 from limo_driver.physics.catalogue import every_effect
@@ -54,7 +56,11 @@ def _is_sure(item: Finding, given: Simulation, sized_by: tuple[str, ...]) -> boo
         for name in known
         if (interval := item.parameters.get(name)) is not None and interval.ci95 is not None
     ]
-    return not pairs or any(_leaves_out(interval, was) for interval, was in pairs)
+    if not pairs or any(_leaves_out(interval, was) for interval, was in pairs):
+        return True
+    # each element of a list may be nothing for the sake of its neighbours, but hardly all of them
+    several = any(np.size(interval.value) > 1 for interval, _ in pairs)
+    return several and stated is None and item.signs.get("material", 0.0) >= JUDGEMENT.small
 
 
 def _leaves_out(interval: Interval, was: Any) -> bool:  # noqa: ANN401  # of any parameter

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from estimators.diagnosis.judgement.sizes import unsure
@@ -51,3 +53,18 @@ def finding(effect, joint, *, kind="missing", **intervals):
 )
 def test_a_finding_whose_interval_leaves_out_nothing_is_sure(found, sure):
     assert unsure([found], STATED) == (set() if sure else {(found.effect, found.joints)})
+
+
+@pytest.mark.parametrize(("material", "sure"), [(3.2, True), (0.8, False)])
+def test_elements_that_stand_in_for_one_another_are_sure_by_what_they_take_off(material, sure):
+    # of a UR10e with dry friction of 2.2 N m hidden at joint 4, and of the same with none
+    intervals = {
+        "stiffness": Interval(
+            (2766.0, 678.0, 355.0), "", ((0.0, 6020.0), (0.0, 1837.0), (0.0, 834.0))
+        ),
+        "width": Interval((0.0002, 0.0006, 0.0013), "", None),
+    }
+    found = replace(
+        finding("presliding_hysteresis", 4), parameters=intervals, signs={"material": material}
+    )
+    assert unsure([found], STATED) == (set() if sure else {("presliding_hysteresis", (4,))})
