@@ -40,7 +40,7 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
 
     It counts if it names a delay, leaves less unknown than before, or serves where that does not.
     """
-    late = made_late(judged.problem, judged.solution)
+    late = made_late(judged.problem, judged.solution, judged.unknown)
     if late is None:
         return judged
     again = JudgedSet.of(*settled_around(*late, progress))

@@ -3,7 +3,9 @@
 Torque is linear in how late it comes only while that is short beside what changes. The ripple of a
 turning joint comes at another phase each way; what fits both best is too small, and seems to have
 friction beside it that is not there. So every column of a joint is laid later, by some times, and
-the set is taken up again around the lateness with which it explains most.
+the set is taken up again around the lateness with which it explains most. A joint that is late in
+the set already is asked again, without that: of a delay longer than half a period of its motion,
+a lag is what a fit comes to from the start.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.diagnosis.fitting.entries import found_in
 from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.settings.fitting import LATENESS
@@ -21,7 +24,7 @@ from limo_driver.physics import TimeDelay
 from limo_driver.physics.effects.delay import DELAYED, LAGGING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.selection.candidates import Candidate
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _LAWS: Final = {"lag": LAGGING, "delay": DELAYED}  # of the parameter
+_IN_TIME: Final = TimeDelay(joint=1)
 
 
 def long_after(joints: int) -> Iterator[Hypothesis]:
@@ -53,42 +57,63 @@ def has_long(candidate: Candidate) -> bool:
 
 
 def made_late(
-    problem: RegressionProblem, solution: Solution
+    problem: RegressionProblem, solution: Solution, unknown: Collection[int] = ()
 ) -> tuple[RegressionProblem, Solution] | None:
     """Return a set with the lag or delay in it that brings most, to be taken up again around it.
 
     Args:
         problem: What the set was found on.
         solution: A set without that lateness.
+        unknown: Joints (0-based) that it leaves unexplained, which come first.
 
     Returns:
         The problem with that candidate, and the set; None where no lateness brings enough.
     """
-    late = {
-        joint
-        for member in solution.members
-        if problem.candidates[member].effect == TimeDelay.name
-        for joint in problem.candidates[member].joints
-    }
     found = [
-        _latest(_OneJoint.of(problem, solution, joint))
+        _of_joint(problem, solution, joint, long=joint in unknown)
         for joint in range(problem.observed.n)
-        if joint not in late
     ]
-    best = max((item for item in found if item is not None), key=lambda x: x.gain, default=None)
-    if best is None or best.gain < CANDIDATES.missing + np.log(
-        len(found) * 2 * len(LATENESS.times)
-    ):
+    least = CANDIDATES.missing + np.log(len(found) * len(_LAWS) * len(LATENESS.times))
+    clear = [item for item in found if item is not None and item.gain >= least]
+    best = max(clear, key=lambda item: (item.joint in unknown, item.gain), default=None)
+    if best is None:
         return None
     hypothesis = TimeDelay.of_time(best.joint + 1, best.name, _LAWS[best.name], best.time)
     candidate = entered(hypothesis, problem.observed, problem.columns, problem.level)
     if candidate is None:
         return None
     problem = problem.with_candidates([*problem.candidates, candidate])
-    whole = fitted(problem, (*solution.members, len(problem.candidates) - 1), solution.noise)
-    mean = np.append(solution.fitted.mean, 1.0)
+    rest = best.beside
+    whole = fitted(problem, (*rest.members, len(problem.candidates) - 1), rest.noise)
+    mean = np.append(rest.fitted.mean, 1.0)
     mean[best.changed] = best.coefficients
     return problem, replace(whole, fitted=replace(whole.fitted, mean=mean))
+
+
+def _of_joint(
+    problem: RegressionProblem, solution: Solution, joint: int, *, long: bool
+) -> _Late | None:
+    """Return how late the torque of a joint (0-based) is taken to be, if later is better.
+
+    All the times are tried of a joint that may be late by much (`long`). Elsewhere those do that
+    begin to help, beside effects of the joint: without any, the lateness competed already.
+    """
+    members = [problem.candidates[member] for member in solution.members]
+    rest = tuple(
+        i
+        for i, item in zip(solution.members, members, strict=True)
+        if not (item.effect == TimeDelay.name and joint in item.joints)
+    )
+    if len(rest) == len(members):
+        alone = _OneJoint.of(problem, solution, joint)
+        return _latest(alone, solution, _IN_TIME, long=long) if alone.own or long else None
+    known = found_in(
+        problem.beside(solution).simulation, TimeDelay.name, (joint + 1,), missing=True
+    )
+    if not isinstance(known, TimeDelay):
+        return None
+    without = fitted(problem, rest, solution.noise)
+    return _latest(_OneJoint.of(problem, without, joint), without, known, long=True)
 
 
 @dataclass(frozen=True)
@@ -98,7 +123,8 @@ class _Late:
     joint: int  # 0-based
     name: str  # parameter of `TimeDelay`
     time: float  # [s]
-    gain: float  # in log evidence over torque in time [nat]
+    gain: float  # in log evidence over what is known of it [nat]
+    beside: Solution  # the set without lateness of that joint
     changed: list[int]  # coefficients of the set's fit that are others then
     coefficients: FloatArray
 
@@ -148,12 +174,12 @@ class _OneJoint:
             lambda values: solution.noise.whiten(values, joint, rows),
         )
 
-    def fit(self, name: str, time: float) -> tuple[float, FloatArray]:
+    def fit(self, late: TimeDelay) -> tuple[float, FloatArray]:
         """Return log evidence [nat] and coefficients (c,) with everything so much later."""
         both = np.column_stack([self.columns, self.simulated])
-        if time > 0.0:
+        if late.delay > 0.0 or late.lag > 0.0:
             both = np.concatenate(
-                [self._later(both[rows], rows, name, time) for rows in self.segments]
+                [late.late(self.time[rows], both[rows]) for rows in self.segments]
             )
         A, y = self.whiten(both[:, :-1]), self.whiten(self.measured - both[:, -1])
         precision = A.T @ A + np.eye(A.shape[1])
@@ -162,23 +188,29 @@ class _OneJoint:
         evidence = 0.5 * float(part @ part - y @ y) - float(np.log(np.diag(root)).sum())
         return evidence, np.linalg.solve(root.T, part) * self.deviation
 
-    def _later(self, values: FloatArray, rows: slice, name: str, time: float) -> FloatArray:
-        return TimeDelay(joint=self.joint + 1, **{name: time}).late(self.time[rows], values)
 
+def _latest(alone: _OneJoint, beside: Solution, known: TimeDelay, *, long: bool) -> _Late | None:
+    """Return how late the torque of a joint is taken to be, if another than known is better.
 
-def _latest(alone: _OneJoint) -> _Late | None:
-    """Return how late the torque of a joint is taken to be, if later is better at all."""
-    if not alone.own:
-        return None
-    in_time, _ = alone.fit("lag", 0.0)
+    Args:
+        alone: Fit of that joint.
+        beside: The set, without lateness of that joint.
+        known: What a set has of it.
+        long: Whether to try times that do not begin to help.
+    """
+    least, _ = alone.fit(known)
     best: _Late | None = None
     for name in _LAWS:
+        own: _Late | None = None
         for k, time in enumerate(LATENESS.times):
-            evidence, coefficients = alone.fit(name, time)
-            gain = evidence - in_time
-            if k == LATENESS.asked and (best is None or best.name != name):
+            if k == LATENESS.asked and own is None and not long:
                 break  # what does not begin to help is not there
-            if gain > (0.0 if best is None else best.gain):
+            evidence, coefficients = alone.fit(TimeDelay(joint=alone.joint + 1, **{name: time}))
+            gain = evidence - least
+            if gain > (0.0 if own is None else own.gain):
                 changed = [alone.place[c] for c in alone.own]
-                best = _Late(alone.joint, name, time, gain, changed, coefficients[alone.own])
+                values = coefficients[alone.own]
+                own = _Late(alone.joint, name, time, gain, beside, changed, values)
+        if own is not None and (best is None or own.gain > best.gain):
+            best = own
     return best

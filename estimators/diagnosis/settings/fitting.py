@@ -42,10 +42,12 @@ SOLVING = SolvingSettings()
 class LatenessSettings:
     """Torque that is late as a whole (fitting.lateness)."""
 
-    times: tuple[float, ...] = setting((0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.32), "s",
+    times: tuple[float, ...] = setting(
+        (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.24, 0.32, 0.4, 0.48), "s",
         "of a lag or delay that are tried",
         "more cost time; fewer start far from the true one",
-        chosen="to 0.5 s, as filters of reported currents are, a factor of two apart")
+        chosen="to 0.5 s, as filters of reported currents are, a factor of two apart, and by a "
+               "quarter of a period of motion of 3 Hz")
     long: float = setting(0.1, "s", "of a lag and a delay that compete from the start",
         "longer misses those of some hundredths of a second; shorter those of some tenths",
         chosen="75 and 90 ms, hidden in a real recording, were taken for friction without")

@@ -45,12 +45,12 @@ def test_what_an_effect_adds_is_as_late_as_its_sensor() -> None:
     assert off.max() < 0.02 * np.abs(added).max()
 
 
-def turning(seed: int, seconds: float = 40.0) -> Motion:
+def turning(seed: int, seconds: float = 40.0, faster: float = 1.0) -> Motion:
     """One joint turns to and fro by two radians, at several speeds; the other rests."""
     random = np.random.default_rng(seed)
     t = np.arange(int(seconds * RATE)) / RATE
-    w = 2 * np.pi * np.array([0.05, 0.09, 0.16])
-    a, phase = np.array([1.0, 0.6, 0.35]), random.uniform(0, 2 * np.pi, 3)
+    w = 2 * np.pi * np.array([0.05, 0.09, 0.16]) * faster
+    a, phase = np.array([1.0, 0.6, 0.35]) / faster**0.6, random.uniform(0, 2 * np.pi, 3)
     values = [
         np.column_stack(
             [(np.sin(np.outer(t, w) + phase + k * np.pi / 2) * a * w**k).sum(axis=1)] * 2
@@ -61,9 +61,8 @@ def turning(seed: int, seconds: float = 40.0) -> Motion:
     return Motion(t, *values)
 
 
-@pytest.mark.slow("diagnoses two recordings, around a lag once more")
-@pytest.mark.parametrize("late", [TimeDelay(joint=1, lag=0.12), TimeDelay(joint=1, delay=0.08)])
-def test_a_lag_behind_a_ripple_is_named_with_it_and_nothing_else(arm, late) -> None:
+def with_friction(arm) -> Simulation:
+    """Return what is stated of the arm."""
     friction = [
         effect
         for joint in (1, 2)
@@ -72,9 +71,31 @@ def test_a_lag_behind_a_ripple_is_named_with_it_and_nothing_else(arm, late) -> N
             ViscousFriction(joint=joint, f_v=0.1),
         )
     ]
-    given = Simulation(
-        str(arm), tuple(friction), tolerances=Tolerances(inertia=0.005, friction=0.1)
-    )
+    return Simulation(str(arm), tuple(friction), tolerances=Tolerances(inertia=0.005, friction=0.1))
+
+
+@pytest.mark.slow("diagnoses two recordings, and looks for a delay where none seems to help")
+def test_a_delay_of_half_a_period_is_named(arm) -> None:
+    given = with_friction(arm)
+    true = replace(given, effects=(*given.effects, TimeDelay(joint=1, delay=0.46)))
+    recordings = []
+    for seed in (1, 2):
+        moved = turning(seed, faster=6.0)
+        noise = 0.01 * np.random.default_rng(seed).standard_normal((len(moved), 2))
+        recordings.append(
+            Recording.from_arrays(moved.time, moved.position, true.predict(moved) + noise)
+        )
+
+    (found,) = diagnose(given, recordings).verdict.findings
+
+    assert (found.effect, found.joints) == ("time_delay", (1,))
+    assert found.parameters["delay"].value == pytest.approx(0.46, abs=0.002)
+
+
+@pytest.mark.slow("diagnoses two recordings, around a lag once more")
+@pytest.mark.parametrize("late", [TimeDelay(joint=1, lag=0.12), TimeDelay(joint=1, delay=0.08)])
+def test_a_lag_behind_a_ripple_is_named_with_it_and_nothing_else(arm, late) -> None:
+    given = with_friction(arm)
     true = replace(given, effects=(*given.effects, RIPPLE, late))
     recordings = []
     for seed in (1, 2):
