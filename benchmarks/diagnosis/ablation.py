@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     Row = dict[str, Any]
 
 WHOLE = "all of it"
-FITTING = "estimators.diagnosis.fitting"
 DIAGNOSIS = "estimators.diagnosis"
-SETTINGS = "estimators.diagnosis.settings"
+FITTING = f"{DIAGNOSIS}.fitting"
+SETTINGS = f"{DIAGNOSIS}.settings"
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ def diagnose(
     tell("replaying on the simulated robot", _PLANNED)
     played = partial(time.within, "a replay", partial(with_replay, found))
     found = attempts.at("replay on the simulated robot", lambda: played(found), found)
-    notes = [lowered_for(width, usual)] * (width < usual) + [time.note()] * bool(time.note())
+    notes = filter(None, (lowered_for(width, usual) if width < usual else "", time.note()))
     found = replace(found, verdict=replace(found.verdict, notes=(*found.verdict.notes, *notes)))
     tell("done", 1.0)
     return reduce(Diagnosis.failed, attempts.failures, found)

@@ -57,13 +57,13 @@ def has_long(candidate: Candidate) -> bool:
 
 
 def made_late(
-    problem: RegressionProblem, solution: Solution, unknown: Collection[int] = ()
+    problem: RegressionProblem, solution: Solution, unknown: Collection[int]
 ) -> tuple[RegressionProblem, Solution] | None:
     """Return a set with the lag or delay in it that brings most, to be taken up again around it.
 
     Args:
         problem: What the set was found on.
-        solution: A set without that lateness.
+        solution: A set without that lateness, or with another of that joint.
         unknown: Joints (0-based) that it leaves unexplained, which come first.
 
     Returns:

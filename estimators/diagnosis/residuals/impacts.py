@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.residuals.jolts import times_of
-from estimators.diagnosis.residuals.noise import usual_error
+from estimators.diagnosis.residuals.noise import usual_errors
 from estimators.diagnosis.residuals.pushes import covered
 from estimators.diagnosis.settings.pushes import IMPACTS, PUSHES
 
@@ -60,12 +60,8 @@ def impacts(
     if len(events) < IMPACTS.fewest or observed.n < IMPACTS.joints:
         return ()
     observed = observed.undisturbed(None)
-    usual = np.array(
-        [
-            max(usual_error(residual[use, j]), observed.least_noise) if use.any() else np.inf
-            for j, use in enumerate(observed.moving.T)
-        ]
-    )
+    usual = np.maximum(usual_errors(residual, observed.moving), observed.least_noise)
+    usual[~observed.moving.any(axis=0)] = np.inf
     errors = residual / usual
     explained = np.array([_explained(observed, errors, usual, event) for event in events])
     explained[explained < IMPACTS.alike] = 0.0

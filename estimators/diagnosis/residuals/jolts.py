@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.residuals.noise import usual_error
+from estimators.diagnosis.residuals.noise import usual_errors
 from estimators.diagnosis.residuals.pushes import overlap
 from estimators.diagnosis.residuals.reversals import steadily_moving
 from estimators.diagnosis.settings.pushes import JOLTS, PUSHES
@@ -53,7 +53,7 @@ def jolts(
     observed = observed.undisturbed(None)
     steady = steadily_moving(observed)
     known = steady.sum(axis=0) >= JOLTS.fewest
-    usual = np.array([usual_error(residual[use, j]) for j, use in enumerate(steady.T)])
+    usual = usual_errors(residual, steady)
     errors = np.where(
         steady & known, np.abs(residual) / np.maximum(usual, observed.least_noise), 0.0
     )

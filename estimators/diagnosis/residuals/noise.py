@@ -186,3 +186,8 @@ def usual_error(errors: FloatArray) -> float:
     """Return the deviation of most errors [N m], whatever a few of them are."""
     usual = _MAD * float(np.median(np.abs(errors))) if errors.size else 0.0
     return max(usual, np.finfo(float).tiny)
+
+
+def usual_errors(errors: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
+    """Return the same of each joint (n,), by the rows (K, n) of its errors (K, n) that count."""
+    return np.array([usual_error(errors[rows, j]) for j, rows in enumerate(use.T)])

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from estimators.diagnosis.residuals.noise import Noise, usual_error
+from estimators.diagnosis.residuals.noise import Noise, usual_errors
 from estimators.diagnosis.residuals.rarity import rarity
 from estimators.diagnosis.residuals.reversals import (
     about_reversals,
@@ -149,7 +149,7 @@ class _Scan:
         moving = steadily_moving(observed) & ~ends_of_motion(observed)[:, None]
         steady = moving | resting[:, None]
         residual = _without_offsets(residual, resting)
-        floor = np.array([usual_error(residual[use, j]) for j, use in enumerate(steady.T)])
+        floor = usual_errors(residual, steady)
         noise = _noise(observed, residual, observed.moving | resting[:, None])
         white = np.stack([noise.whiten(residual[:, j], j) for j in range(observed.n)], axis=1)
         inertial = PUSHES.of_inertia * _inertial(observed, moving)
@@ -406,7 +406,7 @@ def _odd_rows(observed: Observations, seconds: float) -> int:
 
 def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_]) -> Noise:
     """Return how errors (K, n) usually look: what a push adds is cut, and passes for none."""
-    most = PUSHES.cut * np.array([usual_error(residual[rows, j]) for j, rows in enumerate(use.T)])
+    most = PUSHES.cut * usual_errors(residual, use)
     return Noise.of(np.clip(residual, -most, most), use, observed.segment, observed.least_noise)
 
 
