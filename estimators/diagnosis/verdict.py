@@ -7,6 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from estimators.diagnosis.settings.afterwards import SAID
 from limo_driver.outputs import whole
 
 if TYPE_CHECKING:
@@ -27,8 +28,6 @@ REPORT = "report.html"
 NEXT_MOTION = "next_motion.parquet"
 TORQUE = "N m"  # unit of errors where torque was recorded
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
-
-_WORSE = 1.05  # of an error, from which on a larger one is called worse
 
 Summary: TypeAlias = Literal["consistent", "explained", "partly_explained", "unexplained"]
 Value: TypeAlias = "float | str | tuple[Value, ...]"
@@ -152,7 +151,9 @@ class Fit:
         are missing, they bend towards those, and a joint may pay for what another gains.
         """
         pairs = zip(self.heldout_rmse_before, self.heldout_rmse_tolerances, strict=False)
-        return tuple(j for j, (given, moved) in enumerate(pairs, start=1) if moved > _WORSE * given)
+        return tuple(
+            j for j, (given, moved) in enumerate(pairs, start=1) if moved > SAID.worse * given
+        )
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import math
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
+from estimators.diagnosis.settings.afterwards import SAID
 from limo_driver.physics import BodyEffect, spoken
 from limo_driver.physics.catalogue import description_of, known_as
 
@@ -13,8 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from limo_driver.recordings.recording import Recording
-
-COUNTED = 1e6  # odds beyond which a figure says no more than words
 
 LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
 _OTHERWISE = {
@@ -58,7 +57,7 @@ def listed(texts: Sequence[str]) -> str:
 
 def likelier(lead: float) -> str:
     """Say evidence [nat] as odds; completes "the recordings are …"."""
-    if lead > math.log(COUNTED):
+    if lead > math.log(SAID.beyond_doubt):
         return "beyond doubt likelier"
     odds = math.exp(lead)
     digits = max(0, math.floor(math.log10(odds)) - 1)

@@ -62,20 +62,20 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
             np.log(start / np.where(scaled, low, 1.0)) / np.log(high / np.where(scaled, low, 1.0)),
             (start - low) / (high - low),
         )
-    family = hypothesis.family
+    family, begin = hypothesis.family, np.clip(x0, REFINEMENT.inside, 1.0 - REFINEMENT.inside)
 
     def cost(x: FloatArray) -> float:
         return -local.gain(family(*settings(x)))
 
     found = minimize(
         cost,
-        np.clip(x0, 0.02, 0.98),
+        begin,
         method="Nelder-Mead",
         options={
             "maxfev": REFINEMENT.evaluations,
-            "xatol": 3e-3,
-            "fatol": 0.05,
-            "initial_simplex": _simplex(np.clip(x0, 0.02, 0.98)),
+            "xatol": REFINEMENT.settled,
+            "fatol": REFINEMENT.gained,
+            "initial_simplex": _simplex(begin),
         },
     )
     best, gain = family(*settings(found.x)), -float(found.fun)
@@ -84,7 +84,7 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
 
 
 def _simplex(start: FloatArray) -> FloatArray:
-    step = 0.1 * np.where(start > 0.5, -1.0, 1.0)  # noqa: PLR2004  # towards the middle
+    step = REFINEMENT.step * np.where(start > 0.5, -1.0, 1.0)  # noqa: PLR2004  # towards the middle
     return np.concatenate([start[None], start + np.diag(step)])
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.settings.afterwards import SAID
 from estimators.diagnosis.wording import listed
 from limo_driver.descriptions.description import SITE
 
 if TYPE_CHECKING:
     from limo_driver.descriptions.inertial import Inertial
     from limo_driver.model import RobotModel
-
-_MOST: Final = 3
 
 
 def seen_by_sites(load: Inertial, model: RobotModel) -> str:
@@ -35,5 +34,5 @@ def seen_by_sites(load: Inertial, model: RobotModel) -> str:
         return ""
     return (
         f" Its centre is given in the frame of {model.link_names[-1]}; it is at "
-        f"{listed(places[-_MOST:])}."
+        f"{listed(places[-SAID.places :])}."
     )

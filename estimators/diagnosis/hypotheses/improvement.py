@@ -143,7 +143,6 @@ def payload_of(parameters: FloatArray) -> Payload:
     if body is None:
         raise ConfigError("a payload has to have mass")
     if not body.is_consistent():
-        radius = 0.02  # [m], a compact body, where the data say nothing of its extent
-        size = 0.4 * body.mass * radius**2
+        size = 2 / 5 * body.mass * REVISION.compact**2  # of a ball
         body = replace(body, inertia=(size, 0.0, 0.0, size, 0.0, size))
     return Payload(mass=body.mass, com=body.com, inertia=body.inertia)

@@ -129,11 +129,11 @@ def relative_inertia(body: Inertial) -> FloatArray:
         d = np.zeros(3)
         d[axis] = lever[axis]
         scale[1 + axis, 1 + axis] = m * lever[axis]
-        ahead, behind = (_point(m, c + sign * 0.01 * d) for sign in (1, -1))
-        scale[4:, 1 + axis] = (ahead - behind) / 0.02
+        ahead, behind = (_point(m, c + sign * REVISION.lever_step * d) for sign in (1, -1))
+        scale[4:, 1 + axis] = (ahead - behind) / (2 * REVISION.lever_step)
     moments = np.diag(tensor)
     for column, (i, k) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
-        size = np.sqrt(moments[i] * moments[k]) * (1.0 if i == k else 0.3)
+        size = np.sqrt(moments[i] * moments[k]) * (1.0 if i == k else REVISION.products)
         scale[4 + column, 4 + column] = size
     return scale
 

@@ -140,7 +140,7 @@ class _Angle:
         """Angle that nearly all rows lie in [rad]."""
         if self.position.size < RIPPLE.shape:
             return 0.0
-        low, high = np.quantile(self.position, (0.01, 0.99))
+        low, high = np.quantile(self.position, RIPPLE.bulk)
         return float(high - low)
 
     def passed(self, cycles: float) -> FloatArray:
@@ -301,8 +301,8 @@ def _slow_line(angle: _Angle) -> float | None:
 
 def _refined(angle: _Angle, cycles: float, step: float) -> float:
     """Return the line near grid point `cycles` that leaves least; in the end by a parabola."""
-    for width in (step, step / 5):
-        near = cycles + width * np.linspace(-1.0, 1.0, 5)
+    for width in (step, step / RIPPLE.finer):
+        near = cycles + width * np.linspace(-1.0, 1.0, RIPPLE.around)
         energy = np.array([angle.left(float(N)) for N in near])
         middle = int(np.clip(np.argmin(energy), 1, near.size - 2))
         a, b, c = energy[middle - 1 : middle + 2]

@@ -286,7 +286,7 @@ class Signs:
 
 def features(signs: Signs) -> tuple[float, float, float]:
     """Return the features of the logistic regression; the first is 1."""
-    return 1.0, math.log1p(max(signs.lead, 0.0)), math.log(max(signs.material, 1e-3))
+    return 1.0, math.log1p(max(signs.lead, 0.0)), math.log(max(signs.material, CONFIDENCE.least))
 
 
 def confidence_of(signs: Signs) -> float:

@@ -138,7 +138,7 @@ def _own(noise: Noise, joint: int) -> Noise:
 
 
 def _sign(observed: Observations, j: int) -> FloatArray:
-    return np.tanh(observed.motion.velocity[:, j] / 0.002)
+    return np.tanh(observed.motion.velocity[:, j] / QUESTIONS.sharp)
 
 
 def _memory(observed: Observations, j: int) -> FloatArray:

@@ -78,7 +78,8 @@ def _features(observed: Observations, j: int) -> FloatArray:
     for k in range(observed.n):
         if k != j:
             other = motion.velocity[:, k]
-            own += [other, np.tanh(other / 0.01), sign * np.abs(np.tanh(other / 0.05))]
+            alone, on_own = (np.tanh(other / speed) for speed in BLACK_BOX.of_others)
+            own += [other, alone, sign * np.abs(on_own)]
     filtered = observed.filter(np.stack(own, axis=1))
     hats = _hats(observed)
     slow_sign = filtered[:, :1]
@@ -90,11 +91,11 @@ def _rested(observed: Observations, j: int) -> FloatArray:
     result = np.zeros(len(observed.motion))
     for rows in observed.segments:
         v, time = observed.motion.velocity[rows, j], observed.motion.time[rows]
-        still = np.abs(v) < 1e-3  # noqa: PLR2004  # [rad/s]
+        still = np.abs(v) < BLACK_BOX.at_rest
         last = np.where(still, np.arange(v.size), -1)
         last = np.maximum.accumulate(last)
-        since = np.where(last >= 0, time - time[np.maximum(last, 0)], 1e3)
-        result[rows] = np.sign(v) * np.exp(-since / 0.3)
+        since = np.where(last >= 0, time - time[np.maximum(last, 0)], np.inf)
+        result[rows] = np.sign(v) * np.exp(-since / BLACK_BOX.fades)
     return result
 
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-_OUTER = (1.0, 99.0)  # percentiles of the range that is shown
-
 
 @dataclass(frozen=True)
 class Profile:
@@ -68,7 +66,7 @@ def edges_of(values: FloatArray, bins: int, *, logarithmic: bool = False) -> Flo
     known = values[np.isfinite(values)]
     if not known.size:
         return np.linspace(0.0, 1.0, bins + 1)
-    low, high = np.percentile(known, _OUTER)
+    low, high = np.percentile(known, BINS.outer)
     if high - low < 1e-9:  # noqa: PLR2004  # nothing varies: one bin holds it all
         low, high = low - 0.5, high + 0.5
     edges: FloatArray = np.linspace(low, high, bins + 1)

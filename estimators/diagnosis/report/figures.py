@@ -142,7 +142,7 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
     x, y = edges_of(q, cells_of(len(q))), edges_of(v, cells_of(len(v)))
     found = [residual_map(q, v, _residual(traces, side, j)[moving], x, y) for side in sides]
     known = np.abs(np.concatenate([item.mean[np.isfinite(item.mean)] for item in found]))
-    scale = max(float(np.percentile(known, 98)), 1e-9) if known.size else 1.0
+    scale = max(float(np.percentile(known, BINS.brightest)), 1e-9) if known.size else 1.0
     figures: list[Figure] = []
     for item in found:
         axes = layout(_LABELS["position"], _LABELS["velocity"])

@@ -12,11 +12,11 @@ from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
+from estimators.diagnosis.settings.afterwards import SAID, SHOWN
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.summary import identified_columns
 from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import (
-    COUNTED,
     is_of_bodies,
     likelier,
     names_of,
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Finding, Verdict
 
 OPEN = 3  # joints whose maps are open from the start
-LOOP = 8.0  # [s] of motion drawn as loops
 _QUANTITIES = ("position", "velocity", "since_reversal", "load", "time")
 _TITLES = {
     "position": "over position",
@@ -73,10 +72,9 @@ _KEY = {
     "Blue": "the improved simulation.",
     "Green": "the given simulation, with its values moved within their tolerances.",
     "Line, band, dots": "mean of a bin, one standard deviation to either side, noise floor.",
-    "Torque curves": "8 s in which the error is large and the joint moves little; the torque of "
-    "the rigid body is taken off.",
+    "Torque curves": f"{SHOWN.loop:g} s in which the error is large and the joint moves little; "
+    "the torque of the rigid body is taken off.",
 }
-_CANDIDATES = 12  # explanations drawn
 _LABEL = 44  # characters of an explanation beside its bar
 
 
@@ -114,7 +112,7 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
         charts.place(figure, "Mean residual over position and velocity", which)
         for figure, which in zip(figures.maps(traces, j), ("given", "improved"), strict=True)
     ]
-    stretch = loop_stretch(traces, j, LOOP)
+    stretch = loop_stretch(traces, j, SHOWN.loop)
     note = _span(diagnosis, stretch.start, stretch.stop, stretch.recording)
     drawn = [
         charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
@@ -194,7 +192,7 @@ def _by_excess(diagnosis: Diagnosis) -> list[int]:
 
 def competing(diagnosis: Diagnosis, charts: Charts) -> str:
     """Return the explanations that competed with the chosen one."""
-    best = diagnosis.explanations[:_CANDIDATES]
+    best = diagnosis.explanations[: SAID.explanations]
     if not best:
         return ""
     chosen = next((item for item in best if item.note == CHOSEN), best[0])
@@ -202,7 +200,7 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
     twins = [item for item in best if _looks_like(item, chosen, diagnosis.verdict.findings)]
     if _tells_apart(best, chosen):
         names = [f"{k}. {_short(item)}" for k, item in enumerate(best, start=1)]
-        drawn = figures.explanations(best, names, chosen, np.log10(COUNTED))
+        drawn = figures.explanations(best, names, chosen, np.log10(SAID.beyond_doubt))
         body = charts.place(drawn, "How much less likely the others are", _BEYOND)
     rows = [
         [escape(typeset(_name(item))), _compared_to(item.log_evidence - top), _removes(item.share),
@@ -226,7 +224,7 @@ _BEYOND = "bars at the end of the axis: beyond doubt"
 def _tells_apart(tried: Sequence[Explanation], chosen: Explanation) -> bool:
     """Say whether bars show a difference: some explanation is in doubt, and not all are alike."""
     behind = [chosen.log_evidence - item.log_evidence for item in tried if item is not chosen]
-    return bool(behind) and min(behind) < np.log(COUNTED) and np.ptp(behind) > 1.0
+    return bool(behind) and min(behind) < np.log(SAID.beyond_doubt) and np.ptp(behind) > 1.0
 
 
 def _looks_like(item: Explanation, chosen: Explanation, findings: Sequence[Finding]) -> bool:

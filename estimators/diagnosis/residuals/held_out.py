@@ -100,7 +100,7 @@ def surely_positive(gained: FloatArray, observed: Observations, rows: NDArray[np
     if of_block.size < 2:  # noqa: PLR2004  # nothing to resample
         return bool(of_block.sum() > 0)
     drawn = np.random.default_rng(0).integers(0, of_block.size, (HELD_OUT.resamples, of_block.size))
-    return bool(np.quantile(of_block[drawn].sum(axis=1), 0.025) > 0)
+    return bool(np.quantile(of_block[drawn].sum(axis=1), HELD_OUT.chance) > 0)
 
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:
@@ -145,5 +145,5 @@ def bootstrap(
         found[k] = reducible_removed(
             np.sqrt(drawn[0] / drawn[2]), np.sqrt(drawn[1] / drawn[2]), floor
         )
-    low, high = np.quantile(found, (0.025, 0.975))
+    low, high = np.quantile(found, (HELD_OUT.chance, 1.0 - HELD_OUT.chance))
     return float(low), float(high)

@@ -7,7 +7,7 @@ mistake explains is left to the diagnosis, unless the torques have nothing to do
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-
-_ALIKE: Final = 2  # digits of a change; what differs by less is told as the more usual mistake
 
 
 def check_plausible(observed: Observations) -> None:
@@ -291,7 +289,7 @@ def found_in(sample: RowSample) -> list[Mistake]:
         undone = [(mistake, mistake.undo(sample)) for mistake in known]
         mistake, best = min(
             (pair for pair in undone if not _spoils(pair[0], sample, pair[1])),
-            key=lambda pair: round(_change(sample, pair[1]), _ALIKE),
+            key=lambda pair: round(_change(sample, pair[1]), PLAUSIBILITY.digits),
         )
         if not _explains(sample, best):
             break

@@ -24,7 +24,6 @@ from estimators.diagnosis.settings.pushes import PUSHES
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
-_FEW, _MANY = 0.1, 1e4  # degrees of freedom: beyond those, all variances are one
 _LEAST = float(np.log(np.finfo(float).tiny))
 
 
@@ -50,6 +49,7 @@ def _freedom(scatter: float) -> float:
     def beyond(freedom: float) -> float:
         return float(polygamma(1, freedom / 2.0)) - scatter
 
-    if beyond(_MANY) >= 0.0:
-        return _MANY
-    return float(root_scalar(beyond, bracket=(_FEW, _MANY)).root) if beyond(_FEW) > 0.0 else _FEW
+    few, many = PUSHES.freedom
+    if beyond(many) >= 0.0:
+        return many
+    return float(root_scalar(beyond, bracket=(few, many)).root) if beyond(few) > 0.0 else few

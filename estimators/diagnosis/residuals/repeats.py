@@ -82,7 +82,7 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
         return float(np.mean((position(there) - slow.position[rows[known]]) ** 2))
 
     coarse, period = _delay(observed, rows, others), observed.row_period
-    best = fminbound(apart, coarse - 2 * period, coarse + 2 * period, xtol=1e-5)
+    best = fminbound(apart, coarse - 2 * period, coarse + 2 * period, xtol=REPEATS.exact)
     delay = float(np.asarray(best).item())
     if not moves.any() or np.sqrt(apart(delay)) > REPEATS.near:
         return None

@@ -331,7 +331,6 @@ def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) ->
         index = columns.add(offset.joints, offset.values[:, :, None])
         place = (TorqueOffset.name, (j,))
         parameter = Tolerated(f"offset of sensor {j + 1}", "N m", 0.0, 1.0, place)
-        parts.append(
-            _Part((parameter,), Prior.free(index, 0.3 * floor[j : j + 1]), None, np.zeros(1))
-        )
+        deviation = TOLERATED.sensor_offset * floor[j : j + 1]
+        parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
     return parts

@@ -1,4 +1,4 @@
-"""Settings: what follows the verdict: the next motion, the replay, and bins of the report."""
+"""Settings: what follows the verdict: the next motion, the replay, and what is shown and said."""
 
 from __future__ import annotations
 
@@ -60,6 +60,47 @@ class BinSettings:
         "as above")
     enough_of_cell: int = setting(4, "rows", "the same, of a cell of a map", "as above")
     least: int = setting(3, "rows", "without which neither is shown", "as above")
+    outer: tuple[float, float] = setting((1.0, 99.0), "percentiles", "of the range that is shown",
+        "wider leaves most bins to few rows; narrower cuts off more")
+    brightest: float = setting(98.0, "percentile", "of the cells of a map, at which colours end",
+        "higher leaves the map pale; lower shows differences of large cells no more")
 
 
 BINS = BinSettings()
+
+
+@dataclass(frozen=True)
+class ShownSettings:
+    """Motion that the report shows (report)."""
+
+    loop: float = setting(8.0, "s", "of motion drawn as loops of torque over position",
+        "longer covers them with other loops; shorter shows part of one")
+    narrow: float = setting(0.05, "rad", "added to the range of such motion, which is to be small",
+        "larger shows long reaches, on which a loop is a line; smaller next to no motion")
+
+
+SHOWN = ShownSettings()
+
+
+@dataclass(frozen=True)
+class SaidSettings:
+    """What is worth a word (headline, wording, verdict, report)."""
+
+    sure: float = setting(0.5, "", "confidence of a name that stands in the headline beside others",
+        "only wording: higher says fewer names")
+    pushes: int = setting(2, "pushes", "whose times a headline says", "only wording")
+    places: int = setting(3, "sites", "of the last link from which a load is told", "only wording")
+    beyond_doubt: float = setting(1e6, "to 1", "odds beyond which a figure says no more than words",
+        "only wording")
+    worse: float = setting(1.05, "times the given simulation's",
+        "error from which on it is called worse", "only wording: higher marks less")
+    at_floor: float = setting(1.15, "noise floors", "up to which an error is at the floor",
+        "only wording: higher calls small errors noise",
+        chosen="the floor is an estimate itself")
+    by_tolerances: float = setting(0.05, "of the reducible error",
+        "that goes by values within their tolerances, if that is said", "only wording")
+    explanations: int = setting(12, "sets", "of effects that are listed as having competed",
+        "more make the report longer; fewer hide how near others came")
+
+
+SAID = SaidSettings()

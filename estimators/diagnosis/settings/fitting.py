@@ -135,6 +135,15 @@ class RefinementSettings:
 
     evaluations: int = setting(60, "", "of the evidence, at most",
         "more cost time; fewer stop short")
+    inside: float = setting(0.02, "of the range of a setting",
+        "from either of its ends, that the search begins at least",
+        "larger begins farther from what was tried; smaller leaves a first step no room")
+    step: float = setting(0.1, "of the range of a setting", "that is tried first",
+        "larger leaves the valley it began in; smaller costs time")
+    settled: float = setting(3e-3, "of the range of a setting",
+        "within which all that is tried lies once it stops",
+        "smaller costs time; larger stops short")
+    gained: float = setting(0.05, "nat", "by which it differs then", "as above")
     rejected: float = setting(1e6, "", "objective where no column comes out",
         "numerical: worse than any")
 

@@ -49,6 +49,12 @@ class RippleSettings:
         "wider finds shapes; narrower misses slow lines")
     least_part: float = setting(0.15, "of the residual's energy", "that such a line takes off",
         "lower finds shapes; higher misses weak lines")
+    bulk: tuple[float, float] = setting((0.01, 0.99), "quantiles",
+        "of the positions that are a joint's range",
+        "wider counts where it hardly is; narrower leaves out ends at which it turns")
+    around: int = setting(5, "grid points", "at which a line is sought around the one it is near",
+        "more cost time; fewer leave a parabola too little")
+    finer: int = setting(5, "times", "that this grid is then narrower, once", "as above")
     same: float = setting(0.05, "relative", "difference within which two lines are one",
         "larger merges neighbours; smaller counts one twice")
     sweeps: int = setting(3, "", "in which all lines are refined beside a new one, at most",
@@ -75,6 +81,13 @@ class RevisionSettings:
         "larger is less linear; smaller loses digits")
     least_lever: float = setting(0.01, "m", "scale of a centre of mass that lies on an axis",
         "larger lets small bodies move far; smaller holds them")
+    lever_step: float = setting(0.01, "of that lever", "of derivatives by a centre of mass",
+        "numerical: inertia is quadratic in it")
+    products: float = setting(0.3, "of the root of the product of two moments",
+        "1 sigma of a product of inertia, before the tolerance of the body",
+        "larger lets bodies tilt; smaller holds the axes that are stated")
+    compact: float = setting(0.02, "m", "radius of a load whose extent the data do not tell",
+        "larger adds inertia that nobody saw; smaller makes a point of it")
     narrower: float = setting(0.2, "times", "at least, in one revision",
         "smaller leaves what is linear; larger needs more rounds")
     wider: float = setting(5.0, "times", "at most, in one revision", "as above")

@@ -82,6 +82,13 @@ class BlackBoxSettings:
         "more fit noise; fewer see less")
     hats: int = setting(12, "", "of its dependence on time",
         "more fit noise; fewer miss what changes quickly")
+    at_rest: float = setting(1e-3, "rad/s", "below which a joint rests, for its stiction",
+        "higher takes slow motion for rest; lower noise for motion")
+    fades: float = setting(0.3, "s", "over which stiction fades once a joint moves",
+        "longer looks like dry friction; shorter is gone within few rows")
+    of_others: tuple[float, float] = setting((0.01, 0.05), "rad/s",
+        "over which the other joints' signs turn, alone and as they change its own friction",
+        "wider is viscous friction; narrower a step at reversals")
 
 
 BLACK_BOX = BlackBoxSettings()
@@ -100,6 +107,8 @@ class QuestionSettings:
         "over which friction may build up", "more cost time; fewer see less")
     speeds: tuple[float, ...] = setting((0.01, 0.05), "rad/s", "over which friction may fade",
         "as above")
+    sharp: float = setting(0.002, "rad/s", "over which the sign of motion turns",
+        "wider is viscous friction; narrower a step at reversals")
     hats: int = setting(5, "", "of a smooth dependence", "more fit noise; fewer see less")
     least_reducible: float = setting(0.1, "of the floor", "that shares are taken of at least",
         "lower gives shares of noise; higher understates")
@@ -149,6 +158,8 @@ class ConfidenceSettings:
         "fitted, not chosen",
         chosen=("measured: logistic regression on 68 names of 63 concealed cases "
                 "(benchmarks/diagnosis/diagnosis_calibration.py)"))
+    least: float = setting(1e-3, "noise floors", "that the size of a finding counts as, at least",
+        "numerical: of its logarithm")
     highest: float = setting(0.99, "", "that is ever said",
         "higher claims more than 63 cases can show")
     of_unknown: float = setting(0.75, "of the cases",

@@ -44,6 +44,9 @@ class PushSettings:
         chosen="where a push is as likely as not, by the weights of its confidence")
     scatter: float = setting(0.75, "quantile", "of other stretches, that tells how they scatter",
         "higher counts other pushes as scatter; lower tells less of the largest")
+    freedom: tuple[float, float] = setting((0.1, 1e4), "degrees of freedom",
+        "of how stretches scatter, between which they are sought",
+        "numerical: beyond those, all variances are one")
     joint: float = setting(3.0, "nat", "that the errors of each joint reach by chance",
         "higher misses what many joints feel a little; lower adds up noise")
     felt: float = setting(15.0, "nat", "for a joint that felt a push",

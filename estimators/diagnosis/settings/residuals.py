@@ -120,6 +120,9 @@ class HeldOutSettings:
         chosen="all blocks but the first and the last, which would be extrapolated")
     resamples: int = setting(400, "", "of the interval of the error removed",
         "more cost time; fewer are a rough interval")
+    chance: float = setting(0.025, "of resampled blocks",
+        "beyond either end of an interval, and in which what is surely gained may be lost",
+        "higher is sure too soon; lower drops what is small and there")
     block: float = setting(3.0, "s", "of a stretch that is resampled whole",
         "longer leaves few stretches; shorter takes errors for independent",
         chosen="longer than errors remember")
@@ -151,6 +154,8 @@ class RepeatSettings:
         "larger pairs other motion; smaller misses repeats")
     least: float = setting(0.5, "of a recording", "that has to be in the other one",
         "larger misses repeats; smaller judges by little")
+    exact: float = setting(1e-5, "s", "to which the delay between them is sought",
+        "smaller costs time; larger leaves what differs by it")
     fewest: int = setting(8, "rows", "of a recording",
         "more overlook short repeats; fewer cannot be compared")
 
@@ -168,6 +173,8 @@ class PlausibilitySettings:
         "lower tries to undo what is physics; higher lets mistakes pass")
     fits: float = setting(0.4, "misfit", "below which a torque belongs to its motion",
         "higher takes poor mending for a mistake; lower lets mistakes pass")
+    digits: int = setting(2, "decimals", "of a misfit, alike in which the likelier mistake is told",
+        "more let chance choose; fewer tell the likelier one of what fits worse")
     spoilt: float = setting(1.5, "times",
         "the misfit of a joint that fits, above which no mistake of all joints is undone",
         "higher refuses arms whose wrist holds its load by friction; lower lets mistakes pass",

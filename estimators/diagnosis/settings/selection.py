@@ -77,6 +77,8 @@ class ToleratedSettings:
     sensor_lag: float = setting(3e-4, "s",
         "1 sigma of a torque sensor's filter against the encoder's",
         "larger hides delays; smaller finds delays that are the sensor")
+    sensor_offset: float = setting(0.3, "noise floors", "1 sigma of the offset of a torque sensor",
+        "larger hides offsets; smaller finds offsets that are the sensor")
     width: float = setting(0.7, "relative", "1 sigma of the width of a smoothed sign",
         "larger hides friction laws; smaller takes widths for physics")
 

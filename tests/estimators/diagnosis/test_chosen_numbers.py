@@ -1,0 +1,100 @@
+"""A number that somebody chose stands in the settings, and nowhere else in the diagnosis."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import estimators.diagnosis
+
+ROOT = Path(estimators.diagnosis.__file__).parent
+FILES = [
+    file
+    for file in sorted(ROOT.rglob("*.py"))
+    if file.parent.name != "settings" and file.name != "figures.py"  # which is colours and sizes
+]
+PLAIN = {0.0, 0.5, 1.0, 2.0, 10.0, 100.0, 1e3}  # of arithmetic, decades and units
+NUMERICAL = 1e-6  # up to which a number only keeps others from being nothing
+MATHEMATICS = {
+    1.96: "the normal distribution's 97.5 % quantile",
+    1.4826: "deviation of a normal distribution over the median of absolute values",
+    20.0: "variance of a third difference of white noise",
+}
+NAMED = {  # constants of a module that no result hangs on
+    "MOST": "characters of a headline",
+    "_MOMENTS": "indices of parameters",
+}
+
+
+def numbers_in(source: str, *, of_report: bool = False) -> list[str]:
+    """Return the lines with numbers that look chosen: fractions, and constants of a module."""
+    tree = ast.parse(source)
+    found = {node.lineno for node in _without_progress(tree) if _is_chosen(node)}
+    if not of_report:  # whose counts of rows and cards are sizes of a page
+        found |= {line for line, name in _constants(tree) if name not in NAMED}
+    lines = source.splitlines()
+    return [f"{line}: {lines[line - 1].strip()}" for line in sorted(found)]
+
+
+def _without_progress(tree: ast.AST):
+    """Walk a tree without what says how far a bar has come."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "progress":
+            continue
+        yield node
+        yield from _without_progress(node)
+
+
+def _is_chosen(node: ast.AST) -> bool:
+    value = getattr(node, "value", None)
+    known = PLAIN | set(MATHEMATICS)
+    return (
+        isinstance(node, ast.Constant)
+        and isinstance(value, float)
+        and value not in known
+        and value > NUMERICAL
+    )
+
+
+def _constants(tree: ast.Module):
+    """Yield line and name of each constant of the module that is a whole number, or several."""
+    for node in tree.body:
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or node.value is None:
+            continue
+        names = node.targets if isinstance(node, ast.Assign) else [node.target]
+        parts = node.value.elts if isinstance(node.value, ast.List | ast.Tuple) else [node.value]
+        values = [part.value for part in parts if isinstance(part, ast.Constant)]
+        if any(type(value) is int and value > 1 for value in values):
+            yield node.lineno, ast.unparse(names[0])
+
+
+def test_no_chosen_number_stands_beside_the_settings():
+    found = [
+        f"{file.relative_to(ROOT)}:{line}"
+        for file in FILES
+        for line in numbers_in(file.read_text("utf-8"), of_report=file.parent.name == "report")
+    ]
+    assert len(FILES) > 50
+    assert not found, (
+        "what somebody chose stands in estimators/diagnosis/settings/, with what it trades:\n"
+        + "\n".join(found)
+    )
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "x = f(0.02)",
+        "STEPS = (1, 7)",
+        "_MOST: Final = 3",
+        "def f(x, part=0.3): pass",
+        "y = y if ok else 1e6",
+    ],
+)
+def test_such_a_number_would_be_noticed(line):
+    assert numbers_in(line)
+
+
+@pytest.mark.parametrize("line", ["progress('searching', 0.4)", "x = max(x, 1e-12)", "x = a[4:]"])
+def test_others_are_left_alone(line):
+    assert not numbers_in(line)
