@@ -64,10 +64,17 @@ def limo(wheel, tmp_path_factory):
 
 @pytest.mark.slow("builds a wheel")
 def test_the_wheel_has_what_pages_are_drawn_with_and_its_licences(wheel):
-    names = zipfile.ZipFile(wheel).namelist()
+    archive = zipfile.ZipFile(wheel)
+    names = archive.namelist()
     vendor = "limo_driver/pages/static/vendor/"
     for name in ("three.min.js", "LICENSE.three", "plotly-cartesian.min.js", "LICENSE.plotly"):
         assert vendor + name in names
+    about = next(name.removesuffix("METADATA") for name in names if name.endswith("/METADATA"))
+    metadata = archive.read(f"{about}METADATA").decode()
+    assert "License-Expression: Apache-2.0 AND MIT\n" in metadata
+    for file in ("LICENSE", f"{vendor}LICENSE.three", f"{vendor}LICENSE.plotly"):
+        assert f"License-File: {file}\n" in metadata
+        assert archive.read(f"{about}licenses/{file}") == (ROOT / file).read_bytes()
     assert not [name for name in names if name.startswith(("tests/", "docs/", "examples/"))]
 
 
