@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING, Final, cast
 
-from estimators.diagnosis.settings.afterwards import SAID
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.diagnosis.wording import LINK_INERTIA, listed, of_joints, of_several
 from limo_driver.physics import (
@@ -172,7 +172,7 @@ def _groups(verdict: Verdict) -> list[list[Finding]]:
     """Return findings that are said together, in order of their first; pushes last."""
     groups: dict[tuple[str, str], list[Finding]] = {}
     named = [item for item in verdict.findings if item.effect != UNKNOWN]
-    sure = [item for item in named if item.confidence >= SAID.sure]
+    sure = [item for item in named if item.confidence >= WORDING.sure]
     for item in sure or named:
         family = "friction" if _is_friction(item) else item.effect
         groups.setdefault((family, item.kind), []).append(item)
@@ -246,7 +246,7 @@ def _main(item: Finding) -> Interval | None:
 
 def _pushed(item: Finding) -> str:
     windows = item.where.time
-    if not 0 < len(windows) <= SAID.pushes:
+    if not 0 < len(windows) <= WORDING.pushes:
         return f"something pushed the arm {len(windows)} times"
     return f"something pushed the arm at {' and '.join(f'{a:.1f} s' for a, _ in windows)}"
 

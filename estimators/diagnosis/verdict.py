@@ -7,7 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from estimators.diagnosis.settings.afterwards import SAID
+from estimators.diagnosis.settings.afterwards import WORDING
 from limo_driver.outputs import whole
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ class Fit:
         """
         pairs = zip(self.heldout_rmse_before, self.heldout_rmse_tolerances, strict=False)
         return tuple(
-            j for j, (given, moved) in enumerate(pairs, start=1) if moved > SAID.worse * given
+            j for j, (given, moved) in enumerate(pairs, start=1) if moved > WORDING.worse * given
         )
 
 

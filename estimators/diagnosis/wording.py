@@ -6,7 +6,7 @@ import math
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from estimators.diagnosis.settings.afterwards import SAID
+from estimators.diagnosis.settings.afterwards import WORDING
 from limo_driver.physics import BodyEffect, spoken
 from limo_driver.physics.catalogue import description_of, known_as
 
@@ -57,7 +57,7 @@ def listed(texts: Sequence[str]) -> str:
 
 def likelier(lead: float) -> str:
     """Say evidence [nat] as odds; completes "the recordings are …"."""
-    if lead > math.log(SAID.beyond_doubt):
+    if lead > math.log(WORDING.beyond_doubt):
         return "beyond doubt likelier"
     odds = math.exp(lead)
     digits = max(0, math.floor(math.log10(odds)) - 1)

@@ -73,7 +73,7 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
         method="Nelder-Mead",
         options={
             "maxfev": REFINEMENT.evaluations,
-            "xatol": REFINEMENT.settled,
+            "xatol": REFINEMENT.tolerance,
             "fatol": REFINEMENT.gained,
             "initial_simplex": _simplex(begin),
         },

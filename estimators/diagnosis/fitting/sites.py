@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.settings.afterwards import SAID
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.wording import listed
 from limo_driver.descriptions.description import SITE
 
@@ -34,5 +34,5 @@ def seen_by_sites(load: Inertial, model: RobotModel) -> str:
         return ""
     return (
         f" Its centre is given in the frame of {model.link_names[-1]}; it is at "
-        f"{listed(places[-SAID.places :])}."
+        f"{listed(places[-WORDING.places :])}."
     )

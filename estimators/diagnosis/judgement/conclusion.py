@@ -13,7 +13,7 @@ from estimators.diagnosis.residuals import repeats
 from estimators.diagnosis.residuals.held_out import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.residuals.plausibility import doubts_on, notes_on
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
-from estimators.diagnosis.settings.afterwards import SAID
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import OBSERVABLE
 from estimators.diagnosis.verdict import (
@@ -200,7 +200,7 @@ def explanations_of(
     problem: RegressionProblem,
     solution: Solution,
     floor: FloatArray,
-    limit: int = SAID.explanations,
+    limit: int = WORDING.explanations,
 ) -> tuple[Explanation, ...]:
     """Return the chosen set and the best others, best first.
 

@@ -12,7 +12,7 @@ from estimators.diagnosis.headline import headline
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.residuals.held_out import reducible_removed
-from estimators.diagnosis.settings.afterwards import SAID
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.summary import WORSE, columns_of, coverage
 from estimators.diagnosis.verdict import IMPROVED, TORQUE
 from estimators.diagnosis.wording import names_of, rounded
@@ -182,7 +182,7 @@ def removed(fit: Fit) -> str:
     before, after = np.array(fit.heldout_rmse_before), np.array(fit.heldout_rmse_after)
     ratio = np.nan_to_num(before / np.maximum(np.array(fit.noise_floor), 1e-12))
     (low, high), part = fit.ci95, fit.reducible_error_removed
-    if ratio.max(initial=0.0) <= SAID.at_floor:
+    if ratio.max(initial=0.0) <= WORDING.at_floor:
         return (
             "On held-out motion the given simulation is at the noise floor of every joint: there "
             "is no error that another one could remove."
@@ -205,7 +205,7 @@ def _by_joint(columns: Mapping[str, Sequence[float]]) -> Iterator[dict[str, floa
 
 def _of_floor(ratio: float) -> str:
     """Say how far above the noise floor an error is; at it, nothing can be told from noise."""
-    return "at the floor" if ratio <= SAID.at_floor else f"{ratio:.1f} times"
+    return "at the floor" if ratio <= WORDING.at_floor else f"{ratio:.1f} times"
 
 
 _RATIO = "improved, beside the floor"
@@ -224,7 +224,7 @@ def _by_tolerances(fit: Fit, *, findings: bool) -> str:
     if not fit.heldout_rmse_tolerances:
         return ""
     taken = reducible_removed(*map(np.array, errors))
-    if taken < SAID.by_tolerances:
+    if taken < WORDING.by_tolerances:
         return ""
     said = f"Moving values within their tolerances alone removes {percent(taken)} of the error"
     return said + ("; the findings are about what remains." if findings else ".")

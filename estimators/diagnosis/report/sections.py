@@ -12,7 +12,7 @@ from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
-from estimators.diagnosis.settings.afterwards import SAID, SHOWN
+from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.summary import identified_columns
 from estimators.diagnosis.verdict import CONTACT
@@ -72,8 +72,8 @@ _KEY = {
     "Blue": "the improved simulation.",
     "Green": "the given simulation, with its values moved within their tolerances.",
     "Line, band, dots": "mean of a bin, one standard deviation to either side, noise floor.",
-    "Torque curves": f"{SHOWN.loop:g} s in which the error is large and the joint moves little; "
-    "the torque of the rigid body is taken off.",
+    "Torque curves": f"{LOOPS.duration:g} s in which the error is large and the joint moves "
+    "little; the torque of the rigid body is taken off.",
 }
 _LABEL = 44  # characters of an explanation beside its bar
 
@@ -112,7 +112,7 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
         charts.place(figure, "Mean residual over position and velocity", which)
         for figure, which in zip(figures.maps(traces, j), ("given", "improved"), strict=True)
     ]
-    stretch = loop_stretch(traces, j, SHOWN.loop)
+    stretch = loop_stretch(traces, j, LOOPS.duration)
     note = _span(diagnosis, stretch.start, stretch.stop, stretch.recording)
     drawn = [
         charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
@@ -192,7 +192,7 @@ def _by_excess(diagnosis: Diagnosis) -> list[int]:
 
 def competing(diagnosis: Diagnosis, charts: Charts) -> str:
     """Return the explanations that competed with the chosen one."""
-    best = diagnosis.explanations[: SAID.explanations]
+    best = diagnosis.explanations[: WORDING.explanations]
     if not best:
         return ""
     chosen = next((item for item in best if item.note == CHOSEN), best[0])
@@ -200,7 +200,7 @@ def competing(diagnosis: Diagnosis, charts: Charts) -> str:
     twins = [item for item in best if _looks_like(item, chosen, diagnosis.verdict.findings)]
     if _tells_apart(best, chosen):
         names = [f"{k}. {_short(item)}" for k, item in enumerate(best, start=1)]
-        drawn = figures.explanations(best, names, chosen, np.log10(SAID.beyond_doubt))
+        drawn = figures.explanations(best, names, chosen, np.log10(WORDING.beyond_doubt))
         body = charts.place(drawn, "How much less likely the others are", _BEYOND)
     rows = [
         [escape(typeset(_name(item))), _compared_to(item.log_evidence - top), _removes(item.share),
@@ -224,7 +224,7 @@ _BEYOND = "bars at the end of the axis: beyond doubt"
 def _tells_apart(tried: Sequence[Explanation], chosen: Explanation) -> bool:
     """Say whether bars show a difference: some explanation is in doubt, and not all are alike."""
     behind = [chosen.log_evidence - item.log_evidence for item in tried if item is not chosen]
-    return bool(behind) and min(behind) < np.log(SAID.beyond_doubt) and np.ptp(behind) > 1.0
+    return bool(behind) and min(behind) < np.log(WORDING.beyond_doubt) and np.ptp(behind) > 1.0
 
 
 def _looks_like(item: Explanation, chosen: Explanation, findings: Sequence[Finding]) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from estimators.diagnosis.settings.afterwards import SHOWN
+from estimators.diagnosis.settings.afterwards import LOOPS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -58,7 +58,7 @@ def loop_stretch(traces: Traces, j: int, duration: float) -> Stretch:
     rows = max(1, round(duration / float(np.median(steps[steps > 0]))))
     q = traces.position[:, j]
     span = maximum_filter1d(q, rows) - minimum_filter1d(q, rows)
-    return _largest(traces, error / (span + SHOWN.narrow), duration)
+    return _largest(traces, error / (span + LOOPS.narrow), duration)
 
 
 def _largest(traces: Traces, error: FloatArray, duration: float) -> Stretch:

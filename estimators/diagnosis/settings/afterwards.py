@@ -70,20 +70,20 @@ BINS = BinSettings()
 
 
 @dataclass(frozen=True)
-class ShownSettings:
-    """Motion that the report shows (report)."""
+class LoopSettings:
+    """Loops of torque over position that the report shows (report.stretch)."""
 
-    loop: float = setting(8.0, "s", "of motion drawn as loops of torque over position",
+    duration: float = setting(8.0, "s", "of motion drawn as loops",
         "longer covers them with other loops; shorter shows part of one")
     narrow: float = setting(0.05, "rad", "added to the range of such motion, which is to be small",
         "larger shows long reaches, on which a loop is a line; smaller next to no motion")
 
 
-SHOWN = ShownSettings()
+LOOPS = LoopSettings()
 
 
 @dataclass(frozen=True)
-class SaidSettings:
+class WordingSettings:
     """What is worth a word (headline, wording, verdict, report)."""
 
     sure: float = setting(0.5, "", "confidence of a name that stands in the headline beside others",
@@ -103,4 +103,4 @@ class SaidSettings:
         "more make the report longer; fewer hide how near others came")
 
 
-SAID = SaidSettings()
+WORDING = WordingSettings()

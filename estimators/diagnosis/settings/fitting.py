@@ -140,7 +140,7 @@ class RefinementSettings:
         "larger begins farther from what was tried; smaller leaves a first step no room")
     step: float = setting(0.1, "of the range of a setting", "that is tried first",
         "larger leaves the valley it began in; smaller costs time")
-    settled: float = setting(3e-3, "of the range of a setting",
+    tolerance: float = setting(3e-3, "of the range of a setting",
         "within which all that is tried lies once it stops",
         "smaller costs time; larger stops short")
     gained: float = setting(0.05, "nat", "by which it differs then", "as above")
