@@ -188,6 +188,17 @@ def test_hysteresis_loop_is_the_stop_operators(frequency):
     assert area == pytest.approx(4 * stiffness * width * (reached - width), rel=0.01)
 
 
+def test_friction_before_a_gear_follows_the_motor_and_not_the_link():
+    """Where friction of 2 N m turns, the gear winds up by a sixth of what its bristles bend."""
+    gear = JointElasticity(joint=4, stiffness=6000.0)
+    bristles = PreslidingHysteresis(joint=4, stiffness=(1000.0,), width=(2e-3,))
+    s = np.linspace(0.0, 1.0, 1500)
+    targets = np.tile([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0], (s.size, 1))
+    targets[:, 3] += 0.05 * np.sin(6 * np.pi * s) * (4 * s * (1 - s)) ** 3
+    error, missing = felt(iiwa(gear, bristles), targets)
+    assert error[3] < 0.02 * missing[3]
+
+
 def test_wind_up_under_gravity_is_what_the_stiffness_says():
     simulation = iiwa(JointElasticity(joint=2, stiffness=5000.0))
     pose = np.array([0.0, 1.0, 0, -0.5, 0, 0, 0])

@@ -112,20 +112,25 @@ def test_velocity_is_the_encoders_low_passed(exploration):
         assert run.velocity[k] == pytest.approx(expected, abs=1e-9)
 
 
-def test_drives_saturate_at_their_torque(exploration):
-    with MujocoRobot(robot="iiwa14", initial_position=exploration[0]) as robot:
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_drives_saturate_at_their_torque(sign):
+    """Gravity pulls joint 4 down by 23 N m beside all that may be commanded, 176 N m."""
+    pose = sign * np.array([0.0, 0.5, 0.0, -1.0, 0.0, 0.8, 0.0])
+    still = np.full(7, 1e4)  # [kg m²], so that nothing moves far
+    with MujocoRobot(robot="iiwa14", initial_position=pose, motor_inertia=still) as robot:
+        gravity = RobotModel.load("iiwa14").gravity_torque(pose)[0, 3]
         robot.receive()
         command = ImpedanceCommand(
-            position=exploration[0], stiffness=np.zeros(7), damping=np.zeros(7), torque=np.zeros(7)
+            position=pose, stiffness=np.zeros(7), damping=np.zeros(7), torque=np.zeros(7)
         )
         robot.send(command)
         limit = robot.spec.limits.torque
         for _ in range(150):  # the torque rate reaches the limit on the way
-            robot.send(replace(command, torque=2 * limit))
-            state = robot.receive()
-            if state.holding:
-                break
+            robot.send(replace(command, torque=2 * sign * limit))
+            assert not robot.receive().holding
             assert (np.abs(robot._data.qfrc_applied) <= limit + 1e-9).all()
+        assert sign * gravity > 20.0
+        assert robot._data.qfrc_applied[3] == pytest.approx(sign * limit[3])
 
 
 def test_stiffness_beyond_the_step_is_refused_by_name():

@@ -10,9 +10,9 @@ LAW = PreslidingHysteresis(joint=1, stiffness=(900.0, 120.0), width=(5e-4, 4e-3)
 SLIDING = 900.0 * 5e-4 + 120.0 * 4e-3
 
 
-def torque(effect: PreslidingHysteresis, position: np.ndarray) -> np.ndarray:
+def torque(effect: PreslidingHysteresis, position: np.ndarray, velocity: float = 0.0) -> np.ndarray:
     zero = np.zeros_like(position)
-    motion = JointMotion(zero, position, zero, zero, zero)
+    motion = JointMotion(zero, position, zero + velocity, zero, zero)
     return effect.advance(effect.initial_state(), motion)[0]
 
 
@@ -101,6 +101,16 @@ def test_dahl_of_exponent_1_and_lugre_without_stribeck_are_the_same_law():
     path = 0.01 * np.sin(np.linspace(0, 20, 500)) * np.linspace(1, 0.2, 500)
     lugre, dahl = (PreslidingHysteresis(joint=1, **SMOOTH[i]) for i in (0, 1))
     np.testing.assert_allclose(torque(lugre, path), torque(dahl, path), atol=1e-9)
+
+
+@pytest.mark.parametrize("v", [0.05, -0.05, 0.01])
+def test_bristles_of_lugre_damp_while_they_bend_and_not_where_they_slide(v):
+    """At rest z = 0, and dz/dt = dq; where the joint slides, dz/dt = 0 and the law is Stribeck's."""
+    values = {"sigma_0": 1000.0, "sigma_1": 30.0, "tau_c": 2.0, "tau_s": 0.5, "v_s": 0.02}
+    law = PreslidingHysteresis(joint=1, law="lugre", **values)
+    found = torque(law, np.sign(v) * np.linspace(0.0, 0.1, 1001), v)
+    assert found[0] == pytest.approx(30.0 * v)
+    assert found[-1] == pytest.approx(np.sign(v) * (2.0 + 0.5 * np.exp(-((v / 0.02) ** 2))))
 
 
 def test_relays_switch_at_their_thresholds_and_keep_what_they_are_between():
