@@ -25,6 +25,7 @@ from limo_driver.physics import (
     Payload,
     PositionDependentFriction,
     PreslidingHysteresis,
+    QuadraticDrag,
     Simulation,
     StribeckFriction,
     TimeDelay,
@@ -206,6 +207,22 @@ def test_intervals_hold_the_truth_as_often_as_they_say(given):
             half = (high - low) / 2
             held.append((said.parameters[name].value - getattr(dip, name)) / half)
     assert 0.25 < np.sqrt(np.mean(np.square(held))) < 0.8  # of a right one 1 / 1.96
+
+
+def test_intervals_are_as_wide_as_values_scatter(given):
+    """Errors of ten draws of noise and two joints, over half of the interval of each."""
+    drags = [QuadraticDrag(joint=j, coefficient=c) for j, c in ((1, 3.0), (2, 1.0))]
+    places = [(drag.name, (drag.joint,), True) for drag in drags]
+    true, errors = plus(given, *drags), []
+    for seed in range(10):
+        observed = observe(true, true, seed, duration=12.0)
+        found = polished(observed, observed.simulation, observed.moving, places)
+        said = with_parameters([finding(drag.name, (drag.joint,)) for drag in drags], found)
+        for item, drag in zip(said, drags, strict=True):
+            value = item.parameters["coefficient"]
+            low, high = value.ci95
+            errors.append((value.value - drag.coefficient) / ((high - low) / 2))
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 0.75  # of a right one 1 / 1.96
 
 
 def half_widths(found, effect, joint, name):

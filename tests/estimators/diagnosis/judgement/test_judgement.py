@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from noisy_recordings import NOISE, observed
 
+from estimators.diagnosis.fitting.contribution import contribution_of_all
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.judgement.judgement import (
     RemainingResidual,
@@ -16,6 +17,7 @@ from estimators.diagnosis.judgement.judgement import (
     acts_most,
     harmed,
     identical,
+    margin,
     other_links,
     remaining_residual,
     remarks,
@@ -87,6 +89,58 @@ def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_be
     assert abstained(problem, solution, remaining) == ((), (1,))
     quiet = RemainingResidual(FLOOR, np.full(2, 0.04), fitted)
     assert abstained(problem, solution, quiet) == ((), ())
+
+
+@pytest.fixture(scope="module")
+def sprung(rigid, training_recording):
+    """A spring at joint 2, found, and the mean square that it removes there [N² m²]."""
+    motion, random = training_recording.motion(10.0), np.random.default_rng(3)
+    true = replace(rigid, effects=(*rigid.effects, SpringLoad(joint=2, stiffness=2.0, rest=0.3)))
+    torque = true.predict(motion) + NOISE * random.standard_normal(motion.position.shape)
+    recording = replace(training_recording, torque=torque)
+    problem = RegressionProblem.of(Observations.of(rigid, [recording], 10.0), quiet)
+    places = [candidate.place for candidate in problem.candidates]
+    member = places.index((SpringLoad.name, (1,)))
+    solution = fitted(problem, (member,), Noise.independent(FLOOR, problem.split.fitted))
+    return problem, solution, contribution_of_all(problem, solution)[1]
+
+
+@pytest.mark.parametrize(
+    ("explained", "floor", "named", "unknown"),
+    [
+        (0.995, 0.01, True, False),  # what is left is imprecision of the law
+        (0.97, 0.01, True, True),
+        (0.90, 0.01, False, True),  # a wrong name often explains that much
+        (0.90, 1.0, True, True),  # of little that is left
+        (0.70, 1.0, False, True),
+        (0.70, 100.0, True, False),  # which may be noise
+    ],
+)
+def test_a_name_is_kept_back_where_much_is_left_that_it_does_not_explain(
+    sprung, explained, floor, named, unknown
+):
+    """Of the error of a joint, a part is explained, and a black box predicts the rest."""
+    problem, solution, removed = sprung
+    left = np.sqrt(removed * (1.0 / explained - 1.0))
+    floors = np.array([1.0, 1.2 * floor * left])
+    remaining = RemainingResidual(floors, np.array([0.0, left]), 0.0 * problem.target)
+    stay, joints = abstained(problem, solution, remaining)
+    assert stay == (solution.members if named else ())
+    assert joints == ((1,) if unknown else ())
+
+
+@pytest.mark.parametrize(
+    ("nothing", "rival", "lead"), [(-4.0, 7.0, 3.0), (8.0, 7.0, 2.0), (-4.0, -5.0, 14.0)]
+)
+def test_a_name_leads_over_the_best_of_what_else_could_be_said(nothing, rival, lead):
+    """Another effect in its place, or none."""
+    places = [("payload", (0,)), ("backlash", (0,)), ("spring_load", (0,)), ("backlash", (1,))]
+    candidates = [SimpleNamespace(effect=e, joints=on, place=(e, on)) for e, on in places]
+    evidence = {(0,): 10.0, (1,): rival, (2,): 9.5, (3,): -9.0, (): nothing}
+    search = SimpleNamespace(gain=lambda members: evidence[tuple(members)])
+    problem = SimpleNamespace(candidates=candidates, observed=SimpleNamespace(n=2))
+    same = [candidates[2]]  # said beside it, as what does as well
+    assert margin(problem, SimpleNamespace(search=search, members=(0,)), 0, same) == lead
 
 
 @pytest.mark.slow("fits an arm of seven joints each")

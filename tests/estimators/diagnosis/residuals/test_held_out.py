@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from estimators.diagnosis.residuals.held_out import (
     Split,
@@ -19,6 +20,7 @@ from estimators.diagnosis.residuals.held_out import (
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
+from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.regression.evidence import Prior, posterior
 
 
@@ -166,3 +168,16 @@ def test_blocks_of_two_recordings_are_two_whatever_their_clocks_say():
     observed = SimpleNamespace(slow=slow, recordings=recordings, recording=of)
     gained = np.array([[5.0], [5.0], [-3.0], [-3.0]])
     assert not surely_positive(gained, observed, np.ones((4, 1), dtype=bool))
+
+
+@pytest.mark.parametrize(("lead", "sure"), [(3.0, True), (1.3, False)])
+def test_a_gain_is_sure_that_nineteen_of_twenty_recordings_would_show(lead, sure):
+    """Blocks that gain unequally: their mean is so many of its own deviations above nothing."""
+    of_block = norm.ppf((np.arange(40) + 0.5) / 40)
+    of_block = of_block / of_block.std() + lead / np.sqrt(40)
+    observed = SimpleNamespace(
+        slow=SimpleNamespace(time=HELD_OUT.block * np.arange(40.0)),
+        recordings=[SimpleNamespace(duration=40 * HELD_OUT.block)],
+        recording=np.zeros(40, dtype=int),
+    )
+    assert surely_positive(of_block[:, None], observed, np.ones((40, 1), dtype=bool)) is sure

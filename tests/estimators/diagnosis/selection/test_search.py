@@ -84,6 +84,15 @@ def test_a_member_chosen_too_early_is_taken_out_again(columns, seed, monkeypatch
     assert names(search, search.best()) == {0, 1}
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_member_chosen_too_early_gives_way_where_the_set_is_full(columns, seed, monkeypatch):
+    """Without the blend one effect alone explains less, and beside it no other has room."""
+    full = replace(SEARCH, width=1, largest=2)
+    monkeypatch.setattr("estimators.diagnosis.selection.search.SEARCH", full)
+    search = search_of(columns, 3 * (columns[:, 0] + columns[:, 1]) + noise(seed))
+    assert names(search, search.best()) == {0, 1}
+
+
 def test_four_effects_are_found(columns):
     y = columns[:, [2, 4, 7, 9]] @ np.array([0.5, -0.6, 0.4, 0.8]) + noise(3)
     search = search_of(columns, y)
