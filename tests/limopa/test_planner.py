@@ -161,6 +161,19 @@ def test_no_collision_hides_between_the_samples_of_a_path(iiwa):
         assert finely.check(line.derivative(np.linspace(0, 1, 5000), 0)).conditions() == ()
 
 
+@pytest.mark.parametrize("joint", [2, 4, 6])
+def test_the_flange_of_a_stretched_arm_moves_by_no_more_than_the_clearance_between_samples(
+    iiwa, joint, monkeypatch
+):
+    """Nothing moves farther than that, and little of the clearance is wasted on more samples."""
+    feasibility, checked = Feasibility(iiwa, Surroundings(clearance=0.01), Workspace()), []
+    check = feasibility.check
+    monkeypatch.setattr(feasibility, "check", lambda q: checked.append(q) or check(q))
+    feasibility.check_path(Line(np.zeros(7), np.where(np.arange(1, 8) == joint, 1.0, 0.0)))
+    flange = feasibility.chain.flange_position(checked[-1])
+    assert 0.007 < np.linalg.norm(np.diff(flange, axis=0), axis=1).max() <= 0.01
+
+
 @sampled(
     ("request_", "condition"),
     [

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from limo_driver.exports.xml_edits import Element, XmlText
 
 _GENERAL: Final = "general"
+_ROUNDING: Final = 1e-9  # time steps
 
 
 def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into: Path) -> None:
@@ -145,7 +146,8 @@ def _attributes(
         values["delay"] = "0"
     if drive.delay > 0.0:
         values["delay"] = f"{drive.delay:.10g}"
-        values["nsample"] = str(math.ceil(drive.delay / timestep) + 1)
+        # One command more, and rounded time would let MuJoCo take it instead, now and then.
+        values["nsample"] = str(max(math.ceil(drive.delay / timestep - _ROUNDING), 1))
     return values
 
 

@@ -185,6 +185,28 @@ def test_the_copy_has_drives_that_are_told_torques(tmp_path, actuators):
 
 
 @pytest.mark.parametrize(
+    ("timestep", "delay", "steps"),
+    [(0.002, 0.0145, 8), (0.002, 0.014, 7), (0.003, 0.009, 3), (0.01, 0.07, 7), (0.01, 0.004, 1)],
+)
+def test_torque_of_plain_mujoco_comes_as_late_as_that_of_the_drive(
+    tmp_path, timestep, delay, steps
+):
+    """Delays are whole steps there, the next above, and the same in each of them."""
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=f'<option timestep="{timestep}" gravity="0 0 0"/>'))
+    late = TorqueDrive(joint=1, gain=1.0, delay=delay)
+    found = replace(Simulation.load(path), drives=(late,))
+    written = limo.export(found, "mjcf", tmp_path / "out")
+    data = mujoco.MjData(model := mujoco.MjModel.from_xml_path(str(written.file)))
+    told, felt = (1e-6 * np.arange(1000)).tolist(), []  # [N m]
+    for torque in told:
+        data.ctrl[0] = torque
+        mujoco.mj_step(model, data)
+        felt.append(float(data.actuator_force[0]))
+    assert felt == [0.0] * steps + told[:-steps]
+
+
+@pytest.mark.parametrize(
     ("actuators", "gain", "limit"),
     [
         ('<motor joint="shoulder" gear="9" ctrlrange="-2 2"/>', 9.0, 18.0),
