@@ -49,12 +49,7 @@ def advice(message: Monitoring) -> list[str]:
         )
     if connection is None:
         return [*said, "the robot does not say how the session stands"]
-    if connection.quality < Quality.GOOD:
-        said.append(
-            f"the connection is {connection.quality.name}; commanding needs GOOD: answer every "
-            "packet within its period, on a cable of its own"
-        )
-    said += [text] if (text := long_period(message)) else []
+    said += [text for text in (low_quality(message), long_period(message)) if text]
     if connection.session_state is not SessionState.COMMANDING_ACTIVE:
         said.append(_ADVICE[connection.session_state])
     return said
@@ -74,6 +69,22 @@ def why_not_ready(message: Monitoring | None, waited: float, malformed: str) -> 
     state = message.connection.session_state
     reasons = "; ".join(advice(message)[:3])
     return f"the session is still in {state.name} after {waited:g} s: {reasons}"
+
+
+def why_not_commanded(message: Monitoring) -> str:
+    """Say what does not go with commands, whatever state the session is in; empty for nothing."""
+    return safety_stop(message) or drives_off(message) or low_quality(message)
+
+
+def low_quality(message: Monitoring) -> str:
+    """Say that the connection is too bad to command; empty if it is not."""
+    connection = message.connection
+    if connection is None or connection.quality >= Quality.GOOD:
+        return ""
+    return (
+        f"the connection is {connection.quality.name}; commanding needs GOOD: answer every packet "
+        "within its period, on a cable of its own"
+    )
 
 
 def safety_stop(message: Monitoring) -> str:

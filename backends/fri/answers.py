@@ -39,11 +39,16 @@ def command_mode(message: Monitoring) -> CommandMode:
     return CommandMode.NONE if ipo is None or ipo.command_mode is None else ipo.command_mode
 
 
-def check_taken(message: Monitoring, command: JointCommand) -> None:
+def check_taken(message: Monitoring, command: JointCommand, trouble: str = "") -> None:
     """Refuse a command that the session does not take.
 
+    Args:
+        message: What the robot said last.
+        command: For it.
+        trouble: Why nothing may be commanded, although the session is active.
+
     Raises:
-        BackendError: The session is not active, or in another command mode.
+        BackendError: The session is not active, in trouble, or in another command mode.
     """
     connection = message.connection
     if connection is None or connection.session_state is not _ACTIVE:
@@ -52,6 +57,8 @@ def check_taken(message: Monitoring, command: JointCommand) -> None:
             f"the session is in {name}; commands are taken in COMMANDING_ACTIVE, "
             "for which wait_until_ready() waits"
         )
+    if trouble:
+        raise BackendError(f"nothing may be commanded now: {trouble}")
     mode = command_mode(message)
     taken = _TAKEN.get(mode)
     if taken is None:
@@ -89,6 +96,7 @@ def answer_to(
     setpoint: FloatArray,
     command: JointCommand | None,
     outputs: tuple[IoValue, ...],
+    entered: CommandMode,
 ) -> Command | None:
     """Return what to answer; None for no answer.
 
@@ -100,11 +108,12 @@ def answer_to(
         setpoint: Position at which an arm is held that nobody commands, (n,) [rad].
         command: What the user wants, within the limits; None to hold.
         outputs: To be set.
+        entered: Command mode with which COMMANDING_ACTIVE was entered.
     """
     state = SessionState.IDLE if message.connection is None else message.connection.session_state
     mode, header = command_mode(message), Header(sequence, message.header.sequence)
-    if state is _ACTIVE and mode in _TAKEN:
-        active = _active(message, mode, wire, setpoint, command, outputs)
+    if state is _ACTIVE and entered in _TAKEN:
+        active = _active(message, (entered, mode), wire, setpoint, command, outputs)
         return None if active is None else Command(header, active)
     if state is SessionState.IDLE:
         return None
@@ -128,18 +137,24 @@ def _monitored(
 
 def _active(
     message: Monitoring,
-    mode: CommandMode,
+    modes: tuple[CommandMode, CommandMode],
     wire: WireLimits,
     setpoint: FloatArray,
     command: JointCommand | None,
     outputs: tuple[IoValue, ...],
 ) -> CommandData | None:
-    """Return a command; None where the arm and its application stand outside the range."""
-    if mode is _POSITION:
+    """Return a command; None where the arm and its application stand outside the range.
+
+    It goes on in the mode that COMMANDING_ACTIVE was entered with, the first; where the robot says
+    another by now, the second, it has what that asks for, too.
+    """
+    entered, mode = modes
+    if entered is _POSITION:
         commanded = isinstance(command, PositionCommand)
         position = wire.setpoint(command.position if commanded else setpoint)
     else:
         position = wire.position(application_position(message, wire) or numbers(setpoint))
+        mode = entered
     if position is None:
         return None
     if mode is _TORQUE:

@@ -55,6 +55,7 @@ class Endpoint:
         self.peer: Address | None = None  # where answers go
         self.foreign = 0  # datagrams from anybody else
         self.last_foreign = ""  # their last sender
+        self.refusal = ""  # why the network did not take the last answer that it did not
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind(("0.0.0.0", port))  # noqa: S104  # the robot may be on any network
@@ -85,15 +86,6 @@ class Endpoint:
             foreign -= time.monotonic() >= deadline  # the robot's packet may wait behind them
         return None
 
-    def waiting(self) -> bool:
-        """Say whether a datagram waits to be read."""
-        self._socket.settimeout(0.0)
-        try:
-            self._socket.recv(1, socket.MSG_PEEK)
-        except OSError:
-            return False
-        return True
-
     def settle(self, sender: Address) -> None:
         """Take a sender for the robot: nobody else is listened to any more."""
         self.robot, self.peer = sender[0], sender
@@ -110,7 +102,8 @@ class Endpoint:
             return False
         try:
             self._socket.sendto(data, self.peer)
-        except OSError:  # unplugged, or the queue is full: the robot sees a lost answer
+        except OSError as error:  # unplugged, or the queue is full: the robot sees a lost answer
+            self.refusal = error.strerror or str(error)
             return False
         return True
 

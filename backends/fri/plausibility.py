@@ -36,7 +36,7 @@ class Plausibility:
         self._fastest = VELOCITY_TOLERANCE * limits.velocity
         self._period = period
         self._most = round(LONGEST / period)
-        self._reach = self._far(1)  # of a message that follows the last, as most do
+        self._reach = self.reach(1)  # of a message that follows the last, as most do
         self._sequence = 0
         self._measured: FloatArray | None = None
         self._told: Joints | None = None
@@ -84,9 +84,9 @@ class Plausibility:
     def _within(self, message: Monitoring) -> FloatArray:
         """Return how far joints can have got since the last message, (7,) [rad]."""
         steps = (message.header.sequence - self._sequence) % _MODULUS
-        return self._reach if steps == 1 else self._far(min(steps, self._most))
+        return self._reach if steps == 1 else self.reach(min(steps, self._most))
 
-    def _far(self, steps: int) -> FloatArray:
+    def reach(self, steps: int) -> FloatArray:
         """Return how far joints can get in so many send periods, and one more, (7,) [rad]."""
         return self._fastest * ((steps + 1) * self._period) + SLACK
 

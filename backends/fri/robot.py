@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from backends.fri.advice import why_not_ready
-from backends.fri.answers import answer_to, check_taken, sent_as
-from backends.fri.codec.messages import (
-    DEFAULT_PORT,
-    Command,
-    Header,
-    Monitoring,
-    Quality,
-    SessionState,
-)
-from backends.fri.codec.template import CommandTemplate, MonitoringTemplate
+from backends.fri.answers import check_taken, sent_as
+from backends.fri.codec.messages import DEFAULT_PORT, Monitoring, Quality, SessionState
+from backends.fri.codec.template import MonitoringTemplate
 from backends.fri.codec.version import FriVersion
 from backends.fri.connection import Connection, connect, incomplete, pace, unusable
 from backends.fri.lead import Lead
 from backends.fri.outputs import Outputs
 from backends.fri.plausibility import Plausibility, warm_up_plausibility
+from backends.fri.replies import Replies
 from backends.fri.session import LinkFigures, Order, RobotSession, Visit
 from backends.fri.velocity import VelocityFilter
 from backends.fri.wire_limits import WireLimits, warm_up_wire_limits
@@ -34,7 +28,6 @@ from limo_driver.errors import (
     CycleTimeoutError,
     WireFormatError,
 )
-from limo_driver.latency import LatencyHistogram
 from limo_driver.model import RobotModel
 from limo_driver.robot.robot import READY_TIMEOUT, Robot
 from limo_driver.robot.safety import START_TOLERANCE, warm_up
@@ -45,6 +38,7 @@ if TYPE_CHECKING:
 
     from backends.fri.codec.version import Generation
     from backends.fri.endpoint import Datagram
+    from limo_driver.latency import LatencyHistogram
     from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
@@ -54,10 +48,9 @@ WRENCH_LIMITS: Final = WrenchLimits(
 )
 PATIENCE: Final = 0.01  # [s] beyond a period in which a late packet is waited for
 HEEDING: Final = 0.1  # [s] of waiting, after which a signal that came meanwhile is acted on
-OUTDATED: Final = 5e-3  # [s] of waiting to be read, after which a packet moves nothing any more
+OUTDATED: Final = 5e-3  # [s] of waiting to be read, after which a packet waits for no answer
+EXCUSED: Final = 0.2  # [s] after a stall of this computer, in which a hold may come from it
 MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
-UNCONFIRMED: Final = 0.1  # [s] of commands that the robot may leave unconfirmed
-FEWEST_UNCONFIRMED: Final = 10  # commands
 _ACTIVE: Final = SessionState.COMMANDING_ACTIVE  # quicker than by its class
 
 
@@ -78,8 +71,9 @@ class FriRobot(Robot):
     and a robot that restarted on another port has to be opened again.
     While it is commanded, a pose that the arm cannot have got to since the last one is ignored,
     too: a jump needs a new session. After a stall of this machine, packets that others have
-    followed already are not returned, and answered with what was said last: set-points that pile up
-    would reach the robot as a jump.
+    followed already are neither returned nor answered: set-points that pile up would reach the
+    robot as a jump. What was not sent, or is not confirmed by the robot in time, had no effect:
+    the next set-point follows from the last one that had.
 
     FRI measures no velocity. It is the difference of positions over the robot's own time through a
     causal low-pass of first order with a time constant of 5 ms, so it lags by about that much.
@@ -126,16 +120,20 @@ class FriRobot(Robot):
             jerk=model.jerk,
         )
         super().__init__(spec, start_tolerance)
-        self.latency = LatencyHistogram()  # from a packet's arrival to its answer
         self._reader = MonitoringTemplate(self._link.generation)
-        self._writer = CommandTemplate(self._link.generation)
-        self._session = RobotSession(1e-3 * self._link.send_period)
+        self._session = RobotSession(1e-3 * self._link.send_period, self._link.multiplier)
         self._wire = WireLimits(spec)
-        self._lead = Lead(self._contract, self._wire)
         self._plausible = Plausibility(spec.limits, 1e-3 * self._link.send_period)
+        self._lead = Lead(
+            self._contract, self._wire, self._session, self._plausible, self._hold_for
+        )
         self._velocity = VelocityFilter(spec.n)
         self._outputs = Outputs()
+        self._replies = Replies(
+            self._link, self._session, self._contract, self._wire, self._lead, self._outputs
+        )
         self._message: Monitoring | None = None  # the last one
+        self._asks: Monitoring | None = None  # the last one that is to be answered
         self._familiar: object = object()  # connection of a message whose pace was checked
         self._position = self._torque = readonly(np.zeros(spec.n))
         self._arrived = 0.0  # [s], of this machine's monotonic clock
@@ -143,7 +141,8 @@ class FriRobot(Robot):
         self._replied = True  # the last message, as far as it is to be answered
         self._sent: Setpoint | None = None  # in answer to it, by a command
         self._missed = 0  # cycles in a row
-        self._most_unconfirmed = max(FEWEST_UNCONFIRMED, round(UNCONFIRMED / spec.period))
+        self._outdated = max(OUTDATED, spec.period)  # [s]
+        self._stall = (0.0, -math.inf)  # how long this machine stalled last [s], and when it ended
         self.malformed: str = ""  # what was wrong with the last datagram that was no message
 
     @property
@@ -187,6 +186,11 @@ class FriRobot(Robot):
     def figures(self) -> LinkFigures:
         """Counts of the link."""
         return self._session.figures
+
+    @property
+    def latency(self) -> LatencyHistogram:
+        """How long answers took, from the arrival of a packet."""
+        return self._replies.latency
 
     @property
     def unconfirmed(self) -> int:
@@ -278,7 +282,7 @@ class FriRobot(Robot):
         return np.array(values)
 
     def _check(self, command: JointCommand) -> None:
-        check_taken(self.monitoring, command)
+        check_taken(self.monitoring, command, self._lead.trouble)
 
     def _send(self, command: JointCommand) -> JointCommand:
         if self._missed or self._session.state is not _ACTIVE:
@@ -289,7 +293,9 @@ class FriRobot(Robot):
             self._contract.withhold(self._sent)
             return sent_as(command, self._lead.said)
         changed = self._wire.changed
-        self._reply(command)
+        if not self._reply(command):  # nothing left
+            self._contract.withhold()
+            return sent_as(command, self._lead.said, sent=False)
         self._sent = self._contract.following
         if self._wire.changed == changed and self._lead.said is not None:
             return command
@@ -303,13 +309,11 @@ class FriRobot(Robot):
             self._missed += 1
             self._session.figures.stale += 1
             return None
-        self._missed, self._replied, self._sent = 0, False, None
+        self._missed, self._replied, self._sent, self._asks = 0, False, None, message
         if self._session.state is not _ACTIVE:
             self._reply(None)
-        elif self._session.unconfirmed > self._most_unconfirmed and not self._contract.at_rest:
-            self._contract.hold(
-                f"the robot has received none of the last {self._session.unconfirmed} commands"
-            )
+        else:
+            self._replies.settle(self._hold_for)
         return JointState.trusted(
             time=self._session.time,
             position=self._position,
@@ -322,18 +326,48 @@ class FriRobot(Robot):
         self._link.endpoint.close()
 
     def _next(self, timeout: float | None) -> Monitoring | None:
-        """Return the next message that is to be answered; None if none came in time."""
+        """Return the next message that is to be answered; None if none came in time.
+
+        One that waited for too long is passed over for one behind it.
+        """
         if timeout is None:
             timeout = self.spec.period + (0.0 if self._missed else PATIENCE)
-        deadline = time.monotonic() + timeout
+        deadline, newest = time.monotonic() + timeout, None
         for _ in range(MOST_WAITING):
-            datagram = self._wait(timeout, deadline)
+            datagram = self._wait(timeout if newest is None else 0.0, deadline)
             if datagram is None:
-                return None
+                break
+            if datagram.age > self._outdated:
+                self._note_stall(datagram.age)
             if (message := self._accept(datagram)) is not None:
-                return message
+                self._session.figures.outdated += newest is not None
+                newest = message
+                if datagram.age <= self._outdated:
+                    break
             timeout = max(deadline - time.monotonic(), 0.0)
-        return None
+        return newest
+
+    def _note_stall(self, late: float) -> None:
+        """Note how late this machine reads what came [s]; of what piled up, the oldest says."""
+        before, ended = self._stall
+        goes_on = self._session.time <= ended + EXCUSED
+        self._stall = (max(late, before) if goes_on else late), self._session.time
+
+    def _excuse(self) -> str:
+        late, ended = self._stall
+        if self._session.time > ended + EXCUSED:
+            return ""
+        return (
+            f"; this program itself came {late:.3g} s late: give it real-time priority "
+            "(limo run --fifo)"
+        )
+
+    def _hold_for(self, reason: str) -> None:
+        """Hold, and say what this machine has to do with it."""
+        self._contract.hold(reason + self._excuse())
+
+    def _reached(self, state: JointState) -> bool:
+        return not (state.stale or self._session.overdue or self._session.refused)
 
     def _wait(self, timeout: float, deadline: float) -> Datagram | None:
         """Return the next datagram; None after the deadline, or soon after a signal came."""
@@ -368,10 +402,11 @@ class FriRobot(Robot):
         self, message: Monitoring, datagram: Datagram, position: FloatArray, torque: FloatArray
     ) -> Monitoring | None:
         """Note a message of the robot; return it if it is to be answered."""
-        before, order = self._session.state, self._session.take(message)
+        before, arrived = self._session.state, time.monotonic() - datagram.age
+        order = self._session.take(message, arrived)
         if order is Order.OLD:
             return None
-        self._arrived, self._message = time.monotonic() - datagram.age, message
+        self._arrived, self._message = arrived, message
         self._position, self._torque = position, torque
         self._velocity.update(self._session.time, position)
         self._outputs.note_received(message.header.reflected)
@@ -380,9 +415,6 @@ class FriRobot(Robot):
         if self._session.packets - self._answered_packet < self._link.multiplier:
             return None
         self._answered_packet = self._session.packets
-        if datagram.age > max(OUTDATED, self.spec.period) and self._link.endpoint.waiting():
-            self._say_again(message)
-            return None
         return message
 
     def _refuse_measured(self, message: Monitoring) -> None:
@@ -407,46 +439,13 @@ class FriRobot(Robot):
         state = None if message.connection is None else message.connection.session_state
         if state is _ACTIVE:
             return self._refuse(told)
-        self._contract.hold(told)
+        self._hold_for(told)
         raise ConnectionLostError(f"{told}; open the robot again")
 
-    def _reply(self, command: JointCommand | None) -> None:
-        """Answer the last message, with a command or by what the driver answers itself."""
-        self._replied = True
-        message = self._message
-        if message is None:
-            return
-        answer = answer_to(
-            message,
-            self._session.next_sequence(),
-            self._link.generation,
-            self._wire,
-            self._contract.setpoint,
-            command,
-            self._outputs.waiting,
-        )
-        if answer is not None:
-            self._lead.said = answer.data
-            self._transmit(answer)
-
-    def _say_again(self, message: Monitoring) -> None:
-        """Answer a packet that others have followed without moving on: a burst would be a jump."""
-        self._session.figures.outdated += 1
-        if self._session.state is not _ACTIVE:
-            self._reply(None)
-        elif self._lead.said is not None:
-            header = Header(self._session.next_sequence(), message.header.sequence)
-            self._transmit(Command(header, replace(self._lead.said, io=self._outputs.waiting)))
-            self._contract.stand()
-
-    def _transmit(self, answer: Command) -> None:
-        session = self._session
-        if not self._link.endpoint.send(self._writer.encode(answer)):
-            session.figures.unsent += 1
-            return
-        session.note_answer()
-        self._outputs.note_sent(answer.header.sequence)
-        self.latency.add(time.monotonic() - self._arrived)
+    def _reply(self, command: JointCommand | None) -> bool:
+        """Answer the last message that asks for it; say whether anything left."""
+        self._replied, message = True, self._asks
+        return message is not None and self._replies.reply(message, self._arrived, command)
 
 
 def _measured(message: Monitoring) -> tuple[FloatArray, FloatArray] | None:

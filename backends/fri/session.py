@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if TYPE_CHECKING:
     from backends.fri.codec.messages import Monitoring, SessionState, Timestamp
@@ -18,6 +18,10 @@ _LONGEST_JUMP: Final = 1.0  # [s] beyond the expected step that a robot's clock 
 _REORDERED: Final = 1000  # packets; further back is a new session
 _MOST_STRAYS: Final = 20  # packets
 _LONGEST_GAP: Final = 100_000  # packets; further ahead is a new session
+_LEAP: Final = 0.02  # [s] by which packets may have been lost faster than time went by
+_LEAPT_PERIODS: Final = 3  # or so many periods, if those are longer
+PATIENCE: Final = 0.01  # [s] in which the robot says that it received a command
+PATIENT_PERIODS: Final = 3  # or so many periods, if those are longer
 MOST_VISITS: Final = 256  # of states that are remembered
 MOST_UNCONFIRMED: Final = 1024  # commands of which an answer is still awaited
 
@@ -64,15 +68,24 @@ class Visit:
     time: float  # [s] of the robot, since the first packet
 
 
+class _Answer(NamedTuple):
+    """A command that was sent, and is not confirmed yet."""
+
+    packet: int  # count of the one that it answered
+    effect: object  # of it, as who sent it remembers that
+
+
 @dataclass
 class RobotSession:
     """Follows one robot through its sessions.
 
     Args:
         period: Send period [s].
+        multiplier: Packets to an answer.
     """
 
     period: float
+    multiplier: int = 1
     figures: LinkFigures = field(default_factory=LinkFigures)
     time: float = 0.0  # [s] of the robot, monotonic, 0 at the first packet
     packets: int = 0  # send periods of the robot since the first packet
@@ -80,16 +93,21 @@ class RobotSession:
     visits: deque[Visit] = field(default_factory=lambda: deque(maxlen=MOST_VISITS))
     _last: int | None = None  # sequence of the packet last taken
     _stamp: int | None = None  # its time [ns]
+    _arrived: float | None = None  # when it came, by this machine's clock [s]
+    before_restart: int | None = None  # sequence of the last packet before the counter restarted
     _strays: int = 0  # packets in a row that stood behind it, in an order of their own
     _last_stray: int = 0
     _sequence: int = 0  # of the next command
-    _unconfirmed: deque[int] = field(default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED))
+    # Commands in the order of their sequence, of which the last is that of the last one sent.
+    _unconfirmed: deque[_Answer] = field(default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED))
+    _confirmed: object = None  # effect of the last command that the robot has received
+    _refused_since: int | None = None  # count of the packet that could not be answered first
 
-    def take(self, message: Monitoring) -> Order:
-        """Note a packet."""
+    def take(self, message: Monitoring, arrived: float | None = None) -> Order:
+        """Note a packet, and when it arrived [s], by this machine's clock."""
         data = message.data
         stamp = _nanoseconds(None if data is None else data.timestamp)
-        order = self._order(message.header.sequence, stamp)
+        order = self._order(message.header.sequence, stamp, arrived)
         if order is _OLD:
             self.figures.old += 1
             return order
@@ -97,6 +115,7 @@ class RobotSession:
         self._keep_time(message.header.sequence, stamp, order)
         self._confirm(message.header.reflected, order)
         self._last, self._stamp, self._strays = message.header.sequence, stamp, 0
+        self._arrived = arrived
         if message.connection is not None and message.connection.session_state is not self.state:
             self.state = message.connection.session_state
             self.visits.append(Visit(self.state, self.time))
@@ -106,32 +125,84 @@ class RobotSession:
         """Return the sequence of the command that is about to be sent."""
         return self._sequence
 
-    def note_answer(self) -> None:
-        """Note that the command was sent."""
-        self._unconfirmed.append(self._sequence)
+    def note_answer(self, effect: object = None) -> None:
+        """Note that the command was sent, and what effect it has once it is received."""
+        self._unconfirmed.append(_Answer(self.packets, effect))
         self._sequence = (self._sequence + 1) % _MODULUS
+        self._refused_since = None
         self.figures.answered += 1
+
+    def note_refusal(self) -> None:
+        """Note that the network did not take the command."""
+        self.figures.unsent += 1
+        if self._refused_since is None:
+            self._refused_since = self.packets
+
+    def begin(self, effect: object) -> None:
+        """Begin anew: until commands are received, the arm is as `effect` says."""
+        self._confirmed = effect
+        self._unconfirmed = deque((_Answer(a.packet, effect) for a in self._unconfirmed),
+                                  MOST_UNCONFIRMED)  # fmt: skip
 
     @property
     def unconfirmed(self) -> int:
         """Commands that the robot has not received yet, as far as it said."""
         return len(self._unconfirmed)
 
-    def _order(self, sequence: int, stamp: int | None) -> Order:
+    @property
+    def confirmed(self) -> object:
+        """Effect of the last command that the robot has received, as far as it said."""
+        return self._confirmed
+
+    @property
+    def patience(self) -> int:
+        """Packets after which a command is overdue that the robot has not received."""
+        least = max(PATIENT_PERIODS, self.multiplier + 1)  # one answer may be lost
+        return max(least, round(PATIENCE / self.period))
+
+    @property
+    def overdue(self) -> bool:
+        """Whether the robot does not say in time that it received a command."""
+        waiting = self._unconfirmed
+        return bool(waiting) and self.packets - waiting[0].packet >= self.patience
+
+    @property
+    def refused(self) -> bool:
+        """Whether the network has taken no command for that long."""
+        since = self._refused_since
+        return since is not None and self.packets - since >= self.patience
+
+    def _order(self, sequence: int, stamp: int | None, arrived: float | None) -> Order:
         last = self._last
         if last is None:
             return _NEXT
         ahead = (sequence - last) % _MODULUS
-        if 0 < ahead <= _LONGEST_GAP:
+        if ahead == 1 or (0 < ahead <= _LONGEST_GAP and not self._leaps(ahead, stamp, arrived)):
             return _NEXT
-        if stamp is not None and self._stamp is not None:
+        if 0 < ahead <= _LONGEST_GAP:
+            restarted = True
+        elif stamp is not None and self._stamp is not None:
             restarted = stamp > self._stamp  # it counts anew, but later than what came before
         else:
             restarted = -ahead % _MODULUS > _REORDERED
         if not restarted and not self._strays_on(sequence):
             return _OLD
         self.figures.restarts += 1
+        self.before_restart = last
         return _RESTARTED
+
+    def _leaps(self, ahead: int, stamp: int | None, arrived: float | None) -> bool:
+        """Say whether a packet is further ahead than the time that went by; False if none is known.
+
+        It went by on the robot's clock, or on this machine's: either may stand, or be set.
+        """
+        passed: list[float] = []
+        if stamp is not None and self._stamp is not None:
+            passed += [1e-9 * (stamp - self._stamp)] if stamp >= self._stamp else []
+        if arrived is not None and self._arrived is not None:
+            passed.append(arrived - self._arrived)
+        slack = max(_LEAP, _LEAPT_PERIODS * self.period)
+        return bool(passed) and ahead * self.period > max(passed) + slack
 
     def _strays_on(self, sequence: int) -> bool:
         """Say whether packets that look old go on and on: then the robot's clock was set back."""
@@ -161,14 +232,19 @@ class RobotSession:
 
     def _confirm(self, reflected: int, order: Order) -> None:
         """Settle the commands up to the one that the robot received last."""
-        if order is _RESTARTED:
-            self._unconfirmed.clear()
-        if reflected not in self._unconfirmed:
+        waiting = self._unconfirmed
+        if order is _RESTARTED and waiting:  # nobody knows; the last one may well have had effect
+            self._confirmed = waiting[-1].effect
+            waiting.clear()
+        behind = (self._sequence - 1 - reflected) % _MODULUS  # commands sent since then
+        if behind >= len(waiting):
             return
-        while (sequence := self._unconfirmed.popleft()) != reflected:
-            self.figures.unreceived += 1
-        if self._unconfirmed or sequence != (self._sequence - 1) % _MODULUS:
-            self.figures.late += 1
+        passed_over = len(waiting) - 1 - behind
+        for _ in range(passed_over):
+            waiting.popleft()
+        self._confirmed = waiting.popleft().effect
+        self.figures.unreceived += passed_over
+        self.figures.late += behind > 0
 
 
 def _nanoseconds(stamp: Timestamp | None) -> int | None:

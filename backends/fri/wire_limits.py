@@ -12,7 +12,7 @@ but a set-point that changes nothing, which is what most are, is compared in one
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -26,6 +26,14 @@ Numbers: TypeAlias = tuple[float, ...]
 
 _ROUNDING: Final = 2e-6  # relative, twice the contract's own for a step of position
 _LAST_DIGITS: Final = 1e-9  # relative, of a step of torque
+
+
+class Sent(NamedTuple):
+    """Numbers that were sent last, from which the next ones follow."""
+
+    position: Numbers | None = None  # (n,) [rad]; None where it is not known where the arm stands
+    setpoint: FloatArray | None = None  # the same, where it was a set-point
+    effort: Numbers | None = None  # torque or wrench
 
 
 class WireLimits:
@@ -60,6 +68,15 @@ class WireLimits:
         self._position = position  # sent last
         self._last: FloatArray | None = None  # the same, where it was a set-point
         self._effort: Numbers | None = None  # torque or wrench, sent last
+
+    @property
+    def sent(self) -> Sent:
+        """What was sent last."""
+        return Sent(self._position, self._last, self._effort)
+
+    def go_back(self, sent: Sent) -> None:
+        """Let the next command follow from an earlier one: those since then had no effect."""
+        self._position, self._last, self._effort = sent
 
     @property
     def anchored(self) -> bool:

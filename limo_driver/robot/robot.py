@@ -69,7 +69,7 @@ class Robot(exits.Interruptible):
     def __init__(self, spec: RobotSpec, start_tolerance: float = START_TOLERANCE) -> None:
         self.spec = spec
         self._contract = SafetyContract(
-            spec, start_tolerance, self._check, self._gravity(), self._gains()
+            spec, start_tolerance, self._check, self._gravity(), self._gains(), self._excuse
         )
         self._state: JointState | None = None
         self._answered = True  # the set-point of this cycle was sent
@@ -289,7 +289,7 @@ class Robot(exits.Interruptible):
             if self._contract.standing:
                 return
             state = self._next_state(None)
-            if not state.stale:
+            if self._reached(state):
                 heard = time.monotonic()
             elif time.monotonic() > heard + BRAKING_PATIENCE:
                 return
@@ -346,6 +346,14 @@ class Robot(exits.Interruptible):
     def _condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
         """Return temperatures (n,) [°C] and statuses of drives, where nothing was measured."""
         return None, ()
+
+    def _reached(self, state: JointState) -> bool:
+        """Say whether the arm is heard, and hears what it is told."""
+        return not state.stale
+
+    def _excuse(self) -> str:
+        """Say what this computer has to do with a hold that begins now; empty for nothing."""
+        return ""
 
     def _check(self, command: JointCommand) -> None:  # most take every command
         """Raise if the robot cannot carry out a command; nothing is sent then."""

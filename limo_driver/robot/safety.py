@@ -83,6 +83,7 @@ class SafetyContract:
         check: Raises for a readable command that this robot cannot carry out.
         gravity: Torque that the backend adds to commanded ones, (n,) [N m]; see `OutputStage`.
         gains: Stiffness and damping by which drives keep positions; see `OutputStage`.
+        excuse: Says what this computer itself may have to do with a fault; empty for nothing.
     """
 
     def __init__(
@@ -92,9 +93,10 @@ class SafetyContract:
         check: Callable[[JointCommand], None] | None = None,
         gravity: Callable[[], FloatArray] | None = None,
         gains: tuple[FloatArray, FloatArray] | None = None,
+        excuse: Callable[[], str] = str,
     ) -> None:
         self.spec = spec
-        self._check = check
+        self._check, self._excuse = check, excuse
         self.start_tolerance = start_tolerance
         self._stage = OutputStage(spec, gravity, gains)
         self._measured = Measured(spec.limits, spec.period)
@@ -125,6 +127,11 @@ class SafetyContract:
         return pose.position  # from where it will brake
 
     @property
+    def present(self) -> Setpoint:
+        """All that the drives have in this cycle."""
+        return self._memory.now
+
+    @property
     def following(self) -> Setpoint:
         """All that the drives are to have in the next cycle."""
         memory = self._memory
@@ -151,7 +158,7 @@ class SafetyContract:
             memory.commanded = memory.phase is _HOLDING
         memory.floats = memory.floats and not believed
         if memory.phase is _ACTIVE and (reason := self._fault(stale=state.stale)):
-            self.hold(reason)
+            self.hold(reason + self._excuse())
         return state
 
     def admit(self, command: JointCommand) -> JointCommand:
@@ -238,15 +245,6 @@ class SafetyContract:
         memory.belief.anywhere = True
         memory.now, memory.after, memory.commanded = self._stage.at_rest(position), None, True
 
-    def stand(self) -> None:
-        """Note that the last set-point was sent again: what comes next begins at its rest."""
-        memory = self._memory
-        still = self.following._replace(velocity=np.zeros(self.spec.n), change=None)
-        if memory.after is None:
-            memory.now = still
-        else:
-            memory.after = still
-
     def withhold(self, sent: Setpoint | None = None) -> None:
         """Forget the set-point of the next cycle: it could not be sent.
 
@@ -254,6 +252,10 @@ class SafetyContract:
             sent: What had been sent already in its stead, if anything.
         """
         self._memory.after = sent
+
+    def take_back(self, effective: Setpoint) -> None:
+        """Forget what followed a set-point: it had no effect, so that the next comes after this."""
+        self._memory.now, self._memory.after = effective, None
 
     def save(self) -> object:
         """Return a copy of all that the contract remembers."""

@@ -242,7 +242,7 @@ def test_what_piled_up_in_a_stall_is_no_jump_and_no_fresh_state():
         arm = robot.arm
         goal = speed_up(robot, 100)
         arm.listen()
-        last, count = arm.answers[-1].data, len(arm.answers)
+        count = len(arm.answers)
         before = robot.receive().sequence
         robot.send(position(goal))
         for _ in range(30):  # cycles in which this machine does nothing
@@ -250,18 +250,15 @@ def test_what_piled_up_in_a_stall_is_no_jump_and_no_fresh_state():
         time.sleep(4 * OUTDATED)
         assert robot.receive().sequence == before + 31  # with the one of this cycle
         arm.listen()
-        late = [command.data for command in arm.answers[count:]]
-        assert len(late) == 31
-        assert set(late[1:]) == {late[0]}
+        assert len(arm.answers) == count + 1
         for _ in range(20):
             robot.send(position(goal))
             robot.receive()
         path = positions_of(arm)
     assert robot.figures.outdated == 30
-    faster = np.abs(np.diff(path[count + 29 :], n=2, axis=0)) / robot.spec.period  # from rest
+    faster = np.abs(np.diff(path, n=2, axis=0)) / robot.spec.period
     assert (faster <= robot.spec.limits.acceleration * robot.spec.period * (1 + 1e-5)).all()
     step = robot.spec.limits.velocity * robot.spec.period * (1 + 1e-5)
-    assert (np.abs(path[count + 31] - np.array(last.joint_position)) <= 2 * step).all()
     assert (np.abs(np.diff(path, axis=0)) <= step).all()
 
 
@@ -277,8 +274,10 @@ def test_torque_goes_on_unchanged_over_a_stall():
             arm.cycle()
         time.sleep(4 * OUTDATED)
         robot.receive()
+        robot.send(TorqueCommand(torque=np.full(7, 0.5)))
         arm.listen()
         assert {command.data.joint_torque for command in arm.answers[-10:]} == {(0.5,) * 7}
+        assert arm.answers[-1].header.reflected == arm.sequence
         assert robot.figures.outdated == 10
 
 

@@ -73,7 +73,8 @@ class TestOrder:
         orders = [session.take(packet(5000 + k * pace, BEGAN - 10**9)) for k in range(strays or 40)]
         if strays:
             assert orders == [Order.OLD] * (strays - 1) + [Order.RESTARTED]
-            assert session.take(packet(5000 + strays * pace, BEGAN)) is Order.NEXT
+            late = BEGAN - 10**9 + round(1e9 * session.period * pace)
+            assert session.take(packet(5000 + strays * pace, late)) is Order.NEXT
         else:
             assert set(orders) == {Order.OLD}
 
@@ -81,7 +82,7 @@ class TestOrder:
         session = begun(10**6, BEGAN)
         for k in range(60):
             if k % 20 == 0:
-                assert session.take(packet(10**6 + 1 + k, BEGAN)) is Order.NEXT
+                assert session.take(packet(10**6 + 1 + k, BEGAN + k * 10**7)) is Order.NEXT
             assert session.take(packet(5000 + k, BEGAN - 10**9)) is Order.OLD
 
     def test_of_strays_counts_from_the_first_after_that(self):
@@ -98,6 +99,66 @@ class TestOrder:
             for k in range(20):
                 assert session.take(packet(5000 + jump + k, BEGAN - 10**9)) is Order.OLD
         assert session.take(packet(55_020, BEGAN - 10**9)) is Order.RESTARTED
+
+
+class TestLeaps:
+    """20 ms, or three periods, of packets may be lost beyond the time that went by."""
+
+    @pytest.mark.parametrize(("period", "lost"), [(0.001, 20), (0.005, 4), (0.02, 3)])
+    @pytest.mark.parametrize("passed", [0.0, 0.5])
+    @pytest.mark.parametrize("clock", ["the robot's", "this machine's"])
+    def test_are_those_of_more_packets_than_time(self, period, lost, passed, clock):
+        own = clock == "this machine's"
+        usual = round(passed / period)
+        for ahead, order in ((usual + lost, Order.NEXT), (usual + lost + 1, Order.RESTARTED)):
+            session = RobotSession(period)
+            session.take(packet(7, BEGAN), 100.0)
+            stamp = BEGAN + (1 if own else round(1e9 * passed) + 1)
+            arrived = 100.0 + (passed + 1e-9 if own else 0.0)
+            assert session.take(packet(7 + ahead, stamp), arrived) is order
+        assert session.before_restart == 7
+
+    def test_are_none_where_no_clock_tells(self):
+        session = begun(7)
+        assert session.take(packet(90_000)) is Order.NEXT
+
+
+class TestEffects:
+    """A command has effect once it is confirmed, for which the robot has 10 ms or three periods."""
+
+    @pytest.mark.parametrize(
+        ("period", "multiplier", "patience"),
+        [(0.001, 1, 10), (0.002, 1, 5), (0.004, 1, 3), (0.1, 1, 3), (0.002, 3, 5), (0.001, 10, 11)],
+    )
+    @pytest.mark.parametrize("what", ["overdue", "refused"])
+    def test_are_missed_after(self, period, multiplier, patience, what):
+        session = RobotSession(period, multiplier)
+        session.take(packet(0))
+        session.note_answer() if what == "overdue" else session.note_refusal()
+        for k in range(1, patience + 1):
+            assert not getattr(session, what)
+            session.take(packet(k, reflected=99))
+            if what == "refused":
+                session.note_refusal()
+        assert getattr(session, what)
+        session.note_answer()
+        session.take(packet(patience + 1, reflected=session.next_sequence() - 1))
+        assert not session.overdue
+        assert not session.refused
+
+    def test_are_those_of_the_last_that_was_confirmed(self):
+        session = RobotSession(0.001)
+        session.take(packet(0))
+        session.begin("stands")
+        for k in range(4):
+            session.note_answer(f"step {k}")
+            assert session.confirmed == "stands"
+        session.take(packet(1, reflected=2))
+        assert (session.confirmed, session.unconfirmed) == ("step 2", 1)
+        session.take(packet(2, reflected=1))  # it goes back: that is no news
+        assert session.confirmed == "step 2"
+        session.take(packet(90_000_000))  # it counts anew
+        assert (session.confirmed, session.unconfirmed) == ("step 3", 0)
 
 
 class TestRobotTime:

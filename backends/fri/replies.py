@@ -1,0 +1,112 @@
+"""Answer the robot, and count on nothing that did not reach it.
+
+An answer has effect once the robot has received it, which its next packets say by the sequence
+that they reflect. What the network did not take is withheld at once. What the robot does not
+confirm in time is taken back, cycle after cycle, until it confirms something again: whatever
+arrives first is then one step from what had effect last.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, NamedTuple
+
+from backends.fri.answers import answer_to
+from backends.fri.codec.template import CommandTemplate
+from limo_driver.latency import LatencyHistogram
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from backends.fri.codec.messages import CommandData, Monitoring
+    from backends.fri.connection import Connection
+    from backends.fri.lead import Lead
+    from backends.fri.outputs import Outputs
+    from backends.fri.session import RobotSession
+    from backends.fri.wire_limits import Sent, WireLimits
+    from limo_driver.robot.output import Setpoint
+    from limo_driver.robot.safety import SafetyContract
+    from limo_driver.types import JointCommand
+
+
+class Effect(NamedTuple):
+    """What an answer leaves behind, from which the next one follows."""
+
+    setpoint: Setpoint  # of the contract
+    sent: Sent  # at the wire
+    said: CommandData | None  # to the robot
+
+
+class Replies:
+    """Answers packets, one after the other.
+
+    Args:
+        link: The way to the robot.
+        session: Counts what is answered and confirmed.
+        contract: Whose set-points are answered with.
+        wire: Limits between commands.
+        lead: Who leads the set-point.
+        outputs: That the user sets.
+    """
+
+    def __init__(
+        self,
+        link: Connection,
+        session: RobotSession,
+        contract: SafetyContract,
+        wire: WireLimits,
+        lead: Lead,
+        outputs: Outputs,
+    ) -> None:
+        self._link, self._session, self._contract = link, session, contract
+        self._wire, self._lead, self._outputs = wire, lead, outputs
+        self._writer = CommandTemplate(link.generation)
+        self.latency = LatencyHistogram()  # from a packet's arrival to its answer
+
+    def reply(self, message: Monitoring, arrived: float, command: JointCommand | None) -> bool:
+        """Answer a message, with a command or by what the driver answers itself.
+
+        Args:
+            message: To be answered.
+            arrived: When it came [s], of this machine's monotonic clock.
+            command: Within the limits; None to hold.
+
+        Returns:
+            Whether anything left for the robot.
+        """
+        before, session, lead = self._wire.sent, self._session, self._lead
+        answer = answer_to(
+            message,
+            session.next_sequence(),
+            self._link.generation,
+            self._wire,
+            self._contract.setpoint,
+            command,
+            self._outputs.waiting,
+            lead.mode,
+        )
+        if answer is None:
+            return False
+        if not self._link.endpoint.send(self._writer.encode(answer)):
+            session.note_refusal()
+            self._wire.go_back(before)
+            return False
+        lead.said = answer.data
+        session.note_answer(Effect(self._contract.following, self._wire.sent, answer.data))
+        self._outputs.note_sent(answer.header.sequence)
+        self.latency.add(time.monotonic() - arrived)
+        return True
+
+    def settle(self, hold: Callable[[str], None]) -> None:
+        """Act on answers that have no effect, before the next one: called once a packet."""
+        session = self._session
+        if not (session.overdue or session.refused) or self._contract.at_rest:
+            return
+        waited = session.patience * session.period
+        if session.refused:
+            hold(f"no command could be sent for {waited:.3g} s: {self._link.endpoint.refusal}")
+        if session.overdue:
+            hold(f"the robot has received none of the last {session.unconfirmed} commands")
+            effect = session.confirmed
+            if isinstance(effect, Effect):
+                self._lead.take_back(effect)
