@@ -24,6 +24,7 @@ from safetensors.numpy import save as save_tensors
 from estimators.manifest import MANIFEST, SCHEMA, as_manifest, read_manifest
 from estimators.registry import estimator_called, known_estimators
 from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
+from limo_driver.given_files import read_bytes
 from limo_driver.outputs import replacing
 from limo_driver.physics import Simulation
 from limo_driver.types import same_robot
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"
+LARGEST_FILE: Final = 1 << 30  # bytes of tensors
 _POSES: Final = 4  # at which two bodies are compared; one could hide a difference by chance
 
 
@@ -98,20 +100,24 @@ class ModelFolder:
         Raises:
             ModelStoreError: The file is missing, or not the one of the manifest.
         """
-        try:
-            data = (self.path / WEIGHTS).read_bytes()
-        except OSError as error:
-            raise ModelStoreError(
-                f"{self.path / WEIGHTS}: cannot be read: {error.strerror}"
-            ) from None
+        data = read_bytes(self.path / WEIGHTS, ModelStoreError, LARGEST_FILE)
         if sha256(data).hexdigest() != self.manifest["weights"].text("sha256"):
             raise ModelStoreError(
                 f"{self.path}: {WEIGHTS} is not the one of the manifest (sha256 differs)"
             )
-        try:
-            return load_tensors(data)
-        except (SafetensorError, KeyError, TypeError, ValueError) as error:
-            raise ModelStoreError(f"{self.path}: {WEIGHTS}: {error}") from None
+        return tensors_of(data, self.path / WEIGHTS)
+
+
+def tensors_of(data: bytes, path: Path) -> dict[str, NDArray[Any]]:
+    """Return the tensors in the bytes of a file.
+
+    Raises:
+        ModelStoreError: It is no safetensors, or of a type that no model has.
+    """
+    try:
+        return load_tensors(data)
+    except (SafetensorError, KeyError, TypeError, ValueError) as error:
+        raise ModelStoreError(str(error), path=path) from None
 
 
 def write_folder(
@@ -229,8 +235,6 @@ def _read_simulation(folder: Path, manifest: JsonGiven) -> Simulation:
         found = _digest(folder / SIMULATION)
     except ConfigError as error:
         raise ModelStoreError(str(error)) from None
-    except OSError as error:
-        raise ModelStoreError(f"{folder / SIMULATION}: cannot be read: {error.strerror}") from None
     if found != expected:
         raise ModelStoreError(
             f"{folder}: {SIMULATION} is not the one of the manifest (sha256 differs); "

@@ -61,8 +61,7 @@ class PlacedError(LimoError):
     def __init__(
         self, message: str, *, path: Path | str | None = None, line: int | None = None
     ) -> None:
-        self.path = path
-        self.line = line
+        self.message, self.path, self.line = message, path, line
         place = "" if path is None else f"{path}: " if line is None else f"{path}, line {line}: "
         super().__init__(place + message)
 
@@ -238,7 +237,7 @@ class RecordingError(LimoError, ValueError):
     def __init__(
         self, message: str, *, path: Path | str | None = None, rows: Iterable[int] = ()
     ) -> None:
-        self.path, self.rows = path, tuple(rows)
+        self.message, self.path, self.rows = message, path, tuple(rows)
         super().__init__(message if path is None else f"{path}: {message}")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import fields, is_dataclass
 from types import UnionType
 from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 from estimators.diagnosis import verdict as values
 from estimators.diagnosis.verdict import SCHEMA, VERDICT, Verdict
 from limo_driver.errors import ConfigError
+from limo_driver.given_files import read_json_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,12 +25,7 @@ def verdict_in(folder: Path) -> Verdict:
         ConfigError: There is no verdict.json, or not one that this version wrote.
     """
     path = folder / VERDICT
-    try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
-    except ValueError as error:
-        raise ConfigError(f"is no JSON: {error}", path=path) from None
+    content: Any = read_json_file(path, ConfigError)
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise ConfigError(f"is no verdict of schema {SCHEMA}", path=path)
     try:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.declarations.given import Given
-from limo_driver.given_files import check_file
+from limo_driver.given_files import json_of, read_text, text_of
 from limo_driver.parameters import shown
 
 if TYPE_CHECKING:
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
     from limo_driver.errors import PlacedError
 
 
-_LARGEST: Final = 1 << 26  # bytes
 _DEEPEST: Final = 64  # levels; files of limo have five
 
 
@@ -63,7 +61,7 @@ class JsonGiven(Given):
 
 
 def read_json(
-    path: Path, error: type[PlacedError], schema: int, text: str | bytes | None = None
+    path: Path, error: type[PlacedError], schema: int, data: bytes | None = None
 ) -> JsonGiven:
     """Read a JSON file, an object of a schema.
 
@@ -71,18 +69,13 @@ def read_json(
         path: The file.
         error: Raised for every mistake, here and later.
         schema: Number that its entry `schema` has to be.
-        text: What stands in it, if that was read already.
+        data: What stands in it, if that was read already.
 
     Raises:
         error: No file, no JSON, or of another schema.
     """
-    check_file(path, error, _LARGEST)
-    try:
-        content: Any = json.loads(path.read_text(encoding="utf-8") if text is None else text)
-    except OSError as failure:
-        raise error(f"cannot be read: {failure.strerror}", path=path) from None
-    except (ValueError, RecursionError) as failure:
-        raise error(f"is no JSON: {failure}", path=path) from None
+    text = read_text(path, error) if data is None else text_of(data, path, error)
+    content: Any = json_of(text, path, error)
     if not _is_shallow(content):
         raise error(f"is nested more than {_DEEPEST} levels deep", path=path)
     if not isinstance(content, dict) or content.get("schema") != schema:

@@ -13,7 +13,7 @@ import yaml
 
 from limo_driver.declarations.given import Given
 from limo_driver.errors import ConfigError
-from limo_driver.given_files import check_file
+from limo_driver.given_files import read_text
 from limo_driver.parameters import FLAG, REAL, TEXT, WHOLE
 
 if TYPE_CHECKING:
@@ -105,13 +105,9 @@ def read_yaml(path: Path, needs: str = "") -> YamlGiven:
     Raises:
         ConfigError: No file, no YAML, or empty; so does all that is taken from it, if it is wrong.
     """
-    check_file(path, ConfigError, _LARGEST)
+    text = read_text(path, ConfigError, _LARGEST)
     try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
-    except UnicodeDecodeError:
-        raise ConfigError("is no text file", path=path) from None
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise ConfigError(f"is no YAML: {error.problem}", path=path, line=line) from None

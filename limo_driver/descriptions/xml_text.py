@@ -7,14 +7,14 @@ from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
 from limo_driver.errors import ConfigError
-from limo_driver.given_files import check_file
+from limo_driver.given_files import read_text
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 _MOST_JOINTS = 1000  # elements, also of what refers to joints
 _DEEPEST = 500  # levels, as MuJoCo and urdfdom read; more end what parses them one in the other
-_LARGEST = 1 << 26  # bytes of a description; meshes are files of their own
+_MOST_PARTS = 1_000_000  # elements and attributes; meshes are files of their own
 
 
 def read_xml(path: Path) -> ET.Element:
@@ -26,7 +26,11 @@ def read_xml(path: Path) -> ET.Element:
     Raises:
         ConfigError: It is no XML, too large, nested too deep, or declares entities.
     """
-    text = read_text(path)
+    text = read_text(path, ConfigError)
+    if (parts := text.count("<") + text.count("=")) > _MOST_PARTS:
+        raise ConfigError(
+            f"has {parts} elements and attributes, expected at most {_MOST_PARTS}", path=path
+        )
     if (joints := text.count("<joint")) > _MOST_JOINTS:
         raise ConfigError(f"has {joints} joints, expected at most {_MOST_JOINTS}", path=path)
     check_nesting(text, path)
@@ -44,23 +48,6 @@ def _without_namespace(root: ET.Element) -> ET.Element:
         for element in root.iter():
             element.tag = element.tag.removeprefix(f"{space}}}")
     return root
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a description.
-
-    Raises:
-        ConfigError: It cannot be read, is no text, or larger than any description.
-    """
-    check_file(path, ConfigError)
-    try:
-        if path.stat().st_size > _LARGEST:
-            raise ConfigError(f"has {path.stat().st_size} bytes, expected a description", path=path)
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
-    except UnicodeDecodeError:
-        raise ConfigError("is no text", path=path) from None
 
 
 def check_nesting(text: str, path: Path) -> None:

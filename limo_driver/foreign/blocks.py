@@ -14,12 +14,13 @@ import pyarrow as pa
 from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.formats.arrow import numbers_of
-from limo_driver.foreign.formats.delimited import DelimitedText, is_packed
+from limo_driver.foreign.formats.delimited import DelimitedText
 from limo_driver.foreign.formats.npz import npz_blocks, rows_of_npz
 from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS, ending_of
 from limo_driver.foreign.proposals.odd_columns import other_unit_from
 from limo_driver.foreign.proposals.times import refuse_two_units
-from limo_driver.recordings.batches import LONG_TEXT, blocks_of, parquet_batches
+from limo_driver.recordings.batches import LONG_TEXT, blocks_of, is_packed
+from limo_driver.recordings.parquet import parquet_rows
 from limo_driver.recordings.stretches import MOST
 
 if TYPE_CHECKING:
@@ -100,7 +101,8 @@ def _rows_of_parquet(path: Path) -> int:
 
 def _parquet_tables(path: Path) -> Iterator[pa.Table]:
     try:
-        yield from blocks_of(*parquet_batches(path))
+        rows = parquet_rows(path)
+        yield from blocks_of(rows.batches, rows.schema)
     except (OSError, pa.ArrowException) as error:
         raise _unreadable(path, error) from None
 

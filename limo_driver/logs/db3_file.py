@@ -6,7 +6,6 @@ metadata.yaml beside it, without which readers of whole bags refuse it; the tabl
 
 from __future__ import annotations
 
-import shutil
 import sqlite3
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -17,6 +16,7 @@ from urllib.parse import quote
 import zstandard
 
 from limo_driver.errors import RecordingError
+from limo_driver.given_files import Spent
 from limo_driver.logs.mcap_file import CDR, LoggedMessage
 from limo_driver.network.messages.schemas import ENCODING
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _ZSTD = b"\x28\xb5\x2f\xfd"  # begins what is packed, a message or the whole file
 _SQLITE = b"SQLite format 3\x00"
 _HEADER = 100  # bytes of a SQLite file
+_BLOCK = 1 << 20  # bytes that are unpacked at once
+_STEPS = 100_000  # of SQLite's machine, after which the time is looked at: some milliseconds
 _LARGEST = 1 << 28  # bytes of one message when unpacked; a damaged length may ask for anything
 
 
@@ -40,6 +42,8 @@ def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
         RecordingError: The file cannot be read, or is no SQLite bag.
     """
     with _unpacked(path) as file, closing(_opened(file, path)) as bag:
+        spent = Spent(path, RecordingError)
+        bag.set_progress_handler(lambda: spent.is_over, _STEPS)
         try:
             texts = _definitions(bag)
             topics = {
@@ -51,20 +55,30 @@ def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
             }
             rows = bag.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
         except sqlite3.DatabaseError as error:
+            spent.check_time()
             damaged = "malformed" in str(error) or _is_cut_off(file)
             what = "is damaged or cut off" if damaged else "is no bag of ROS 2"
-            raise RecordingError(f"{what}: {error}", path=path) from None
-        count = -1
+            why = "a table is computed (a view)" if "not authorized" in str(error) else error
+            raise RecordingError(f"{what}: {why}", path=path) from None
+        count, odd, why = -1, 0, ""
         try:
-            for count, (key, stamp, data) in enumerate(rows):  # told below
-                if key in topics:
-                    payload = _unpack(data) if data[:4] == _ZSTD else data
-                    name, kind = topics[key]
-                    text = texts.get(kind, b"")
-                    yield LoggedMessage(name, kind, payload, stamp, stamp, count, text)
+            for count, (key, stamp, data) in enumerate(spent.metered(rows)):  # told below
+                if key not in topics:
+                    continue
+                if not (isinstance(data, bytes) and isinstance(stamp, int)):
+                    odd += 1
+                    continue
+                payload = _unpack(data) if data[:4] == _ZSTD else data
+                name, kind = topics[key]
+                text = texts.get(kind, b"")
+                yield LoggedMessage(name, kind, payload, stamp, stamp, count, text)
         except (sqlite3.DatabaseError, zstandard.ZstdError) as error:
-            if tell is not None:
-                tell(f"is damaged after {count + 1} messages and was read up to there: {error}")
+            spent.check_time()
+            why = f"is damaged after {count + 1} messages and was read up to there: {error}"
+        if odd:
+            why += f"{'; ' * bool(why)}holds {odd} rows that are no messages: bytes and their time"
+        if why and tell is not None:
+            tell(why)
 
 
 def _definitions(bag: sqlite3.Connection) -> dict[str, bytes]:
@@ -90,11 +104,19 @@ def _opened(file: Path, path: Path) -> sqlite3.Connection:
     how = "mode=ro" if unmerged else "mode=ro&immutable=1"
     try:
         bag = sqlite3.connect(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
+        bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST)
         if _is_cut_off(file):  # of which SQLite otherwise refuses what is there, too
             bag.execute("PRAGMA writable_schema=ON")
+        bag.set_authorizer(_reading)
     except sqlite3.Error as error:
         raise RecordingError(f"cannot be read: {error}", path=path) from None
     return bag
+
+
+def _reading(action: int, *_: object) -> int:
+    """Let SQLite read tables, and compute nothing: what a view or a column asks for is refused."""
+    is_plain = action in {sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ}
+    return sqlite3.SQLITE_OK if is_plain else sqlite3.SQLITE_DENY
 
 
 def _is_cut_off(file: Path) -> bool:
@@ -121,9 +143,12 @@ def _unpacked(path: Path) -> Generator[Path]:
             with TemporaryDirectory() as folder:
                 copy = Path(folder) / "bag.db3"
                 with copy.open("wb") as target:
+                    spent = Spent(path, RecordingError)
                     try:
                         with zstandard.ZstdDecompressor().stream_reader(file) as source:
-                            shutil.copyfileobj(source, target)
+                            while block := source.read(_BLOCK):
+                                spent.take(unpacked=len(block))
+                                target.write(block)
                     except zstandard.ZstdError as error:
                         raise RecordingError(f"is damaged: {error}", path=path) from None
                 yield copy

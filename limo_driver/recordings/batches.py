@@ -5,20 +5,24 @@
 
 from __future__ import annotations
 
+import gzip
 import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass, field
+from typing import IO, TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
-from limo_driver.recordings.stretches import STRETCH, Stretches
+from limo_driver.errors import RecordingError
+from limo_driver.given_files import Spent
+from limo_driver.recordings.stretches import STRETCH, Stretches, most_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
+_PACKED: Final = ".gz"
 BLOCK: Final = 250_000  # rows that are worked on at once
 LONG_TEXT: Final = 1 << 26  # bytes of text that is not read at once
 FEW: Final = 0.02  # of the cells, that hold a text where all others hold numbers
@@ -33,11 +37,19 @@ class Kept:
     table: pa.Table
     spread: int = 0  # rows of which they are evenly spread stretches; 0 if they are all
     note: str = ""  # that says so
+    aside: Mapping[str, str] = field(default_factory=dict)  # columns left aside, and what they hold
 
 
-def kept_of(batches: Iterable[pa.RecordBatch], schema: pa.Schema) -> Kept:
-    """Return all rows, or as many as memory should hold, in stretches spread over all of them."""
-    stretches = Stretches[pa.RecordBatch](_cut)
+def kept_of(batches: Iterable[pa.RecordBatch], schema: pa.Schema, width: int = 0) -> Kept:
+    """Return all rows, or as many as memory should hold, in stretches spread over all of them.
+
+    Args:
+        batches: The rows.
+        schema: Of them.
+        width: Of a row [bytes]; of a number in each column, if not given.
+    """
+    most = most_rows(width or 8 * len(schema))
+    stretches = Stretches[pa.RecordBatch](_cut, most, min(STRETCH, most))
     for batch in batches:
         stretches.add(batch, batch.num_rows)
     table = pa.Table.from_batches(stretches.pieces(), schema)
@@ -60,23 +72,6 @@ def blocks_of(
         yield pa.Table.from_batches(waiting, schema)
 
 
-def parquet_batches(path: Path) -> tuple[Iterator[pa.RecordBatch], pa.Schema]:
-    """Return the rows of a Parquet file and their schema.
-
-    Raises:
-        OSError: It cannot be read; ArrowException likewise, also while the rows come.
-    """
-    import pyarrow.parquet as pq
-
-    file = pq.ParquetFile(path, pre_buffer=False)  # not whole row groups at once
-
-    def batches() -> Iterator[pa.RecordBatch]:
-        with file:
-            yield from file.iter_batches(batch_size=STRETCH)
-
-    return batches(), file.schema_arrow
-
-
 def text_batches(
     path: Path,
     read: csv.ReadOptions | None = None,
@@ -97,7 +92,7 @@ def text_batches(
     Raises:
         OSError: It cannot be read; ArrowException likewise, also while the rows come.
     """
-    with csv.open_csv(path, read, parse, convert) as file:
+    with csv.open_csv(text_source(path), read, parse, convert) as file:
         first = next(iter(file), None)
         if first is None:
             return iter(()), file.schema
@@ -107,13 +102,36 @@ def text_batches(
     }
     lasting = convert or csv.ConvertOptions()
     lasting.column_types = types
-    file = csv.open_csv(path, read, parse, lasting)
+    file = csv.open_csv(text_source(path), read, parse, lasting)
 
     def batches() -> Iterator[pa.RecordBatch]:
         with file:
             yield from file
 
     return batches(), file.schema
+
+
+def is_packed(path: Path) -> bool:
+    """Say whether a text is packed with gzip, by its ending."""
+    return path.suffix.lower() == _PACKED
+
+
+def text_source(path: Path) -> Path | IO[bytes]:
+    """Return what a text is read from: the file, or one that unpacks it within its budget."""
+    return _Unpacked(path) if is_packed(path) else path
+
+
+class _Unpacked(gzip.GzipFile):
+    """A packed text; refuses to unpack to far more than a log does."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "rb")
+        self._spent = Spent(path, RecordingError)
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        self._spent.take(unpacked=len(data))
+        return data
 
 
 def _cut(batch: pa.RecordBatch, start: int, stop: int) -> pa.RecordBatch:

@@ -16,9 +16,10 @@ import pyarrow as pa
 
 from limo_driver.errors import RecordingError
 from limo_driver.outputs import require_parquet, whole
-from limo_driver.recordings.batches import LONG_TEXT, Kept, kept_of, parquet_batches, text_batches
+from limo_driver.recordings.batches import LONG_TEXT, Kept, kept_of, text_batches
 from limo_driver.recordings.channels import CHANNELS, POSITION, recorded_channel
 from limo_driver.recordings.columns import Columns
+from limo_driver.recordings.parquet import parquet_rows
 from limo_driver.recordings.recorded_time import seconds
 
 if TYPE_CHECKING:
@@ -197,7 +198,8 @@ def _read_format(path: Path) -> Kept:
         return Kept(read_log(path))
     if path.suffix.lower() in {".csv", ".txt"}:
         return _read_csv(path)
-    return kept_of(*parquet_batches(path))
+    rows = parquet_rows(path)
+    return kept_of(rows.batches, rows.schema, rows.width)
 
 
 def _read_csv(path: Path) -> Kept:

@@ -14,6 +14,14 @@ STRETCH_SECONDS: Final = 25.0  # [s] of a stretch, long beside what a filter los
 STRETCH: Final = 25_000  # rows of one, where its rate is not known yet: that of 1 kHz
 
 
+_MEMORY: Final = 1 << 30  # bytes that rows may take, however wide they are
+
+
+def most_rows(width: int) -> int:
+    """Return how many rows of so many bytes may be kept."""
+    return min(MOST, max(_MEMORY // max(width, 1), 1))
+
+
 class Stretches(Generic[Piece]):
     """Keep evenly spread stretches of rows that come piece by piece, however many they will be.
 

@@ -8,12 +8,12 @@ from time import thread_time_ns
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
+from estimators.model_folder import LARGEST_FILE, tensors_of
 from estimators.stream import Stream
 from limo_driver.errors import ModelStoreError
+from limo_driver.given_files import read_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -106,12 +106,7 @@ class Golden:
         Raises:
             ModelStoreError: The file is missing or holds something else.
         """
-        try:
-            tensors = load_tensors(path.read_bytes())
-        except OSError as error:
-            raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
-        except SafetensorError as error:
-            raise ModelStoreError(f"{path}: {error}") from None
+        tensors = tensors_of(read_bytes(path, ModelStoreError, LARGEST_FILE), path)
         for name, dimensions in _DIMENSIONS.items():
             found = tensors.get(name)
             if found is None or found.ndim != dimensions or not np.isfinite(found).all():

@@ -10,6 +10,8 @@ from estimators.service.store.version import RECORD, Version, check_record
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from limo_driver.network.model_client import ModelClient
 
 
@@ -49,13 +51,19 @@ class RemoteStore:
                 f"the service's aliases cannot be understood: {error!r}"
             ) from None
 
-    def versions(self) -> tuple[Version, ...]:
-        """Return all versions, in order.
+    def versions(self, tell: Callable[[str], None] | None = None) -> tuple[Version, ...]:
+        """Return all versions that the service can read, in order.
+
+        Args:
+            tell: Told why, of each that it cannot read.
 
         Raises:
             ModelStoreError: The service has no store, or no version in it.
         """
-        records = self._index()["versions"]
+        index = self._index()
+        records = index["versions"]
+        for reason in index.get("left_out", ()) if tell is not None else ():
+            tell(str(reason))
         if not records:
             raise ModelStoreError("the service's store holds no versions; add one first")
         for record in records:

@@ -209,10 +209,11 @@ class StoreModels:
         self.store.rollback(reason, _numbered(instead_of))
 
     def index(self) -> dict[str, Any]:
-        """Return versions and aliases."""
-        aliases = self.store.aliases
+        """Return versions and aliases, and why versions are left out."""
+        aliases, left_out = self.store.aliases, list[str]()
         return {
-            "versions": [dict(version.record) for version in self.store.versions()],
+            "versions": [dict(x.record) for x in self.store.versions(left_out.append)],
+            "left_out": left_out,
             "champion": aliases.champion,
             "challenger": aliases.challenger,
             "previous": list(aliases.previous),

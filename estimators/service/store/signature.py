@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, cast
 
 from estimators.service.store.atomic_files import replace
 from limo_driver.errors import ModelStoreError
+from limo_driver.given_files import read_bytes, read_json_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -88,18 +89,16 @@ def check_signature(record: bytes, folder: Path, trusted_keys: Iterable[Path]) -
 
 
 def _signature(path: Path) -> bytes:
+    if not path.exists():
+        raise ModelStoreError(f"{path}: the version is not signed, expected a signature")
+    content = read_json_file(path, ModelStoreError)
     try:
-        content = json.loads(path.read_text())
         if content["algorithm"] != _ALGORITHM:
             raise ModelStoreError(
                 f"{path}: is of {content['algorithm']!r}, expected {_ALGORITHM!r}"
             )
         return bytes.fromhex(content["signature"])
-    except FileNotFoundError:
-        raise ModelStoreError(f"{path}: the version is not signed, expected a signature") from None
-    except OSError as error:
-        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ModelStoreError(f"{path}: cannot be understood: {error!r}") from None
 
 
@@ -122,10 +121,9 @@ def _public_key(path: Path) -> Ed25519PublicKey:
 def _key(path: Path, parse: Callable[[bytes], object]) -> object:
     from cryptography.exceptions import UnsupportedAlgorithm
 
+    data = read_bytes(path, ModelStoreError)
     try:
-        return parse(path.read_bytes())
-    except OSError as error:
-        raise ModelStoreError(f"{path}: cannot be read: {error.strerror}") from None
+        return parse(data)
     except (ValueError, TypeError, UnsupportedAlgorithm):
         raise ModelStoreError(f"{path}: no PEM file of such a key without a password") from None
 

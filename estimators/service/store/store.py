@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from limo_driver.recordings.recording import Recording
 
-_NUMBER: Final = re.compile(r"[1-9][0-9]*")
+_NUMBER: Final = re.compile(r"[1-9][0-9]{0,8}")
 
 
 class ModelStore:
@@ -99,13 +99,25 @@ class ModelStore:
         """Return the numbers of the versions, in order."""
         return _numbers(self.home)
 
-    def versions(self) -> tuple[Version, ...]:
+    def versions(self, tell: Callable[[str], None] | None = None) -> tuple[Version, ...]:
         """Read all versions, in order.
 
+        Args:
+            tell: Told why, of each that cannot be read, and is left out.
+
         Raises:
-            ModelStoreError: One cannot be understood, or is not signed as it has to be.
+            ModelStoreError: One cannot be understood, or is not signed as it has to be, and nobody
+                is to be told.
         """
-        return tuple(self.open(number) for number in self.numbers())
+        found = list[Version]()
+        for number in self.numbers():
+            try:
+                found.append(self.open(number))
+            except ModelStoreError as error:
+                if tell is None:
+                    raise
+                tell(str(error))
+        return tuple(found)
 
     def open(self, which: int | str) -> Version:
         """Read the record of a version; `Version.load` gives the model.

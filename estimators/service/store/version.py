@@ -20,6 +20,7 @@ from estimators.service.store.golden_motion import Golden
 from estimators.service.store.signature import check_signature
 from limo_driver.declarations import read_json
 from limo_driver.errors import ModelStoreError
+from limo_driver.given_files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -66,10 +67,7 @@ class Version:
                 signed it.
         """
         file = path / RECORD
-        try:
-            data = file.read_bytes()
-        except OSError as error:
-            raise ModelStoreError(f"cannot be read: {error.strerror}", path=file) from None
+        data = read_bytes(file, ModelStoreError)
         record = read_json(file, ModelStoreError, SCHEMA, data).content
         if trusted_keys:
             check_signature(data, path, trusted_keys)

@@ -31,13 +31,17 @@ def list_versions(
         limo models list --arm iiwa14
     """
     from estimators.service.store.remote_store import RemoteStore
+    from limo_driver.console.terminal import terminal
 
+    left_out: list[str] = []
     with place.reached() as models:
-        versions, aliases = models.versions(), models.aliases
+        versions, aliases = models.versions(left_out.append), models.aliases
         serving = models.serving if isinstance(models, RemoteStore) else None
     names = {v.number: aliases.of(v.number) for v in versions}
     names |= {v.number: (*names[v.number], "serves") for v in versions if str(v.number) == serving}
     values = [{**v.record, "aliases": names[v.number]} for v in versions]
+    for reason in left_out:
+        terminal(stderr=True, soft_wrap=True).print(f"left out: {reason}")
     print_found(values, _table(versions, names), as_json=as_json)
 
 

@@ -15,7 +15,8 @@ from limo_driver.errors import RecordingError
 from limo_driver.foreign.columns.names import TIME, read_name
 from limo_driver.foreign.formats.clock import clock_times, is_clock
 from limo_driver.foreign.table import LogTable
-from limo_driver.recordings.batches import FEW, Kept, kept_of, parquet_batches
+from limo_driver.recordings.batches import FEW, Kept, kept_of
+from limo_driver.recordings.parquet import parquet_rows
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -70,7 +71,8 @@ def numbers_of(
 def kept_numbers(kept: Kept, source: str, kind: str) -> LogTable:
     """Return the columns of numbers of the rows that are kept of a file."""
     table = numbers_of(kept.table, source, kind)
-    return replace(table, spread=kept.spread, notes=(kept.note,) if kept.note else ())
+    notes, unread = (kept.note,) if kept.note else (), {**table.unread, **kept.aside}
+    return replace(table, spread=kept.spread, notes=notes, unread=unread)
 
 
 def read_parquet(path: Path) -> Kept:
@@ -80,7 +82,8 @@ def read_parquet(path: Path) -> Kept:
         RecordingError: It is none, or damaged.
     """
     try:
-        return kept_of(*parquet_batches(path))
+        rows = parquet_rows(path)
+        return replace(kept_of(rows.batches, rows.schema, rows.width), aside=rows.aside)
     except (OSError, pa.ArrowException) as error:
         raise RecordingError(
             f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path

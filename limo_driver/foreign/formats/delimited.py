@@ -16,7 +16,14 @@ from pyarrow import csv
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.columns.units import WRITTEN
-from limo_driver.recordings.batches import LONG_TEXT, Kept, blocks_of, kept_of, text_batches
+from limo_driver.recordings.batches import (
+    LONG_TEXT,
+    Kept,
+    blocks_of,
+    is_packed,
+    kept_of,
+    text_batches,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +38,6 @@ _CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?|\d{4}-\d\d-\d\d[T ]\d\d:.*"
 _USUAL, _WINDOWS = "utf-8-sig", "cp1252"
 _MARKED = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # by the first bytes
 _UNWRITTEN = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")  # what no text has
-_PACKED = ".gz"
 _EMPTY = (*csv.ConvertOptions().null_values, "None")  # cells without a value; Python writes None
 _DAMAGE = (OSError, EOFError, zlib.error, pa.ArrowException, UnicodeDecodeError)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
@@ -267,11 +273,6 @@ def _bare(cell: str) -> str:
     """Return a unit without brackets; nothing for a sign that there is none."""
     bare = cell.strip("[](){}<> ")
     return "" if bare in {"-", "--", "1", "none"} else bare
-
-
-def is_packed(path: Path) -> bool:
-    """Say whether a text is packed with gzip, by its ending."""
-    return path.suffix.lower() == _PACKED
 
 
 def _first_lines(path: Path) -> tuple[str, str]:

@@ -13,6 +13,7 @@ import pyarrow as pa
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.formats.arrow import numbers_of
 from limo_driver.foreign.formats.trees import table_of_tree
+from limo_driver.given_files import json_of, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -33,13 +34,7 @@ def read_json(path: Path) -> LogTable:
     Raises:
         RecordingError: It is no JSON, holds neither, or is larger than is read at once.
     """
-    if (size := path.stat().st_size) > _LARGEST:
-        raise RecordingError(
-            f"has {size / 2**20:.0f} MiB, expected at most {_LARGEST / 2**20:.0f} of JSON: a log "
-            "as long as this is read as Parquet or delimited text",
-            path=path,
-        )
-    whole = _parsed(path)
+    whole = json_of(read_text(path, RecordingError, _LARGEST), path, RecordingError, _parsed)
     found = max(_records_in("", whole), key=lambda each: len(each[1]), default=("", []))
     if len(found[1]) > 1:
         return _of_records(*found, path)
@@ -51,23 +46,13 @@ def read_json(path: Path) -> LogTable:
     return table_of_tree(cast("Mapping[str, Any]", whole), str(path), _KIND)
 
 
-def _parsed(path: Path) -> object:
+def _parsed(text: str) -> object:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        try:
-            return json.loads(text)
-        except json.JSONDecodeError as error:
-            if error.msg != "Extra data":
-                raise
-            return list(_lines(text))
-    except UnicodeDecodeError:
-        raise RecordingError("is no text of UTF-8, as JSON is", path=path) from None
-    except RecursionError:
-        raise RecordingError("is nested far deeper than a log", path=path) from None
+        return json.loads(text)
     except json.JSONDecodeError as error:
-        raise RecordingError(
-            f"is no JSON at line {error.lineno}: {error.msg}; was it cut off?", path=path
-        ) from None
+        if error.msg != "Extra data":
+            raise
+        return list(_lines(text))
 
 
 def _lines(text: str) -> Iterator[object]:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ import pyarrow as pa
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.formats.arrow import numbers_of, read_parquet
 from limo_driver.foreign.table import LogTable
+from limo_driver.given_files import check_file, read_json_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,6 +45,8 @@ def read_dataset(folder: Path, episode: int | None = None) -> LogTable:
     files = sorted((folder / "data").rglob("*.parquet"))
     if not files:
         raise RecordingError("holds no data/**/*.parquet", path=folder)
+    for file in files:
+        check_file(file, RecordingError)
     parts = [_without_images(read_parquet(file).table) for file in files]
     try:
         table = pa.concat_tables(parts, promote_options="permissive")
@@ -52,10 +54,10 @@ def read_dataset(folder: Path, episode: int | None = None) -> LogTable:
         raise RecordingError(f"its files do not fit together: {error}", path=folder) from None
     if table.num_rows == 0:
         raise RecordingError("holds no rows", path=folder)
-    missing = {"episode_index", "timestamp"} - set(table.column_names)
-    if missing:
-        raise RecordingError(f"its files lack {', '.join(sorted(missing))}", path=folder)
     read = numbers_of(table, str(folder), _kind(info), _names(info))
+    for name in ("episode_index", "timestamp"):
+        if not np.isfinite(read.column(name).astype(np.float64)).all():
+            raise RecordingError(f"column {name} has empty cells, expected numbers", path=folder)
     columns, notes = _in_order(dict(read.columns), episode, folder)
     notes = (*notes, *_lacking(read.columns["episode_index"], info))
     robot = info.get("robot_type")
@@ -97,10 +99,7 @@ def _lacking(episodes: NDArray[Any], info: dict[str, Any]) -> tuple[str, ...]:
 
 def _read_info(folder: Path) -> dict[str, Any]:
     path = folder / _INFO
-    try:
-        info = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"cannot be read: {error}", path=path) from None
+    info = read_json_file(path, RecordingError)
     version = info.get("codebase_version") if isinstance(info, dict) else None
     if version not in _KNOWN:
         raise RecordingError(

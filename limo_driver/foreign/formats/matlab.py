@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.formats.trees import table_of_tree
+from limo_driver.given_files import apart
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,6 +18,15 @@ _KIND: Final = "MATLAB variables"
 
 def read_mat(path: Path) -> LogTable:
     """Read the arrays of a file, those of its structures included.
+
+    Raises:
+        RecordingError: It is none, damaged, of version 7.3, or unpacks to more than a log does.
+    """
+    return table_of_tree(apart(variables_of, path, RecordingError), str(path), _KIND)
+
+
+def variables_of(path: Path) -> dict[str, Any]:
+    """Return the variables of a file by name, in this process, whatever they unpack to.
 
     Raises:
         RecordingError: It is none, damaged, or of version 7.3.
@@ -32,5 +42,4 @@ def read_mat(path: Path) -> LogTable:
         ) from None
     except (MatReadError, OSError, ValueError, TypeError, KeyError, EOFError) as error:
         raise RecordingError(f"cannot be read as .mat: {error}", path=path) from None
-    variables = {name: values for name, values in found.items() if not name.startswith("__")}
-    return table_of_tree(variables, str(path), _KIND)
+    return {name: values for name, values in found.items() if not name.startswith("__")}

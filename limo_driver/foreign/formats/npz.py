@@ -13,8 +13,9 @@ from numpy.lib import format as npy
 
 from limo_driver.errors import RecordingError
 from limo_driver.foreign.table import LogTable, said_of_shape, table_of
+from limo_driver.given_files import Spent
 from limo_driver.recordings.batches import BLOCK
-from limo_driver.recordings.stretches import MOST, Stretches
+from limo_driver.recordings.stretches import STRETCH, Stretches, most_rows
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 _KIND: Final = "NumPy arrays"
 _MATRIX: Final = 2  # axes
-_LARGE: Final = 1 << 28  # bytes; less is read whatever it is
-_TIGHT: Final = 100  # times that a log may have been packed; one of zeros alone is a thousand times
 _WIDEST: Final = 1 << 15  # bytes of a row: 4096 numbers, as images have and no joints
 _DAMAGE: Final = (OSError, ValueError, zipfile.BadZipFile, EOFError)
 
@@ -39,7 +38,8 @@ def read_npz(path: Path) -> LogTable:
     """
     with _opened(path) as members:
         rows = _usual_rows(members)
-        if rows <= MOST:
+        most = most_rows(sum(member.width for member in members if member.rows == rows))
+        if rows <= most:
             arrays = {member.name: member.read(rows) for member in members if member.rows == rows}
             labels = {member.name: member.labels() for member in members if member.is_labels}
             aside = {
@@ -49,7 +49,7 @@ def read_npz(path: Path) -> LogTable:
             }
             table = table_of({**arrays, **labels} if rows else {}, str(path), _KIND)
             return replace(table, unread={**table.unread, **{k: v for k, v in aside.items() if v}})
-    stretches = Stretches[LogTable](LogTable.cut)
+    stretches = Stretches[LogTable](LogTable.cut, most, min(STRETCH, most))
     first: LogTable | None = None
     for block in npz_blocks(path):
         first = first or block
@@ -97,14 +97,8 @@ def _opened(path: Path) -> Generator[list[_Member]]:
     """
     try:
         with zipfile.ZipFile(path) as archive, ExitStack() as opened:
-            packed = [entry.compress_size for entry in archive.infolist()]
             unpacked = sum(entry.file_size for entry in archive.infolist())
-            if unpacked > max(_LARGE, _TIGHT * sum(packed)):
-                raise RecordingError(
-                    f"unpacks to {unpacked / 2**20:.0f} MiB, {unpacked / max(sum(packed), 1):.0f} "
-                    "times its size: nearly all of it is one value, which no log is",
-                    path=path,
-                )
+            Spent(path, RecordingError).take(unpacked=unpacked)
             yield [_Member(archive, name, opened) for name in archive.namelist()]
     except RecordingError:  # which is a ValueError, too
         raise
@@ -125,7 +119,8 @@ class _Member:
         few = len(self.shape) == 1 and self._size(self.shape[0]) <= _WIDEST
         self.is_labels = few and self._kind.kind in "US"  # which may name columns, and are none
         usable = usable and self._kind.kind not in "US"
-        self.rows = self.shape[0] if usable and self._size(1) <= _WIDEST else 0
+        self.width = self._size(1)  # of a row [bytes]
+        self.rows = self.shape[0] if usable and 0 < self.width <= _WIDEST else 0
         self._whole = None
         self._by_columns = by_columns and len(self.shape) == _MATRIX
         self._next = 0

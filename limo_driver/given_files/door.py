@@ -1,4 +1,4 @@
-"""Files that a user gives: read only if they are files, and no larger than such files are."""
+"""Files alone are let in: no device, no pipe, and nothing that is larger than such files are."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import stat
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import os
     from pathlib import Path
 
     from limo_driver.errors import PlacedError, RecordingError
@@ -27,9 +28,22 @@ def check_file(
         error: A device, a pipe, or too large.
     """
     try:
-        about = path.stat()
+        check_kind(path.stat(), path, error, most)
     except OSError:
         return
+
+
+def check_kind(
+    about: os.stat_result,
+    path: Path,
+    error: type[PlacedError | RecordingError],
+    most: int | None = None,
+) -> None:
+    """Refuse by what the system says of a file, as `check_file` does.
+
+    Raises:
+        error: A device, a pipe, or too large.
+    """
     if not (stat.S_ISREG(about.st_mode) or stat.S_ISDIR(about.st_mode)):
         raise error("is a device or a pipe, expected a file", path=path)
     if most is not None and about.st_size > most:

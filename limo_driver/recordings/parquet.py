@@ -1,0 +1,112 @@
+"""Parquet in batches, however long the file is, of what can be numbers, names or times in it.
+
+A few bytes of Parquet can say a value a million times, or that a row is as wide as an image. So
+what a row takes is known before rows are read: images and other bytes are left aside, and rows come
+as few at once as fit into memory.
+"""
+
+# pyarrow ships no type stubs, so its tables are unknown to the checker.
+# pyright: reportUnknownParameterType=false
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from limo_driver.errors import RecordingError
+from limo_driver.given_files import Spent
+from limo_driver.recordings.stretches import STRETCH, most_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_WIDEST: Final = 4096  # values of a column in one row; images have more
+_MOST: Final = 4096  # columns
+
+
+class ParquetRows(NamedTuple):
+    """The rows of a Parquet file."""
+
+    batches: Iterator[pa.RecordBatch]
+    schema: pa.Schema  # of the columns that are read
+    width: int  # of a row at most, about [bytes]
+    aside: dict[str, str]  # columns that are not read, and what they hold
+
+
+def parquet_rows(path: Path) -> ParquetRows:
+    """Return the rows of a Parquet file and their schema.
+
+    Raises:
+        OSError: It cannot be read; ArrowException likewise, also while the rows come.
+        RecordingError: It has more columns or rows than its budget, or takes longer.
+    """
+    spent = Spent(path, RecordingError)
+    file = pq.ParquetFile(path, pre_buffer=False)  # not whole row groups at once
+    about = file.metadata
+    spent.take(rows=about.num_rows)
+    if about.num_columns > _MOST:
+        raise RecordingError(f"has {about.num_columns} columns, expected {_MOST}", path=path)
+    widths, texts = _widths(about)
+    kept = [name for name, values in widths.items() if values <= _WIDEST]
+    schema = file.read_row_groups([], columns=kept).schema
+    width = sum(
+        widths[name] * (8 + (_longest(path, name, spent) if name in texts else 0)) for name in kept
+    )
+    most = min(STRETCH, most_rows(width))
+    every = file.schema_arrow
+    aside = {each.name: str(each.type) for each in every if each.name not in schema.names}
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        with file:
+            rows = file.iter_batches(most, columns=kept, use_threads=not texts)
+            yield from spent.metered(rows, lambda _: 0)
+
+    return ParquetRows(batches(), schema, width, aside)
+
+
+def _widths(about: pq.FileMetaData) -> tuple[dict[str, int], list[str]]:
+    """Return how many values the columns have in a row, at most, and which are texts.
+
+    Of bytes that are no text nothing is returned.
+    """
+    widths, texts = dict[str, int](), list[str]()
+    groups = [about.row_group(k) for k in range(about.num_row_groups)]
+    for k in range(about.num_columns):
+        column = about.schema.column(k)
+        kind = column.logical_type.type
+        if column.physical_type == "BYTE_ARRAY" and kind not in {"STRING", "DECIMAL"}:
+            continue
+        values = (-(-group.column(k).num_values // max(group.num_rows, 1)) for group in groups)
+        widths[column.path] = max(values, default=1)
+        if kind == "STRING":
+            texts.append(column.path)
+    return widths, texts
+
+
+def _longest(path: Path, name: str, spent: Spent) -> int:
+    """Return the length of the longest text that a column may repeat [bytes].
+
+    Texts that are said a million times stand once in a list, which is read with the first row.
+    """
+    longest = 0
+    with pq.ParquetFile(path, read_dictionary=[name]) as file:
+        for group in range(file.num_row_groups):
+            first = next(file.iter_batches(1, row_groups=[group], columns=[name]), None)
+            for known in () if first is None else _dictionaries(first.columns):
+                longest = max(longest, pc.max(pc.binary_length(known)).as_py() or 0)
+            spent.check_time()
+    return longest
+
+
+def _dictionaries(arrays: list[pa.Array]) -> Iterator[pa.Array]:
+    for array in arrays:
+        if pa.types.is_dictionary(array.type):
+            yield array.dictionary
+        elif pa.types.is_struct(array.type):
+            yield from _dictionaries(array.flatten())
+        elif hasattr(array, "values"):  # a list
+            yield from _dictionaries([array.values])
