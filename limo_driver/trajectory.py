@@ -293,12 +293,13 @@ class Trajectory(Motion):
             ConfigError: The file is missing, is no Parquet, lacks a column, has a column or header
                 of another kind, or holds what a trajectory may not.
         """
-        import pyarrow.parquet as pq
         from pyarrow import ArrowException
+
+        from limo_driver.recordings.parquet import whole_table
 
         check_file(Path(path), ConfigError)
         try:
-            table = pq.read_table(Path(path))
+            table = whole_table(Path(path), ConfigError)
         except FileNotFoundError:
             raise ConfigError("cannot be read as a trajectory: no such file", path=path) from None
         except (OSError, ArrowException) as error:

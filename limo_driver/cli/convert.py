@@ -235,12 +235,12 @@ def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:
     """Return the joints and the stamp of time 0 [ns] that the header of a recording may name."""
     import pyarrow.parquet as pq
 
-    from limo_driver.recordings.recorder import read_header
+    from limo_driver.recordings.recorder import header_of
 
     numbered = tuple(f"joint_{j + 1}" for j in range(n))
     if path.suffix != ".parquet":
         return numbered, 0
-    header = read_header(pq.read_table(path, columns=["time"]))
+    header = header_of(pq.read_schema(path))
     match header:
         case {"joints": [*joints]} if len(joints) == n:
             names = tuple(str(joint) for joint in joints)

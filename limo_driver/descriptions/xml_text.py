@@ -12,7 +12,7 @@ from limo_driver.given_files import read_text
 if TYPE_CHECKING:
     from pathlib import Path
 
-_MOST_JOINTS = 1000  # elements, also of what refers to joints
+MOST_JOINTS = 1000  # elements, also of what refers to joints
 _DEEPEST = 500  # levels, as MuJoCo and urdfdom read; more end what parses them one in the other
 _MOST_PARTS = 1_000_000  # elements and attributes; meshes are files of their own
 
@@ -31,8 +31,8 @@ def read_xml(path: Path) -> ET.Element:
         raise ConfigError(
             f"has {parts} elements and attributes, expected at most {_MOST_PARTS}", path=path
         )
-    if (joints := text.count("<joint")) > _MOST_JOINTS:
-        raise ConfigError(f"has {joints} joints, expected at most {_MOST_JOINTS}", path=path)
+    if (joints := text.count("<joint")) > MOST_JOINTS:
+        raise ConfigError(f"has {joints} joints, expected at most {MOST_JOINTS}", path=path)
     check_nesting(text, path)
     try:
         root = ET.fromstring(text)  # noqa: S314  # no entities are left by now

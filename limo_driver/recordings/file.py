@@ -15,6 +15,7 @@ import numpy as np
 import pyarrow as pa
 
 from limo_driver.errors import RecordingError
+from limo_driver.given_files import check_file
 from limo_driver.outputs import require_parquet, whole
 from limo_driver.recordings.batches import LONG_TEXT, Kept, kept_of, text_batches
 from limo_driver.recordings.channels import CHANNELS, POSITION, recorded_channel
@@ -175,6 +176,7 @@ def _per_joint(values: object, n: int) -> FloatArray | None:
 
 
 def _read_table(path: Path) -> Kept:
+    check_file(path, RecordingError)
     if not path.is_file():
         raise RecordingError("is a folder" if path.is_dir() else "no such file", path=path)
     try:
@@ -195,7 +197,9 @@ def _read_format(path: Path) -> Kept:
     if path.suffix == LOG_SUFFIX:
         from limo_driver.recordings.recorder import read_log
 
-        return Kept(read_log(path))
+        told = list[str]()
+        table = read_log(path, told.append)
+        return Kept(table, note="; ".join(f"{path.name} {text}" for text in told))
     if path.suffix.lower() in {".csv", ".txt"}:
         return _read_csv(path)
     rows = parquet_rows(path)

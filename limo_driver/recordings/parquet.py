@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from limo_driver.errors import PlacedError
+
 _WIDEST: Final = 4096  # values of a column in one row; images have more
 _MOST: Final = 4096  # columns
 
@@ -37,19 +39,36 @@ class ParquetRows(NamedTuple):
     aside: dict[str, str]  # columns that are not read, and what they hold
 
 
-def parquet_rows(path: Path) -> ParquetRows:
+def whole_table(path: Path, error: type[PlacedError | RecordingError]) -> pa.Table:
+    """Return a Parquet file as a table, all of it in memory.
+
+    Raises:
+        OSError: It cannot be read; ArrowException likewise.
+        error: It takes more than its budget.
+    """
+    rows, spent = parquet_rows(path, error), Spent(path, error)
+    batches = list[pa.RecordBatch]()
+    for batch in rows.batches:
+        spent.take(unpacked=batch.nbytes)
+        batches.append(batch)
+    return pa.Table.from_batches(batches, rows.schema)
+
+
+def parquet_rows(
+    path: Path, error: type[PlacedError | RecordingError] = RecordingError
+) -> ParquetRows:
     """Return the rows of a Parquet file and their schema.
 
     Raises:
         OSError: It cannot be read; ArrowException likewise, also while the rows come.
-        RecordingError: It has more columns or rows than its budget, or takes longer.
+        error: It has more columns or rows than its budget, or takes longer.
     """
-    spent = Spent(path, RecordingError)
+    spent = Spent(path, error)
     file = pq.ParquetFile(path, pre_buffer=False)  # not whole row groups at once
     about = file.metadata
     spent.take(rows=about.num_rows)
     if about.num_columns > _MOST:
-        raise RecordingError(f"has {about.num_columns} columns, expected {_MOST}", path=path)
+        raise error(f"has {about.num_columns} columns, expected at most {_MOST}", path=path)
     widths, texts = _widths(about)
     kept = [name for name, values in widths.items() if values <= _WIDEST]
     schema = file.read_row_groups([], columns=kept).schema

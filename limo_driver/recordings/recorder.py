@@ -25,9 +25,12 @@ import pyarrow.parquet as pq
 from limo_driver.errors import RecordingError
 from limo_driver.outputs import reason, replacing, require_parquet
 from limo_driver.processes.closing import Closing
+from limo_driver.recordings.batches import blocks_of
+from limo_driver.recordings.log_stream import LogStream, StoredLog
+from limo_driver.recordings.parquet import whole_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
     from limo_driver.types import FloatArray, JointState
 
@@ -90,10 +93,9 @@ class Recorder(Closing):
         self._thread = threading.Thread(target=self._write_on, name="limo-recorder", daemon=True)
         self._thread.start()
 
-    def _begun(self) -> Any:  # noqa: ANN401  # pyarrow's RecordBatchStreamWriter
-        """Return the stream with its header, which waits for a first batch."""
-        stream = pa.ipc.new_stream(self._file, self._schema)
-        stream.write_batch(pa.RecordBatch.from_pylist([], schema=self._schema))
+    def _begun(self) -> LogStream:
+        """Return the stream with its header."""
+        stream = LogStream(self._file, self._schema)
         self._sync()
         return stream
 
@@ -182,9 +184,7 @@ class Recorder(Closing):
             rows, self._rows = self._rows, []
         if not rows:
             return
-        columns = np.ascontiguousarray(np.array(rows).T)
-        arrays = [pa.array(c, mask=np.isnan(c)) for c in columns]
-        self._stream.write_batch(pa.record_batch(arrays, schema=self._schema))
+        self._stream.write(np.ascontiguousarray(np.array(rows).T))
         self._sync()
 
     def _sync(self) -> None:
@@ -204,11 +204,15 @@ def partial_path(path: Path) -> Path:
     return path.with_name(path.name + ".partial")
 
 
-def read_log(path: Path | str) -> pa.Table:
+def read_log(path: Path | str, tell: Callable[[str], None] | None = None) -> pa.Table:
     """Read a recording of limo's own, finished (Parquet) or cut off (`.partial`).
 
-    A cut-off log ends with its last complete batch. Its schema metadata hold the header, as JSON
-    under `limo.recording`.
+    A cut-off log ends with its last complete batch, and batches that are damaged are left out. Its
+    schema metadata hold the header, as JSON under `limo.recording`.
+
+    Args:
+        path: The file.
+        tell: Told, once, if it has no end or is damaged.
 
     Raises:
         RecordingError: Neither, or it ends before its header.
@@ -218,14 +222,16 @@ def read_log(path: Path | str) -> pa.Table:
         with path.open("rb") as file:
             finished = file.read(len(_PARQUET_MAGIC)) == _PARQUET_MAGIC
         if finished:
-            return pq.read_table(path)
-        with path.open("rb") as file:
-            stream = pa.ipc.open_stream(file)
-            return pa.Table.from_batches(_complete_batches(stream), stream.schema)
+            return whole_table(path, RecordingError)
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror or error}", path=path) from None
     except pa.ArrowInvalid as error:
         raise RecordingError(f"is no log of limo's: {error}", path=path) from None
+    log = StoredLog(path)
+    table = pa.Table.from_batches(log.batches(), log.schema)
+    if tell is not None and (said := log.told()):
+        tell(said)
+    return table
 
 
 def read_header(table: pa.Table) -> dict[str, Any]:
@@ -249,14 +255,6 @@ def header_of(schema: pa.Schema) -> dict[str, Any]:
     return cast("dict[str, Any]", header)
 
 
-def _complete_batches(stream: pa.ipc.RecordBatchStreamReader) -> Iterator[pa.RecordBatch]:
-    while True:
-        try:
-            yield stream.read_next_batch()
-        except (StopIteration, OSError, pa.ArrowInvalid):  # the end, or a batch that is cut off
-            return
-
-
 def _schema(quantities: tuple[str, ...], n: int, header: Mapping[str, Any]) -> pa.Schema:
     names = ["time", *(f"{q}_{j + 1}" for q in quantities for j in range(n))]
     return pa.schema(
@@ -267,20 +265,11 @@ def _schema(quantities: tuple[str, ...], n: int, header: Mapping[str, Any]) -> p
 
 def _to_parquet(partial: Path, path: Path) -> None:
     """Turn the stream into Parquet, batch by batch, so that it is whole or absent."""
-    with replacing(path) as draft, partial.open("rb") as file:
-        stream = pa.ipc.open_stream(file)
-        with pq.ParquetWriter(draft, stream.schema, use_dictionary=False) as writer:
-            for table in _groups(stream):
+    log = StoredLog(partial)
+    with replacing(path) as draft:
+        with pq.ParquetWriter(draft, log.schema, use_dictionary=False) as writer:
+            for table in blocks_of(log.batches(), log.schema, _ROWS_OF_GROUP):
                 writer.write_table(table)
+        if said := log.told():
+            raise pa.ArrowInvalid(f"its log {said}")
     partial.unlink()
-
-
-def _groups(stream: pa.ipc.RecordBatchStreamReader) -> Iterator[pa.Table]:
-    """Gather the small batches of the stream into row groups of a useful size."""
-    batches: list[pa.RecordBatch] = []
-    for batch in stream:
-        batches.append(batch)
-        if sum(b.num_rows for b in batches) >= _ROWS_OF_GROUP:
-            yield pa.Table.from_batches(batches, stream.schema)
-            batches = []
-    yield pa.Table.from_batches(batches, stream.schema)

@@ -15,7 +15,12 @@ import mujoco
 import numpy as np
 
 from limo_driver.descriptions.description import RobotDescription
-from limo_driver.descriptions.mjcf.files import check_assets, check_includes, check_numbers
+from limo_driver.descriptions.mjcf.files import (
+    check_assets,
+    check_includes,
+    check_numbers,
+    is_plain,
+)
 from limo_driver.descriptions.mjcf.joints import (
     HINGE,
     actuators,
@@ -26,7 +31,9 @@ from limo_driver.descriptions.mjcf.joints import (
 )
 from limo_driver.descriptions.mjcf.stated_drives import motors, servos
 from limo_driver.descriptions.mjcf.writer import TURNING, ArmWriter
+from limo_driver.descriptions.xml_text import MOST_JOINTS
 from limo_driver.errors import ConfigError
+from limo_driver.given_files import apart
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,7 +56,9 @@ def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
     files = check_includes(path)
     check_numbers(files)
     check_assets(files)
-    model = compile_mjcf(path)
+    model = compile_mjcf(path) if is_plain(files) else apart(compile_mjcf, path, ConfigError)
+    if model.njnt > MOST_JOINTS:
+        raise ConfigError(f"has {model.njnt} joints, expected at most {MOST_JOINTS}", path=path)
     root = _arm(model, path, joints)
     writer = ArmWriter(model, root, path)
     writer.write(root)
@@ -82,8 +91,10 @@ def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
         ConfigError: It cannot be; in one line.
     """
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
+        model = mujoco.MjModel.from_xml_path(str(path))
+        mujoco.MjData(model)  # which has a size of its own
+        return model
+    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"MuJoCo cannot compile it: {reason}", path=path) from None
 

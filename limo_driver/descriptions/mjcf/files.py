@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
 
 _FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
 _ASSETS: Final = ("mesh", "texture", "hfield", "skin")
+_MULTIPLYING: Final = frozenset({"replicate", "composite", "flexcomp", "attach", "model", "plugin"})
+_COUNT: Final = re.compile(r"\+?(?P<number>\d+(\.0*)?([eE]\+?\d+)?)(?P<unit>[KMGTPE]?)")
+_MANY: Final = 10_000.0  # rows, times as many columns, are some hundred MB
+_FEW: Final = 8  # words that say sizes; more are points of a mesh
 # By element: a mass that is no number, MuJoCo replaces by one of a density, and hands others on.
 _FINITE: Final = {
     "inertial": ("mass", "pos", "quat", "diaginertia", "fullinertia"),
@@ -77,6 +82,25 @@ def check_assets(files: Sequence[Path]) -> None:
             file = folder / base / name
             if file.exists() and not file.is_file():
                 raise ConfigError(f"names {name} as a {element.tag}, which is no file", path=path)
+
+
+def is_plain(files: Iterable[Path]) -> bool:
+    """Say whether MuJoCo makes no more of files than stands in them.
+
+    Copies, grids, models in models and large sizes may be anything, and take any time.
+    """
+    elements = [element for path in files for element in read_xml(path).iter()]
+    return not any(
+        element.tag in _MULTIPLYING
+        or any(map(_is_large, (w for text in element.attrib.values() for w in text.split()[:_FEW])))
+        for element in elements
+    )
+
+
+def _is_large(word: str) -> bool:
+    """Say whether a word is a number of so many that it could be too many."""
+    found = _COUNT.fullmatch(word)
+    return found is not None and (bool(found["unit"]) or float(found["number"]) >= _MANY)
 
 
 def _check_finite(element: ET.Element, key: str, parent: ET.Element, path: Path) -> None:
