@@ -16,6 +16,7 @@ from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.settings.pushes import PUSHES
 from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where
 from estimators.diagnosis.wording import listed, names_of
+from estimators.regression.definite import inverse_root
 from limo_driver.physics import ExternalContact
 from limo_driver.recordings.differentiation import smooth
 
@@ -121,11 +122,12 @@ class _Wrench:
         X = (columns / floor[:, None, None]).reshape(-1, len(terms))
         y = (errors / floor[:, None]).ravel()
         precision = X.T @ X + np.eye(len(terms)) / PUSHES.strongest**2
-        wrench = np.linalg.solve(precision, X.T @ y)
-        spread = _Z95 * np.sqrt(PUSHES.remembered * np.diag(np.linalg.inv(precision)))
+        root = inverse_root(precision)
+        wrench = root.T @ (root @ (X.T @ y))
+        spread = _Z95 * np.sqrt(PUSHES.remembered) * np.linalg.norm(root, axis=0)
         ends = zip((wrench - spread).tolist(), (wrench + spread).tolist(), strict=True)
-        left = y - X @ wrench
-        return cls(tuple(wrench.tolist()), tuple(ends), 1.0 - float(left @ left) / float(y @ y))
+        left, energy = y - X @ wrench, max(float(y @ y), np.finfo(float).tiny)
+        return cls(tuple(wrench.tolist()), tuple(ends), 1.0 - float(left @ left) / energy)
 
 
 def _acts(wrenches: Sequence[_Wrench]) -> str:

@@ -7,8 +7,7 @@ that explains nothing is switched off and none has to be chosen by hand. Weights
 known how large they are keep that.
 
 Source: MacKay, "Bayesian interpolation", Neural Computation 1992; Tipping, "Sparse Bayesian
-learning and the relevance vector machine", JMLR 2001; Wu, "Jackknife, bootstrap and other
-resampling methods in regression analysis", Annals of Statistics 1986.
+learning and the relevance vector machine", JMLR 2001.
 """
 
 from __future__ import annotations
@@ -17,6 +16,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+
+from estimators.regression.definite import inverse_root
+from estimators.regression.jackknife import jackknife
+from estimators.regression.ties import first_best
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +57,7 @@ def posterior(equations: NormalEquations, prior: Hyperparameters) -> WeightPoste
     """Return the weights that the data of one joint say under a prior."""
     S = 1.0 / prior.scale
     P = equations.gram * np.outer(S, S) / prior.noise + np.diag(prior.precision)
-    root = np.linalg.inv(np.linalg.cholesky(P))
+    root = inverse_root(P)
     weights = root.T @ (root @ (equations.product * S)) / prior.noise
     return WeightPosterior(weights * S, root * S)
 
@@ -96,12 +99,6 @@ def _widened(found: WeightPosterior, spread: FloatArray) -> WeightPosterior:
     # factored from the last column on, which keeps the root a lower triangle
     root[np.ix_(known, known)] = np.linalg.qr(both[:, ::-1]).R[::-1, ::-1]
     return WeightPosterior(found.weights, root)
-
-
-def _jackknife(without: Sequence[WeightPosterior]) -> FloatArray:
-    """Return D (F, K) with Dᵀ D the covariance of the weights by the fits without each fold."""
-    weights = np.array([found.weights for found in without])
-    return np.sqrt((len(without) - 1) / len(without)) * (weights - weights.mean(axis=0))
 
 
 @dataclass(frozen=True)
@@ -148,12 +145,13 @@ def fit(
         prior = most_probable_prior(everything.worth(worth), family, known)
         without = tuple(posterior(rest.worth(worth), prior) for rest in regions)
         error = sum(
-            everything.error(fitted.weights) - rest.error(fitted.weights)
+            max(everything.error(fitted.weights) - rest.error(fitted.weights), 0.0)
             for rest, fitted in zip(regions, without, strict=True)
         )
-        spread = _jackknife(without)
+        spread = jackknife([found.weights for found in without])
         found = _widened(posterior(everything.worth(worth), prior), spread)
         candidates.append(
             RegionalFit(found, without, prior, worth, error / everything.rows, spread)
         )
-    return min(candidates, key=lambda candidate: candidate.held_out)
+    # in units of the least noise, beside which rounding is nothing
+    return first_best(candidates, lambda candidate: -candidate.held_out / LEAST_NOISE)

@@ -19,9 +19,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
+from estimators.regression.definite import lower_of
 from estimators.regression.right_signs import RIDGE, gains_beside, of_right_signs
 
 if TYPE_CHECKING:
@@ -101,7 +102,12 @@ class Posterior:
 
     index: NDArray[np.int64]  # (m,)
     mean: FloatArray  # (m,)
-    covariance: FloatArray  # (m, m)
+    covariance: FloatArray  # (m, m), the product of a root; zero of what is held
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations, (m,)."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True)
@@ -138,7 +144,7 @@ class Evidence:
             product = product - G[:, nuisance.index[~free]] @ held[~free]
         inner = s[:, None] * G[np.ix_(at, at)] * s + np.eye(at.size)
         self._at, self._s = at, s
-        self._lower = np.asarray(np.linalg.cholesky(inner), dtype=np.float64)
+        self._lower = lower_of(inner)
         self._half = solve_triangular(self._lower, s[:, None] * G[at], lower=True)
         self.gram = G - self._half.T @ self._half
         self._b = solve_triangular(self._lower, s * product[at], lower=True)
@@ -261,8 +267,8 @@ def posterior(products: NormalEquations, nuisance: Prior, prior: Prior) -> Poste
     low = np.where(both.positive, 0.0, -high)
     x, free = np.zeros(s.size), np.ones(s.size, dtype=bool)
     while True:
-        factor = cho_factor(M[np.ix_(free, free)])
-        found = cho_solve(factor, c[free] - M[np.ix_(free, ~free)] @ x[~free])
+        lower = lower_of(M[np.ix_(free, free)])
+        found = cho_solve((lower, True), c[free] - M[np.ix_(free, ~free)] @ x[~free])
         x[free] = np.clip(found, low[free], high[free])
         outside = np.zeros_like(free)
         outside[free] = x[free] != found
@@ -272,8 +278,9 @@ def posterior(products: NormalEquations, nuisance: Prior, prior: Prior) -> Poste
         x[absent] = 0.0
         free &= ~(outside | absent)
     covariance = np.zeros((s.size, s.size))
-    covariance[np.ix_(free, free)] = cho_solve(factor, np.eye(int(free.sum())))
-    return Posterior(both.index, s * x, s[:, None] * covariance * s)
+    root = solve_triangular(lower, np.diag(s[free]), lower=True)
+    covariance[np.ix_(free, free)] = root.T @ root
+    return Posterior(both.index, s * x, covariance)
 
 
 def _solved(lower: FloatArray, right: FloatArray, trans: int = 0) -> FloatArray:

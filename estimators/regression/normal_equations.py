@@ -35,8 +35,9 @@ class NormalEquations:
         return np.sqrt(np.diag(self.gram) / self.rows)
 
     def error(self, weights: FloatArray) -> float:
-        """Return Σ (y - x·w)² [N² m²]."""
-        return self.energy + float(weights @ (self.gram @ weights - 2 * self.product))
+        """Return Σ (y - x·w)² [N² m²]; rounding makes no exact fit better than that."""
+        left = self.energy + float(weights @ (self.gram @ weights - 2 * self.product))
+        return max(left, 0.0)
 
     def worth(self, share: float) -> NormalEquations:
         """Return the same as if it were a share of the rows."""

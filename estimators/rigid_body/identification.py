@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from estimators.regression.jackknife import jackknife
 from estimators.rigid_body.dynamics.base_parameters import BaseParameters, find_base_parameters
 from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.fitting.consistent import (
@@ -17,7 +18,7 @@ from estimators.rigid_body.fitting.consistent import (
     inertial_of,
     thickened,
 )
-from estimators.rigid_body.fitting.folds import FOLDS, jackknife
+from estimators.rigid_body.fitting.folds import FOLDS
 from estimators.rigid_body.fitting.least_squares import BaseFit, choose_sign_widths, fit_base
 from estimators.rigid_body.fitting.normal_equations import ArmEquations, Rows, accumulate
 from estimators.rigid_body.stated import (
@@ -164,12 +165,12 @@ def identify(
     else:
         likely = bodies.fit(tolerance)
     consistent = bodies.fit_significant(tolerance, likely)
-    covariance = consistent.covariance + _disagreement(
-        bodies, tolerance, consistent, equations, fit.weight
-    )
+    apart = _disagreement(bodies, tolerance, consistent, equations, fit.weight)
+    surely = replace(consistent, spread=np.concatenate([consistent.spread, apart]))
+    covariance = surely.spread.T @ surely.spread
     known = tolerances_of(consistent.parameters, covariance, equations, terms)
     told = equations.count > 0  # joints of which something is
-    estimates = _estimates(terms, replace(consistent, covariance=covariance), told)
+    estimates = _estimates(terms, surely, told)
     rmse = equations.rmse(consistent.parameters)
     return Identification(
         model,
@@ -186,7 +187,7 @@ def identify(
         sum(len(recording) for recording in recordings),
         (
             *_warnings(base, fit, rmse, equations),
-            *_gained(model, consistent.parameters, covariance),
+            *_gained(model, surely),
             *_kept(model.n, terms, consistent),
         ),
     )
@@ -273,7 +274,7 @@ def _disagreement(
     equations: ArmEquations,
     weight: FloatArray,
 ) -> FloatArray:
-    """Return the covariance (p, p) of parameters fitted without each fold in turn.
+    """Return D (FOLDS, p), with Dᵀ D the covariance of parameters fitted without each fold in turn.
 
     What is held at some value with all rows is so without some.
     """
@@ -355,14 +356,14 @@ def _changes(model: RobotModel, fit: ConsistentFit) -> tuple[LinkChange, ...]:
     return tuple(changes)
 
 
-def _gained(model: RobotModel, phi: FloatArray, covariance: FloatArray) -> Iterator[str]:
+def _gained(model: RobotModel, fit: ConsistentFit) -> Iterator[str]:
     """Yield a warning where the last link has surely taken up a mass that no tolerance explains."""
     at, link = PER_LINK * (model.linkage.links - 1), model.link_names[-1]
-    stated, deviation = model.inertials[link].mass, float(np.sqrt(covariance[at, at]))
-    gained = float(phi[at]) - stated
+    stated, mass = model.inertials[link].mass, float(fit.parameters[at])
+    gained, deviation = mass - stated, float(fit.deviation[at])
     if gained > max(_GAINED * stated, _SIGNIFICANT * deviation):
         yield (
-            f"{link} gained {gained:.2f} kg ({stated:.2f} to {phi[at]:.2f} kg): is there a tool? "
+            f"{link} gained {gained:.2f} kg ({stated:.2f} to {mass:.2f} kg): is there a tool? "
             "`limo diagnose --robot` estimates it as a payload, and friction with it; or keep the "
             "links to what the description allows (--inertia-tolerance 0.05)"
         )

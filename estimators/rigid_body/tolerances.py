@@ -13,7 +13,7 @@ which errs to the safe side).
 
 Inertia: bodies that are known to a relative deviation s have the covariance s² M⁻¹, since the
 prior of the fit is ½ δᵀ M δ / s² for a small change δ of a link's ten parameters (M of
-`body_metric`). The tolerance is the s at which such bodies would be as far off as the fit is:
+`metric_root`). The tolerance is the s at which such bodies would be as far off as the fit is:
 
     s² = loss(Σ) / loss(M⁻¹).
 
@@ -34,8 +34,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.regression.definite import RegularisedInverse
 from estimators.rigid_body.dynamics.regressor import PER_LINK
-from estimators.rigid_body.fitting.consistent import body_metric
+from estimators.rigid_body.fitting.consistent import metric_root
 from limo_driver.physics import Tolerances
 
 if TYPE_CHECKING:
@@ -76,7 +77,8 @@ def _of_inertias(phi: FloatArray, covariance: FloatArray, G: FloatArray, links: 
     known_to_one = np.zeros((PER_LINK * links, PER_LINK * links))  # covariance at s = 1
     for i in range(links):
         own = slice(PER_LINK * i, PER_LINK * (i + 1))
-        known_to_one[own, own] = np.linalg.inv(body_metric(phi[own]))
+        nothing = np.zeros((PER_LINK, PER_LINK))
+        known_to_one[own, own] = RegularisedInverse.of(nothing, metric_root(phi[own])).matrix
     return float(np.sqrt(np.sum(G[at, at] * covariance[at, at]) / np.sum(G[at, at] * known_to_one)))
 
 
@@ -93,5 +95,5 @@ def _of_friction(
         energy = float(beta @ G @ beta)  # [N² m²]
         if energy > 0:
             variance = float(np.sum(G * covariance[np.ix_(at, at)]))
-            found.append(min(1.0, variance / energy))
+            found.append(min(1.0, max(variance, 0.0) / energy))  # rounding of none
     return float(np.sqrt(np.mean(found))) if found else 0.0

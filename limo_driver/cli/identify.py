@@ -188,7 +188,7 @@ def _wrote(out: Path, page: Path | None) -> str:
 
 
 def _show(found: Identification, out: Path, page: Path | None, *, base: bool) -> None:
-    from estimators.rigid_body.report.base_estimates import known_of
+    from estimators.rigid_body.report.base_estimates import known_of, notes_of
     from estimators.rigid_body.report.tables import base_table, joint_table, link_table
     from limo_driver.console.terminal import terminal
 
@@ -210,6 +210,6 @@ def _show(found: Identification, out: Path, page: Path | None, *, base: bool) ->
     console.print(link_table(found))
     if base:
         console.print(base_table(found))
-    for warning in found.warnings:
-        console.print(f"note: {warning}")
+    for note in notes_of(found):
+        console.print(f"note: {note}")
     console.print(_wrote(out, page), soft_wrap=True)

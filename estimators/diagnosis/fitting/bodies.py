@@ -26,10 +26,12 @@ from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import cho_solve
 
 from estimators.diagnosis.hypotheses.improvement import body_of
 from estimators.diagnosis.hypotheses.revision import relative_inertia
 from estimators.diagnosis.wording import LINK_INERTIA
+from estimators.regression.definite import inverse_root, lower_of
 from estimators.regression.evidence import REACH, joined
 from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.fitting.consistent import nearest_body
@@ -61,6 +63,11 @@ class _Body:
     def fitted(self, mean: FloatArray) -> FloatArray:
         """Return its parameters (10,) under coefficients (m,)."""
         return self.nominal + self.changes @ mean
+
+    def is_free(self, fit: Posterior) -> bool:
+        """Say whether a fit held no coefficient, and each of them moves a parameter of its own."""
+        own = np.diag(self.changes[:, self.own])  # on and below which all of them are
+        return bool(own.all() and fit.deviation[self.own].all())
 
     def is_impossible(self, mean: FloatArray) -> bool:
         """Say whether it is there and cannot be; where the nominal one cannot, nobody knows."""
@@ -103,7 +110,7 @@ def with_possible_bodies(
     for item in _bodies(model, extents, members, mean.size):
         if not item.is_impossible(mean):
             continue
-        if not _is_free(item.changes @ fitted.covariance @ item.changes.T):
+        if not item.is_free(fitted):
             continue  # held in part, where the nearest cannot be told
         own, body = item.own, item.fitted(mean)
         back = np.linalg.inv(item.changes[:, own]).astype(np.float64)
@@ -121,7 +128,7 @@ def with_possible_bodies(
     rest = np.setdiff1d(np.flatnonzero(open_to > 0), moved)
     change = known()[np.ix_(rest, moved)] @ (mean - fitted.mean)[moved]
     stiff = known()[np.ix_(rest, rest)] + np.diag(1.0 / open_to[rest])
-    mean[rest] -= np.linalg.solve(stiff, change)
+    mean[rest] -= cho_solve((lower_of(stiff), True), change)
     most = np.where(np.arange(mean.size) < nuisance.index.size, REACH * prior.deviation, np.inf)
     return np.clip(mean, np.where(prior.positive, 0.0, -most), most)
 
@@ -145,25 +152,16 @@ def lost_by_bodies(
     for item in _bodies(model, extents, members, found.mean.size):
         if item.member is None or not item.is_out_of_reach(found.mean):
             continue
-        spread = item.changes @ found.covariance @ item.changes.T
-        if not _is_free(spread):
+        if not item.is_free(found):
             continue
-        metric, body = np.linalg.inv(spread).astype(np.float64), item.fitted(found.mean)
+        root = inverse_root(item.changes @ found.covariance @ item.changes.T)
+        metric, body = root.T @ root, item.fitted(found.mean)
         possible = [item.nominal]  # as if it had not competed
         with suppress(DivergedError):
             start = item.nominal if item.nominal.any() else None
             possible.append(nearest_body(body, metric, item.extent, start))
         lost[item.member] = min(0.5 * float((x - body) @ metric @ (x - body)) for x in possible)
     return lost
-
-
-def _is_free(spread: FloatArray) -> bool:
-    """Say whether a covariance leaves every parameter of a body free, whatever their units."""
-    scale = np.sqrt(np.diag(spread))
-    if not scale.all():
-        return False
-    rank = np.linalg.matrix_rank(spread / np.outer(scale, scale), hermitian=True)
-    return int(rank) == PER_LINK
 
 
 def _bodies(

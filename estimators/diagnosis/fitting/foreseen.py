@@ -37,7 +37,7 @@ class Foreseen:
     simulation: Simulation  # the fitted one
     given: Simulation  # whose values were known to its tolerances
     places: tuple[Place, ...]
-    covariance: FloatArray  # (c, c) of the coefficients of `Linearised`
+    root: FloatArray  # R (c, c), with Rᵀ R the covariance of the coefficients of `Linearised`
 
     @classmethod
     def of(cls, fitted: Observations, given: Simulation, places: Sequence[Place]) -> Foreseen:
@@ -49,7 +49,7 @@ class Foreseen:
             places: Of what was found: effect, joints (1-based), and whether it was missing.
         """
         around = _around(fitted, given, places)
-        return cls(fitted.simulation, given, tuple(places), around.covariance())
+        return cls(fitted.simulation, given, tuple(places), around.root())
 
     def rms(self, motion: Observations) -> FloatArray:
         """Return the error to be expected on other motion, (n,) [N m] RMS over its moving rows.
@@ -63,10 +63,9 @@ class Foreseen:
         for joint in range(motion.n):
             values, at = around.columns.of_joint(joint)
             own = entered[at]
-            A, C = values[:, own], self.covariance[np.ix_(at[own], at[own])]
             rows = motion.moving[:, joint]
-            variance = np.einsum("ka,ab,kb->k", A, C, A)[rows]
-            result[joint] = np.sqrt(variance.mean()) if rows.any() else 0.0
+            spread = values[np.ix_(rows, own)] @ self.root[:, at[own]].T
+            result[joint] = np.sqrt(np.sum(spread**2) / max(len(spread), 1))
         return result
 
 

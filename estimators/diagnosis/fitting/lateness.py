@@ -20,6 +20,7 @@ from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.selection.candidates import entered
 from estimators.diagnosis.settings.fitting import LATENESS
 from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.regression.definite import inverse_root
 from limo_driver.physics import TimeDelay
 from limo_driver.physics.effects.delay import DELAYED, LAGGING
 
@@ -182,11 +183,10 @@ class _OneJoint:
                 [late.late(self.time[rows], both[rows]) for rows in self.segments]
             )
         A, y = self.whiten(both[:, :-1]), self.whiten(self.measured - both[:, -1])
-        precision = A.T @ A + np.eye(A.shape[1])
-        root = np.linalg.cholesky(precision)
-        part = np.linalg.solve(root, A.T @ y)
-        evidence = 0.5 * float(part @ part - y @ y) - float(np.log(np.diag(root)).sum())
-        return evidence, np.linalg.solve(root.T, part) * self.deviation
+        root = inverse_root(A.T @ A + np.eye(A.shape[1]))
+        part = root @ (A.T @ y)
+        evidence = 0.5 * float(part @ part - y @ y) + float(np.log(np.diag(root)).sum())
+        return evidence, (root.T @ part) * self.deviation
 
 
 def _latest(alone: _OneJoint, beside: Solution, known: TimeDelay, *, long: bool) -> _Late | None:

@@ -30,6 +30,7 @@ from estimators.diagnosis.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.selection.nuisance import Nuisance, nuisance_of, without_sensors
 from estimators.diagnosis.settings.fitting import NEWTON
 from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import Prior, joined, posterior
 from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.errors import ConfigError
@@ -177,11 +178,13 @@ class Linearised:
         of_found = np.ones(sum(part.index.size for part in self.own), dtype=bool)
         return np.concatenate([self.nuisance.entered, of_found])
 
-    def covariance(self) -> FloatArray:
-        """Return the covariance of all coefficients (c, c), were errors as the noise model says."""
+    def root(self) -> FloatArray:
+        """Return R (c, c), with Rᵀ R the covariance of all coefficients.
+
+        Were errors as the noise model says.
+        """
         prior = joined(self.known, *self.own)
-        inverse = _Information.of(self.observed, self.columns, prior).inverse
-        return inverse * np.outer(prior.deviation, prior.deviation)
+        return _Information.of(self.observed, self.columns, prior).root * prior.deviation
 
     def _variance(self) -> FloatArray:
         """Return the variance of each coefficient, in its own unit squared.
@@ -192,11 +195,11 @@ class Linearised:
         prior = joined(self.known, *self.own)
         known = _Information.of(self.observed, self.columns, prior)
         inverse = known.inverse
-        scores = known.scores(_blocks(self.observed))
-        spread = inverse @ (scores.T @ scores + np.eye(len(inverse))) @ inverse
+        scores = known.scores(_blocks(self.observed)) @ inverse
+        spread = np.sum(scores**2, axis=0) + np.sum(inverse**2, axis=0)
         several = (np.diagonal(known.gram, axis1=1, axis2=2) > 0).sum(axis=0) > 1
         widened = np.where(several, known.disagreement(), 1.0) * np.diag(inverse)
-        return np.maximum(widened, np.diag(spread)) * prior.deviation**2
+        return np.maximum(widened, spread) * prior.deviation**2
 
 
 @dataclass(frozen=True)
@@ -225,10 +228,14 @@ class _Information:
         return cls(gram, product, tuple(white))
 
     @cached_property
+    def root(self) -> FloatArray:
+        """Root R (c, c) of the covariance Rᵀ R of the coefficients by all joints together."""
+        return _root_of_posterior(self.gram.sum(axis=0))
+
+    @cached_property
     def inverse(self) -> FloatArray:
         """Covariance of the coefficients by all joints together, (c, c)."""
-        gram = self.gram.sum(axis=0)
-        return np.asarray(np.linalg.inv(gram + np.eye(len(gram))), dtype=float)
+        return self.root.T @ self.root
 
     @cached_property
     def best(self) -> FloatArray:
@@ -251,14 +258,19 @@ class _Information:
         """
         gained = added = 0.0
         for gram, product in zip(self.gram, self.product, strict=True):
-            own = np.linalg.inv(gram + np.eye(self.best.size))
-            off = product - gram @ self.best
-            gained += float(off @ own @ off)
-            added += float(np.sum(gram * own))
+            root = _root_of_posterior(gram)
+            off = root @ (product - gram @ self.best)
+            gained += float(off @ off)
+            added += float(np.sum((root @ gram) * root))
         added -= float(np.sum(self.gram.sum(axis=0) * self.inverse))
         if added < 1.0:  # no two joints show the same
             return 1.0
         return gained / added if gained > float(chi2.ppf(NEWTON.disagree, added)) else 1.0
+
+
+def _root_of_posterior(gram: FloatArray) -> FloatArray:
+    """Return R with Rᵀ R = (gram + 1)⁻¹, in units of prior deviations, (c, c)."""
+    return inverse_root(gram + np.eye(len(gram)))
 
 
 def polished(

@@ -31,6 +31,7 @@ from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.selection.base_friction import rubs
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.evidence import REACH, joined, posterior
+from estimators.regression.ties import ranked
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -112,7 +113,7 @@ def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
         if _deviation_without(problem, solution, member) < most
     }
     errs = _in_errors(problem, solution, left)
-    for member in sorted(gain, key=lambda member: gain[member], reverse=True):
+    for member in ranked(gain, gain.__getitem__):
         fewer = simulated(problem, _less(problem, solution, (member,)))
         if _in_errors(problem, solution, fewer) < errs:
             return member
@@ -302,7 +303,7 @@ def _surely_beyond(
         search.evidence.products, replace(nuisance, deviation=free), search.prior(solution.members)
     )
     count = nuisance.index.size
-    off, sure = fit.mean[:count], np.sqrt(np.diag(fit.covariance)[:count])
+    off, sure = fit.mean[:count], fit.deviation[:count]
     return np.abs(off) - SOLVING.surely * sure > REACH * nuisance.deviation
 
 

@@ -26,11 +26,12 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
-from estimators.diagnosis.wording import rounded
+from estimators.diagnosis.wording import listed, rounded
+from estimators.regression.ties import ranked
 from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.judgement.judgement import RemainingResidual
@@ -136,6 +137,7 @@ def conclude(
         rows=rows_of(problem),
         notes=(
             *notes_on(given, doubts),
+            *unproven(problem),
             *repeats.notes(problem.observed, proven),
             *(
                 [unnamed_note([problem.candidates[i] for i in stand_ins])]
@@ -148,6 +150,14 @@ def conclude(
         holds=held_by(problem, solution),
         doubts=doubts,
     )
+
+
+def unproven(problem: RegressionProblem) -> Iterator[str]:
+    """Yield which joints move, and in no stretch that is held out; in one sentence."""
+    moves, judged = (rows.any(axis=0) for rows in (problem.observed.moving, problem.split.held_out))
+    if joints := [str(j + 1) for j in np.flatnonzero(moves & ~judged).tolist()]:
+        some = f"joint{'s' * (len(joints) > 1)} {listed(joints)}"
+        yield f"No motion of {some} is held out: what is said of it was proven on none."
 
 
 def identified_of(problem: RegressionProblem, members: Sequence[int]) -> tuple[Identified, ...]:
@@ -255,10 +265,10 @@ def _ranked(problem: RegressionProblem, solution: Solution, limit: int) -> list[
         sets |= {item.members for item in search.ranked(rest, limit)} | {rest}
     sets |= {item.members for item in search.ranked((), limit)}
     best: dict[tuple[tuple[str, tuple[int, ...]], ...], tuple[int, ...]] = {}
-    for members in [*sorted(sets, key=search.gain), chosen]:
+    for members in [*reversed(ranked(sorted(sets), search.gain)), chosen]:
         best[tuple(sorted(problem.candidates[i].place for i in members))] = members
-    others = sorted(set(best.values()) - {chosen}, key=search.gain, reverse=True)[: limit - 1]
-    return sorted([chosen, *others], key=search.gain, reverse=True)
+    others = ranked(sorted(set(best.values()) - {chosen}), search.gain)[: limit - 1]
+    return ranked([chosen, *others], search.gain)
 
 
 def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
@@ -268,7 +278,7 @@ def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
     deviation = problem.nuisance.prior.deviation
     sigmas = np.divide(mean, deviation, out=np.zeros_like(mean), where=deviation > 0)
     left = np.ones_like(mean)
-    known = np.sqrt(np.maximum(np.diag(final.fitted.covariance)[:count], 0.0))
+    known = final.fitted.deviation[:count]
     np.divide(known, deviation, out=left, where=deviation > 0)
     order = np.argsort(-np.abs(sigmas))
     parameters = problem.nuisance.parameters

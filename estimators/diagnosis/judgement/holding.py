@@ -42,7 +42,7 @@ def _ranges(values: FloatArray, rows: NDArray[np.bool_]) -> tuple[tuple[float, f
 def _as_stated(problem: RegressionProblem, solution: Solution) -> tuple[str, ...]:
     """Name the stated sizes of friction of which the fit knows hardly more than was stated."""
     prior, fitted = problem.nuisance.prior, solution.fitted
-    known = np.sqrt(np.diag(fitted.covariance)[: prior.index.size])
+    known = fitted.deviation[: prior.index.size]
     at_limit = ~np.isnan(solution.search.evidence.at_limit(fitted))
     open_ = (known > HOLDING.open * prior.deviation) & (prior.deviation > 0) & ~at_limit
     return tuple(

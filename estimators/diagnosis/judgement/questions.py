@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]:
     """Ask every question of every joint whose error is above its noise floor.
 
+    A joint that moves in no stretch held out has nothing to judge an answer by, and is not asked.
+
     Args:
         problem: Observations, nuisance columns and rows held out.
         solution: The chosen set; what it leaves is the noise floor, and its noise counts.
@@ -43,6 +45,8 @@ def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]
     tests: list[Test] = []
     for joint in range(problem.observed.n):
         rows = problem.observed.moving[:, joint]
+        if not problem.split.held_out[:, joint].any():
+            continue
         energy, floor = (float(np.sum(left[rows, joint] ** 2)) for left in (before, after))
         if energy > QUESTIONS.affected**2 * floor:
             floor /= max(1, int(rows.sum()))

@@ -15,6 +15,7 @@ import numpy as np
 from estimators.diagnosis.hypotheses.responses import over_joint
 from estimators.diagnosis.residuals.held_out import block_of
 from estimators.diagnosis.settings.judgement import BLACK_BOX
+from estimators.regression.definite import inverse_root
 from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
@@ -48,7 +49,9 @@ def predictable_part(observed: Observations, residual: FloatArray, joint: int) -
         guess = np.empty_like(residual)
         for k in range(BLACK_BOX.folds):
             M = gram - grams[k] + ridge * len(residual) * np.eye(X.shape[1])
-            guess[fold == k] = X[fold == k] @ np.linalg.solve(M, product - products[k])
+            root = inverse_root(M)
+            found = root.T @ (root @ (product - products[k]))
+            guess[fold == k] = X[fold == k] @ found
         error = float(np.sum((residual - guess) ** 2))
         if error < least:
             best, least = guess, error

@@ -16,6 +16,7 @@ from estimators.diagnosis.residuals.held_out import Split, rmse
 from estimators.diagnosis.residuals.mistakes import dry_and_viscous
 from estimators.diagnosis.settings.residuals import MOUNTING
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Verdict, Where
+from estimators.regression.definite import SHOWN
 from limo_driver.physics import GravityDirection
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ def _gravity_of(observed: Observations) -> FloatArray | None:
         right += weight * data[:, :3].T @ data[:, 3]
         energy, used = energy + 1.0, used + len(data)
     size, turns = float(np.linalg.norm(body.gravity)), np.linalg.eigvalsh(gram)
-    if turns[0] <= np.finfo(float).eps * max(float(turns[-1]), np.finfo(float).tiny):
+    if turns[0] <= SHOWN * max(float(turns[-1]), np.finfo(float).tiny):
         return None  # one of its directions acts on no joint that moves
     change = np.linalg.solve(gram, right)
     left = max(energy - float(change @ right), 0.0)

@@ -22,6 +22,7 @@ from estimators.diagnosis.hypotheses.revision import (
     reviser,
 )
 from estimators.diagnosis.settings.selection import TOLERATED
+from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import REACH, Prior, joined
 from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
 from limo_driver.physics import (
@@ -189,7 +190,8 @@ def without_sensors(
         scaled = values[:, own] * deviation[at[own]]
         A = noise.whiten(scaled, joint, rows[:, joint])
         y = noise.whiten(left[:, joint], joint, rows[:, joint])
-        found = np.linalg.solve(A.T @ A + np.eye(A.shape[1]), A.T @ y)
+        root = inverse_root(A.T @ A + np.eye(A.shape[1]))
+        found = root.T @ (root @ (A.T @ y))
         result[:, joint] -= scaled @ np.clip(found, -REACH, REACH)
     return result
 

@@ -22,6 +22,8 @@ from estimators.drives.fitting.constants import (
     with_values,
 )
 from estimators.drives.simulation.one_joint import LoadedJoint
+from estimators.regression.definite import Spectrum
+from estimators.regression.jackknife import jackknife
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -44,7 +46,8 @@ _FARTHEST: Final = 1.0  # of a logarithm or in the unit, that a block left out m
 
 
 NORMAL: Final = 1.96  # deviations that hold 95 %
-_NOWHERE: Final = 50.0  # of a logarithm, beyond which an interval says nothing
+_NOWHERE: Final = 50.0  # of a logarithm or in the unit, beyond which an interval says nothing
+_EXACT: Final = 1e-12  # [rad], errors of which are as good as none
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,10 @@ class JointFit:
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a value."""
-        value, reach = self.value(name), NORMAL * self.deviation[name]
+        value, reach = self.value(name), min(NORMAL * self.deviation[name], _NOWHERE)
         if name in SIGNED:
             return value - reach, value + reach
-        far = float(np.exp(min(reach, _NOWHERE)))
+        far = float(np.exp(reach))
         return value / far, value * far
 
     @property
@@ -169,13 +172,12 @@ def fit_joint(
     best = of(found.x)
     error = found.fun[:held]
     spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))
-    scale = float(spread) * np.sqrt(error.size / independent(error))
+    scale = max(float(spread), _EXACT) * np.sqrt(error.size / independent(error))
     normal = found.jac[:held].T @ found.jac[:held]
     for name, prior in known.items():
         at = names.index(name)
         normal[at, at] += (scale / prior.deviation) ** 2
-    covariance = np.linalg.pinv(normal, hermitian=True) * scale**2
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    deviation = scale * Spectrum.of(normal).deviation()
     return JointFit(best, names, dict(zip(names, deviation.tolist(), strict=True)), error)
 
 
@@ -209,12 +211,17 @@ def left_out(
     for number in range(many):
         own = block != number
         values[number] = here + _linear_step(slope[own], fit.error[own], stiff, away)
-    few = float(student_t.ppf(0.975, many - 1)) / NORMAL  # few blocks are less sure of a spread
-    between = (few * np.sqrt((many - 1) * values.var(axis=0))).tolist()
     deviation = {
-        name: max(fit.deviation[name], own) for name, own in zip(names, between, strict=True)
+        name: max(fit.deviation[name], own)
+        for name, own in zip(names, between(values).tolist(), strict=True)
     }
     return replace(fit, deviation=deviation)
+
+
+def between(fits: FloatArray) -> FloatArray:
+    """Return deviations (p,) by what fits (F, p) that each leave a part out differ by."""
+    few = float(student_t.ppf(0.975, len(fits) - 1)) / NORMAL  # few are less sure of a spread
+    return few * np.linalg.norm(jackknife(fits), axis=0)
 
 
 def _linear_step(

@@ -12,12 +12,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.stats import t as student_t
 
 from estimators.drives.fitting.arm import glance_at
 from estimators.drives.fitting.constants import inner, value_in
 from estimators.drives.fitting.identification import ASKED, SURE
-from estimators.drives.fitting.joint import NORMAL, blocks
+from estimators.drives.fitting.joint import between, blocks
 from estimators.drives.hypotheses.stated import stated_arm
 from estimators.drives.simulation.free_run import free_run
 from estimators.drives.simulation.loads import ArmLoads, as_described
@@ -68,8 +67,7 @@ def _between(found: Searched) -> FloatArray:
             for k in range(many)
         ]
     )
-    few = float(student_t.ppf(0.975, many - 1)) / NORMAL
-    return few * np.sqrt((many - 1) * values.var(axis=0))
+    return between(values)
 
 
 def _rehearsed(simulation: Simulation, found: Searched, ticks: FloatArray) -> FloatArray:

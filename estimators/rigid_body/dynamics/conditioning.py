@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.regression.definite import ROUNDING, Spectrum
 from estimators.rigid_body.dynamics.base_parameters import find_base_parameters
 from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain, fill_regressor
 from estimators.rigid_body.terms import JointTerms
@@ -70,9 +71,7 @@ class Conditioning:
 
     def scaled(self, motion: Motion) -> float:
         """Return the condition number with each column divided by its norm."""
-        gram = self._gram(motion)
-        norm = np.sqrt(np.diag(gram))
-        return _ratio(gram / np.outer(norm, norm))
+        return Spectrum.of(self._gram(motion)).condition
 
     def smooth(self, motion: Motion, sharpness: float) -> MotionGradient:
         """Return a smooth bound of the logarithm of the condition number, and its derivative.
@@ -143,7 +142,7 @@ def _ratio(gram: FloatArray) -> float:
     """Return the condition number of a matrix whose Gram matrix is given."""
     eigenvalues = np.linalg.eigvalsh(gram)
     largest, smallest = float(eigenvalues[-1]), float(eigenvalues[0])
-    dependent = smallest <= np.finfo(float).eps * largest  # up to rounding
+    dependent = smallest <= ROUNDING * largest
     return float("inf") if dependent else float(np.sqrt(largest / smallest))
 
 

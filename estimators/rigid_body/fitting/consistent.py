@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.regression.definite import RegularisedInverse, root_of
 from estimators.rigid_body.dynamics.regressor import PER_LINK
 from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import DivergedError
@@ -70,13 +71,13 @@ class ConsistentFit:
     """Full parameters that a robot can have."""
 
     parameters: FloatArray  # (p,)
-    covariance: FloatArray  # (p, p); 0 where held at zero
+    spread: FloatArray  # D (m, p), with Dᵀ D their covariance; 0 where held at zero
     log_evidence: float  # log-likelihood of the data under the tolerance, plus a constant
 
     @property
     def deviation(self) -> FloatArray:
         """Standard deviations (p,); 0 where held at zero."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return np.linalg.norm(self.spread, axis=0)
 
 
 def fit_consistent(
@@ -113,7 +114,7 @@ def fit_consistent(
         released = held & ~absent & (problem.gradient(phi) < -_RELEASE)
         if not negative.any() and not released.any():
             return ConsistentFit(
-                phi, problem.covariance(phi, ~held), problem.log_evidence(phi, ~absent)
+                phi, problem.spread(phi, ~held), problem.log_evidence(phi, ~absent)
             )
         held = (held | negative) if negative.any() else (held & ~released)
     raise DivergedError("the friction parameters found no consistent set of signs")
@@ -205,15 +206,25 @@ class _Problem:
         hessian[:size, :size] = blocks.reshape(size, size)
         return hessian
 
-    def covariance(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
-        """Return the covariance of the parameters (p, p) at the minimum."""
-        covariance = np.zeros((phi.size, phi.size))
-        H, scale = self._scaled(phi, free)
-        inverse = np.linalg.inv(H)
-        prior = self.hessian(phi) - self.data.gram
-        spread = (self.data.spread + prior)[np.ix_(free, free)] * np.outer(scale, scale)
-        covariance[np.ix_(free, free)] = inverse @ spread @ inverse * np.outer(scale, scale)
-        return covariance
+    def spread(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+        """Return D (m, p), with Dᵀ D the covariance of the parameters at the minimum."""
+        inverse = self._inverse(phi, free)
+        of_data = root_of(self.data.spread[np.ix_(free, free)])
+        spread = inverse.spread(of_data)
+        result = np.zeros((len(spread), phi.size))
+        result[:, free] = spread
+        return result
+
+    def _inverse(self, phi: FloatArray, free: NDArray[np.bool_]) -> RegularisedInverse:
+        """Return the inverse of the Hessian in the free parameters."""
+        size, each = PER_LINK * self.links, np.arange(self.links)
+        roots = metric_root(phi[:size].reshape(self.links, PER_LINK), self.basis)
+        prior = np.zeros((self.links, roots.shape[1], self.links, PER_LINK))
+        prior[each, :, each] = np.sqrt(self.precision) * roots
+        of_bodies = np.zeros((prior.shape[0] * prior.shape[1], phi.size))
+        of_bodies[:, :size] = prior.reshape(len(of_bodies), size)
+        F = np.concatenate([of_bodies, np.diag(np.sqrt(self.ridge))[size:]])
+        return RegularisedInverse.of(self.data.gram[np.ix_(free, free)], F[:, free])
 
     def log_evidence(self, phi: FloatArray, present: NDArray[np.bool_]) -> float:
         """Integrate likelihood and prior over the parameters by Laplace's approximation.
@@ -226,8 +237,8 @@ class _Problem:
         b = a + 2.5
         log_gamma = 3 * log(pi) + sum(lgamma(b - k / 2) for k in range(4))
         normaliser = 4 * a - 4 * b * log(a) + log_gamma
-        H = self.hessian(phi)[np.ix_(present, present)]
-        return -self.value(phi) - self.links * normaliser - 0.5 * float(np.linalg.slogdet(H)[1])
+        volume = 0.5 * self._inverse(phi, present).log_determinant
+        return -self.value(phi) - self.links * normaliser + volume
 
     def _scaled(self, phi: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
         """Return the Hessian with a diagonal of ones, and the scale that made it so."""
@@ -263,7 +274,7 @@ class _Problem:
 
     def reach(self, phi: FloatArray, step: FloatArray) -> float:
         """Return how many such steps lead to where a body ceases to exist."""
-        lower = np.linalg.inv(np.linalg.cholesky(self.bodies(phi)))
+        lower = _inverse_lower(self.bodies(phi))
         change = lower @ self.bodies(step) @ lower.swapaxes(1, 2)
         # of a body, relative to itself, in the direction that shrinks most
         least = float(np.linalg.eigvalsh(change)[:, 0].min())
@@ -303,9 +314,28 @@ def body_metric(parameters: FloatArray, basis: FloatArray | None = None) -> Floa
         parameters: Of the bodies.
         basis: Of what has to be positive definite, (10, d, d); the pseudo-inertia by default.
     """
+    root = metric_root(parameters, basis)
+    return root.swapaxes(-1, -2) @ root
+
+
+def metric_root(parameters: FloatArray, basis: FloatArray | None = None) -> FloatArray:
+    """Return R (..., d², 10), with Rᵀ R the metric at bodies of own parameters (..., 10).
+
+    Raises:
+        DivergedError: A body hardly exists.
+    """
     basis = _BASIS if basis is None else basis
-    turned = np.linalg.inv(_spanned(parameters, basis))[..., None, :, :] @ basis
-    return np.einsum("...kab,...lba->...kl", turned, turned)
+    lower = _inverse_lower(_spanned(parameters, basis))[..., None, :, :]
+    turned = lower @ basis @ lower.swapaxes(-1, -2)
+    return turned.reshape(*turned.shape[:-2], -1).swapaxes(-1, -2)
+
+
+def _inverse_lower(bodies: FloatArray) -> FloatArray:
+    """Return L⁻¹ (..., d, d) with L Lᵀ what has to be positive definite (..., d, d)."""
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(bodies)), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise DivergedError("the consistent inertias lost all digits") from None
 
 
 def _basis() -> FloatArray:

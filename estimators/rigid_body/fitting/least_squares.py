@@ -7,18 +7,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.rigid_body.fitting.folds import FOLDS, jackknife
+from estimators.regression.definite import RegularisedInverse, Spectrum, root_of
+from estimators.regression.jackknife import jackknife
+from estimators.rigid_body.fitting.folds import FOLDS
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from estimators.rigid_body.dynamics.base_parameters import BaseParameters
     from estimators.rigid_body.fitting.normal_equations import ArmEquations
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray
 
 _ROUNDS = 20  # of reweighting, at most
+_ALIKE = 1e-6  # relative difference of errors that does not tell one width from another
 _SETTLED = 1e-3  # relative change of the errors that ends it
 _WIDEST = 100.0  # standard deviation of any base parameter before the data [SI]
 _COARSE = 100.0  # independent rows that a wrong model is worth at most
+_NEXT_TO_NOTHING = 1e-3  # of a joint's torque, by its terms at 1 rad/s and 1 rad/s²
 _SMALLEST_ERROR = 1e-6  # of the torque's root mean square, so that exact data keep finite weights
 
 
@@ -27,13 +33,24 @@ class BaseFit:
     """Base parameters fitted to recordings."""
 
     parameters: FloatArray  # (b,)
-    covariance: FloatArray  # (b, b), of errors as they last, and of fits without each fold
+    spread: FloatArray  # D, with Dᵀ D the covariance (b, b): of errors as they last, and of folds
+    shown: NDArray[np.bool_]  # (b,), parameters of which the motion says more than the prior
     effective: FloatArray  # (n,), independent rows that each joint's rows are worth
     rmse: FloatArray  # (n,) [N m], in sample
     weight: FloatArray  # (n,) [1/(N m)²], of each row of a joint beside a prior
     row_variance: FloatArray  # (n,) [N² m²], of a row's error, as if rows were independent
     condition: float  # of the column-scaled regressor; inf if a parameter is not excited
     excited: int  # base parameters that the motion reveals
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the parameters, (b, b)."""
+        return self.spread.T @ self.spread
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations of the parameters, (b,)."""
+        return np.linalg.norm(self.spread, axis=0)
 
 
 def fit_base(equations: ArmEquations, base: BaseParameters, nominal: FloatArray) -> BaseFit:
@@ -56,13 +73,15 @@ def fit_base(equations: ArmEquations, base: BaseParameters, nominal: FloatArray)
     row_variance = found.rmse**2 / share
     trusted = _trusted(effective, equations.thinned.use.sum(axis=0))
     of_score, _ = equations.weighted(weight**2 * row_variance / trusted)
-    spread = of_score[np.ix_(base.independent, base.independent)] + np.eye(base.rank) / _WIDEST**2
+    of_errors = root_of(of_score[np.ix_(base.independent, base.independent)])
     scale = effective.sum() / float(weight * found.rmse**2 @ effective)
     start = base.reduce(nominal)
     without = [_solve(equations, base, start, weight, fold).parameters for fold in range(FOLDS)]
+    spread = np.concatenate([solution.inverse.spread(of_errors), jackknife(without)])
     return BaseFit(
         solution.parameters,
-        solution.inverse @ spread @ solution.inverse + jackknife(without),
+        spread,
+        solution.inverse.shown | _hardly_any(equations, base, np.linalg.norm(spread, axis=0)),
         effective,
         found.rmse,
         weight * share * scale * trusted,
@@ -70,6 +89,19 @@ def fit_base(equations: ArmEquations, base: BaseParameters, nominal: FloatArray)
         solution.condition,
         solution.excited,
     )
+
+
+def _hardly_any(
+    equations: ArmEquations, base: BaseParameters, deviation: FloatArray
+) -> NDArray[np.bool_]:
+    """Mark the base parameters (b,) that are terms of a joint and known to next to nothing.
+
+    A friction of zero is never known to better than its size.
+    """
+    links, torque = equations.chain.width, equations.energy / np.maximum(equations.count, 1)
+    joint = (base.independent - links) % torque.size
+    small = deviation < _NEXT_TO_NOTHING * np.sqrt(torque)[joint]
+    return small & (base.independent >= links)
 
 
 def _trusted(effective: FloatArray, thinned: FloatArray) -> FloatArray:
@@ -102,7 +134,8 @@ def choose_sign_widths(
         _reweighted(equations.choose(terms, [index] * n), base, nominal).rmse
         for index in range(len(terms.sign_widths))
     ]
-    choice = tuple(np.argmin(errors, axis=0).tolist())
+    as_good = errors <= (1.0 + _ALIKE) * np.min(errors, axis=0)  # where none matters, the first
+    choice = tuple(np.argmax(as_good, axis=0).tolist())
     return WidthChoice(equations.choose(terms, choice), terms.with_choice(choice))
 
 
@@ -136,7 +169,7 @@ def _reweighted(equations: ArmEquations, base: BaseParameters, nominal: FloatArr
 @dataclass(frozen=True)
 class _Solution:
     parameters: FloatArray  # (b,)
-    inverse: FloatArray  # (b, b), of the weighted Gram matrix
+    inverse: RegularisedInverse  # of the weighted Gram matrix
     condition: float
     excited: int
 
@@ -154,16 +187,12 @@ def _solve(
     """
     gram, product = equations.weighted(weight, without)
     A = gram[np.ix_(base.independent, base.independent)]
-    prior = np.full(base.rank, _WIDEST**-2)
-    b = product[base.independent] - A @ start
-    scale = 1.0 / np.sqrt(np.diag(A) + prior)
-    values, vectors = np.linalg.eigh((A + np.diag(prior)) * np.outer(scale, scale))
-    inverse = (vectors / values) @ vectors.T
-    excited = int((np.linalg.eigvalsh(A) > 1.0 / _WIDEST**2).sum())
-    is_known = excited == base.rank and values[0] > 0.0  # rounding may leave less than nothing
+    prior = np.eye(base.rank) / _WIDEST
+    inverse = RegularisedInverse.of(A, prior)
+    beyond_prior = Spectrum.of(A - prior**2, np.diag(A + prior**2))
     return _Solution(
-        start + scale * (inverse @ (scale * b)),
-        inverse * np.outer(scale, scale),
-        float(np.sqrt(values[-1] / values[0])) if is_known else np.inf,
-        excited,
+        start + inverse.estimate(product[base.independent] - A @ start),
+        inverse,
+        Spectrum.of(A + prior**2).condition if beyond_prior.rank == base.rank else np.inf,
+        beyond_prior.rank,
     )

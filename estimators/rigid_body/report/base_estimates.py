@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +18,7 @@ _PER_LINK = (  # as in the regressor: mass, its first moments, inertia at the jo
 )
 _ROUNDING = 1e-15  # of differences of nominal inertias [SI]
 _SMALLEST = 1e-9  # [SI], that a parameter is as large as
+_LISTED = 8  # names at most
 
 
 @dataclass(frozen=True)
@@ -28,14 +29,41 @@ class BaseEstimate:
     combination: str  # e.g. "my_2 + mz_3 + 0.4200 m_4"
     unit: str
     value: float
-    deviation: float  # standard deviation, see `fit_base`
+    deviation: float  # standard deviation, see `fit_base`; infinite where it is not identified
     nominal: float  # of the robot description; friction and offsets have 0 there
+
+    @property
+    def is_identified(self) -> bool:
+        """Whether the motion says anything of it."""
+        return bool(np.isfinite(self.deviation))
 
 
 def base_estimates(found: Identification) -> tuple[BaseEstimate, ...]:
-    """List the base parameters of an identification, (b,), links first."""
+    """List the base parameters of an identification, (b,), links first.
+
+    One that is known to no better than its size, and that only from what is believed before any
+    motion, is not identified.
+    """
+    estimates = _fitted(found)
+    size = sizes_of(estimates)
+    return tuple(
+        item if shown or item.deviation <= size[item.name] else replace(item, deviation=np.inf)
+        for item, shown in zip(estimates, found.fit.shown, strict=True)
+    )
+
+
+def notes_of(found: Identification) -> tuple[str, ...]:
+    """Return the warnings of an identification, and which base parameters are not identified."""
+    names = [item.name for item in base_estimates(found) if not item.is_identified]
+    if not names:
+        return found.warnings
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return *found.warnings, f"not identified by this motion: {', '.join(names[:_LISTED])}{more}"
+
+
+def _fitted(found: Identification) -> tuple[BaseEstimate, ...]:
     labels = _labels(found)
-    base, deviation = found.base, np.sqrt(np.diag(found.fit.covariance))
+    base, deviation = found.base, found.fit.deviation
     nominal = base.reduce(found.nominal)
     nominal = np.where(np.abs(nominal) < _ROUNDING, 0.0, nominal)
     estimates: list[BaseEstimate] = []

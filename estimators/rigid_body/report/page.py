@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.rigid_body.report.base_estimates import base_estimates, known_of
+from estimators.rigid_body.report.base_estimates import base_estimates, known_of, notes_of
 from limo_driver.pages import Charts, Page, Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
@@ -64,7 +64,7 @@ def identification_page(found: Identification, file: str) -> Page:
     pointed = "Drag to turn. Labels: the links whose mass moved most from the robot description."
     body = (
         header(f"Identification of {found.model.name}", title, source)
-        + section("Notes", listed(found.warnings), "notes")
+        + section("Notes", listed(notes_of(found)), "notes")
         + section("Errors", charts.place(_errors(found), "Error of each joint"), "errors", _ERRORS)
         + section("Friction, offset, drive", _terms(found, charts), "terms", _TERMS)
         + (arm_section(view, "Where inertias moved", pointed) if view else "")
@@ -153,7 +153,10 @@ def _base(found: Identification) -> dict[str, list[object]]:
     return {
         "parameter": [item.combination for item in estimates],
         "value": [f"{item.value:.4g}" for item in estimates],
-        "±": [f"{item.deviation:.1g}" for item in estimates],
+        "±": [
+            f"{item.deviation:.1g}" if item.is_identified else "not identified"
+            for item in estimates
+        ],
         "nominal": [f"{item.nominal:.4g}" for item in estimates],
         "unit": [item.unit for item in estimates],
     }

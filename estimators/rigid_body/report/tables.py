@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich import box
 from rich.table import Table
 
-from estimators.rigid_body.report.base_estimates import base_estimates
+from estimators.rigid_body.report.base_estimates import base_estimates, notes_of
 
 if TYPE_CHECKING:
     from estimators.rigid_body.identification import Identification, TermEstimate
@@ -83,8 +83,8 @@ def base_table(found: Identification) -> Table:
     for heading in ("parameter", "value", "nominal", "unit"):
         table.add_column(heading, justify="left" if heading in "parameter unit" else "right")
     for item in base_estimates(found):
-        values = f"{item.value:.4g}±{item.deviation:.1g}", f"{item.nominal:.4g}"
-        table.add_row(item.combination, *values, item.unit)
+        known = f"{item.value:.4g}±{item.deviation:.1g}" if item.is_identified else "not identified"
+        table.add_row(item.combination, known, f"{item.nominal:.4g}", item.unit)
     return table
 
 
@@ -106,7 +106,10 @@ def as_values(found: Identification) -> dict[str, Any]:
         },
         "sign_width": list(found.terms.chosen or ()),
         "joint_terms": [asdict(item) for item in found.estimates],
-        "base": [asdict(item) for item in base_estimates(found)],
+        "base": [
+            asdict(item) | ({} if item.is_identified else {"deviation": None})
+            for item in base_estimates(found)
+        ],
         "links": [asdict(link) for link in found.links],
-        "warnings": list(found.warnings),
+        "warnings": list(notes_of(found)),
     }

@@ -1,11 +1,11 @@
-"""Folds of recordings, and the jackknife over them."""
+"""Folds of recordings."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from estimators.rigid_body.fitting.folds import FOLDS, fold_of, jackknife
+from estimators.rigid_body.fitting.folds import FOLDS, fold_of
 from limo_driver.recordings.recording import Recording
 
 
@@ -15,9 +15,3 @@ def test_folds_cut_short_recordings_once_and_long_ones_often():
         fold = fold_of(Recording(time, np.zeros((time.size, 7)), np.zeros((time.size, 7))))
         assert set(fold) == set(range(FOLDS))
         assert np.count_nonzero(np.diff(fold)) == pytest.approx(blocks, abs=1)
-
-
-def test_jackknife_of_a_mean_is_its_variance():
-    values = np.random.default_rng(1).standard_normal(FOLDS)
-    means = [np.delete(values, k).mean(keepdims=True) for k in range(FOLDS)]
-    assert jackknife(means).item() == pytest.approx(values.var(ddof=1) / FOLDS)

@@ -1,0 +1,166 @@
+"""Symmetric positive matrices: rank, root and inverse that stay positive under rounding.
+
+Sums of products make a matrix that is positive; rounding makes one that is so nearly. Directions
+that the data do not show get eigenvalues of either sign, of the size that the sums of a processor
+happen to leave. An inverse takes that for knowledge, and the root of its diagonal for that of a
+number below zero. So no such matrix is inverted as it is:
+
+* Rows and columns are scaled to a diagonal of ones, since units say nothing of what is shown.
+* Directions count as shown from `SHOWN` of that matrix' largest eigenvalue on. Rounding leaves
+  1e-15 to 1e-14 of it, so that processors agree on every eigenvalue there to a ten-thousandth, and
+  on the rank. Of other directions the data say nothing: a prior does, or nobody.
+* What comes out is a root R, and a covariance Rᵀ R is symmetric and positive however it is rounded.
+
+Where a prior is known to show every direction, Cholesky's factor will do, a hundred times as fast:
+of a matrix whose diagonal is larger by more than rounding may take off.
+
+Source: Golub and Van Loan, "Matrix Computations", 2013, sec. 5.4 and 5.5 (rank); van der Sluis,
+"Condition numbers and equilibration of matrices", Numerische Mathematik 1969 (scaling).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
+
+SHOWN: Final = 1e-10  # of the largest eigenvalue; columns of a condition number up to 1e5
+ROUNDING: Final = 1e-13  # of the diagonal; k ε of a few hundred rows is less
+_APART: Final = 1e-6  # part of an unknown in directions that are not shown, which is no rounding
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Eigenvalues of a symmetric matrix whose diagonal is scaled to ones, the largest first."""
+
+    scale: FloatArray  # (k,) of rows and columns; 0 where the diagonal is
+    values: FloatArray  # (k,)
+    vectors: FloatArray  # (k, k), one a column
+    rank: int  # how many directions are shown, the first ones
+
+    @classmethod
+    def of(cls, matrix: FloatArray, diagonal: FloatArray | None = None) -> Spectrum:
+        """Take a matrix apart.
+
+        Args:
+            matrix: Positive but for rounding, (k, k).
+            diagonal: What is scaled to ones, (k,); by default the matrix' own.
+        """
+        size = np.maximum(np.diag(matrix) if diagonal is None else diagonal, 0.0)
+        scale = _divided(np.ones_like(size), np.sqrt(size))
+        values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+        rank = int((values > SHOWN * max(values.max(initial=0.0), 0.0)).sum())
+        return cls(scale, values[::-1], vectors[:, ::-1], rank)
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the columns whose Gram matrix it is, each scaled to one norm.
+
+        Infinite where a direction is not shown.
+        """
+        if self.rank < self.values.size:
+            return np.inf
+        return float(np.sqrt(self.values[0] / self.values[-1]))
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """Mark the unknowns (k,) that have no part in directions that are not shown."""
+        return np.linalg.norm(self.vectors[:, self.rank :], axis=1) < _APART
+
+    def inverse(self) -> FloatArray:
+        """Return R (rank, k), with Rᵀ R the inverse in directions that are shown, 0 in others."""
+        some = slice(self.rank)
+        return self.vectors[:, some].T * self.scale / np.sqrt(self.values[some, None])
+
+    def deviation(self) -> FloatArray:
+        """Return roots of the diagonal of the inverse, (k,); infinite for unknowns not shown."""
+        return np.where(self.shown, np.linalg.norm(self.inverse(), axis=0), np.inf)
+
+
+def root_of(matrix: FloatArray) -> FloatArray:
+    """Return R (k, k), with Rᵀ R a matrix (k, k) that is positive but for rounding."""
+    found = Spectrum.of(matrix)
+    values = np.sqrt(np.maximum(found.values, 0.0))
+    return values[:, None] * found.vectors.T * _divided(np.ones_like(found.scale), found.scale)
+
+
+def lower_of(matrix: FloatArray) -> FloatArray:
+    """Return L (..., k, k), with L Lᵀ a matrix that a prior makes positive in every direction."""
+    larger = np.array(matrix)
+    diagonal = np.einsum("...ii->...i", larger)
+    diagonal *= 1.0 + ROUNDING
+    return np.asarray(np.linalg.cholesky(larger), dtype=np.float64)
+
+
+def inverse_root(matrix: FloatArray) -> FloatArray:
+    """Return R (k, k), lower triangular, with Rᵀ R the inverse of such a matrix (k, k)."""
+    return solve_triangular(lower_of(matrix), np.eye(len(matrix)), lower=True)
+
+
+@dataclass(frozen=True)
+class RegularisedInverse:
+    """Inverse of a Gram matrix of data beside a prior, (A + Fᵀ F)⁻¹ = Rᵀ R.
+
+    In directions that the data do not show, it is the prior's alone.
+    """
+
+    prior: FloatArray  # F, (m, k)
+    root: FloatArray  # R, (k, k)
+    of_data: FloatArray  # (k, k), R⁻ᵀ of what data show, 0 of what they do not
+    log_determinant: float  # of the inverse
+
+    @classmethod
+    def of(cls, gram: FloatArray, prior: FloatArray) -> RegularisedInverse:
+        """Invert a Gram matrix (k, k) beside a prior.
+
+        Args:
+            gram: Of data, A.
+            prior: Root of the precision before any data, F (m, k), of rank k.
+        """
+        data = Spectrum.of(gram, np.diag(gram) + np.sum(prior**2, axis=0))
+        rows = np.zeros_like(gram)
+        np.fill_diagonal(rows[: data.rank], np.sqrt(data.values[: data.rank]))
+        both = np.concatenate([rows, (prior * data.scale) @ data.vectors])
+        upper = np.asarray(np.linalg.qr(both, mode="r"))
+        half = solve_triangular(upper.T, np.eye(len(gram)), lower=True)
+        basis, shown = data.vectors.T * data.scale, slice(data.rank)
+        volume = np.log(np.abs(np.diag(half))).sum() + np.log(data.scale).sum()
+        return cls(prior, half @ basis, half[:, shown] @ basis[shown], 2.0 * float(volume))
+
+    @property
+    def matrix(self) -> FloatArray:
+        """The inverse itself, (k, k)."""
+        return self.root.T @ self.root
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """Mark the unknowns (k,) of whose variance the prior makes up less than half."""
+        of_prior = np.sum((self.prior @ self.matrix) ** 2, axis=0)
+        return of_prior < 0.5 * np.sum(self.root**2, axis=0)
+
+    def estimate(self, products: FloatArray) -> FloatArray:
+        """Return the unknowns (..., k) by which data, of products (..., k), are explained.
+
+        Products in directions that the data do not show are rounding, and count for nothing.
+        """
+        return products @ self.of_data.T @ self.root
+
+    def spread(self, root: FloatArray) -> FloatArray:
+        """Return D (m + f, k), with Dᵀ D the covariance of estimates.
+
+        Args:
+            root: Of the covariance of the products, S (f, k) with Sᵀ S.
+        """
+        return np.concatenate([self.estimate(root), self.prior @ self.matrix])
+
+
+def _divided(some: FloatArray, by: FloatArray) -> FloatArray:
+    """Divide, with zero for what is divided by zero."""
+    return np.divide(some, by, out=np.zeros_like(some), where=by > 0)
