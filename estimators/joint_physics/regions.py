@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _LEVELS: Final = 3  # of halving
 REGIONS: Final = 2**_LEVELS
 _POSES: Final = 20_000  # that the halves are made of
+_AS_MUCH: Final = 1e-6  # relative difference of variances that does not tell directions apart
 _ALIKE: Final = 1e-9  # [rad]; poses closer than this may differ by rounding only
 
 
@@ -50,9 +51,7 @@ class Regions:
             if not len(own):  # the poses above are all alike
                 parts += [own, own]
                 continue
-            centred = own - own.mean(axis=0)
-            axis = np.linalg.eigh(centred.T @ centred)[1][:, -1]
-            found.axes[node] = axis * np.sign(axis[np.abs(axis).argmax()])
+            found.axes[node] = _first_component(own)
             along = own @ found.axes[node]
             found.middles[node] = _middle(along)
             parts += [own[along <= found.middles[node]], own[along > found.middles[node]]]
@@ -65,6 +64,21 @@ class Regions:
             along = np.einsum("ti,ti->t", position, self.axes[node])
             node = 2 * node + 1 + (along > self.middles[node])
         return node - self.middles.size
+
+
+def _first_component(poses: FloatArray) -> FloatArray:
+    """Return the direction (n,) in which poses (T, n) differ most.
+
+    Where they differ as much in several, any mixture of these would do, and its sign: the one
+    nearest to the first joint that has a part in them is taken.
+    """
+    centred = poses - poses.mean(axis=0)
+    values, vectors = np.linalg.eigh(centred.T @ centred)
+    most = vectors[:, values >= (1.0 - _AS_MUCH) * values[-1]]
+    part = np.sum(most**2, axis=1)
+    joint = int(np.argmax(part >= (1.0 - _AS_MUCH) * part.max()))
+    axis = most @ most[joint]
+    return axis / np.linalg.norm(axis)
 
 
 def _middle(along: FloatArray) -> float:

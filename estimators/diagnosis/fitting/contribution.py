@@ -10,6 +10,7 @@ from estimators.diagnosis.fitting.problem import fitted
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
+from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.diagnosis.wording import is_of_bodies
 
 if TYPE_CHECKING:
@@ -146,7 +147,8 @@ def sure(
         return True
     counted = own if joints is None else list(joints)
     shown = problem.split.held_out
-    if np.sum((taken_off(left, bare, shown) / _square(left, shown))[counted]) <= 0.0:
+    gained = np.sum((taken_off(left, bare, shown) / _square(left, shown))[counted])
+    if gained <= HELD_OUT.rounding:
         return False
     return surely_better(problem, solution, solution.members, less, counted)
 

@@ -21,6 +21,7 @@ from estimators.diagnosis.hypotheses.ripple import with_fewer_lines
 from estimators.diagnosis.selection.candidates import LawEvidence
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS
 from estimators.diagnosis.wording import likelier
+from estimators.regression.ties import is_more, ranked
 from limo_driver.physics.catalogue import confusion_of
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def likeliest(
     tried = [refine(hypothesis, around) for hypothesis in competing]
     setting = 0.5 * float(np.log(around.use.sum()))  # [nat]
     scored = [(hypothesis, gain - setting * len(hypothesis.settings)) for hypothesis, gain in tried]
-    scored.sort(key=lambda item: -item[1])
+    scored = ranked(scored, lambda item: item[1])
     laws: dict[str, float] = {}
     for hypothesis, evidence in scored:
         laws.setdefault(hypothesis.law, evidence)
@@ -109,11 +110,11 @@ def _best_of_each(
             continue
         law = hypothesis.law or getattr(hypothesis.family, "func", None)
         gain = solution.search.gain((*rest, i))
-        if law not in best or gain > best[law][0]:
+        if law not in best or is_more(gain, best[law][0]):
             best[law] = (gain, hypothesis)
-    ranked = sorted(best.values(), key=lambda item: -item[0])
-    least = ranked[0][0] - LAWS.refinable
-    return [hypothesis for gain, hypothesis in ranked if hypothesis.law or gain > least]
+    falling = ranked(best.values(), lambda item: item[0])
+    least = falling[0][0] - LAWS.refinable
+    return [hypothesis for gain, hypothesis in falling if hypothesis.law or gain > least]
 
 
 def sentence_of(laws: Sequence[LawEvidence]) -> str:

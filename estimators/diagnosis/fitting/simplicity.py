@@ -31,6 +31,7 @@ from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.regression.evidence import REACH
+from estimators.regression.ties import first_best, ranked
 from limo_driver.physics import Payload
 from limo_driver.physics.effect import SensorEffect
 
@@ -64,7 +65,8 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
         and candidates[i].effect != own.effect  # which law of it carries over, its laws decide
         and search.gain((*rest, i)) >= (as_likely if compete(candidates[i], own) else enough)
     ]
-    simpler.sort(key=lambda i: (_freedom(candidates[i]), -search.gain((*rest, i))))
+    simpler = ranked(simpler, lambda i: search.gain((*rest, i)))
+    simpler.sort(key=lambda i: _freedom(candidates[i]))
     problem.rotation(solution.noise, [*solution.members, *simpler])  # sums of all at once
     for other in simpler:
         new = solution.having((*rest, other))
@@ -91,10 +93,9 @@ def _with_one_for_two(problem: RegressionProblem, solution: Solution) -> Solutio
             continue
         rest, others = _in_place_of(problem, solution, pair)
         gains = {i: search.gain((*rest, i)) for i in others if candidates[i].joints == joints}
-        best = max(gains, key=lambda i: gains[i], default=None)
-        if best is None or gains[best] < _enough(solution, rest):
+        if not gains or max(gains.values()) < _enough(solution, rest):
             continue
-        new = solution.having((*rest, best))
+        new = solution.having((*rest, first_best(gains, gains.__getitem__)))
         if not strains(problem, solution, new.fitted) and _does_as_well(problem, solution, new):
             return new
     return solution
@@ -156,7 +157,7 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
     ]
     if not loads:
         return solution
-    load = max(loads, key=lambda i: solution.search.gain((*rest, i)))
+    load = first_best(loads, lambda i: solution.search.gain((*rest, i)))
     new = solution.having(tuple(load if i == wrong else i for i in solution.members))
     mass, *moment = coefficients(problem, new, load)[:4].tolist()
     unit, lever = candidates[load].prior.deviation[:2].tolist()  # [kg], [kg m]

@@ -23,6 +23,7 @@ from estimators.diagnosis.judgement.judgement import (
 from estimators.diagnosis.judgement.ordinary import beyond_siblings, to_identify
 from estimators.diagnosis.residuals.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.residuals import HELD_OUT
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -213,7 +214,8 @@ class JudgedSet:
         lost = (self.proven**2 - given**2) / scale**2
         if clearly or not surely_positive(lost, problem.observed, rows):
             return clearly
-        return tuple(np.flatnonzero(rmse(self.proven, rows) > rmse(given, rows)).tolist())
+        worse = rmse(self.proven, rows) > (1.0 + HELD_OUT.rounding) * rmse(given, rows)
+        return tuple(np.flatnonzero(worse).tolist())
 
     def _gain(self) -> float:
         """Return the parts of the squared errors on motion held out that are gone, summed up."""

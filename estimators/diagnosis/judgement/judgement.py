@@ -28,6 +28,7 @@ from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.stages import Attempts
 from estimators.diagnosis.wording import LINK_INERTIA, is_of_bodies, listed
 from estimators.regression.evidence import REACH
+from estimators.regression.ties import is_more, ranked
 from estimators.telemetry import MOTOR_SIDE, friction_share
 from limo_driver.physics import spoken
 from limo_driver.physics.catalogue import identical_to
@@ -110,9 +111,9 @@ def equivalents(
         gain = solution.search.gain((*rest, i))
         if gain > reference - CONTRIBUTION.tellable:
             known = best.get(candidate.place)
-            if known is None or known[0] < gain:
+            if known is None or is_more(gain, known[0]):
                 best[candidate.place] = (gain, candidate)
-    return tuple(item[1] for item in sorted(best.values(), key=lambda item: -item[0]))
+    return tuple(item[1] for item in ranked(best.values(), lambda item: item[0]))
 
 
 def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:

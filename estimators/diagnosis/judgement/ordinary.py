@@ -30,6 +30,7 @@ from estimators.diagnosis.selection.base_friction import rubs
 from estimators.diagnosis.selection.candidates import BASE, without_friction
 from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
+from estimators.regression.ties import first_best
 from limo_driver.physics import Armature, PreslidingHysteresis, ViscousFriction
 from limo_driver.physics.effects.friction import SIGN_WIDTH
 
@@ -90,7 +91,7 @@ def convinced(
             continue
         others = {i: [other for other in group if other != i] for i in group}
         alone = {i: solution.having(problem.less(solution.members, others[i])) for i in group}
-        best = max(group, key=lambda i: alone[i].gain)
+        best = first_best(group, lambda i: alone[i].gain)  # noqa: B023  # at once
         if convincing(problem, alone[best], best):
             found.append(best)
     return tuple(found)

@@ -85,22 +85,24 @@ def surely_positive(gained: FloatArray, observed: Observations, rows: NDArray[np
     """Say whether a sum over rows stays positive whichever blocks of time had been recorded.
 
     Args:
-        gained: What each row of each joint adds to it, (K, n).
+        gained: What each row of each joint adds to it, in squares of an error, (K, n).
         observed: Where time comes from.
         rows: Those that count, (K, n).
 
     Returns:
-        Whether the 2.5 % quantile over resampled blocks is above 0.
+        Whether the 2.5 % quantile over resampled blocks is above 0, and above rounding: of two
+        residuals that are one, either is the smaller by the last bit.
     """
+    nothing = HELD_OUT.rounding * float(rows.sum())
     of_row = _blocks(observed)
     sums = np.zeros((2, int(of_row.max(initial=-1)) + 1))
     np.add.at(sums[0], of_row, np.where(rows, gained, 0.0).sum(axis=1))
     np.add.at(sums[1], of_row, rows.any(axis=1).astype(float))
     of_block = sums[0, sums[1] > 0]
     if of_block.size < 2:  # noqa: PLR2004  # nothing to resample
-        return bool(of_block.sum() > 0)
+        return bool(of_block.sum() > nothing)
     drawn = np.random.default_rng(0).integers(0, of_block.size, (HELD_OUT.resamples, of_block.size))
-    return bool(np.quantile(of_block[drawn].sum(axis=1), HELD_OUT.chance) > 0)
+    return bool(np.quantile(of_block[drawn].sum(axis=1), HELD_OUT.chance) > nothing)
 
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:

@@ -20,6 +20,7 @@ from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.diagnosis.selection.search import Search
 from estimators.diagnosis.settings.selection import BASE_FRICTION
 from estimators.regression.evidence import Evidence, Posterior
+from estimators.regression.ties import first_best
 from limo_driver.physics import CoulombFriction, ViscousFriction
 from limo_driver.physics.catalogue import known_as
 
@@ -109,5 +110,5 @@ def _likeliest(search: Search) -> tuple[int, ...]:
     for _ in range(BASE_FRICTION.turns):
         for place, indices in variants.items():
             rest = [i for other, i in chosen.items() if other != place]
-            chosen[place] = max(indices, key=lambda i: search.gain((*rest, i)))
+            chosen[place] = first_best(indices, lambda i: search.gain((*rest, i)))  # noqa: B023  # at once
     return tuple(chosen.values())

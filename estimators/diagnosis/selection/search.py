@@ -14,6 +14,7 @@ import numpy as np
 
 from estimators.diagnosis.settings.selection import SEARCH
 from estimators.regression.evidence import Evidence, Prior, Priors
+from estimators.regression.ties import best_first, first_best, is_more, ranked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -75,7 +76,7 @@ class Search:
         beam = [best.members]
         for _ in range(SEARCH.largest + len(self.base) - len(best.members)):
             grown = self._grown(beam, SEARCH.width)
-            if not grown or grown[0].gain <= best.gain:
+            if not grown or not is_more(grown[0].gain, best.gain):
                 break
             best = grown[0]
             beam = [item.members for item in grown]
@@ -86,8 +87,8 @@ class Search:
         best = Explained(tuple(sorted(members)), self.gain(members))
         while best.members:
             options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
-            smaller = max(options, key=self.gain)
-            if self.gain(smaller) <= best.gain:
+            smaller = first_best(options, self.gain)
+            if not is_more(self.gain(smaller), best.gain):
                 break
             best = Explained(smaller, self.gain(smaller))
         return best
@@ -100,10 +101,9 @@ class Search:
         found: set[tuple[int, ...]] = set()
         for members in beam:
             some, gains = self._with_one_more(members)
-            most = some[np.argsort(-gains, kind="stable")[:width]].tolist()
+            most = some[best_first(gains)[:width]].tolist()
             found |= {tuple(sorted((*members, i))) for i in most}
-        ranked = sorted(found, key=lambda key: (-self.gain(key), key))
-        return [Explained(key, self.gain(key)) for key in ranked[:width]]
+        return [Explained(key, self.gain(key)) for key in ranked(sorted(found), self.gain)[:width]]
 
     def _with_one_more(self, members: tuple[int, ...]) -> tuple[NDArray[np.int64], FloatArray]:
         """Return the candidates that fit beside a set, (p,), and the gain with each of them."""
@@ -119,8 +119,8 @@ class Search:
             options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
             trials = [Explained(option, self.gain(option)) for option in options]
             trials += self._grown(options, SEARCH.width) if options else []
-            better = max(trials, key=lambda item: item.gain, default=best)
-            if better.gain <= best.gain:
+            better = first_best([best, *trials], lambda item: item.gain)
+            if better is best:
                 return best
             best = better
         return best

@@ -138,6 +138,8 @@ class HeldOutSettings:
         "longer leaves less; shorter lets the filter reach across")
     fewest: float = setting(16.0, "", "blocks that are taken whole, in a recording too short for "
         "long ones", "more take errors for independent; fewer are a rough interval")
+    rounding: float = setting(1e-9, "of an error's square", "gained by a row that gains nothing",
+        "numerical")
 
 
 HELD_OUT = HeldOutSettings()

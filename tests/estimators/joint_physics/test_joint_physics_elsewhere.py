@@ -158,3 +158,16 @@ def test_a_folder_from_before_torque_faded_estimates_as_it_did(
     assert (np.abs(model.estimate(brisk).learned) <= np.abs(learned)).all()
     loaded.save(tmp_path / "again")
     assert JointPhysics.load(tmp_path / "again").fitted.calibration.growth.max() == 1.0
+
+
+@pytest.mark.parametrize("last_bit", [-1e-12, 0.0, 1e-12])
+def test_directions_in_which_poses_differ_as_much_are_not_told_apart_by_rounding(
+    last_bit: float,
+) -> None:
+    """Poses on a circle have no first component, and poses to and fro none of one sign."""
+    angle = np.arange(4000) * 2.0 * np.pi / 1000
+    circle = np.stack([np.cos(angle), (1.0 + last_bit) * np.sin(angle)], axis=1)
+    to_and_fro = np.stack([np.cos(angle), -(1.0 + last_bit) * np.cos(angle)], axis=1)
+    for position, axis in ((circle, [1.0, 0.0]), (to_and_fro, [0.5**0.5, -(0.5**0.5)])):
+        recording = Recording.from_arrays(np.arange(4000) / 100, position, 0.0 * position)
+        np.testing.assert_allclose(Regions.of([recording]).axes[0], axis, atol=1e-6)

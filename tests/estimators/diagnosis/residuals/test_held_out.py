@@ -181,3 +181,12 @@ def test_a_gain_is_sure_that_nineteen_of_twenty_recordings_would_show(lead, sure
         recording=np.zeros(40, dtype=int),
     )
     assert surely_positive(of_block[:, None], observed, np.ones((40, 1), dtype=bool)) is sure
+
+
+def test_rounding_is_no_gain(observed):
+    """Of two residuals that are one, the last bit makes either the smaller."""
+    residual, rows = observed.residual, np.ones(observed.residual.shape, dtype=bool)
+    scale = np.maximum(rmse(residual, rows) ** 2, 1e-24)
+    for last_bit, gain in ((1e-15, False), (1e-3, True)):
+        less = residual * (1.0 - last_bit)
+        assert surely_positive((residual**2 - less**2) / scale, observed, rows) is gain

@@ -162,3 +162,27 @@ def test_ranked_additions_are_best_first(columns):
 def test_a_candidate_that_passes_is_no_part_of_an_improved_simulation():
     kinds = ("torque_drift", "presliding_hysteresis", "link_inertia")  # the last is no effect
     assert [candidate(0, effect=effect).lasts for effect in kinds] == [False, True, True]
+
+
+@pytest.mark.parametrize("last_bit", [-1e-13, 0.0, 1e-13])
+def test_of_two_names_for_the_same_columns_the_first_one_is_chosen(columns, last_bit):
+    same = columns.copy()
+    same[:, 5] = (1.0 + last_bit) * same[:, 2]
+    y = 3.0 * same[:, 2] + noise(3)
+    assert search_of(same, y).best().members == (2,)
+    assert search_of(same, y).ranked((), 2)[0].members == (2,)
+
+
+@pytest.mark.parametrize("last_bit", [-1e-13, 0.0, 1e-13])
+def test_what_costs_nothing_and_brings_nothing_is_no_member(columns, last_bit):
+    """A coefficient that would need the other sign leaves a set as likely as it is without."""
+    same = columns.copy()
+    same[:, 4] = -(1.0 + last_bit) * same[:, 2]
+    free = [
+        candidate(2),
+        replace(candidate(4, positive=True), kind="deviating"),
+    ]
+    search = search_of(same, 30.0 * same[:, 2] + noise(4), free)
+    search._prices[:] = 0.0
+    assert search.best().members == (0,)
+    assert search.around((0,)).members == (0,)
