@@ -229,6 +229,14 @@ def test_versions_that_share_a_cache_leave_each_other_alone(folder):
     assert ask(folder) == (8.0, False)
 
 
+def test_the_code_of_one_processor_is_not_run_as_that_of_another(folder):
+    assert ask(folder) == (6.0, True)
+    other, _ = process(folder, NUMBA_CPU_NAME="generic").communicate()
+    assert other == "6.0 1\n"  # it compiled
+    assert len(kept(folder)) == 2
+    assert ask(folder) == (6.0, False)
+
+
 @pytest.mark.slow("compiles many versions")
 def test_old_versions_do_not_pile_up(folder):
     for factor in range(kept_code._KEPT + 2):
