@@ -118,7 +118,7 @@ class Judge:
             if shadow.seconds < due:
                 continue
             found = shadow.comparison()
-            if found is not None and (why := _broken(found, predicted)):
+            if found is not None and (why := broken(found, predicted)):
                 yield from self._send_back(old, new, f"version {new} on probation: {why}")
                 return
             if shadow.seconds >= self._settings.probation:
@@ -190,7 +190,7 @@ class Judge:
         return Shadow(self._service, *models)
 
 
-def _broken(found: Comparison, predicted: FloatArray) -> str:
+def broken(found: Comparison, predicted: FloatArray) -> str:
     """Return in which way a new champion is worse than the old one; nothing if it is not.
 
     A joint counts if it is worse beyond its interval, and beyond what the shadow predicted.

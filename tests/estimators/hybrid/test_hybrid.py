@@ -101,6 +101,25 @@ def test_outside_the_training_range_the_network_adds_what_it_adds_at_the_border(
     np.testing.assert_allclose(inputs.restore(inputs.normalise(inside)), inside, atol=1e-12)
 
 
+@pytest.mark.parametrize("times", [0.5, 4.0])
+def test_how_sure_it_is_follows_from_how_far_it_is_from_all_of_training(
+    model: HybridModel, test_recording: Recording, times: float
+) -> None:
+    """variance = e² + (d s)², d the farthest input beyond its range, in its deviations."""
+    fitted, inputs, position = model.fitted, model.fitted.inputs, test_recording.position
+    middle = position.mean(axis=0)
+    wider = replace(test_recording, position=middle + times * (position - middle))
+    found = model.estimate(wider)
+    seen, _ = fitted.features.advance(
+        fitted.features.init(), wider.motion(10.0), found.simulation, model.simulation.body
+    )
+    excess = np.maximum(inputs.lowest - seen, seen - inputs.highest).clip(0.0) / inputs.std
+    d = np.stack([excess[:, own].max(axis=1) for own in fitted.columns], axis=1)
+    assert (d.max() > 1.0) == (times > 1.0)
+    np.testing.assert_allclose(found.std, np.hypot(fitted.error, d * fitted.outputs.std))
+    np.testing.assert_array_equal(found.outside, d > 0.1)
+
+
 def test_the_gain_scales_the_network_of_its_joint(
     model: HybridModel, test_recording: Recording
 ) -> None:
