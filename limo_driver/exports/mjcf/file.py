@@ -80,8 +80,9 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
             text, element = _found(texts, "joint", name, into)
             added[name] |= values.keys() - element.attributes.keys() - gone
             text.remove(element, *gone)
-            for attribute in values.keys() - gone:
-                text.set(element, attribute, values[attribute])
+            for attribute, value in values.items():  # in order: sets have another in each process
+                if attribute not in gone:
+                    text.set(element, attribute, value)
         plays = target.model.description.plays
         write_play(texts, name, stated, target.split.joints[j], plays, spec, into)
         motors += write_motors(texts, name, stated, target.split.joints[j], into)

@@ -2,6 +2,7 @@
 
 import difflib
 import json
+import re
 import sys
 from dataclasses import replace
 
@@ -162,6 +163,8 @@ def test_a_robot_of_another_format_gets_a_bare_file(tmp_path):
     assert written.share < 0.01
     again = limo.RobotModel.load(written.file)
     assert again.joint_names == tuple(f"joint{j}" for j in range(1, 8))
+    added = 'frictionloss="[^"]*" armature="[^"]*" damping="[^"]*" stiffness="[^"]*" springref='
+    assert len(re.findall(added, written.file.read_text())) == 7, "each time in this order"
 
 
 def test_into_another_file_of_the_same_arm(model, tmp_path):
