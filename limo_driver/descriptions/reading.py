@@ -16,6 +16,7 @@ from limo_driver.descriptions.urdf_checks import check_urdf, end_of
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.display import shortened
 from limo_driver.errors import ConfigError
+from limo_driver.given_files import apart
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -51,7 +52,7 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription
     if path.suffix.lower() in USD_ENDINGS:
         from limo_driver.descriptions.usd import read_usd
 
-        return _chosen(read_usd(path), joints)
+        return _chosen(apart(read_usd, path, ConfigError), joints)
     root = read_xml(path)
     if root.tag == "mujoco":
         from limo_driver.descriptions.mjcf import read_mjcf

@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 _PATIENCE: Final = 60.0  # [s] beyond any budget, for what waits instead of computing
 _MIB: Final = 1 << 20
-_OWN: Final = 1 << 28  # bytes that the process has of its own: interpreter and libraries
+_MEMORY: Final = Path("/proc/self/statm")  # in pages
+_DATA: Final = 5  # which of its numbers is that of data
+_ROOM: Final = 1 << 26  # bytes for what is imported on the way
 _NO_MEMORY: Final = 3  # status of a process that got none
 _COMMAND: Final = f"import sys; from {__name__} import main; main(*sys.argv[1:])"
 _OUT_OF_TIME: Final = {signal.SIGXCPU, signal.SIGKILL}
@@ -98,10 +100,12 @@ def _told(status: int, size: int, seconds: float, memory: int) -> str:
 
 
 def _limit(seconds: float, memory: int) -> None:
+    """Limit what this process may take beyond what it has: interpreter and libraries."""
     spent = resource.getrusage(resource.RUSAGE_SELF)
     most = int(spent.ru_utime + spent.ru_stime + seconds) + 1
+    own = int(_MEMORY.read_text().split()[_DATA]) * resource.getpagesize() + _ROOM
     resource.setrlimit(resource.RLIMIT_CPU, (most, most + 1))
-    resource.setrlimit(resource.RLIMIT_DATA, (_OWN + memory, _OWN + memory))
+    resource.setrlimit(resource.RLIMIT_DATA, (own + memory, own + memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 

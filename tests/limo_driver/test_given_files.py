@@ -1,6 +1,6 @@
 """Small or strange files are refused in one line before they cost time or memory.
 
-`benchmarks/bombs.py` prints what each costs a whole command.
+`benchmarks/files/bombs.py` prints what each costs a whole command.
 """
 
 import os

@@ -1,6 +1,6 @@
 """What small or strange files cost before they are refused: time and memory of whole commands.
 
-    python benchmarks/bombs.py
+    python benchmarks/files/bombs.py
 
 Each file is refused with one line, within 2 s of CPU time beyond that of a command whose file is
 not there (the first row), and 500 MB in all. Words on the command line choose what is tried.
@@ -122,7 +122,7 @@ def bombs(folder: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 def main() -> None:
     """Try all, and print beside the bars."""
-    os.chdir(Path(__file__).parents[1])
+    os.chdir(Path(__file__).parents[2])
     print(f"{'what':32} {'CPU [s]':>8} {'[s]':>7} {'[MB]':>6} {'lines':>5}  said")
     met, first = True, 0.0
     with tempfile.TemporaryDirectory() as folder:
