@@ -171,7 +171,7 @@ def _measure(found: Evaluation) -> str:
 
 
 def _curves(found: Evaluation, charts: Charts) -> str:
-    order = np.argsort(-found.hybrid.rmse).tolist()
+    order = np.argsort(-found.hybrid.rmse, kind="stable").tolist()
     drawn = [(name, _joint(found, charts, j)) for j in order for name in [found.joint_names[j]]]
     seen = "".join(body for _, body in drawn[:_OPEN])
     return seen + "".join(folded(name, body) for name, body in drawn[_OPEN:])

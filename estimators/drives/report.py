@@ -147,7 +147,7 @@ def _motion(replay: DriveReplay, verdict: Verdict, charts: Charts) -> str:
     """Return the held-out motion of each joint, those first that are missed most."""
     fit = verdict.fit
     excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
-    order = [int(j) for j in np.argsort(-excess)]
+    order = [int(j) for j in np.argsort(-excess, kind="stable")]
     drawn = {j: _joint(replay, j, charts) for j in order}
     rest = "".join(
         f'<div id="joint-{j + 1}">{folded(f"Joint {j + 1}", drawn[j])}</div>' for j in order[_OPEN:]

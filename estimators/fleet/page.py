@@ -136,7 +136,8 @@ def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
 
 def _over_days(item: FleetDrift) -> Figure:
     series = item.series
-    order = np.argsort(series.days)[: np.isfinite(series.days).sum()]  # what has no date is last
+    dated = int(np.isfinite(series.days).sum())  # what has no date is last
+    order = np.argsort(series.days, kind="stable")[:dated]
     dots = {
         "type": "scatter",
         "mode": "lines+markers",

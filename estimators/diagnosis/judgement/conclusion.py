@@ -280,7 +280,7 @@ def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
     left = np.ones_like(mean)
     known = final.fitted.deviation[:count]
     np.divide(known, deviation, out=left, where=deviation > 0)
-    order = np.argsort(-np.abs(sigmas))
+    order = np.argsort(-np.abs(sigmas), kind="stable")  # many did not move at all
     parameters = problem.nuisance.parameters
     return tuple(
         Shift(

@@ -58,7 +58,7 @@ def _side(names: tuple[str, str], unit: str, values: FloatArray, energy: FloatAr
         values: In which each row was.
         energy: Of each row.
     """
-    order = np.argsort(values)
+    order = np.argsort(values, kind="stable")
     total = np.cumsum(energy[order])
     half = float(values[order][min(np.searchsorted(total, 0.5 * total[-1]), len(order) - 1)])
     usual = float(np.median(values))
@@ -70,7 +70,7 @@ def _side(names: tuple[str, str], unit: str, values: FloatArray, energy: FloatAr
 
 def _range(position: FloatArray, energy: FloatArray) -> list[str]:
     """Say which narrow range of positions (R,) has half the energy, if one does."""
-    order = np.argsort(position)
+    order = np.argsort(position, kind="stable")
     first, last = _narrowest(energy[order], 0.5)
     if (last - first) > REGION.part * len(order):
         return []

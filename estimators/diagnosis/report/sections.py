@@ -187,7 +187,7 @@ def _by_excess(diagnosis: Diagnosis) -> list[int]:
     fit = diagnosis.verdict.fit
     left = np.array(fit.heldout_rmse_tolerances or fit.heldout_rmse_before)
     excess = left / np.maximum(np.array(fit.noise_floor), 1e-12)
-    return [int(j) for j in np.argsort(-np.nan_to_num(excess))]
+    return [int(j) for j in np.argsort(-np.nan_to_num(excess), kind="stable")]
 
 
 def competing(diagnosis: Diagnosis, charts: Charts) -> str:

@@ -250,7 +250,9 @@ def _likely(
         (old - new.cost) / max(old, 1.0) if np.isfinite(own) else -np.inf
         for own, old, new in zip(worth, before, glances, strict=True)
     ]
-    ranked = [np.argsort(score)[::-1][:_LIKELY].tolist() for score in (worth, part)]
+    ranked = [
+        np.argsort(-np.array(score), kind="stable")[:_LIKELY].tolist() for score in (worth, part)
+    ]
     return [k for k in dict.fromkeys(ranked[0] + ranked[1]) if np.isfinite(worth[k])]
 
 
