@@ -1,4 +1,4 @@
-"""Freeze what the commands make of six recordings: `python tests/regression/freeze.py`.
+"""Freeze what the commands make of six recordings, and the small cases beside them.
 
     python tests/regression/freeze.py [--texts] [--stage STAGE] [--into FOLDER] [CASE ...]
 
@@ -8,7 +8,8 @@ to change, on a tree without other changes, and say in the commit why they chang
 --texts takes over sentences whose words changed and leaves everything else as it is; if anything
 else changed, or a figure in a sentence, it says so and writes nothing.
 
---stage makes one stage anew and leaves the others as they are, where only that is meant to change.
+--stage makes one stage of recordings anew and leaves the others as they are, where only that is
+meant to change.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from typing import Any
 
 from frozen_cases import CASES, FROZEN, STAGES, values_of
 from frozen_values import SAME_MACHINE, Difference, differences, fingerprint
+from small_cases import SMALL, small_values
 
+_BREAK = re.compile(r"\n\s*")  # between values; within a text, JSON has none
 _PLAIN_LIST = re.compile(r'\[\s+((?:[^][{}"]|"[^"\n]*")*?)\s+\]')
 
 
@@ -32,6 +35,8 @@ def computed(name: str) -> dict[str, Any]:
     first, *later = STAGES
     with TemporaryDirectory() as made:
         folder = Path(made)
+        if name in SMALL:
+            return small_values(name, folder)
         CASES[name].prepare(folder, None)
         values = values_of(name, [first], folder)
         CASES[name].prepare(folder, values[first]["sim"])
@@ -51,7 +56,7 @@ def with_stage(content: dict[str, Any], name: str, stage: str) -> dict[str, Any]
 def as_text(content: dict[str, Any]) -> str:
     """Return JSON with every list of plain values in one line, for the size and for reading."""
     text = json.dumps(content, indent=1)
-    return _PLAIN_LIST.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
+    return _PLAIN_LIST.sub(lambda found: f"[{_BREAK.sub(' ', found[1])}]", text) + "\n"
 
 
 def with_texts(frozen: Any, changes: list[Difference]) -> Any:
@@ -66,7 +71,7 @@ def with_texts(frozen: Any, changes: list[Difference]) -> Any:
 
 def freeze(name: str, into: Path, *, texts: bool, stage: str | None = None) -> str:
     """Write what is frozen of a case, and return what to say about it."""
-    path, absent = into / f"{name}.json", CASES[name].absent
+    path, absent = into / f"{name}.json", CASES[name].absent if name in CASES else ()
     if absent:
         return f"{name}: left as it is; no {', '.join(map(str, absent))}"
     if stage is None:
@@ -86,17 +91,19 @@ def freeze(name: str, into: Path, *, texts: bool, stage: str | None = None) -> s
 
 def main() -> None:
     """Freeze the cases that are named, or all."""
-    asked = argparse.ArgumentParser(description="Freeze what commands make of six recordings.")
-    asked.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; or all")
+    every = (*SMALL, *CASES)
+    asked = argparse.ArgumentParser(description="Freeze what commands make of stored inputs.")
+    asked.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(every)}; or all")
     asked.add_argument("--texts", action="store_true", help="take over changed sentences only")
     asked.add_argument("--stage", choices=STAGES, help="make this one anew, and no other")
     asked.add_argument("--into", type=Path, default=FROZEN, help="folder to write")
     given = asked.parse_args()
-    unknown = sorted(set(given.cases) - set(CASES))
+    known = CASES if given.stage else every
+    unknown = sorted(set(given.cases) - set(known))
     if unknown:
-        asked.error(f"no case is called {', '.join(unknown)}; known: {', '.join(CASES)}")
+        asked.error(f"no case is called {', '.join(unknown)}; known: {', '.join(known)}")
     given.into.mkdir(parents=True, exist_ok=True)
-    for name in given.cases or CASES:
+    for name in given.cases or known:
         sys.stdout.write(freeze(name, given.into, texts=given.texts, stage=given.stage) + "\n")
         sys.stdout.flush()
 

@@ -16,6 +16,7 @@ import subprocess
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
@@ -207,7 +208,7 @@ def limo(*arguments: object) -> str:
 def _identify(case: Case) -> dict[str, Any]:
     options = ("--robot", case.robot_name, "--bandwidth", case.bandwidth, *case.identify)
     printed = limo("identify", "first.parquet", *options, "--out", "identified.yaml", "--json")
-    return {"printed": json.loads(printed), "sim": _yaml("identified.yaml")}
+    return {"printed": json.loads(printed), "sim": yaml_of("identified.yaml")}
 
 
 def _diagnose(case: Case) -> dict[str, Any]:
@@ -216,8 +217,8 @@ def _diagnose(case: Case) -> dict[str, Any]:
     motion = Path("diagnosis/next_motion.parquet")
     return {
         "verdict": json.loads(Path("diagnosis/verdict.json").read_text(encoding="utf-8")),
-        "sim": _yaml("diagnosis/sim.yaml"),
-        "next_motion": _table(motion) if motion.is_file() else None,
+        "sim": yaml_of("diagnosis/sim.yaml"),
+        "next_motion": table_of(motion) if motion.is_file() else None,
     }
 
 
@@ -241,9 +242,9 @@ def _trained(case: Case, out: str, *options: object) -> dict[str, Any]:
         "printed": json.loads(printed),
         "manifest": _computed(json.loads(Path(out, "manifest.json").read_text(encoding="utf-8"))),
         "weights": _weights(f"{out}/model.safetensors"),
-        "sim": _yaml(f"{out}/sim.yaml"),
-        "predicted": _table("of_model.parquet"),
-        "predicted_late": _table("late.parquet"),
+        "sim": yaml_of(f"{out}/sim.yaml"),
+        "predicted": table_of("of_model.parquet"),
+        "predicted_late": table_of("late.parquet"),
     }
 
 
@@ -262,8 +263,8 @@ def _predict(case: Case) -> dict[str, Any]:
     limo("predict", "second.parquet", *sim, "--delay", DELAY, "--out", "late.parquet")
     return {
         "printed": json.loads(printed),
-        "predicted": _table("torque.parquet"),
-        "predicted_late": _table("late.parquet"),
+        "predicted": table_of("torque.parquet"),
+        "predicted_late": table_of("late.parquet"),
     }
 
 
@@ -279,18 +280,22 @@ STAGES: Mapping[str, Callable[[Case], dict[str, Any]]] = {
 def values_of(name: str, stages: Sequence[str], folder: Path) -> dict[str, Any]:
     """Return what the commands of some stages make, by stage, as JSON would hold it.
 
-    They run in a process of their own, and once more in another if numba compiled anything there:
-    a process that compiles a function computes with other last digits than all later ones, which
-    load it from the cache. BLAS and OpenMP keep to one thread, since the number of threads decides
-    the order of sums.
-
     Args:
         name: Of a case, whose files `prepare` has put into the folder.
         stages: Of `STAGES`.
         folder: To run in.
     """
+    return computed_apart(__file__, name, folder, *stages)
+
+
+def computed_apart(script: str, name: str, folder: Path, *stages: str) -> dict[str, Any]:
+    """Return what a script writes by `write_values`, in a process of its own.
+
+    It runs once more in another one if numba compiled anything there: a process that compiles a
+    function computes with other last digits than all later ones, which load it from the cache.
+    """
     for _ in ("compiling, perhaps", "computing"):
-        command = (sys.executable, __file__, name, str(folder), *stages)
+        command = (sys.executable, script, name, str(folder), *stages)
         done = subprocess.run(command, check=False, capture_output=True, text=True)
         if done.returncode:
             raise CommandFailedError(command, done.returncode, done.stderr.strip())
@@ -300,12 +305,15 @@ def values_of(name: str, stages: Sequence[str], folder: Path) -> dict[str, Any]:
     return made["stages"]
 
 
-def _compute(name: str, place: str, *stages: str) -> None:
-    """Write values of stages, and the functions that were compiled on the way."""
+def write_values(place: str, stages: Mapping[str, Callable[[], Any]]) -> None:
+    """Write values of stages, computed in a folder, and the functions compiled on the way.
+
+    BLAS and OpenMP keep to one thread, since the number of threads decides the order of sums.
+    """
     listener = RecordingListener()
     folder = Path(place).resolve()
     with install_listener("numba:compile", listener), chdir(folder), threadpool_limits(1):
-        values = {stage: STAGES[stage](CASES[name]) for stage in stages}
+        values = {name: compute() for name, compute in stages.items()}
     dispatchers = [event.data["dispatcher"] for _, event in listener.buffer if event.is_start]
     compiled = sorted({str(each) for each in dispatchers})
     text = json.dumps({"compiled": compiled, "stages": values}, indent=1)
@@ -313,11 +321,11 @@ def _compute(name: str, place: str, *stages: str) -> None:
     (folder / _VALUES).write_text(text, encoding="utf-8")
 
 
-def _yaml(path: str) -> Any:
+def yaml_of(path: str) -> Any:
     return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
 
 
-def _table(path: str | Path) -> dict[str, Any]:
+def table_of(path: str | Path) -> dict[str, Any]:
     """Return a summary of each column; an empty row is not a number."""
     table = pq.read_table(path)
     return {
@@ -333,4 +341,5 @@ def _computed(values: Any) -> Any:
 
 
 if __name__ == "__main__":
-    _compute(*sys.argv[1:])
+    _name, _folder, *_stages = sys.argv[1:]
+    write_values(_folder, {stage: partial(STAGES[stage], CASES[_name]) for stage in _stages})

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-import estimators.diagnosis
+from estimators.diagnosis.settings import setting
 
-ROOT = Path(estimators.diagnosis.__file__).parent
+ROOT = Path(setting.__file__).parents[1]
 FILES = [
     file
     for file in sorted(ROOT.rglob("*.py"))
