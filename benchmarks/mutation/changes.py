@@ -11,7 +11,7 @@ import ast
 import re
 from collections import Counter
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ class Finder(ast.NodeVisitor):
     def __init__(self, file: str, source: str, factor: float) -> None:
         self._file, self._source, self._factor = file, source, factor
         self._lines = source.splitlines(keepends=True)
+        self._starts = [0, *accumulate(map(len, self._lines))]
         self._seen: Counter[tuple[str, str, str]] = Counter()
         self.found: list[Mutant] = []
         self.visit(ast.parse(source))
@@ -143,7 +144,7 @@ class Finder(ast.NodeVisitor):
     def _span(self, node: ast.AST) -> tuple[int, int]:
         def at(number: int, column: int) -> int:
             within = len(self._lines[number - 1].encode()[:column].decode())
-            return sum(map(len, self._lines[: number - 1])) + within
+            return self._starts[number - 1] + within
 
         assert isinstance(node, ast.expr)
         assert node.end_lineno is not None

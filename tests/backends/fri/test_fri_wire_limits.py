@@ -40,6 +40,18 @@ def anchored(position=POSE, spec=SPEC):
     return wire
 
 
+@some
+@given(st.lists(st.tuples(st.floats(-0.05, 0.05), st.floats(-0.02, 0.02)), max_size=30))
+def test_what_is_sent_as_it_is_without_a_look_at_each_joint_is_what_would_be_sent(steps):
+    """Near the end of the range of the first joint, which the others can cross."""
+    near = (LIMITS.position_max[0] - 0.005, LIMITS.position_min[1] + 0.005)
+    quick, slow, wanted = anchored(near), anchored(near), np.array(near)
+    for step in steps:
+        wanted = wanted + step
+        assert quick.setpoint(wanted) == slow.position(numbers(wanted))
+        assert quick.changed == slow.changed
+
+
 @pytest.mark.parametrize("j", [0, 1])
 @each_way
 class TestPositionAtTheWire:

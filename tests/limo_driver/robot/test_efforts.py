@@ -60,11 +60,20 @@ class TestEfforts:
         mixed = only(0, 20.0, only(2, 3.0))  # joint 1 is too high, joint 3 too quick
         assert self.follow(mixed, only(0, 10.0))[1] == ("torque", "torque_rate")
 
-    def test_what_is_carried_along_counts(self):
+    @each_way
+    @pytest.mark.parametrize("carried", [4.0, -4.0])
+    def test_what_is_carried_along_counts(self, sign, carried):
+        """The drive makes 10 N m at most: of what it is told less, or more the other way."""
         limits = EffortLimits(self.MOST, self.RATE, PERIOD, TORQUE)
-        reached, hit = limits.follow(self.MOST, self.MOST - 1.0, only(0, 4.0))
-        assert reached[0] == pytest.approx(10.0 - 4.0 + 1.0)  # as far as the rate allows
-        assert names_of(hit)[0] == "torque"
+        for over, met in ((1e-9, ("torque",)), (-1e-9, ())):
+            most = sign * 10.0 - carried
+            reached, hit = limits.follow(
+                only(0, most + sign * over), only(0, most - sign), only(0, carried)
+            )
+            assert reached[0] == pytest.approx(most)
+            assert names_of(hit) == met
+        far = limits.follow(only(0, sign * 10.0), only(0, sign * 9.0), only(0, sign * 4.0))[0]
+        assert far[0] == pytest.approx(sign * (10.0 - 4.0 + 1.0))  # as far as the rate allows
 
     def test_what_nobody_wants_fades_at_its_rate(self):
         limits = EffortLimits(self.MOST, self.RATE, PERIOD, TORQUE)

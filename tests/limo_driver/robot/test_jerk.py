@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contracts import LIMITS, PERIOD, POSE, SPEC, ZERO, moved, opened, pushed, state
+from contracts import LIMITS, PERIOD, POSE, SPEC, ZERO, moved, opened, pushed, sprung, state
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -122,20 +122,36 @@ def test_in_one_go_is_that_one_by_one():
     assert hit == np.bitwise_or.reduce(met)
 
 
-def test_gives_way_to_the_range():
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_gives_way_to_the_range(sign):
     """Begun at a speed from which only the full acceleration stops in time, the arm stops."""
     keeps = JerkLimits(LIMITS, PERIOD, JERK)
-    q, v, change = LIMITS.position_max - 0.1, np.array([1.0, 1.0, 0.5]), None
-    first = keeps.follow(q + 1.0, q + 1.0, q, v)[1] - v
+    end = LIMITS.position_max if sign > 0 else LIMITS.position_min
+    q, v, change = end - sign * 0.1, sign * np.array([1.0, 1.0, 0.5]), None
+    first = sign * (keeps.follow(q + sign, q + sign, q, v)[1] - v)
     assert first[1] == pytest.approx(-LIMITS.acceleration[1] * PERIOD)  # it brakes at once
     assert first[0] >= -STEP[0] * JUST  # its jerk still lets it stop
     for _ in range(1000):
-        goal = q + 1.0
+        goal = q + sign
         q, speed, _ = keeps.follow(goal, goal, q, v, change)
         assert (np.abs(speed - v) <= LIMITS.acceleration * PERIOD * JUST).all()
         change, v = speed - v, speed
-    assert (q <= LIMITS.position_max).all()
-    assert q == pytest.approx(LIMITS.position_max, abs=1e-6)
+    assert (sign * q <= sign * end).all()
+    assert q == pytest.approx(end, abs=1e-6)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_of_a_stream_into_the_end_of_the_range_is_given_up_only_where_it_has_to_be(sign):
+    """A target that moves smoothly, and is followed exactly until the arm has to brake."""
+    end = (LIMITS.position_max if sign > 0 else LIMITS.position_min)[0]
+    s = np.arange(1, 400) * PERIOD
+    way = 0.9 * np.where(s < 1.0, s**3 - 0.5 * s**4, s - 0.5)[:, None]  # to 0.9 rad/s
+    path, _, met = run(np.where(np.arange(3) == 0, end + sign * (way - 1.5), POSE),
+                       np.where(np.arange(3) == 0, end - sign * 1.5, POSE))  # fmt: skip
+    assert_kept(path)
+    left = sign * (end - path[:-1, 0])[np.array(met) == 0]
+    stops = 0.5 * 0.9**2 / LIMITS.acceleration[0]
+    assert stops < left.min() < 3 * stops
 
 
 def test_leads_an_arm_back_that_stands_outside_its_range():
@@ -161,6 +177,19 @@ def test_is_kept_through_holds_and_resumes():
         contract.observe(state(cycle, contract.following.position))
         path.append(contract.setpoint)
     assert_kept(np.array(path))
+
+
+def test_is_kept_by_the_set_point_of_a_spring():
+    contract, path = opened(spec=SMOOTH), [POSE]
+    random, goal = np.random.default_rng(1), POSE
+    for cycle in range(1, 300):
+        if cycle % 30 == 0:
+            goal = POSE + random.uniform(-0.2, 0.2, 3)
+        contract.admit(sprung(goal if cycle > 1 else POSE))
+        contract.observe(state(cycle, contract.following.position))
+        path.append(contract.following.position)
+    assert_kept(np.array(path))
+    assert np.ptp(path, axis=0).min() > 0.1
 
 
 def test_begins_anew_where_an_arm_gave_way():

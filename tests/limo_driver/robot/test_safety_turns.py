@@ -50,6 +50,24 @@ class TestPaths:
         after = [contract.admit(moved(targets[-1])) for contract in (one, other)]
         assert np.array_equal(after[0].position, after[1].position)
 
+    def test_fade_a_torque_that_was_as_their_rows_would(self):
+        left = []
+        for at_once in (False, True):
+            contract = started(pushed(only(0, 7.0), valid_for=LONG))
+            for cycle in range(1, 5):
+                contract.observe(state(cycle))
+                contract.admit(pushed(only(0, 50.0), valid_for=LONG))
+            contract.observe(state(5))
+            if at_once:
+                contract.admit_path(np.tile(POSE, (3, 1)))
+            else:
+                for cycle in range(6, 9):
+                    contract.admit(moved())
+                    contract.observe(state(cycle))
+            left.append(contract.following.torque)
+        assert left[0][0] == pytest.approx(7.0 + (4 - 3) * LIMITS.torque_rate[0] * PERIOD)
+        assert np.array_equal(*left)
+
     @pytest.mark.parametrize("T", [1, 2, 17])
     def test_are_valid_from_their_last_row(self, T):
         for late, held in ((-1, False), (0, False), (1, True)):
@@ -207,6 +225,21 @@ class TestHolding:
         assert np.array_equal(contract.setpoint, POSE + 0.012)
         assert np.array_equal(contract.stand_in().position, POSE + 0.012)
 
+    def test_begins_where_an_arm_is_that_was_moved_by_hand_before(self):
+        contract = opened()
+        contract.observe(state(1, POSE + 0.01))
+        assert np.array_equal(contract.setpoint, POSE + 0.01)
+        contract.hold("asked")
+        contract.observe(state(2, POSE + 0.02))
+        assert np.array_equal(contract.stand_in().position, POSE + 0.01)
+
+    def test_that_was_asked_for_before_any_measurement_keeps_the_first_pose(self):
+        contract = SafetyContract(SPEC)
+        contract.hold("asked")
+        contract.observe(state())
+        contract.observe(state(1, POSE + 0.01))
+        assert np.array_equal(contract.stand_in().position, POSE)
+
     def test_without_a_measurement_sends_nothing(self):
         contract = SafetyContract(SPEC)
         contract.hold("asked")
@@ -295,6 +328,17 @@ class TestChangingTheMode:
         contract.observe(state(2, POSE - only(0, 0.01)))
         sent = contract.admit(pushed())
         assert sent.torque[0] == pytest.approx(7.0 + 3.0 - 1000.0 * PERIOD)
+
+    def test_goes_on_from_the_gains_by_which_drives_kept_positions(self):
+        """Each at its rate: to a full torque at 1 mrad, or 10 mrad/s, in 0.1 s."""
+        contract = opened(gains=(only(0, 2e4), only(0, 2e3)))
+        for cycle in range(1, 4):
+            contract.admit(moved())
+            contract.observe(state(cycle))
+        sent = contract.admit(sprung(stiffness=only(0, 1e3), damping=only(0, 50.0)))
+        assert sent.stiffness[0] == pytest.approx(2e4 - PERIOD / 0.1 * 100.0 / 1e-3)
+        assert sent.damping[0] == pytest.approx(2e3 - PERIOD / 0.1 * 100.0 / 1e-2)
+        assert sent.torque == pytest.approx(0.0)
 
     def test_starts_wrenches_from_zero(self):
         contract = started(wrenched(np.full(6, 4.0)))
