@@ -141,31 +141,31 @@ class Lane:
 
     def __init__(self, name: str, files: Mapping[str, Listed], trees: Trees, kept: Kept) -> None:
         self._name, self._files, self._trees, self._kept = name, files, trees, kept
-        self._usual = dict[str, float]()  # [s] that the tests of a file take without a change
-        self._looking: defaultdict[str, threading.Lock] = defaultdict(threading.Lock)
+        self._usual = dict[tuple[str, ...], float]()  # [s] that tests take without a change
+        self._looking: defaultdict[tuple[str, ...], threading.Lock] = defaultdict(threading.Lock)
         self._telling = threading.Lock()
         self._begin, self._done = time.monotonic(), 0
 
     def run(self, mutants: Sequence[Mutant], processes: int) -> list[Mutant]:
-        """Try mutants that were not tried yet, and return all that live."""
-        left = [m for m in mutants if self._kept.noticed(m, self._tests(m)) is None]
+        """Try what was not tried yet on mutants, and return all that live."""
+        wanted = [
+            (mutant, self._kept.untried(mutant, self._files[mutant.file].of_lane(self._name)))
+            for mutant in mutants
+        ]
+        left = [(mutant, tests) for mutant, tests in wanted if tests.paths]
         print(f"{self._name} tests: {len(left)} of {len(mutants)} to be tried", flush=True)
         with ThreadPoolExecutor(processes) as pool:
-            trials = [pool.submit(self._try, mutant, len(left)) for mutant in left]
+            trials = [pool.submit(self._try, *item, len(left)) for item in left]
             try:
                 for trial in trials:
                     trial.result()
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-        return [m for m in mutants if not self._kept.noticed(m, self._tests(m))]
+        return [mutant for mutant in mutants if not self._kept.noticed(mutant, self._name)]
 
-    def _tests(self, mutant: Mutant) -> Tests:
-        return self._files[mutant.file].of_lane(self._name)
-
-    def _try(self, mutant: Mutant, count: int) -> None:
-        tests = self._tests(mutant)
-        outcome = self._trees.run(tests, mutant, self._usual_of(mutant.file, tests))
+    def _try(self, mutant: Mutant, tests: Tests, count: int) -> None:
+        outcome = self._trees.run(tests, mutant, self._usual_of(tests))
         self._kept.add(mutant, tests, outcome)
         with self._telling:
             self._done += 1
@@ -178,14 +178,14 @@ class Lane:
                 flush=True,
             )
 
-    def _usual_of(self, file: str, tests: Tests) -> float:
-        with self._looking[file]:
-            if file not in self._usual:
+    def _usual_of(self, tests: Tests) -> float:
+        with self._looking[tests.paths]:
+            if tests.paths not in self._usual:
                 outcome = self._trees.run(tests)
                 if outcome.noticed:
-                    raise SystemExit(f"tests of {file} fail without any change\n{outcome.told}")
-                self._usual[file] = outcome.seconds
-            return self._usual[file]
+                    raise SystemExit(f"{tests.paths} fail without any change\n{outcome.told}")
+                self._usual[tests.paths] = outcome.seconds
+            return self._usual[tests.paths]
 
 
 def told(

@@ -131,8 +131,6 @@ def _run(tree: Path, tests: Tests, limit: float) -> Outcome:
         os.killpg(process.pid or 0, signal.SIGKILL)
     process.join()
     told = printed.read_text(errors="replace")[-2000:] if printed.exists() else ""
-    if process.exitcode == NO_TESTS and tests.lane == "fast":
-        raise SystemExit(f"{tests.paths}: no fast tests\n{told}")
     return Outcome(process.exitcode not in {0, NO_TESTS}, time.monotonic() - begin, told)
 
 

@@ -47,8 +47,9 @@ class Scored:
 
     @property
     def names(self):
-        """Effects that were named, each with its joints."""
-        return {(item["effect"], tuple(sorted(item["joints"]))) for item in self.score["said"]}
+        """Effects of findings that were named, each with its joints."""
+        said = (item for item in self.score["said"] if not item.get("identified"))
+        return {(item["effect"], tuple(sorted(item["joints"]))) for item in said}
 
     def effect(self, name):
         """Return the one effect of that name in the improved simulation."""
