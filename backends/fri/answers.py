@@ -105,7 +105,7 @@ def answer_to(
         sequence: Of the answer.
         generation: Of its messages.
         wire: Limits between commands.
-        setpoint: Position at which an arm is held that nobody commands, (n,) [rad].
+        setpoint: Position that is commanded, or at which the arm is held, (n,) [rad].
         command: What the user wants, within the limits; None to hold.
         outputs: To be set.
         entered: Command mode with which COMMANDING_ACTIVE was entered.
@@ -150,8 +150,7 @@ def _active(
     """
     entered, mode = modes
     if entered is _POSITION:
-        commanded = isinstance(command, PositionCommand)
-        position = wire.setpoint(command.position if commanded else setpoint)
+        position = wire.setpoint(setpoint)
     else:
         position = wire.position(application_position(message, wire) or numbers(setpoint))
         mode = entered

@@ -9,7 +9,6 @@ import numpy as np
 from backends.fri.advice import advice, why_not_commanded
 from backends.fri.answers import application_position, command_mode, left_position
 from backends.fri.codec.messages import CommandMode, SessionState
-from backends.fri.replies import Effect
 from backends.fri.session import Order
 from backends.fri.wire_limits import numbers
 
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
     from backends.fri.codec.messages import CommandData, Joints, Monitoring
     from backends.fri.plausibility import Plausibility
-    from backends.fri.session import RobotSession
+    from backends.fri.session import Effect, RobotSession
     from backends.fri.wire_limits import WireLimits
     from limo_driver.robot.safety import SafetyContract
     from limo_driver.types import FloatArray
@@ -84,8 +83,10 @@ class Lead:
         """
         before, state = states
         if self.commanded and before is state is _ACTIVE and order is _NEXT and self._wire.anchored:
-            self._examine(message)
-            self._measured = measured
+            ipo, (robot, connection), self._measured = message.ipo, self._familiar, measured
+            same = message.robot is robot and message.connection is connection
+            if not (same and ipo is not None and ipo.command_mode is self.mode):
+                self._examine(message)
             return  # most often
         if before is _ACTIVE:
             self._note_end(message, order, state)
@@ -111,17 +112,9 @@ class Lead:
 
     def _examine(self, message: Monitoring) -> None:
         """Hold where an active session says something that does not go with commands."""
-        ipo, robot, connection = message.ipo, message.robot, message.connection
-        known = self._familiar
-        if (
-            robot is known[0] and connection is known[1]
-            and ipo is not None and ipo.command_mode is self.mode
-        ):  # fmt: skip
-            return  # it says the very same as the one before
-        self._familiar = robot, connection
+        self._familiar = message.robot, message.connection  # most often the very same say the same
         self.trouble = why_not_commanded(message)
         if (mode := command_mode(message)) is not self.mode:
-            self._familiar = None, None
             self.trouble = f"the command mode changed from {self.mode.name} to {mode.name}"
         if self.trouble and not self._contract.at_rest:
             self._hold(f"in COMMANDING_ACTIVE, {self.trouble}")
@@ -129,7 +122,7 @@ class Lead:
     def _note_end(self, message: Monitoring, order: Order, state: SessionState | None) -> None:
         """Hold where an active session ends, or may have begun anew unseen."""
         if state is not _ACTIVE and state is not None:
-            effect = Effect(self._contract.following, self._wire.sent, self.said)
+            effect = self._contract.following, self._wire.sent, self.said
             self._left = _Left(effect, self.mode, self._session.packets, self._measured)
             reasons = "".join(f"; {said}" for said in advice(message)[:1])
             self._hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
@@ -161,9 +154,8 @@ class Lead:
 
     def take_back(self, effect: Effect) -> None:
         """Let the next answer follow from an earlier one: those since then had no effect."""
-        self._contract.take_back(effect.setpoint)
-        self._wire.go_back(effect.sent)
-        self.said = effect.said
+        setpoint, self._wire.sent, self.said = effect
+        self._contract.take_back(setpoint)
 
     def _begin(self, told: Joints | None, measured: Joints) -> None:
         """Begin where the arm is told to be, or where it is; nowhere if neither can be."""
@@ -173,7 +165,7 @@ class Lead:
         self.commanded, self.said = False, None
         if told is not None:
             self._contract.lead(np.array(told))
-        self._session.begin(Effect(self._contract.present, self._wire.sent, None))
+        self._session.begin((self._contract.present, self._wire.sent, None))
 
     def _leading(self, message: Monitoring) -> Joints | None:
         """Return where the arm that nobody commands is told to be; None if nobody says.

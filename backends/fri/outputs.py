@@ -46,7 +46,7 @@ class Outputs:
 
     def note_sent(self, sequence: int) -> None:
         """Note the sequence of an answer that carried what was waiting."""
-        for io in self.waiting:
+        for io in self.waiting if self._values else ():
             # A robot that has received nothing reflects 0, too: the first answer confirms nothing.
             self._since.setdefault(io.name, max(sequence, 1))
 

@@ -55,10 +55,11 @@ class Plausibility:
             position: Measured, (7,) [rad].
             torque: Measured, (7,) [N m].
         """
-        before = self._measured
-        if before is None or self.begins(message):
+        before, connection = self._measured, message.connection
+        if before is None or connection is None or connection.session_state not in _COMMANDED:
             return _fine(position, torque, position, _ANYWHERE)
-        reach = self._within(message)
+        steps = (message.header.sequence - self._sequence) % _MODULUS
+        reach = self._reach if steps == 1 else self.reach(min(steps, self._most))
         if not _fine(position, torque, before, reach):
             return False
         told = None if message.ipo is None else message.ipo.joint_position
@@ -68,7 +69,8 @@ class Plausibility:
         """Say why the arm cannot be where a message has it; empty if it can."""
         if self._measured is None or self.begins(message):
             return ""
-        reach, data, ipo = self._within(message), message.data, message.ipo
+        steps = (message.header.sequence - self._sequence) % _MODULUS
+        reach, data, ipo = self.reach(min(steps, self._most)), message.data, message.ipo
         before = tuple(self._measured.tolist())
         measured = None if data is None else data.measured_position
         told = None if ipo is None else ipo.joint_position
@@ -80,11 +82,6 @@ class Plausibility:
         """Note a message whose poses are believed; measured, (7,) [rad]."""
         self._sequence, self._measured = message.header.sequence, position
         self._told = None if message.ipo is None else message.ipo.joint_position
-
-    def _within(self, message: Monitoring) -> FloatArray:
-        """Return how far joints can have got since the last message, (7,) [rad]."""
-        steps = (message.header.sequence - self._sequence) % _MODULUS
-        return self._reach if steps == 1 else self.reach(min(steps, self._most))
 
     def reach(self, steps: int) -> FloatArray:
         """Return how far joints can get in so many send periods, and one more, (7,) [rad]."""

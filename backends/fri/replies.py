@@ -9,32 +9,25 @@ arrives first is then one step from what had effect last.
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from backends.fri.answers import answer_to
 from backends.fri.codec.template import CommandTemplate
 from limo_driver.latency import LatencyHistogram
+from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from backends.fri.codec.messages import CommandData, Monitoring
+    from backends.fri.codec.messages import Monitoring
     from backends.fri.connection import Connection
     from backends.fri.lead import Lead
     from backends.fri.outputs import Outputs
     from backends.fri.session import RobotSession
-    from backends.fri.wire_limits import Sent, WireLimits
+    from backends.fri.wire_limits import WireLimits
     from limo_driver.robot.output import Setpoint
     from limo_driver.robot.safety import SafetyContract
     from limo_driver.types import JointCommand
-
-
-class Effect(NamedTuple):
-    """What an answer leaves behind, from which the next one follows."""
-
-    setpoint: Setpoint  # of the contract
-    sent: Sent  # at the wire
-    said: CommandData | None  # to the robot
 
 
 class Replies:
@@ -62,6 +55,7 @@ class Replies:
         self._wire, self._lead, self._outputs = wire, lead, outputs
         self._writer = CommandTemplate(link.generation)
         self.latency = LatencyHistogram()  # from a packet's arrival to its answer
+        self.carried: Setpoint | None = None  # by the last answer that left
 
     def reply(self, message: Monitoring, arrived: float, command: JointCommand | None) -> bool:
         """Answer a message, with a command or by what the driver answers itself.
@@ -74,13 +68,15 @@ class Replies:
         Returns:
             Whether anything left for the robot.
         """
-        before, session, lead = self._wire.sent, self._session, self._lead
+        before, session, lead, contract = (
+            self._wire.sent, self._session, self._lead, self._contract,
+        )  # fmt: skip
         answer = answer_to(
             message,
             session.next_sequence(),
             self._link.generation,
             self._wire,
-            self._contract.setpoint,
+            command.position if isinstance(command, PositionCommand) else contract.setpoint,
             command,
             self._outputs.waiting,
             lead.mode,
@@ -89,10 +85,11 @@ class Replies:
             return False
         if not self._link.endpoint.send(self._writer.encode(answer)):
             session.note_refusal()
-            self._wire.go_back(before)
+            self._wire.sent = before
             return False
         lead.said = answer.data
-        session.note_answer(Effect(self._contract.following, self._wire.sent, answer.data))
+        self.carried = contract.following
+        session.note_answer((self.carried, self._wire.sent, answer.data))
         self._outputs.note_sent(answer.header.sequence)
         self.latency.add(time.monotonic() - arrived)
         return True
@@ -100,13 +97,13 @@ class Replies:
     def settle(self, hold: Callable[[str], None]) -> None:
         """Act on answers that have no effect, before the next one: called once a packet."""
         session = self._session
-        if not (session.overdue or session.refused) or self._contract.at_rest:
+        overdue = session.overdue
+        if not (overdue or session.refused) or self._contract.at_rest:
             return
         waited = session.patience * session.period
         if session.refused:
             hold(f"no command could be sent for {waited:.3g} s: {self._link.endpoint.refusal}")
-        if session.overdue:
+        if overdue:
             hold(f"the robot has received none of the last {session.unconfirmed} commands")
-            effect = session.confirmed
-            if isinstance(effect, Effect):
+            if (effect := session.confirmed) is not None:
                 self._lead.take_back(effect)

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from backends.fri.codec.version import Generation
     from backends.fri.endpoint import Datagram
     from limo_driver.latency import LatencyHistogram
-    from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
 WRENCH_LIMITS: Final = WrenchLimits(
@@ -139,7 +138,6 @@ class FriRobot(Robot):
         self._arrived = 0.0  # [s], of this machine's monotonic clock
         self._answered_packet = -1
         self._replied = True  # the last message, as far as it is to be answered
-        self._sent: Setpoint | None = None  # in answer to it, by a command
         self._missed = 0  # cycles in a row
         self._outdated = max(OUTDATED, spec.period)  # [s]
         self._stall = (0.0, -math.inf)  # how long this machine stalled last [s], and when it ended
@@ -282,7 +280,7 @@ class FriRobot(Robot):
         return np.array(values)
 
     def _check(self, command: JointCommand) -> None:
-        check_taken(self.monitoring, command, self._lead.trouble)
+        check_taken(self._message or self.monitoring, command, self._lead.trouble)
 
     def _send(self, command: JointCommand) -> JointCommand:
         if self._missed or self._session.state is not _ACTIVE:
@@ -290,13 +288,12 @@ class FriRobot(Robot):
             return sent_as(command, self._lead.said, sent=False)
         self._lead.commanded = True
         if self._replied:  # one answer to each packet: this one goes on with the next
-            self._contract.withhold(self._sent)
+            self._contract.withhold(self._replies.carried)
             return sent_as(command, self._lead.said)
         changed = self._wire.changed
         if not self._reply(command):  # nothing left
             self._contract.withhold()
             return sent_as(command, self._lead.said, sent=False)
-        self._sent = self._contract.following
         if self._wire.changed == changed and self._lead.said is not None:
             return command
         return sent_as(command, self._lead.said)
@@ -309,10 +306,10 @@ class FriRobot(Robot):
             self._missed += 1
             self._session.figures.stale += 1
             return None
-        self._missed, self._replied, self._sent, self._asks = 0, False, None, message
+        self._missed, self._replied, self._asks = 0, False, message
         if self._session.state is not _ACTIVE:
             self._reply(None)
-        else:
+        elif self._session.waits:
             self._replies.settle(self._hold_for)
         return JointState.trusted(
             time=self._session.time,

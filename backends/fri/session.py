@@ -5,13 +5,20 @@ Bookkeeping only: nothing here decides what is commanded.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 if TYPE_CHECKING:
-    from backends.fri.codec.messages import Monitoring, SessionState, Timestamp
+    from backends.fri.codec.messages import CommandData, Monitoring, SessionState, Timestamp
+    from backends.fri.wire_limits import Sent
+    from limo_driver.robot.output import Setpoint
+
+# What an answer leaves behind, from which the next one follows: set-point of the contract, numbers
+# at the wire, and all that was said to the robot. Plain tuples, since each cycle makes some.
+Effect: TypeAlias = "tuple[Setpoint, Sent, CommandData | None]"
 
 _MODULUS: Final = 1 << 32
 _LONGEST_JUMP: Final = 1.0  # [s] beyond the expected step that a robot's clock is believed
@@ -22,6 +29,7 @@ _LEAP: Final = 0.02  # [s] by which packets may have been lost faster than time 
 _LEAPT_PERIODS: Final = 3  # or so many periods, if those are longer
 PATIENCE: Final = 0.01  # [s] in which the robot says that it received a command
 PATIENT_PERIODS: Final = 3  # or so many periods, if those are longer
+_LAST_DIGITS: Final = 1e-9
 MOST_VISITS: Final = 256  # of states that are remembered
 MOST_UNCONFIRMED: Final = 1024  # commands of which an answer is still awaited
 
@@ -68,13 +76,6 @@ class Visit:
     time: float  # [s] of the robot, since the first packet
 
 
-class _Answer(NamedTuple):
-    """A command that was sent, and is not confirmed yet."""
-
-    packet: int  # count of the one that it answered
-    effect: object  # of it, as who sent it remembers that
-
-
 @dataclass
 class RobotSession:
     """Follows one robot through its sessions.
@@ -98,9 +99,12 @@ class RobotSession:
     _strays: int = 0  # packets in a row that stood behind it, in an order of their own
     _last_stray: int = 0
     _sequence: int = 0  # of the next command
-    # Commands in the order of their sequence, of which the last is that of the last one sent.
-    _unconfirmed: deque[_Answer] = field(default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED))
-    _confirmed: object = None  # effect of the last command that the robot has received
+    # Commands in the order of their sequence, up to the last one sent: count of the packet that it
+    # answers, and its effect.
+    _unconfirmed: deque[tuple[int, Effect | None]] = field(
+        default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED)
+    )
+    confirmed: Effect | None = None  # of the last command that the robot has received, as it said
     _refused_since: int | None = None  # count of the packet that could not be answered first
 
     def take(self, message: Monitoring, arrived: float | None = None) -> Order:
@@ -125,9 +129,9 @@ class RobotSession:
         """Return the sequence of the command that is about to be sent."""
         return self._sequence
 
-    def note_answer(self, effect: object = None) -> None:
+    def note_answer(self, effect: Effect | None = None) -> None:
         """Note that the command was sent, and what effect it has once it is received."""
-        self._unconfirmed.append(_Answer(self.packets, effect))
+        self._unconfirmed.append((self.packets, effect))
         self._sequence = (self._sequence + 1) % _MODULUS
         self._refused_since = None
         self.figures.answered += 1
@@ -138,11 +142,11 @@ class RobotSession:
         if self._refused_since is None:
             self._refused_since = self.packets
 
-    def begin(self, effect: object) -> None:
+    def begin(self, effect: Effect) -> None:
         """Begin anew: until commands are received, the arm is as `effect` says."""
-        self._confirmed = effect
-        self._unconfirmed = deque((_Answer(a.packet, effect) for a in self._unconfirmed),
-                                  MOST_UNCONFIRMED)  # fmt: skip
+        self.confirmed = effect
+        for k, (packet, _) in enumerate(self._unconfirmed):
+            self._unconfirmed[k] = packet, effect
 
     @property
     def unconfirmed(self) -> int:
@@ -150,21 +154,21 @@ class RobotSession:
         return len(self._unconfirmed)
 
     @property
-    def confirmed(self) -> object:
-        """Effect of the last command that the robot has received, as far as it said."""
-        return self._confirmed
+    def waits(self) -> bool:
+        """Whether a command is not confirmed yet, or could not be sent."""
+        return bool(self._unconfirmed) or self._refused_since is not None
 
     @property
     def patience(self) -> int:
         """Packets after which a command is overdue that the robot has not received."""
         least = max(PATIENT_PERIODS, self.multiplier + 1)  # one answer may be lost
-        return max(least, round(PATIENCE / self.period))
+        return max(least, math.ceil(PATIENCE / self.period - _LAST_DIGITS))
 
     @property
     def overdue(self) -> bool:
         """Whether the robot does not say in time that it received a command."""
         waiting = self._unconfirmed
-        return bool(waiting) and self.packets - waiting[0].packet >= self.patience
+        return bool(waiting) and self.packets - waiting[0][0] >= self.patience
 
     @property
     def refused(self) -> bool:
@@ -234,7 +238,7 @@ class RobotSession:
         """Settle the commands up to the one that the robot received last."""
         waiting = self._unconfirmed
         if order is _RESTARTED and waiting:  # nobody knows; the last one may well have had effect
-            self._confirmed = waiting[-1].effect
+            self.confirmed = waiting[-1][1]
             waiting.clear()
         behind = (self._sequence - 1 - reflected) % _MODULUS  # commands sent since then
         if behind >= len(waiting):
@@ -242,7 +246,7 @@ class RobotSession:
         passed_over = len(waiting) - 1 - behind
         for _ in range(passed_over):
             waiting.popleft()
-        self._confirmed = waiting.popleft().effect
+        self.confirmed = waiting.popleft()[1]
         self.figures.unreceived += passed_over
         self.figures.late += behind > 0
 

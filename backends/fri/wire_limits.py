@@ -12,7 +12,7 @@ but a set-point that changes nothing, which is what most are, is compared in one
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
@@ -23,17 +23,11 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray, RobotSpec
 
 Numbers: TypeAlias = tuple[float, ...]
+# What was sent last: position [rad], the same where it was a set-point, and torque or wrench.
+Sent: TypeAlias = "tuple[Numbers | None, FloatArray | None, Numbers | None]"
 
 _ROUNDING: Final = 2e-6  # relative, twice the contract's own for a step of position
 _LAST_DIGITS: Final = 1e-9  # relative, of a step of torque
-
-
-class Sent(NamedTuple):
-    """Numbers that were sent last, from which the next ones follow."""
-
-    position: Numbers | None = None  # (n,) [rad]; None where it is not known where the arm stands
-    setpoint: FloatArray | None = None  # the same, where it was a set-point
-    effort: Numbers | None = None  # torque or wrench
 
 
 class WireLimits:
@@ -65,23 +59,12 @@ class WireLimits:
             position: Where the arm stands, or is told to, within its range, (n,) [rad]; None where
                 that is not known.
         """
-        self._position = position  # sent last
-        self._last: FloatArray | None = None  # the same, where it was a set-point
-        self._effort: Numbers | None = None  # torque or wrench, sent last
-
-    @property
-    def sent(self) -> Sent:
-        """What was sent last."""
-        return Sent(self._position, self._last, self._effort)
-
-    def go_back(self, sent: Sent) -> None:
-        """Let the next command follow from an earlier one: those since then had no effect."""
-        self._position, self._last, self._effort = sent
+        self.sent: Sent = position, None, None  # last; who sets it goes back to what had effect
 
     @property
     def anchored(self) -> bool:
         """Whether it is known where the arm stands."""
-        return self._position is not None
+        return self.sent[0] is not None
 
     def usable(self, position: Numbers) -> bool:
         """Say whether a position that the robot names may be mirrored."""
@@ -92,27 +75,31 @@ class WireLimits:
 
     def reachable(self, wanted: Numbers) -> Numbers:
         """Return how close to a position the next command may come, (n,) [rad]."""
-        return wanted if self._position is None else _near(wanted, self._position, self._step)
+        last = self.sent[0]
+        return wanted if last is None else _near(wanted, last, self._step)
 
     def position(self, wanted: Numbers) -> Numbers | None:
         """Return the position to send, (n,) [rad], within the arm's range; None for none."""
-        if self._position is None:
+        last, _, effort = self.sent
+        if last is None:
             return None
         sent = self.reachable(wanted)
         if not self.usable(sent):
-            sent = self._position
+            sent = last
         self.changed += sent is not wanted
-        self._position, self._last = sent, None
+        self.sent = sent, None, effort
         return sent
 
     def setpoint(self, wanted: FloatArray) -> Numbers | None:
         """Return the position to send of a set-point (n,) [rad]; most often just that."""
-        if self._last is None or not _keeps(wanted, self._last, self._bounds):
+        _, last, effort = self.sent
+        if last is None or not _keeps(wanted, last, self._bounds):
             sent = self.position(numbers(wanted))
-            self._last = None if sent is None else np.array(sent)
+            self.sent = sent, None if sent is None else np.array(sent), effort
             return sent
-        self._position, self._last = numbers(wanted), wanted
-        return self._position
+        told = numbers(wanted)
+        self.sent = told, wanted, effort
+        return told
 
     def torque(self, wanted: Numbers | None) -> Numbers:
         """Return the torque to send, (n,) [N m]; None asks for no torque."""
@@ -125,9 +112,10 @@ class WireLimits:
     def _limited(self, wanted: Numbers | None, most: Numbers, step: Numbers) -> Numbers:
         zero = (0.0,) * len(most)
         target = zero if wanted is None else _near(wanted, zero, most)
-        sent = _near(target, zero if self._effort is None else self._effort, step)
+        position, last, effort = self.sent
+        sent = _near(target, zero if effort is None else effort, step)
         self.changed += wanted is not None and sent is not wanted
-        self._effort = sent
+        self.sent = position, last, sent
         return sent
 
 
