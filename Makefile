@@ -4,8 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Processes that share the tests, file by file; 0 for none, as a debugger wants it.
 WORKERS ?= 2
-# More threads of BLAS than idle cores wait for each other, and take three times as long.
-PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile --durations=15
+TESTS := $(BIN)/python tests/lanes/run.py --workers $(WORKERS)
 # Images of containers often set it: then each of many processes compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -28,10 +27,10 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/.made
 	$(INSTALL) .
 	touch $@
 
-# for those who change limo: tests, style, types
+# For those who change limo: tests, style, types, the site. Two calls of pip take a minute more.
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
-	$(INSTALL) '.[dev]'
-	touch $@ $(VENV)/.installed
+	$(INSTALL) '.[dev,docs]'
+	touch $@ $(VENV)/.installed $(VENV)/.installed-docs
 
 demo: $(VENV)/.installed ## see the whole way of the data once: out/demo/index.html
 	$(BIN)/python examples/demo.py --out out/demo
@@ -47,14 +46,14 @@ docs: $(VENV)/.installed-docs ## build the documentation as a site: out/site/ind
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 	@echo open out/site/index.html
 
-test: $(VENV)/.installed-dev ## run the tests that a change needs: a few minutes
-	$(PYTEST) -m "not slow"
+test: $(VENV)/.installed-dev ## run the tests that a change needs, in five minutes
+	$(TESTS)
 
 test-slow: $(VENV)/.installed-dev ## run the tests that `make test` leaves out; each is marked with why
-	$(PYTEST) -m slow
+	$(TESTS) --slow
 
-test-all: $(VENV)/.installed-dev ## run all tests, with new random examples
-	$(PYTEST) --hypothesis-profile explore
+test-all: $(VENV)/.installed-dev ## run all tests, within an hour; where it was interrupted, it goes on
+	$(TESTS) --all
 
 lint: $(VENV)/.installed-dev ## style, types, direction of imports
 	$(BIN)/ruff check .

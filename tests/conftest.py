@@ -13,6 +13,8 @@ from typer.testing import CliRunner
 from limo_driver.cli import main
 from limo_driver.physics import Simulation
 
+pytest_plugins = ["kept_results"]
+
 TWO_LINKS = """<robot name="two_links">
   <link name="base"/>
   <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>

@@ -32,6 +32,7 @@ def run(source: Path) -> None:
 
     Raises:
         CellExecutionError: A cell fails.
+        ValueError: No cell draws.
     """
     import jupytext
     import nbformat
@@ -53,7 +54,10 @@ def run(source: Path) -> None:
     shutil.rmtree(kept, ignore_errors=True)
     kept.mkdir(parents=True)
     nbformat.write(notebook, kept / f"{source.stem}.ipynb")
-    (kept / "page.md").write_text(page(notebook, source.stem, kept), encoding="utf-8")
+    text = page(notebook, source.stem, kept)
+    if not list(kept.glob("*.png")):
+        raise ValueError(f"{source}: draws nothing, expected a figure at least")
+    (kept / "page.md").write_text(text, encoding="utf-8")
 
 
 def page(notebook: Any, name: str, folder: Path) -> str:  # noqa: ANN401  # nbformat's

@@ -7,6 +7,8 @@ import servo_cases
 import servo_plant as plant
 from servo_plant import LINK, MOTOR, N
 
+pytestmark = pytest.mark.slow("compiles the plant, which no change of limo touches")
+
 RATE = 200.0
 LEVEL = np.array([0.0, 0.0, 0.0, 0.0])  # stretched out
 
@@ -53,7 +55,6 @@ def test_friction_holds_within_its_band():
     assert np.abs(away).max() > 0.05
 
 
-@pytest.mark.slow("draws three whole cases")
 def test_a_case_is_drawn_from_its_seed():
     first, again = (servo_cases.make(3, ("drive_delay",)) for _ in range(2))
     np.testing.assert_array_equal(first.recordings[0].position, again.recordings[0].position)

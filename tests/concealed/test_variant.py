@@ -10,7 +10,10 @@ from world import World
 
 from limo_driver.physics import Simulation
 
+PLANT = pytest.mark.slow("compiles the plant, which no change of limo touches")
 
+
+@PLANT
 @pytest.mark.parametrize("joints", MOVING)
 @pytest.mark.parametrize("full_scale", [0.05, 2000.0])
 def test_the_description_is_of_the_arm_with_the_other_joints_locked(joints, full_scale, tmp_path):
@@ -32,6 +35,7 @@ def test_the_description_is_of_the_arm_with_the_other_joints_locked(joints, full
     assert {entry["joint"] for entry in content["effects"]} == set(range(1, joints + 1))
 
 
+@PLANT
 def test_joints_that_are_locked_stay_where_they_are():
     given = Variant(joints=4)
     random = np.random.default_rng(1)

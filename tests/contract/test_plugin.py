@@ -20,6 +20,8 @@ from processes import ARM, PATIENCE, Answers, Network, driven, limo, served
 from limo_driver.network.streaming import open_session
 from limo_driver.trajectory import Trajectory
 
+pytestmark = pytest.mark.waits
+
 PLUGIN = Path(__file__).parent / "plugin"
 FRICTION = [
     {"effect": "coulomb_friction", "joint": joint, "tau_c": 0.4, "v_eps": 0.01} for joint in (1, 2)

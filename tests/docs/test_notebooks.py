@@ -60,16 +60,3 @@ def test_what_ran_is_not_run_again_until_it_changes(tmp_path, monkeypatch):
 def test_each_is_in_the_navigation(source):
     site = (Path(__file__).parents[2] / "mkdocs.yml").read_text(encoding="utf-8")
     assert f"notebooks/{source.stem}.md" in site
-
-
-@pytest.mark.slow("executes the notebooks of the site: half a minute of one core")
-@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)
-def test_each_runs_and_draws(source, tmp_path, monkeypatch):
-    for package in ("jupytext", "nbclient", "ipykernel"):
-        pytest.importorskip(package, reason="the extra `docs` is not installed")
-    monkeypatch.setattr(notebooks, "OUT", tmp_path)
-    notebooks.run(source)
-    made = tmp_path / source.stem
-    assert list(made.glob("*.png"))
-    assert (made / f"{source.stem}.ipynb").exists()
-    assert "](" in (made / "page.md").read_text(encoding="utf-8")

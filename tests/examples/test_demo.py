@@ -27,6 +27,8 @@ from limo_driver.errors import LimoError
 from limo_driver.network.messages import Event, Level
 from limo_driver.trajectory import Trajectory
 
+pytestmark = pytest.mark.waits
+
 PIXEL = bytes.fromhex(
     "89504e470d0a1a0a0000000d49484452000000010000000108060000001f15c4890000000d49444154789c63000100"
     "000500010d0a2db40000000049454e44ae426082"

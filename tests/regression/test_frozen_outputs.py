@@ -17,30 +17,33 @@ import json
 import pytest
 from frozen_cases import CASES, FROZEN, STAGES, values_of
 from frozen_values import SAME_MACHINE, differences, fingerprint
+from lanes import sampled
 
 SHOWN = 20  # differences of a stage
 
-pytestmark = pytest.mark.slow("runs four commands on each of six recordings")
+QUICK = ("identify", "diagnose", "predict")
 
 
-@pytest.fixture(scope="module", params=CASES)
-def case(request, tmp_path_factory):
-    """Compute one case, and read what is frozen of it."""
-    name, made = request.param, CASES[request.param]
+@sampled(
+    ("name", "stages"),
+    [
+        pytest.param("two_links", QUICK, id="two_links without models"),
+        *(pytest.param(name, tuple(STAGES), id=name) for name in CASES),
+    ],
+    "runs four commands on each recording",
+)
+def test_what_the_commands_make_is_what_was_frozen(name, stages, tmp_path):
+    made = CASES[name]
     if made.absent:
         pytest.skip(f"no {made.absent[0]}; name the folder of real recordings in LIMO_DATA")
     frozen = json.loads((FROZEN / f"{name}.json").read_text(encoding="utf-8"))
-    folder = tmp_path_factory.mktemp(name)
-    made.prepare(folder, frozen["stages"]["identify"]["sim"])
-    return made, frozen, values_of(name, tuple(STAGES), folder)
-
-
-@pytest.mark.parametrize("stage", STAGES)
-def test_what_the_commands_make_is_what_was_frozen(case, stage):
-    made, frozen, values = case
+    made.prepare(tmp_path, frozen["stages"]["identify"]["sim"])
     same = frozen["fingerprint"] == fingerprint()
-    tolerance = SAME_MACHINE if same else made.tolerance_elsewhere(stage)
-    found = differences(frozen["stages"][stage], values[stage], tolerance, figures_in_texts=same)
-    worst = sorted(found, key=lambda item: -item.size)[:SHOWN]
-    told = "\n".join(map(str, worst))
-    assert not found, f"{len(found)} values differ, the most by:\n{told}"
+    told = []
+    for stage, values in values_of(name, stages, tmp_path).items():
+        tolerance = SAME_MACHINE if same else made.tolerance_elsewhere(stage)
+        found = differences(frozen["stages"][stage], values, tolerance, figures_in_texts=same)
+        worst = sorted(found, key=lambda item: -item.size)[:SHOWN]
+        if found:
+            told += [f"{stage}: {len(found)} values differ, the most by:", *map(str, worst)]
+    assert not told, "\n".join(told)

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from ports import free_port
 
+pytestmark = pytest.mark.waits
+
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
 

@@ -1,11 +1,13 @@
 """The driver on drives that are local nodes of the canopen package."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from arms import NODES, START, arm_config, counts_at
 from canopen_drives import CanopenArm
+from sync_bus import SyncBus
 
 from backends.can import CanRobot, DriveError
 from limo_driver.errors import BackendError, HoldingError
@@ -18,8 +20,20 @@ def config():
 
 
 @pytest.fixture
-def arm(config):
-    with CanopenArm(config.bus.channel, NODES, counts_at(config, START)) as drives:
+def bus():
+    """Return a bus whose time passes only where the driver waits."""
+    return SyncBus()
+
+
+@pytest.fixture
+def opened(bus):
+    """Return what opens an arm on it."""
+    return partial(CanRobot, bus=bus, clock=bus.now)
+
+
+@pytest.fixture
+def arm(bus, config):
+    with CanopenArm(bus, NODES, counts_at(config, START)) as drives:
         yield drives
 
 
@@ -32,8 +46,8 @@ def follow(robot, targets):
 
 
 @pytest.mark.usefixtures("arm")
-def test_measures_position_torque_temperature_and_status(config):
-    with CanRobot(config) as robot:
+def test_measures_position_torque_temperature_and_status(config, opened):
+    with opened(config) as robot:
         states = [robot.receive() for _ in range(15)]
         assert np.abs(states[-1].position - START).max() < 2e-5
         assert [s.sequence for s in states] == sorted({s.sequence for s in states})
@@ -46,9 +60,9 @@ def test_measures_position_torque_temperature_and_status(config):
         assert robot.spec.torque_resolution == pytest.approx([0.1] * 7)
 
 
-def test_follows_positions_and_ends_disabled(config, arm):
+def test_follows_positions_and_ends_disabled(config, arm, opened):
     targets = START + 0.01 * (1 - np.cos(np.linspace(0, np.pi, 40)))[:, None]
-    with CanRobot(config) as robot:
+    with opened(config) as robot:
         states = follow(robot, targets)
         last = robot.receive()
         assert np.abs(last.position - targets[-1]).max() < 2e-5
@@ -58,16 +72,16 @@ def test_follows_positions_and_ends_disabled(config, arm):
     assert all(drive.node.nmt.state == "PRE-OPERATIONAL" for drive in arm.drives)
 
 
-def test_no_drive_moves_when_it_is_enabled(config, arm):
+def test_no_drive_moves_when_it_is_enabled(config, arm, opened):
     before = [drive.count for drive in arm.drives]
-    with CanRobot(config) as robot:
+    with opened(config) as robot:
         for _ in range(5):
             robot.receive()
     assert [drive.count for drive in arm.drives] == before
 
 
-def test_configures_watchdogs_and_reactions(config, arm):
-    with CanRobot(config):
+def test_configures_watchdogs_and_reactions(config, arm, opened):
+    with opened(config):
         store = arm.drives[3].node.sdo
         assert store[0x1016][1].raw == 127 << 16 | 1000
         assert store[0x1017].raw == 250
@@ -79,9 +93,9 @@ def test_configures_watchdogs_and_reactions(config, arm):
     assert store[0x1016][1].raw == 0
 
 
-def test_torques_go_out_with_gravity_and_stop_at_rest(config, arm):
+def test_torques_go_out_with_gravity_and_stop_at_rest(config, arm, opened):
     gravity = config.model.gravity_torque(START)[0]
-    with CanRobot(config) as robot:
+    with opened(config) as robot:
         robot.receive()
         for _ in range(10):
             robot.send(TorqueCommand(torque=np.zeros(7)))
@@ -95,8 +109,8 @@ def test_torques_go_out_with_gravity_and_stop_at_rest(config, arm):
 
 
 @pytest.mark.usefixtures("arm")
-def test_impedance_is_refused(config):
-    with CanRobot(config) as robot:
+def test_impedance_is_refused(config, opened):
+    with opened(config) as robot:
         state = robot.receive()
         zero = np.zeros(7)
         with pytest.raises(BackendError, match="given ImpedanceCommand"):
@@ -105,8 +119,8 @@ def test_impedance_is_refused(config):
             )
 
 
-def test_fault_leads_to_hold_and_is_reset_only_when_told(config, arm):
-    with CanRobot(config) as robot:
+def test_fault_leads_to_hold_and_is_reset_only_when_told(config, arm, opened):
+    with opened(config) as robot:
         follow(robot, [START] * 3)
         arm.drives[2].trip(0x4310)
         states = [robot.receive() for _ in range(5)]
@@ -123,17 +137,17 @@ def test_fault_leads_to_hold_and_is_reset_only_when_told(config, arm):
         assert not state.holding
 
 
-def test_fault_at_the_start_is_named(config, arm):
+def test_fault_at_the_start_is_named(config, arm, opened):
     arm.drives[4].trip(0x8611)
     with pytest.raises(DriveError, match=r"joint 5 \(node 15\) is in fault: following error"):
-        CanRobot(config)
-    with CanRobot(config, reset_faults=True) as robot:
+        opened(config)
+    with opened(config, reset_faults=True) as robot:
         robot.receive()
         assert all(drive.enabled for drive in robot.drives)
 
 
-def test_silent_joint_is_stale_within_two_cycles_and_holds(config, arm):
-    with CanRobot(replace(config, hold_after=2)) as robot:
+def test_silent_joint_is_stale_within_two_cycles_and_holds(config, arm, opened):
+    with opened(replace(config, hold_after=2)) as robot:
         follow(robot, [START] * 3)
         arm.drives[5].mute = True
         states = [robot.receive() for _ in range(3)]
@@ -145,36 +159,36 @@ def test_silent_joint_is_stale_within_two_cycles_and_holds(config, arm):
             robot.send(PositionCommand(position=START))
 
 
-def test_missing_drive_is_named_with_those_that_answer(config):
+def test_missing_drive_is_named_with_those_that_answer(bus, config, opened):
     nodes = [*NODES[:3], 24, *NODES[4:]]
     fast = replace(config, answer_timeout=0.1)
     with (
-        CanopenArm(config.bus.channel, nodes),
+        CanopenArm(bus, nodes),
         pytest.raises(DriveError, match=r"joint 4 \(node 14\) does not answer.*node id 24\?"),
     ):
-        CanRobot(fast)
+        opened(fast)
 
 
-def test_swapped_drives_are_named(config):
+def test_swapped_drives_are_named(bus, config, opened):
     joints = tuple(replace(joint, serial=joint.node) for joint in config.joints)
     serials = [11, 12, 14, 13, 15, 16, 17]
     with (
-        CanopenArm(config.bus.channel, NODES, serials=serials),
+        CanopenArm(bus, NODES, serials=serials),
         pytest.raises(
             DriveError, match=r"joint 3 .*serial number 14, expected 13.*joint 4: swapped"
         ),
     ):
-        CanRobot(replace(config, joints=joints))
+        opened(replace(config, joints=joints))
 
 
 @pytest.mark.usefixtures("arm")
-def test_another_rating_is_another_drive(config):
+def test_another_rating_is_another_drive(config, opened):
     joints = (*config.joints[:6], replace(config.joints[6], rated_torque=40.0))
     with pytest.raises(DriveError, match=r"joint 7 .*rated 100000 mN m .*expected 40000"):
-        CanRobot(replace(config, joints=joints))
+        opened(replace(config, joints=joints))
 
 
-def test_drive_that_cannot_stop_by_itself_is_refused(config, arm):
+def test_drive_that_cannot_stop_by_itself_is_refused(config, arm, opened):
     arm.drives[1].node.object_dictionary[0x6007].access_type = "ro"
     with pytest.raises(DriveError, match=r"joint 2 .*would go on moving.*6007"):
-        CanRobot(config)
+        opened(config)

@@ -11,6 +11,8 @@ from backends.can.config import Bus
 from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConnectionLostError
 
+pytestmark = pytest.mark.waits
+
 GROUP = "239.74.164.9"
 
 

@@ -18,6 +18,8 @@ from backends.fri.codec.messages import CommandMode, SessionState
 from limo_driver.errors import BackendError, HoldingError
 from limo_driver.types import TorqueCommand
 
+pytestmark = pytest.mark.waits
+
 ACTIVE = SessionState.COMMANDING_ACTIVE
 
 

@@ -8,6 +8,8 @@ from stepped_arm import stepped
 from backends.fri.codec.messages import SessionState
 from backends.fri.codec.version import Generation
 
+pytestmark = pytest.mark.waits
+
 
 @pytest.mark.parametrize("generation", [Generation.ONE, Generation.TWO_FIVE])
 def test_it_starts_where_the_other_left_the_arm_and_not_where_the_application_would_be(generation):

@@ -40,6 +40,8 @@ from limo_driver.types import (
     WrenchCommand,
 )
 
+pytestmark = pytest.mark.waits
+
 ACTIVE = SessionState.COMMANDING_ACTIVE
 ASIDE = np.array(POSE) + 0.01  # where the arm is, against where its application has it
 

@@ -127,7 +127,7 @@ def served(
         try:
             ((payload, attachment),) = arm.states(physics, 1 / RATE)
             session.put(server.keys.joints, payload, attachment=attachment)
-            wait_until(lambda: server.service is not None)
+            wait_until(lambda: server.answering)
             yield Served(server, keeper, events, log)
         finally:
             server.close()

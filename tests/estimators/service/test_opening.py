@@ -16,6 +16,8 @@ from estimators.simulation_only import SimulationOnly
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 
+pytestmark = pytest.mark.waits
+
 FIRST_STATES = """
 import sys
 from types import SimpleNamespace

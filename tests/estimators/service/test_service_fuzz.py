@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from limo_driver.network.messages import Event
     from limo_driver.physics import Simulation
 
+pytestmark = pytest.mark.waits
+
 RATE, DELAY = 100.0, 0.1
 KEYS = Keys("arm")
 

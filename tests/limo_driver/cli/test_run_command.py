@@ -16,6 +16,8 @@ from limo_driver.cli import main
 from limo_driver.recordings.recorder import partial_path, read_header
 from limo_driver.trajectory import Segment, Trajectory
 
+pytestmark = pytest.mark.waits
+
 EXAMPLE = Path(__file__).parents[3] / "examples" / "iiwa14_hysteretic.yaml"
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 

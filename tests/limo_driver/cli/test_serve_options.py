@@ -12,6 +12,8 @@ from limo_driver.cli.serve.options import log_limits, per_joint
 from limo_driver.errors import ConfigError
 from limo_driver.workflow.live import serving
 
+pytestmark = pytest.mark.waits
+
 
 class TestLogLimits:
     def test_are_shared_by_the_arms_and_hold_with_the_file_under_way(self):

@@ -15,6 +15,8 @@ from limo_driver.cli.watch.watched import Watched
 from limo_driver.network.messages import Event, Level
 from limo_driver.network.streaming import Keys, to_json
 
+pytestmark = pytest.mark.waits
+
 STATUS = {
     "arm": "arm",
     "state": "serving",

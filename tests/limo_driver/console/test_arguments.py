@@ -15,6 +15,8 @@ import limopa
 from limo_driver.console.arguments import OPTIONS, in_options
 from limo_driver.console.command_line import command_line
 
+pytestmark = pytest.mark.waits
+
 COMMAND = re.compile(r"limo [a-z][^`)]*")  # a whole command line, of which options are a part
 SOURCES = [
     path

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.waits
+
 ROOT = Path(__file__).parents[3]
 LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
 SAID = "limo: interrupted"

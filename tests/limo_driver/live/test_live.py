@@ -20,6 +20,8 @@ from limo_driver.model import RobotModel
 from limo_driver.network.messages import JointStateCodec, TorqueEstimateCodec
 from limo_driver.network.streaming import Keys, declare_stream
 
+pytestmark = pytest.mark.waits
+
 N = 7
 KEYS = Keys("arm")
 POSE = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])

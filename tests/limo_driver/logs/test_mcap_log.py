@@ -22,6 +22,8 @@ from limo_driver.logs.mcap_file import McapWriter
 from limo_driver.logs.mcap_log import SYNC_PERIOD, LogLimits, McapLog, log_files, read_mcap
 from limo_driver.network.messages import JOINT_STATE, LOG, SCHEMAS, Event, JointStateCodec, Level
 
+pytestmark = pytest.mark.waits
+
 CODEC = JointStateCodec(["a", "b"])
 TOPIC = "limo/two/state/joints"
 START = 1_700_000_000_000_000_000

@@ -18,6 +18,8 @@ from limo_driver.compiled import compiled
 from limo_driver.console.compilation_line import compilation_line
 from limo_driver.machine_code import compilation, kept_code
 
+pytestmark = pytest.mark.waits
+
 INNER = """
     from limo_driver.compiled import compiled
 
@@ -116,7 +118,7 @@ def test_what_two_threads_asked_for_at_once_is_found_at_once_ever_after(monkeypa
     def compile_when_both_asked(signature):
         asked.append(signature)
         if len(asked) <= 2:
-            gate.wait(10.0)
+            gate.wait(120.0)
         return compile_one(signature)
 
     monkeypatch.setattr(first, "compile", compile_when_both_asked)

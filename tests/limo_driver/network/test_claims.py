@@ -19,6 +19,8 @@ from limo_driver.network.streaming import (
     open_session,
 )
 
+pytestmark = pytest.mark.waits
+
 CLAIM = """
 import sys
 from limo_driver.errors import ConfigError

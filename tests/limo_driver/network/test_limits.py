@@ -7,6 +7,8 @@ from sessions import sessions_of_two
 
 from limo_driver.network.limits import WAITING, PacedQueryable, RateLimit
 
+pytestmark = pytest.mark.waits
+
 KEY = "limo/arm/model/index"
 OTHER = "limo/arm/other"
 

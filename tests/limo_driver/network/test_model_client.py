@@ -10,6 +10,8 @@ from limo_driver.network import model_client
 from limo_driver.network.model_client import ModelClient
 from limo_driver.network.streaming import Keys, is_alive, to_json
 
+pytestmark = pytest.mark.waits
+
 KEYS = Keys("arm")
 
 

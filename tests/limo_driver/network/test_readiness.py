@@ -18,6 +18,8 @@ from limo_driver.network.readiness import (
 )
 from limo_driver.network.streaming import Keys, claim, declare_history, to_json
 
+pytestmark = pytest.mark.waits
+
 LONG = 60.0  # [s], for what comes; no test waits that long
 ORDER = ("loading", "compiling", "waiting", "preparing", "serving")
 

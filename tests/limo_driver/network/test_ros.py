@@ -17,6 +17,8 @@ from limo_driver.network.streaming import JointStatePublisher, Keys, open_sessio
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
 
+pytestmark = pytest.mark.waits
+
 HASH = "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"
 KEY = f"3/joint_states/sensor_msgs::msg::dds_::JointState_/{HASH}"
 GID = bytes(range(16))

@@ -29,6 +29,8 @@ from limo_driver.network.streaming import (
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
 
+pytestmark = pytest.mark.waits
+
 
 def state(sequence, *, stale=False):
     values = np.array([0.1, -0.2]) * (sequence + 1)

@@ -7,6 +7,8 @@ import pytest
 
 from limo_driver.processes.closing import uninterrupted
 
+pytestmark = pytest.mark.waits
+
 
 @pytest.fixture(autouse=True)
 def usual_handler():

@@ -23,6 +23,8 @@ from limo_driver.recordings.recorder import (
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointState
 
+pytestmark = pytest.mark.waits
+
 WRITER = """
 import sys, time
 import numpy as np

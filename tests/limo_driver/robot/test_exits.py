@@ -23,6 +23,8 @@ from limo_driver.robot.registry import open_robot
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import PositionCommand
 
+pytestmark = pytest.mark.waits
+
 MOVING = """
 import os, signal, sys
 import numpy as np

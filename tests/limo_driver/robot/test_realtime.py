@@ -14,6 +14,8 @@ import pytest
 from limo_driver.errors import ConfigError
 from limo_driver.robot.realtime import YOUNG_LIMIT, Pace, Realtime, sleeper
 
+pytestmark = pytest.mark.waits
+
 
 def test_wakes_come_at_absolute_times() -> None:
     pace = Pace(2e-3)

@@ -13,6 +13,8 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics import CoulombFriction
 from limo_driver.physics.effects.sensing import Sensors
 
+pytestmark = pytest.mark.waits
+
 DRIVER = """
 import os, signal, sys
 import limo_driver as limo

@@ -27,6 +27,8 @@ from limo_driver.workflow.executors.running import run_all
 from limo_driver.workflow.fleets.job import FleetJob
 from limo_driver.workflow.fleets.sources import matched, rows_of
 
+pytestmark = pytest.mark.waits
+
 DRIVER = """
 import os, signal, sys
 import limo_driver as limo

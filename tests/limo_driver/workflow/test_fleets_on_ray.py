@@ -19,6 +19,7 @@ from table_data import write_data
 import limo_driver as limo
 
 pytestmark = [
+    pytest.mark.waits,
     pytest.mark.slow("starts nodes of a cluster: a minute"),
     pytest.mark.skipif(find_spec("ray") is None, reason="needs Ray: pip install limo[fleet]"),
 ]

@@ -1,7 +1,6 @@
 """What a program can do with the library alone, without commands and files."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -9,22 +8,8 @@ from mjcf_arms import arm_of
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError, JointLimitError, RecordingError
-from limo_driver.physics import CoulombFriction, Payload, Sensors, ViscousFriction
+from limo_driver.physics import CoulombFriction, Sensors, ViscousFriction
 
-SNIPPET = """
-import limo_driver as limo
-
-arm  = limo.RobotModel.load("iiwa14")
-data = limo.Recording.from_arrays(time, position, torque)
-sim  = limo.identify(arm, [data]).simulation
-print(sim.score(other))                        # held-out RMSE by joint
-with limo.open_robot("mujoco", simulation=sim) as robot:
-    run = robot.follow(limo.plan(arm, seed=1)) # a Recording
-found = limo.diagnose(sim, [run])              # with next motion and replay, as the command has them
-print(found)                                   # the verdict, in a few lines
-found.save("diagnosis/")
-found.simulation.save("better.yaml")
-"""  # noqa: E501
 TRUE = limo.Simulation(
     "iiwa14",
     (
@@ -43,28 +28,6 @@ def planned():
 @pytest.fixture(scope="module")
 def recorded(planned):
     return limo.run("mujoco", planned, simulation=TRUE, seed=1)
-
-
-@pytest.mark.slow("plans, identifies, simulates and diagnoses")
-def test_the_whole_way_in_a_dozen_lines(recorded, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    # Two poses instead of an hour of motion; all else is word for word.
-    monkeypatch.setattr(limo, "plan", partial(limo.plan, request=limo.PlanRequest(scaffolds=2)))
-    given = {
-        "time": recorded.time,
-        "position": recorded.position,
-        "torque": recorded.torque,
-        "other": recorded,
-    }
-    exec(SNIPPET, given)  # noqa: S102  # our own
-    printed = capsys.readouterr().out
-    assert "RMSE [N m]" in printed
-    assert given["found"].headline() in printed
-    better = limo.Simulation.load("better.yaml")
-    assert better == given["found"].simulation
-    written = {path.name for path in (tmp_path / "diagnosis").iterdir()}
-    assert {"verdict.json", "sim.yaml", "report.html"} <= written
-    assert given["found"].replay
 
 
 def test_a_simulation_scores_the_recording_it_made_near_zero(recorded):
@@ -165,22 +128,6 @@ def test_a_bandwidth_is_not_of_a_model(recorded):
 
     with pytest.raises(ConfigError, match="has the one it was trained with"):
         limo.predict(Trained(), recorded, bandwidth=5.0)
-
-
-@pytest.mark.slow("diagnoses")
-def test_a_diagnosis_on_values_is_the_one_of_the_command(planned):
-    payload = Payload(mass=1.0, com=(0.0, 0.0, 0.1), inertia=(0.0,) * 6)
-    truth = (*TRUE.effects, payload)
-    run = limo.run("mujoco", planned, simulation=replace(TRUE, effects=truth))
-    stages = []
-    found = limo.diagnose(TRUE, [run], progress=lambda stage, part: stages.append((stage, part)))
-    assert found.findings[0].effect == "payload"
-    parts = [part for _, part in stages]
-    assert parts == sorted(parts)
-    assert parts[-1] == 1.0
-    assert found.simulation.score(run).rmse.sum() < 0.5 * TRUE.score(run).rmse.sum()
-    assert "payload" in str(found)
-    assert "held-out RMSE before" in found._repr_html_()
 
 
 def test_a_diagnosis_of_nothing_and_a_filter_without_width_are_refused(recorded):

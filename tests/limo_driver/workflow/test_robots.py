@@ -7,7 +7,7 @@ from importlib.metadata import files
 from pathlib import Path
 
 import numpy as np
-import pytest
+from lanes import sampled
 from linked_arms import gripper, parallelogram, pincer_arm
 from mjcf_arms import arm_of
 from tables import rows_of
@@ -39,6 +39,8 @@ ROBOTS = (
     "pincers.xml",
     "two_arms.xml#left/yaw,left/shoulder,left/elbow",
 )
+# a URDF, an MJCF, joints that follow others, linkages that close
+QUICK = ("iiwa14", "model.xml", "gripper.urdf#yaw,shoulder,elbow,finger_b", "pincers.xml")
 MADE = {
     "gripper.urdf": gripper,  # joints follow others
     "linkage.xml": parallelogram,
@@ -101,8 +103,12 @@ def test_the_table_is_that_of_the_document():
         assert row[1:] == ["yes"] * 4 + [", ".join(kinds_for(robot))]
 
 
-@pytest.mark.slow("plans, runs, identifies, diagnoses and exports each robot")
-@pytest.mark.parametrize("robot", ROBOTS)
+@sampled(
+    "robot",
+    [*QUICK, *(robot for robot in ROBOTS if robot not in QUICK)],
+    "plans, runs, identifies, diagnoses and exports each robot",
+    first=len(QUICK),
+)
 def test_a_robot_as_it_is_found(robot, tmp_path):
     place = place_of(robot, tmp_path)
     model = limo.RobotModel.load(place)

@@ -17,6 +17,8 @@ from limo_driver.errors import ConfigError
 from limo_driver.network.readiness import ServicePhase
 from limo_driver.physics import ViscousFriction
 
+pytestmark = pytest.mark.waits
+
 BELIEVED = limo.Simulation("iiwa14", tuple(ViscousFriction(joint=j, f_v=1.0) for j in range(1, 8)))
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 

@@ -23,6 +23,8 @@ from limo_driver.errors import BackendError, CycleTimeoutError, HoldingError
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
+pytestmark = pytest.mark.waits
+
 JOINTS = {
     "cia402": """
   - {node: 11, counts_per_turn: 65536, gear: 160, rated_torque: 50, serial: 7001}

@@ -21,7 +21,7 @@ from ports import free_port
 
 from backends.can.simulator import SimulatedDrives
 
-pytestmark = pytest.mark.slow("starts drives in a process of its own")
+pytestmark = [pytest.mark.waits, pytest.mark.slow("starts drives in a process of its own")]
 
 NODE = 11
 COUNTS_PER_TURN = 65536 * 160

@@ -29,6 +29,8 @@ from backends.fri.codec.version import Generation
 from backends.fri.doctor import doctor, network
 from backends.fri.doctor.doctor import examine
 
+pytestmark = pytest.mark.waits
+
 
 @contextmanager
 def sending(arm, **at_cycle):

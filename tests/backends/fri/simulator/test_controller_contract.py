@@ -12,6 +12,8 @@ from controller_runs import LIMO, PATIENCE, process, session
 from lanes import sampled
 from ports import free_port
 
+pytestmark = pytest.mark.waits
+
 ORDER = ["IDLE", "MONITORING_WAIT", "MONITORING_READY", "COMMANDING_WAIT", "COMMANDING_ACTIVE"]
 
 

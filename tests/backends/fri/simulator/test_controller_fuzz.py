@@ -6,6 +6,8 @@ from controller_fuzzing import fuzz_controller
 from backends.fri.simulator.report import MOST_COMPLAINTS
 from backends.fri.simulator.settings import POSE
 
+pytestmark = pytest.mark.waits
+
 
 @pytest.mark.slow("sends thousands of datagrams")
 def test_the_controller_outlives_what_it_is_sent():

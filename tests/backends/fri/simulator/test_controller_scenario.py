@@ -23,6 +23,8 @@ from backends.fri.simulator.events import (
 from backends.fri.simulator.scenario import ControllerScenario
 from backends.fri.simulator.settings import ControllerSettings
 
+pytestmark = pytest.mark.waits
+
 
 def played(*events, duration, **options):
     """Let a good client live through a scenario; return the report and what the client saw."""

@@ -21,6 +21,8 @@ from backends.fri.simulator.client.signals import Signals, check_signal_name, pa
 from backends.fri.simulator.client.spoken import monitored_as_of, spoken
 from limo_driver.errors import ConfigError
 
+pytestmark = pytest.mark.waits
+
 SEVEN = (0.1,) * 7
 SET = IoValue("FRI.Seconds", IoType.DIGITAL, IoDirection.OUTPUT, digital=7)
 

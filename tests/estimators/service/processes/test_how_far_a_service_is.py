@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from estimators.service.store.store import ModelStore
 
+pytestmark = pytest.mark.waits
+
 ORDER = ["loading", "compiling", "waiting", "preparing", "serving"]
 
 

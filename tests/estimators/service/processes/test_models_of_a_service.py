@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from estimators.service.store.store import ModelStore
 
+pytestmark = pytest.mark.waits
+
 
 def run(*arguments: object):
     environment = {"COLUMNS": "160", "TERM": "dumb"}

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from estimators.service.store.store import ModelStore
 
-pytestmark = pytest.mark.slow("starts fifteen processes: a minute")
+pytestmark = [pytest.mark.waits, pytest.mark.slow("starts fifteen processes: a minute")]
 
 ARMS = tuple(f"arm{k}" for k in range(8))
 DOWN = 7.0  # [s] without a router, longer than silence takes to be told

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from estimators.service.store.store import ModelStore
 
+pytestmark = pytest.mark.waits
+
 LEFT, RIGHT = "left", "right"
 APART = 0.3  # of the dead worker's silence: longest of the other arm's, however slow the machine
 

@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
     from estimators.service.store.store import ModelStore
 
-pytestmark = pytest.mark.slow("real processes, which start, serve and are killed")
+pytestmark = [
+    pytest.mark.waits,
+    pytest.mark.slow("real processes, which start, serve and are killed"),
+]
 
 DELAY_NS = 100_000_000
 LOST = 1.0  # [s] of data that may be gone after a kill

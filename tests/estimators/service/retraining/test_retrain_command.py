@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
     from limo_driver.recordings.recording import Recording
 
+pytestmark = pytest.mark.waits
+
 
 def run(*arguments: object):
     environment = {"COLUMNS": "160", "TERM": "dumb"}

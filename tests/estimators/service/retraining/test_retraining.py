@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from estimators.service.store.store import ModelStore
     from limo_driver.physics import Simulation
 
+pytestmark = pytest.mark.waits
+
 SETTINGS = RetrainingSettings(
     seconds=40.0, pause=1.0, shadow=50.0, shadow_limit=120.0, probation=60.0
 )

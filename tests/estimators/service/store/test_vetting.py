@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
+pytestmark = pytest.mark.waits
+
 LATE = Demand(rate=100.0, delay=0.1, limit=1.0)
 SETTINGS = TrainingSettings(
     model="lstm-fcl", features="drive", epochs=1, sequence_length=20, hidden=4, folds=1
@@ -135,8 +137,8 @@ def test_a_hanging_version_is_ended(
     filled: ModelStore, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     own = tmp_path / "pid"
-    code = f"import os, time; open({str(own)!r}, 'w').write(str(os.getpid())); time.sleep(600)"
-    monkeypatch.setattr(vetting, "_COMMAND", (sys.executable, "-c", code))
+    hang = f"echo $$ > {own}; exec sleep 600"  # a shell is up long before it has hung
+    monkeypatch.setattr(vetting, "_COMMAND", ("sh", "-c", hang))
     vetted = vet(filled, 1, LATE, timeout=5.0)
     assert vetted.refused == "hanging"
     assert vetted.reason == "gave no answer within 5 s"

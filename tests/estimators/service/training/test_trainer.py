@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
+pytestmark = pytest.mark.waits
+
 NAMES = ("shoulder", "elbow")
 START = 1_700_000_000_000_000_000  # [ns]
 SETTINGS = RetrainingSettings(seconds=60.0)

@@ -28,6 +28,8 @@ from limo_driver.network.streaming import (
 from limo_driver.network.trust import ROLES, Host, write_trust
 from limo_driver.types import JointState
 
+pytestmark = pytest.mark.waits
+
 KEYS = Keys("arm")
 
 
