@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 SHOWN: Final = 1e-10  # of the largest eigenvalue; columns of a condition number up to 1e5
-ROUNDING: Final = 1e-13  # of the diagonal; k ε of a few hundred rows is less
+ROUNDING: Final = float(np.finfo(np.float64).eps)  # of the diagonal, by each row of a matrix
 _APART: Final = 1e-6  # part of an unknown in directions that are not shown, which is no rounding
 
 
@@ -95,7 +95,7 @@ def lower_of(matrix: FloatArray) -> FloatArray:
     """Return L (..., k, k), with L Lᵀ a matrix that a prior makes positive in every direction."""
     larger = np.array(matrix)
     diagonal = np.einsum("...ii->...i", larger)
-    diagonal *= 1.0 + ROUNDING
+    diagonal *= 1.0 + ROUNDING * matrix.shape[-1]
     return np.asarray(np.linalg.cholesky(larger), dtype=np.float64)
 
 

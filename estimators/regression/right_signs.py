@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 RIDGE = 1e-9  # beside the 1 of a prior
-_LARGER = 1.0 + ROUNDING  # diagonals, by more than rounding may take off
 
 
 @compiled(reads=("index", "deviation", "positive", "most", "block"))
@@ -45,7 +44,7 @@ def of_right_signs(
         for i in range(rows.size):
             for j in range(rows.size):
                 M[i, j] = s[i] * gram[at[i], at[j]] * s[j]
-            M[i, i] = _LARGER * M[i, i] + 1.0 + RIDGE
+            M[i, i] = (1.0 + ROUNDING * rows.size) * M[i, i] + 1.0 + RIDGE
         lower = np.linalg.cholesky(M)
         z = _forward(lower, s * product[at])
         rest = _without_wrong(rows, positive, most, block, _backward(lower, z))
@@ -103,7 +102,7 @@ def gains_beside(
                     for b in range(base.size):
                         inner -= across[b, at[i]] * across[b, at[j]]
                     M[i, j] = M[j, i] = s[i] * inner * s[j]
-                M[i, i] = _LARGER * max(M[i, i], 0.0) + 1.0 + RIDGE
+                M[i, i] = (1.0 + ROUNDING * rows.size) * max(M[i, i], 0.0) + 1.0 + RIDGE
             own = np.linalg.cholesky(M)
             added = _forward(own, s * left[at])
             mean = _backward(own, added)

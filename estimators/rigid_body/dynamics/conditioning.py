@@ -142,7 +142,7 @@ def _ratio(gram: FloatArray) -> float:
     """Return the condition number of a matrix whose Gram matrix is given."""
     eigenvalues = np.linalg.eigvalsh(gram)
     largest, smallest = float(eigenvalues[-1]), float(eigenvalues[0])
-    dependent = smallest <= ROUNDING * largest
+    dependent = smallest <= ROUNDING * len(gram) * largest
     return float("inf") if dependent else float(np.sqrt(largest / smallest))
 
 

@@ -261,3 +261,12 @@ def test_an_input_is_not_written_over(run, two_links_urdf, tmp_path):
     assert two_links_urdf.read_text() == before
     both = run("--out", tmp_path / "a.png", "--picture", tmp_path / "a.png")
     assert "both the trajectory and the picture" in str(both.exception)
+
+
+def test_a_joint_that_rests_is_a_condition_without_limit_and_no_nan(arm):
+    time = np.linspace(0.0, 5.0, 500)
+    position = np.stack([np.sin(3.0 * time), np.full(500, 0.2)], axis=1)
+    rests = Motion.from_positions(time, position)
+    conditioning = Conditioning(arm)
+    assert conditioning.scaled(rests) == np.inf
+    assert conditioning.condition(rests) == np.inf

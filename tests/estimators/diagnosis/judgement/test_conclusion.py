@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from estimators.diagnosis.judgement.conclusion import (
     not_observable,
     rows_of,
     shifts_of,
+    unproven,
 )
 from estimators.diagnosis.judgement.judgement import RemainingResidual
 from estimators.diagnosis.residuals.noise import Noise
@@ -111,3 +113,15 @@ def test_what_was_found_is_not_said_to_be_unobservable(problem, noise):
     found = fitted(problem, (spring_of(problem),), noise)
     beside = {x.effect for x in not_observable(problem, found, remaining)}
     assert beside == nothing - {"spring_load"}
+
+
+def test_a_joint_that_moves_in_no_stretch_held_out_is_told():
+    moving = np.array([[True, True, False], [True, False, False]])
+    held_out = np.array([[False, False, False], [True, False, False]])
+    given = SimpleNamespace(
+        observed=SimpleNamespace(moving=moving), split=SimpleNamespace(held_out=held_out)
+    )
+    (said,) = unproven(given)
+    assert said.startswith("No motion of joint 2 is held out")
+    given.split.held_out = moving
+    assert list(unproven(given)) == []

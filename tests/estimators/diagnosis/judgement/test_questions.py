@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -42,12 +43,16 @@ UNMODELLED = {
 }
 
 
-def answers(arm: Path, *effects: Effect) -> tuple[Answer, ...]:
+def answers(arm: Path, *effects: Effect, not_held_out: int | None = None) -> tuple[Answer, ...]:
     """Ask about two joints with an unmodelled effect on the first, without naming anything."""
     known = tuple(CoulombFriction(joint=j, tau_c=1.0) for j in (1, 2))
     simulation, true = (Simulation(str(arm), known + more) for more in ((), effects))
     recordings = [_record(true, seed) for seed in (1, 2)]
     problem = RegressionProblem.of(Observations.of(simulation, recordings, 10.0), quiet)
+    if not_held_out is not None:
+        held_out = problem.split.held_out.copy()
+        held_out[:, not_held_out] = False
+        problem.split = replace(problem.split, held_out=held_out)
     named = [
         i
         for i, candidate in enumerate(problem.candidates)
@@ -92,3 +97,7 @@ def test_the_question_of_the_effect_gets_the_largest_share(arm: Path, subject: s
 
 def test_a_joint_at_its_noise_floor_is_asked_nothing(arm: Path) -> None:
     assert answers(arm) == ()
+
+
+def test_a_joint_of_which_no_motion_is_held_out_is_asked_nothing(arm: Path) -> None:
+    assert answers(arm, UNMODELLED["reversal"], not_held_out=0) == ()

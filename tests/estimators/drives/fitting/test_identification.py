@@ -19,8 +19,16 @@ from estimators.drives.checks.conventions import (
 from estimators.drives.fitting import extras
 from estimators.drives.fitting.constants import BASE, value_in, with_values
 from estimators.drives.fitting.identification import with_servos
-from estimators.drives.fitting.joint import errors, fit_joint, independent, left_out
+from estimators.drives.fitting.joint import (
+    JointFit,
+    between,
+    errors,
+    fit_joint,
+    independent,
+    left_out,
+)
 from estimators.drives.page import drives_page
+from estimators.drives.simulation.columns import NAMES
 from estimators.drives.simulation.one_joint import loaded_joints
 from estimators.drives.simulation.plant import rows_of
 from limo_driver.physics import GravityDirection, Simulation
@@ -298,3 +306,17 @@ def test_a_gain_that_differs_from_motion_to_motion_is_less_sure(found, recording
     assert low < fit_joint(parts[:1], row, ("kp", "coulomb")).value("kp") < high
     of_same = left_out(same, loaded_joints(body, [one] * 4)[0])
     assert of_same.deviation["kp"] < told.deviation["kp"] / 3
+
+
+def test_a_constant_that_motion_does_not_show_has_an_interval_that_says_nothing():
+    row = with_values(np.zeros(len(NAMES)), {"kp": 100.0})
+    fit = JointFit(row, ("kp", "offset"), {"kp": np.inf, "offset": np.inf}, np.zeros(3))
+    for name in fit.names:
+        low, high = fit.interval(name)
+        assert low < fit.value(name) < high
+        assert np.isfinite([low, high]).all()
+        assert high - low >= 100.0
+
+
+def test_fits_without_a_block_that_agree_leave_no_deviation():
+    assert not between(np.full((8, 2), 1 / 3)).any()
