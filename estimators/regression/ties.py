@@ -26,13 +26,14 @@ _Item = TypeVar("_Item")
 
 def is_more(value: float, than: float) -> bool:
     """Say whether a value is larger than another by more than rounding."""
-    return bool(value - than > max(ALIKE, _OF_LARGE * abs(than)))
+    alike = max(ALIKE, _OF_LARGE * min(abs(value), abs(than)))  # either may be infinite
+    return value > than and value - than > alike
 
 
 def best_first(values: FloatArray) -> NDArray[np.int64]:
     """Return the places of values (k,), the largest first, and of those alike the first one."""
     order = np.argsort(-values, kind="stable")
-    falling = values[order]
+    falling = np.nan_to_num(values[order])  # what is out of the question is -inf
     apart = falling[:-1] - falling[1:] > np.maximum(ALIKE, _OF_LARGE * np.abs(falling[1:]))
     step = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(apart)])[: order.size]
     return order[np.lexsort((order, step))]

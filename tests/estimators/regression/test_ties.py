@@ -28,6 +28,13 @@ def test_ranked_keeps_the_order_of_what_is_alike():
     assert ranked(sizes, sizes.__getitem__) == ["three", "two", "again two", "one"]
 
 
+def test_what_is_out_of_the_question_comes_last_and_in_its_order():
+    assert best_first(np.array([-np.inf, 1.0, -np.inf, 2.0])).tolist() == [3, 1, 0, 2]
+    assert is_more(-1e6, -np.inf)
+    assert not is_more(-np.inf, -np.inf)
+    assert not is_more(-np.inf, 0.0)
+
+
 def test_nothing_has_no_order():
     assert best_first(np.zeros(0)).size == 0
     assert ranked([], float) == []
