@@ -5,13 +5,16 @@ from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.descriptions.description import JointDynamics
+from limo_driver.exports.changes.kept import dropped_lines
 from limo_driver.physics import (
     Armature,
+    Backlash,
     CoulombFriction,
     PreslidingHysteresis,
     Simulation,
     StribeckFriction,
     TorqueRipple,
+    ViscousFriction,
 )
 
 ARM = """<mujoco><worldbody>
@@ -96,6 +99,23 @@ def test_what_an_earlier_export_wrote_goes_with_its_effect(arm, tmp_path):
     assert second.file.read_text() == only_yaw.read_text()
     third = limo.export(Simulation(str(arm)), "mjcf", tmp_path / "4", into=second.file)
     assert third.file.read_text() == ARM  # byte for byte, as it was before the first
+
+
+def test_what_is_told_to_go_is_of_a_kind_that_the_simulation_has_no_longer(arm):
+    """Of each joint by itself, and nothing that stood in the user's own file."""
+    users = (ViscousFriction(joint=YAW, f_v=0.3), Armature(joint=YAW, inertia=0.02))
+    wrote = (
+        *users,
+        CoulombFriction(joint=ELBOW, tau_c=0.9),
+        Armature(joint=ELBOW, inertia=0.07),
+        Backlash(joint=YAW, gap=0.01),
+    )
+    found = Simulation(str(arm), (StribeckFriction(joint=ELBOW, tau_s=0.8, v_s=0.2),))
+    gone = [line.split(",")[0] for line in dropped_lines(found, wrote, users)]
+    assert gone == ["joint elbow: armature 0.07 kg m²", "joint yaw: play 0.01 rad"]
+    assert [line.split(":")[0] for line in dropped_lines(Simulation(str(arm)), wrote, users)] == [
+        "joint elbow", "joint elbow", "joint yaw",
+    ]  # fmt: skip
 
 
 def test_a_number_that_the_user_changed_since_stays(arm, tmp_path):
