@@ -35,20 +35,26 @@ def half_sines() -> ExternalContact:
     return ExternalContact(windows=tuple(windows), wrench=tuple(wrenches))
 
 
-def motion(seed: int) -> Motion:
-    """All seven joints wander over about 2 rad, none at the pace of another."""
-    t = np.arange(0.0, DURATION, 1.0 / RATE)
-    return wander(t, np.zeros(7), seed, (0.03, 0.12), (0.2, 0.5))
+def motion(seed: int, n: int = 7, duration: float = DURATION) -> Motion:
+    """All joints wander over about 2 rad, none at the pace of another."""
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    return wander(t, np.zeros(n), seed, (0.03, 0.12), (0.2, 0.5))
 
 
-def observed(*effects: Effect, seeds: tuple[int, ...] = (1,), affected: int = 0) -> Observations:
+def observed(
+    *effects: Effect,
+    seeds: tuple[int, ...] = (1,),
+    affected: int = 0,
+    robot: str = "iiwa14",
+    duration: float = DURATION,
+) -> Observations:
     """Record motion with coloured noise; the effects act in one recording alone."""
-    simulation = Simulation("iiwa14")
+    simulation = Simulation(robot)
     recordings: list[Recording] = []
     for k, seed in enumerate(seeds):
-        true = Simulation("iiwa14", effects) if k == affected else simulation
-        moved = motion(seed)
-        white = np.random.default_rng(100 + seed).standard_normal((len(moved), 7))
+        true = Simulation(robot, effects) if k == affected else simulation
+        moved = motion(seed, simulation.model.n, duration)
+        white = np.random.default_rng(100 + seed).standard_normal(moved.position.shape)
         coloured = lfilter([1.0], [1.0, -0.9], white, axis=0)
         torque = true.predict(moved) + NOISE * coloured / coloured.std()
         recordings.append(Recording.from_arrays(moved.time, moved.position, torque, source=str(k)))
