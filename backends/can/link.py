@@ -75,11 +75,13 @@ class Link(ABC):
     """
 
     gains: tuple[FloatArray, FloatArray] | None = None  # by which positions are kept, if sent
+    carried: FloatArray | None = None  # gravity that was added last, (n,) [N m]; None for none
 
     def __init__(self, port: BusPort, period: float, model: RobotModel) -> None:
         self.port, self._period, self._model = port, period, model
         self.target = np.zeros(model.n)  # [rad]; not used before drives are enabled
-        self._gravity: FloatArray | None = None  # of this cycle
+        self.where: Callable[[], FloatArray | None] = lambda: None  # it is believed to be [rad]
+        self._gravity_at: tuple[FloatArray | None, FloatArray] = None, self.target
         self.overslept = 0.0  # how late this program woke up for answers, in the last cycle [s]
 
     @property
@@ -99,11 +101,13 @@ class Link(ABC):
         return replace(spec, limits=replace(spec.limits, torque=torque))
 
     def gravity(self) -> FloatArray:
-        """Return the torque that carries the arm where it was measured last, (n,) [N m]."""
-        known = self._gravity
-        if known is None:
-            known = self._gravity = self._model.gravity_torque(self._position())[0]
-        return known
+        """Return the torque that carries the arm where it is believed to be, (n,) [N m]."""
+        where, known = self.where(), self._gravity_at
+        if where is None:  # nobody judges yet what drives measure
+            return self._model.gravity_torque(self._position())[0]
+        if where is not known[0]:
+            known = self._gravity_at = where, self._model.gravity_torque(where)[0]
+        return known[1]
 
     @abstractmethod
     def _position(self) -> FloatArray:

@@ -76,6 +76,7 @@ class CanRobot(Robot):
         except BaseException:
             self._port.close()
             raise
+        self._link.where = lambda: self._contract.believed
         self.lateness = LatencyHistogram()
         self._enabled = False
         self._wanted: Setpoint | None = None  # of the next cycle, if it is another
@@ -170,7 +171,7 @@ class CanRobot(Robot):
         """Enable the drives where they stand, and lead set-points from there."""
         self._link.enable(reset=reset)
         self._enabled = True
-        self._contract.lead(self._link.target.copy())
+        self._contract.lead(self._link.target.copy(), self._link.carried)
         self._restart_clock()
 
     def _restart_clock(self) -> None:

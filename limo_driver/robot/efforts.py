@@ -47,6 +47,12 @@ class EffortLimits:
         added = self._none if carried is None else carried
         return reached, self._bit * _follow_effort(target, effort, added, self._bounds, reached)
 
+    def near(self, target: FloatArray, effort: FloatArray) -> FloatArray:
+        """Return what comes closest to `target` after `effort`, within the rate, (n,)."""
+        if _is_near(target, effort, self._bounds):
+            return target
+        return np.clip(target, effort - self._bounds[1], effort + self._bounds[1])
+
     def fade(self, effort: FloatArray, cycles: int = 1) -> FloatArray:
         """Return what is left of an effort that nobody wants, after some cycles."""
         return np.sign(effort) * np.maximum(np.abs(effort) - cycles * self._bounds[1], 0.0)
@@ -68,6 +74,7 @@ class GainLimits:
         most = limits.torque
         stiffer, damper = share * most / FINEST, share * most / SLOWEST
         self._bounds = np.array([most, limits.torque_rate * period, stiffer, damper])
+        self._none = np.zeros(most.size)
 
     def follow(
         self,
@@ -75,7 +82,7 @@ class GainLimits:
         before: tuple[FloatArray, FloatArray, FloatArray],
         away: FloatArray,
         velocity: FloatArray,
-        carried: FloatArray,
+        carried: FloatArray | None,
     ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], int]:
         """Return stiffness, damping and feed-forward of the next cycle, and the limits met.
 
@@ -84,10 +91,11 @@ class GainLimits:
             before: Those of the cycle before.
             away: Set-point minus measured position, (n,) [rad].
             velocity: Measured, minus that of the set-point where it is damped, (n,) [rad/s].
-            carried: What the drive adds to the torque, such as gravity, (n,) [N m].
+            carried: What is added to the torque, such as gravity, (n,) [N m]; None for nothing.
         """
         reached = np.empty((3, away.size))
-        hit = _follow_gains(*wanted, *before, away, velocity, carried, self._bounds, reached)
+        added = self._none if carried is None else carried
+        hit = _follow_gains(*wanted, *before, away, velocity, added, self._bounds, reached)
         return (reached[0], reached[1], reached[2]), hit
 
     def effort(
@@ -100,6 +108,15 @@ class GainLimits:
         stiffness, damping, torque = gains
         most = self._bounds[0]
         return np.clip(stiffness * away - damping * velocity + torque, -most, most)
+
+
+@compiled(reads=("target", "effort"))
+def _is_near(target: FloatArray, effort: FloatArray, bounds: FloatArray) -> bool:
+    """Say whether a target is within the rate."""
+    for j in range(target.size):  # noqa: SIM110  # compiled
+        if not abs(target[j] - effort[j]) <= bounds[1, j]:
+            return False
+    return True
 
 
 @compiled(reads=("target", "effort", "carried"))

@@ -48,7 +48,7 @@ class Setpoint(NamedTuple):
     stiffness: FloatArray  # [N m/rad]
     damping: FloatArray  # [N m s/rad]
     wrench: FloatArray  # (6,) [N, N m]
-    gravity: FloatArray  # that is added to the torque on its way [N m]
+    gravity: FloatArray | None  # that is added to the torque on its way [N m]; None where none is
     goal: FloatArray | None = None  # the position that was commanded [rad], in a stream of them
     change: FloatArray | None = None  # of the velocity, in the last cycle, where jerk has a limit
 
@@ -95,10 +95,20 @@ class OutputStage:
         self._wrenches = EffortLimits(wrench.wrench, wrench.rate, spec.period, WRENCH)
         self._impedances = GainLimits(limits, spec.period)
 
-    def at_rest(self, position: FloatArray) -> Setpoint:
-        """Return the set-point of an arm that stands and that nobody has commanded yet."""
+    @property
+    def carries(self) -> bool:
+        """Whether there is a torque of gravity to be told anew in each cycle, also at rest."""
+        return self._gravity is not None and self._gains is not None
+
+    def at_rest(self, position: FloatArray, gravity: FloatArray | None = None) -> Setpoint:
+        """Return the set-point of an arm that stands and that nobody has commanded yet.
+
+        Args:
+            position: Of the arm, (n,) [rad].
+            gravity: That was added last to what the drives are told, (n,) [N m]; None for none.
+        """
         zero, gains = self._zero, self._gains or (self._zero, self._zero)
-        return Setpoint(PositionCommand, position, zero, zero, *gains, _NO_WRENCH, zero)
+        return Setpoint(PositionCommand, position, zero, zero, *gains, _NO_WRENCH, gravity)
 
     def where(self, last: Setpoint, pose: Pose) -> FloatArray:
         """Return the position from which a position would be led, (n,) [rad]."""
@@ -127,12 +137,9 @@ class OutputStage:
             return self._rigid(last, pose, position, velocity, goal, begun), hit
         if isinstance(command, ImpedanceCommand):
             return self._compliant(command, last, pose)
-        gravity = self._carried()
-        effort, wrench, hit = self._effort(last, pose), last.wrench, 0
+        gravity = self._carried(last)
+        effort, wrench, hit = self._shifted(self._effort(last, pose), last, gravity), last.wrench, 0
         if isinstance(command, TorqueCommand):
-            # What the drive gets is the sum, so its rate counts: gravity moves on with the arm.
-            if last.mode is TorqueCommand:
-                effort = effort + (last.gravity - gravity)
             torque, hit = self._torques.follow(command.torque, effort, gravity)
         else:
             torque = self._torques.fade(effort)
@@ -193,12 +200,13 @@ class OutputStage:
         if wrench is not _NO_WRENCH:
             wrench = self._wrenches.fade(wrench) if wrench.any() else _NO_WRENCH
         if self._gains is not None:
-            gravity = self._carried()
-            wanted, before = (*self._gains, zero), self._impedance(last, pose)
+            gravity = self._carried(last)
+            wanted, before = (*self._gains, zero), self._impedance(last, pose, gravity)
             away, speed = position - pose.position, pose.velocity - velocity
             if not last.rigid:  # the spring begins anew where the arm is; its torque does not
                 kept = before[0] * away - before[1] * speed
-                before = before[0], before[1], self._effort(last, pose) - kept
+                effort = self._shifted(self._effort(last, pose), last, gravity)
+                before = before[0], before[1], effort - kept
             (stiffness, damping, torque), _ = self._impedances.follow(
                 wanted, before, away, speed, gravity
             )
@@ -211,7 +219,7 @@ class OutputStage:
             torque = self._torques.fade(self._effort(last, pose))
             torque = torque if torque.any() else zero
         return Setpoint(
-            PositionCommand, position, velocity, torque, zero, zero, wrench, zero, goal, change
+            PositionCommand, position, velocity, torque, zero, zero, wrench, None, goal, change
         )
 
     def _compliant(
@@ -220,7 +228,8 @@ class OutputStage:
         """Return a set-point of position, stiffness, damping and feed-forward."""
         begun = self._begun(command.position, last, pose, ImpedanceCommand)
         position, velocity, hit = self._positions.follow(command.position, *begun)
-        gravity, before = self._carried(), self._impedance(last, pose)
+        gravity = self._carried(last)
+        before = self._impedance(last, pose, gravity)
         if last.rigid and self._gains is not None:  # what it was damped towards stands from now on
             before = before[0], before[1], before[2] + before[1] * last.velocity
         gains, met = self._impedances.follow(
@@ -237,11 +246,13 @@ class OutputStage:
         )  # fmt: skip
         return after, hit | met
 
-    def _impedance(self, last: Setpoint, pose: Pose) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _impedance(
+        self, last: Setpoint, pose: Pose, gravity: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the impedance that drives have: none, apart from a torque, if they are rigid."""
         if last.mode is ImpedanceCommand or (last.rigid and self._gains is not None):
-            return last.stiffness, last.damping, last.torque
-        return self._zero, self._zero, self._effort(last, pose)
+            return last.stiffness, last.damping, self._shifted(last.torque, last, gravity)
+        return self._zero, self._zero, self._shifted(self._effort(last, pose), last, gravity)
 
     def _effort(self, last: Setpoint, pose: Pose) -> FloatArray:
         """Return the torque that drives have, or what is left of it, (n,) [N m]."""
@@ -251,8 +262,23 @@ class OutputStage:
             return self._impedances.effort(gains, last.position - pose.position, slip)
         return last.torque
 
-    def _carried(self) -> FloatArray:
-        return self._zero if self._gravity is None else self._gravity()
+    def _shifted(
+        self, effort: FloatArray, last: Setpoint, gravity: FloatArray | None
+    ) -> FloatArray:
+        """Return an effort as it counts beside another gravity.
+
+        What the drive gets is the sum, so its rate counts: gravity moves on with the arm.
+        """
+        if gravity is None or last.gravity is None:
+            return effort
+        return effort + (last.gravity - gravity)
+
+    def _carried(self, last: Setpoint) -> FloatArray | None:
+        """Return the gravity of the next cycle, which keeps the rate of torques as they do."""
+        if self._gravity is None:
+            return None
+        gravity = self._gravity()
+        return gravity if last.gravity is None else self._torques.near(gravity, last.gravity)
 
 
 def told(command: JointCommand, after: Setpoint, hit: int) -> JointCommand:

@@ -127,6 +127,12 @@ class SafetyContract:
         return pose.position  # from where it will brake
 
     @property
+    def believed(self) -> FloatArray | None:
+        """Where the arm is in this cycle, as far as measurements can be believed, (n,) [rad]."""
+        pose = self._pose()
+        return None if pose is None else pose.position
+
+    @property
     def present(self) -> Setpoint:
         """All that the drives have in this cycle."""
         return self._memory.now
@@ -154,7 +160,7 @@ class SafetyContract:
             state = replace(before, stale=True)
         memory.state = state
         if believed and not memory.commanded:
-            memory.now = self._stage.at_rest(state.position)
+            memory.now = self._stage.at_rest(state.position, memory.now.gravity)
             memory.commanded = memory.phase is _HOLDING
         memory.floats = memory.floats and not believed
         if memory.phase is _ACTIVE and (reason := self._fault(stale=state.stale)):
@@ -212,7 +218,8 @@ class SafetyContract:
             return self._limited(memory.command, pose)
         if memory.floats:
             return self._limited(TorqueCommand(torque=np.zeros(self.spec.n)), pose)
-        if memory.phase is _HOLDING or not memory.now.rests:  # one that was ended brakes on, too
+        rests = memory.now.rests and not self._stage.carries
+        if memory.phase is _HOLDING or not rests:  # one that was ended brakes on, too
             memory.after = self._stage.brake(memory.now, pose)
             return PositionCommand(position=memory.after.position)
         return None
@@ -234,16 +241,21 @@ class SafetyContract:
             self._memory.asked = ""
             self._memory.phase, self._memory.reason = _IDLE, ""
 
-    def lead(self, position: FloatArray) -> None:
+    def lead(self, position: FloatArray, gravity: FloatArray | None = None) -> None:
         """Let the set-point rest where another one, such as the arm's own controller, has it.
 
         For arms whose controller keeps a set-point of its own: called while nothing is commanded,
         and streams of commands start from there, not from where the arm happens to be. Wherever
         that is, the next measurement is believed.
+
+        Args:
+            position: Of the set-point, (n,) [rad].
+            gravity: That is added to what the drives are told, (n,) [N m]; None for none.
         """
         memory = self._memory
         memory.belief.anywhere = True
-        memory.now, memory.after, memory.commanded = self._stage.at_rest(position), None, True
+        memory.now, memory.after = self._stage.at_rest(position, gravity), None
+        memory.commanded = True
 
     def withhold(self, sent: Setpoint | None = None) -> None:
         """Forget the set-point of the next cycle: it could not be sent.

@@ -179,7 +179,7 @@ class Cia402Link(Link):
         self._commanded = True
         if told.mode is TorqueCommand:
             self._set_mode(OperatingMode.TORQUE)
-            self._torque = told.torque + told.gravity
+            self._torque = told.torque if told.gravity is None else told.torque + told.gravity
         else:
             self._set_mode(OperatingMode.POSITION)
             self.target = np.where(self._pinned, self.target, told.position)
@@ -275,7 +275,7 @@ class Cia402Link(Link):
 
     def _sync(self, until: float) -> bool:
         """Start a cycle; say whether every drive answered until then."""
-        now, self._gravity = self.port.now(), None
+        now = self.port.now()
         for drive, fastest, slack in zip(self._drives, self._fastest, self._slack, strict=True):
             drive.open_cycle(now, fastest * (now - drive.heard_at + self._period) + slack)
         self.port.send(SYNC, b"")

@@ -52,6 +52,7 @@ class DamiaoLink(Link):
         self._stiffness = np.array([joint.stiffness for joint in joints])
         self._damping = np.array([joint.damping for joint in joints])
         self.gains = self._stiffness, self._damping
+        self._torque_step = config.model.limits.torque_rate / config.rate  # [N m] in a cycle
         self._told: Setpoint | None = None
         self._moves = False  # the set-point is of this cycle; one that is repeated stands
         self._pinned = np.ones(len(joints), dtype=bool)  # joints that keep the pose they have
@@ -188,14 +189,12 @@ class DamiaoLink(Link):
         """Command every motor that follows commands, and hear what they answer until then."""
         for motor in self._motors:
             motor.heard = False
-        self._gravity = None
         commands = self._commands()
         for motor, command in zip(self._motors, commands, strict=True):
             # One that is switched off answers too, and obeys nothing.
             self.port.send(motor.joint.node, damiao.encode_command(command, motor.ranges))
         patient = not any(motor.silent for motor in self._motors)
         self._hear_answers(until, self._all_heard, patient=patient)
-        self._gravity = None  # of where the arm was before
         for motor in self._motors:
             motor.silent = 0 if motor.heard else motor.silent + 1
 
@@ -205,8 +204,7 @@ class DamiaoLink(Link):
     def _commands(self) -> list[MitCommand]:
         """Return what each motor is told in this cycle."""
         told, pinned, limit = self._told, self._pinned, self._model.limits.torque
-        # What was limited with a gravity is sent with that one.
-        gravity = self.gravity() if told is None or not self._moves else told.gravity
+        gravity = self.carried = self._gravity_to_add(told)
         velocity = np.zeros(len(self._motors))
         stiffness, damping, torque = self._stiffness, self._damping, gravity
         if told is not None:
@@ -219,6 +217,15 @@ class DamiaoLink(Link):
         torque = self._sign * np.clip(torque, -limit, limit)
         rows = (motor_position, self._sign * velocity, stiffness, damping, torque)
         return [MitCommand(*map(float, row)) for row in zip(*rows, strict=True)]
+
+    def _gravity_to_add(self, told: Setpoint | None) -> FloatArray:
+        """Return the gravity of this cycle: what was limited with one is sent with that one."""
+        if told is not None and told.gravity is not None:
+            return told.gravity
+        gravity, carried = self._model.gravity_torque(self._position())[0], self.carried
+        if carried is None:
+            return gravity
+        return np.clip(gravity, carried - self._torque_step, carried + self._torque_step)
 
     def _position(self) -> FloatArray:
         return self._sample().position
