@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from html import escape
 from math import isnan
 from typing import TYPE_CHECKING
+
+from limo_driver.quoting import in_html, in_line, on_terminal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,6 +18,12 @@ class Displayed:
     dataclass of it is made with `repr=False`, which keeps arrays out of the line.
     """
 
+    def __init_subclass__(cls, **given: object) -> None:
+        """Let a subclass that says more say names as data, too."""
+        super().__init_subclass__(**given)
+        if (said := vars(cls).get("__str__")) is not None:
+            cls.__str__ = lambda self: on_terminal(said(self))
+
     def headline(self) -> str:
         """Say in one line what this is, with the figures that matter most and their units."""
         raise NotImplementedError
@@ -26,25 +33,25 @@ class Displayed:
         return {}
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self.headline()}>"
+        return in_line(f"<{type(self).__name__}: {self.headline()}>")
 
     def __str__(self) -> str:
         columns = {name: [name, *map(_text, values)] for name, values in self.figures().items()}
         if not columns:
-            return self.headline()
+            return on_terminal(self.headline())
         widths = [max(map(len, column)) for column in columns.values()]
         rows = zip(*columns.values(), strict=True)
         lines = ["  ".join(map(str.rjust, row, widths)) for row in rows]
-        return "\n".join([self.headline(), *lines])
+        return on_terminal("\n".join([self.headline(), *lines]))
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        line, columns = f"<p>{escape(self.headline())}</p>", self.figures()
+        line, columns = f"<p>{in_html(self.headline())}</p>", self.figures()
         if not columns:
             return line
-        head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+        head = "".join(f"<th>{in_html(name)}</th>" for name in columns)
         body = "".join(
-            "<tr>" + "".join(f"<td>{escape(_text(value))}</td>" for value in row) + "</tr>"
+            "<tr>" + "".join(f"<td>{in_html(_text(value))}</td>" for value in row) + "</tr>"
             for row in zip(*columns.values(), strict=True)
         )
         return f"{line}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

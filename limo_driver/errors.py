@@ -30,6 +30,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from limo_driver.quoting import in_line
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
@@ -47,6 +49,9 @@ class LimoError(Exception):
         ... except limo.LimoError as error:
         ...     print(error)
     """
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(in_line(item) if isinstance(item, str) else item for item in args))
 
 
 class PlacedError(LimoError):

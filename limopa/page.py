@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
 from limo_driver.pages.motion import planned_motion
+from limo_driver.quoting import in_shell
 from limopa.statistics import summarise
 
 if TYPE_CHECKING:
@@ -64,11 +66,12 @@ def play_it(file: str, robot: str) -> str:
         [
             (
                 "Move a simulated arm along it, and record; another backend moves a real one.",
-                f"limo run --backend mujoco --trajectory {file} --record run.parquet",
+                "limo run --backend mujoco --trajectory "
+                f"{in_shell(PurePath(file))} --record run.parquet",
             ),
             (
                 "Identify inertias and friction from that recording.",
-                f"limo identify run.parquet --robot {robot} --out sim.yaml",
+                f"limo identify run.parquet --robot {in_shell(robot)} --out sim.yaml",
             ),
         ]
     )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -24,7 +25,8 @@ RATE: Final = 100.0  # [Hz]
 _LINK: Final = (
     '  <link name="link_{0}"><inertial><origin xyz="0 0 0.1"/><mass value="2"/>'
     '<inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>\n'
-    '    <collision><geometry><cylinder radius="0.05" length="0.2"/></geometry></collision></link>\n'
+    '    <collision><geometry><cylinder radius="0.05" length="0.2"/></geometry></collision>\n'
+    "  </link>\n"
 )
 _JOINT: Final = (
     '  <joint name="joint_{1}" type="revolute"><parent link="link_{0}"/><child link="link_{1}"/>\n'
@@ -70,9 +72,9 @@ def arm() -> RobotModel:
     """Return the robot whose logs these are."""
     from limo_driver.model import RobotModel
 
-    path = Path("/tmp") / "limo_fuzz_arm.urdf"
-    path.write_text(URDF)
-    return RobotModel.load(path)
+    with TemporaryDirectory() as folder:
+        (path := Path(folder) / "arm.urdf").write_text(URDF)
+        return RobotModel.load(path)
 
 
 @cache
@@ -237,14 +239,18 @@ def _recordings(folder: Path) -> list[Path]:
     from limo_driver.types import JointState
 
     table = pa.table(_columns())
-    pq.write_table(table.replace_schema_metadata({"limo.recording": '{"robot": "x"}'}), folder / "run.parquet")
+    pq.write_table(
+        table.replace_schema_metadata({"limo.recording": '{"robot": "x"}'}), folder / "run.parquet"
+    )
     from pyarrow import csv
 
     csv.write_csv(table, folder / "run.csv")
     own = motion()
     with Recorder(folder / "cut.parquet", 3, {"robot": "x"}) as recorder:
         for k in range(ROWS):
-            recorder.append(JointState(own["t"][k], own["q_rad"][k], own["dq"][k], own["tau_nm"][k], k))
+            recorder.append(
+                JointState(own["t"][k], own["q_rad"][k], own["dq"][k], own["tau_nm"][k], k)
+            )
             if k % 30 == 29:
                 recorder._flush()
         left = recorder.partial.read_bytes()
@@ -366,7 +372,9 @@ def _sealed(path: Path) -> None:
     try:
         manifest = json.loads((path / "manifest.json").read_text())
         for part in ("weights", "simulation"):
-            manifest[part]["sha256"] = sha256((path / manifest[part]["file"]).read_bytes()).hexdigest()
+            manifest[part]["sha256"] = sha256(
+                (path / manifest[part]["file"]).read_bytes()
+            ).hexdigest()
         (path / "manifest.json").write_text(json.dumps(manifest, indent=1))
     except (OSError, ValueError, KeyError, TypeError):
         return

@@ -83,7 +83,7 @@ def main() -> None:
     """Go on, and print what was found so far."""
     given = _given()
     os.nice(10)
-    separate._asked = _forked  # noqa: SLF001
+    separate._asked = _forked
     given.folder.mkdir(parents=True, exist_ok=True)
     ends = time.monotonic() + 60 * given.minutes
     for name in given.formats:
@@ -97,7 +97,10 @@ def main() -> None:
                     file.write(json.dumps(asdict(found)) + "\n")
                 if time.monotonic() > ends:
                     break
-    sys.exit(not all([_said(given.folder / f"{name}.jsonl", name) for name in given.formats]))
+    met = True
+    for name in given.formats:
+        met &= _said(given.folder / f"{name}.jsonl", name)
+    sys.exit(not met)
 
 
 def _given() -> argparse.Namespace:
@@ -128,7 +131,9 @@ def _missing(kept: Path, most: int) -> Iterator[range]:
         if start in done:
             start += 1
             continue
-        stop = next((k for k in range(start, min(start + _BATCH, most)) if k in done), start + _BATCH)
+        stop = next(
+            (k for k in range(start, min(start + _BATCH, most)) if k in done), start + _BATCH
+        )
         yield range(start, min(stop, most))
         start = stop
 
@@ -166,6 +171,7 @@ def _tried(name: str, numbers: range, folder: Path) -> Found:
         child = os.fork()
         if not child:
             os.close(told)
+            os.dup2(os.open(folder, os.O_TMPFILE | os.O_RDWR | os.O_APPEND), 2)
             with os.fdopen(tell, "wb") as out:
                 for number in range(k, numbers.stop):
                     pickle.dump(_read_one(name, number, folder), out)
@@ -202,6 +208,8 @@ def _read_one(name: str, number: int, folder: Path) -> tuple[str, bool, float, f
     with suppress(OSError):
         _PEAK.write_text("5")
     said, failed = _outcome(name, path)
+    if printed := _printed():
+        said, failed = f"printed: {printed}", True
     signal.setitimer(signal.ITIMER_PROF, 0)
     signal.alarm(0)
     return said, failed, _cpu() - before, max(_megabytes("VmHWM") - base, 0.0)
@@ -209,7 +217,7 @@ def _read_one(name: str, number: int, folder: Path) -> tuple[str, bool, float, f
 
 def mutation(name: str, number: int, folder: Path) -> Path:
     """Write a mutation of a format by its number, and return where it is."""
-    random, format_ = Random(f"{name} {number}"), FORMATS[name]
+    random, format_ = Random(f"{name} {number}"), FORMATS[name]  # noqa: S311
     chosen = random.choice((folder / "valid.txt").read_text().splitlines())
     place = folder / "mutation"
     shutil.rmtree(place, ignore_errors=True)
@@ -242,6 +250,14 @@ def _outcome(name: str, path: Path) -> tuple[str, bool]:
     return "", False
 
 
+def _printed() -> str:
+    """Return what libraries wrote to stderr meanwhile, below Python."""
+    sys.stderr.flush()
+    text = os.pread(2, 2000, 0).decode(errors="replace")
+    os.ftruncate(2, 0)
+    return text
+
+
 def _cpu() -> float:
     own, inner = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return own.ru_utime + own.ru_stime + inner.ru_utime + inner.ru_stime
@@ -258,7 +274,10 @@ def _said(kept: Path, name: str) -> bool:
     done = {k for found in lines for k in range(found.first, found.after)}
     slowest = max((found.seconds for found in lines), default=0.0)
     largest = max((found.megabytes for found in lines), default=0.0)
-    print(f"{name:12} {len(done):6} tried, {len(failing):4} fail; at most {slowest:4.1f} s, {largest:5.0f} MB")
+    print(
+        f"{name:12} {len(done):6} tried, {len(failing):4} fail; at most {slowest:4.1f} s of CPU, "
+        f"{largest:5.0f} MB"
+    )
     for k, text in list(failing.items())[:3]:
         print(f"    {k}: {' | '.join(text.strip().splitlines()[-4:])[:300]}")
     return not failing

@@ -22,8 +22,27 @@ _EXTREME: Final = (
     *(b"9" * 5000, b"-0.0", b"0x7fffffff", b"1e", b""),
 )
 _WORDS: Final = (
-    *(b"\x1b[31m", b"*/", b'"""', b"</a>", b"$(x)", b"\xe2\x80\xae", b"\xff\xfe", b"\x00", b"a" * 9000),
-    *(b"[" * 2000, b"{" * 2000, b"<a>" * 2000, b"&amp;", b"null", b"true", b"../../x", b"/dev/zero"),
+    *(
+        b"\x1b[31m",
+        b"*/",
+        b'"""',
+        b"</a>",
+        b"$(x)",
+        b"\xe2\x80\xae",
+        b"\xff\xfe",
+        b"\x00",
+        b"a" * 9000,
+    ),
+    *(
+        b"[" * 2000,
+        b"{" * 2000,
+        b"<a>" * 2000,
+        b"&amp;",
+        b"null",
+        b"true",
+        b"../../x",
+        b"/dev/zero",
+    ),
 )
 _COUNTS: Final = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 1 << 31, (1 << 31) - 1, (1 << 32) - 1,
                   1 << 40, (1 << 63) - 1, (1 << 64) - 1)  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, layout, numbers
 from limo_driver.pages.markup import columns, header, listed, next_steps, section
+from limo_driver.quoting import in_shell
 
 if TYPE_CHECKING:
     from estimators.drives.fitting.identification import DriveIdentification
@@ -28,6 +30,7 @@ def drives_page(found: DriveIdentification, file: str) -> Page:
         found: What was identified.
         file: Name of the simulation's file, for the commands that go on from it.
     """
+    sim = in_shell(PurePath(file))
     charts, model = Charts(), found.simulation.model
     title = found.headline()
     title = f"{title[:1].upper()}{title[1:]}."
@@ -44,11 +47,11 @@ def drives_page(found: DriveIdentification, file: str) -> Page:
             [
                 (
                     "Ask another recording what these drives leave out.",
-                    f"limo diagnose OTHER_RECORDING --sim {file} --out diagnosis/",
+                    f"limo diagnose OTHER_RECORDING --sim {sim} --out diagnosis/",
                 ),
                 (
                     "Put the values into a copy of your own MJCF.",
-                    f"limo export {file} --to mjcf --out identified/",
+                    f"limo export {sim} --to mjcf --out identified/",
                 ),
             ]
         )

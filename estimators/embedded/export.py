@@ -22,6 +22,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.outputs import require_folder, whole
 from limo_driver.physics import Simulation
 from limo_driver.physics.effects.body import Payload
+from limo_driver.quoting import in_c_comment
 from limo_driver.recordings.causal_differentiation import LARGEST
 from limo_driver.recordings.standstill import FAR, MEMORY, NOTHING, REACH, RestingDifferentiator
 
@@ -179,9 +180,10 @@ class _Code:
             "LIMO_JOINT_MEMORY": max(len(self.learned.joints), 1),
             "LIMO_NETWORK_MEMORY": max(self.learned.network, 1),
         }
-        joints = ", ".join(self.simulation.model.joint_names)
+        robot = in_c_comment(self.simulation.robot)
+        joints = ", ".join(map(in_c_comment, self.simulation.model.joint_names))
         about = (
-            f"/* Joint torque of {self.simulation.robot}, written by limo {version(NAME)}.\n"
+            f"/* Joint torque of {robot}, written by limo {version(NAME)}.\n"
             f" * Joints in order: {joints}. SI units. Not to be edited. */\n"
         )
         guard = "#ifndef LIMO_H\n#define LIMO_H\n\n"

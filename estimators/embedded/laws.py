@@ -48,6 +48,7 @@ from limo_driver.physics.effects.transmission import (
     JointElasticity,
     TorqueRipple,
 )
+from limo_driver.quoting import in_c_comment
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -118,7 +119,7 @@ def _block(effect: Effect, code: LawCode, start: int) -> str:
     own = "".join("        " + table(name, values) for name, values in code.tables)
     if code.memory:
         own += f"        double *m = memory->effects + {start};\n"
-    return f"    {{ /* {effect.place} */\n{own}        {code.statement};\n    }}\n"
+    return f"    {{ /* {in_c_comment(effect.place)} */\n{own}        {code.statement};\n    }}\n"
 
 
 @singledispatch

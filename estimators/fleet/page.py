@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from html import escape
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -27,6 +26,7 @@ from limo_driver.pages.markup import (
     typeset,
 )
 from limo_driver.physics import spoken
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -235,7 +235,7 @@ def _linked(row: FleetRow, folder: Path) -> str:
     name = escape(str(row.recording))
     if row.folder is None or not (row.folder / REPORT).exists():
         return name
-    return f'<a href="{(row.folder / REPORT).relative_to(folder).as_posix()}">{name}</a>'
+    return f'<a href="{escape((row.folder / REPORT).relative_to(folder).as_posix())}">{name}</a>'
 
 
 def _failed(rows: Sequence[FleetRow]) -> str:

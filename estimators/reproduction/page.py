@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -15,6 +14,7 @@ from estimators.reproduction.writing import NOTHING, cell, done, factor
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, layout, numbers
 from limo_driver.pages.markup import folded, grid, header, listed, section, table
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

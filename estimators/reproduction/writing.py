@@ -11,6 +11,7 @@ from estimators.reproduction.claims import CLAIMS, best, judge
 from estimators.reproduction.results import SCHEMA, SPLIT_NAMES, SPLIT_WORDS
 from estimators.reproduction.rows import PARTS
 from estimators.reproduction.trial import SPLITS, Protocol, write_whole
+from limo_driver.quoting import in_markdown
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -105,7 +106,7 @@ def _csv(table: Table) -> str:
 
 def _markdown(table: Table) -> str:
     n = table.data.model.n
-    lines = ["# Table I", "", table.headline(), "", table.scored, "", _SOURCE]
+    lines = ["# Table I", "", in_markdown(table.headline()), "", table.scored, "", _SOURCE]
     for split in SPLITS:
         lines += ["", f"## {SPLIT_NAMES[split][0].upper()}{SPLIT_NAMES[split][1:]}"]
         for part in PARTS:
@@ -131,7 +132,7 @@ def _claims(table: Table) -> str:
     lines = [
         "# The paper's claims",
         "",
-        table.headline(),
+        in_markdown(table.headline()),
         "",
         "A factor is the joint-averaged MSE of the first row over that of the second, geometric "
         "mean over runs of equal seeds, with its 95 % interval. A claim holds for a pair when the "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from html import escape
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -16,6 +15,7 @@ from limo_driver.outputs import whole
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, layout
 from limo_driver.pages.markup import grid, header, paragraph, section, table
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

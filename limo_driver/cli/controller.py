@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from limo_driver.console.terminal import say
+
 
 class CommandOption(StrEnum):
     """Quantity that the client may command."""
@@ -115,10 +117,10 @@ def command(
             typer.echo(json.dumps({"ready": True, "fri": fri, **ends}))
         else:
             told = f"FRI {fri} from {controller.address} to {settings.client}, {settings.note}"
-            typer.echo(f"ready: {told}; end it with Ctrl-C")
+            say(f"ready: {told}; end it with Ctrl-C")
         with interrupts(controller.stop):
             report = controller.run()
-    typer.echo(json.dumps(report.as_json()) if as_json else report.as_text())
+    say(json.dumps(report.as_json()) if as_json else report.as_text())
 
 
 def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:

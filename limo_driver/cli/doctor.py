@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from limo_driver.console.terminal import say
+
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
@@ -52,7 +54,7 @@ def fri(
         typer.echo(json.dumps(found.as_json()))
     else:
         for finding in found.findings:
-            typer.echo(f"{'problem' if finding.problem else 'note'}: {finding.text}")
+            say(f"{'problem' if finding.problem else 'note'}: {finding.text}")
         if found.healthy:
             typer.echo("the link works")
     raise typer.Exit(found.status)

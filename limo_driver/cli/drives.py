@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.terminal import say
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -59,13 +61,13 @@ def command(
 
     def ready(refused: Sequence[str]) -> None:
         for each in refused:
-            typer.echo(f"not permitted: {each}", err=True)
+            say(f"not permitted: {each}", stderr=True)
         nodes = [joint.node for joint in arm.joints]
         where = f"{arm.bus.interface} {arm.bus.channel}"
         if as_json:
             typer.echo(json.dumps({"ready": True, "bus": where, "nodes": nodes}))
         else:
-            typer.echo(f"ready: {len(nodes)} {arm.convention} drives on {where}, nodes {nodes}")
+            say(f"ready: {len(nodes)} {arm.convention} drives on {where}, nodes {nodes}")
 
     counts = run_drives(
         arm,
@@ -81,7 +83,7 @@ def command(
         typer.echo(json.dumps(counts.as_json()))
         return
     faults_begun = ", ".join(counts.faults) or "none"
-    typer.echo(
+    say(
         f"{counts.heard} frames heard, {counts.sent} sent, {counts.syncs} cycles, "
         f"{counts.lost} lost, {counts.babbled} babbled; faults: {faults_begun}"
     )

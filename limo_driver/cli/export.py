@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.terminal import say
+
 if TYPE_CHECKING:
     from limo_driver.exports.export import Export
 
@@ -72,7 +74,7 @@ def command(
         from limo_driver.workflow.embedding import export_onnx
 
         file = export_onnx(sim, out, name)
-        typer.echo(json.dumps({"files": [str(file)]}) if as_json else str(file))
+        say(json.dumps({"files": [str(file)]}) if as_json else str(file))
         return
     if to == "c":
         _write_c(sim, out, rate, delay, false_alarms, name, free or [], as_json=as_json)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -110,6 +109,7 @@ def _show(found: Inspection, settled: Settled) -> None:
 def _show_next(found: Inspection, log: Path, robot: str, settled: Settled) -> None:
     """Say what to do with the mapping."""
     from limo_driver.console.terminal import terminal
+    from limo_driver.quoting import in_shell
 
     console = terminal(soft_wrap=True)
     if open_ones := len(settled.mapping.undecided):
@@ -119,5 +119,5 @@ def _show_next(found: Inspection, log: Path, robot: str, settled: Settled) -> No
             f"next: answer {what} under `undecided:` {where}, and delete it", style="bold"
         )
     elif settled.is_kept or found.recording is not None:
-        words = ["limo", "diagnose", str(log), "--robot", robot, "--mapping", str(settled.path)]
-        console.print(f"next: {shlex.join(words)} --out diagnosis", style="bold")
+        words = ("limo", "diagnose", log, "--robot", robot, "--mapping", settled.path)
+        console.print(f"next: {in_shell(*words)} --out diagnosis", style="bold")

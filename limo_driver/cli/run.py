@@ -10,6 +10,7 @@ import typer
 
 from limo_driver.cli import INTERRUPTED
 from limo_driver.console.options import ROBOTS
+from limo_driver.console.terminal import say
 from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def command(
 
 
 def _say_it_stands(name: str) -> None:
-    typer.echo(f"{name} stands until estimates of its torque come", err=True)
+    say(f"{name} stands until estimates of its torque come", stderr=True)
 
 
 @contextmanager

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from limo_driver.console.terminal import say
+
 DRIVER_PORT = 7447
 SERVICE_PORT = 7448
 
@@ -48,4 +50,4 @@ def command(
     }
     written = write_trust(out, hosts, days, force=force)
     for name, path in written.configurations.items():
-        typer.echo(f"{path}: {ROLES[name].purpose}")
+        say(f"{path}: {ROLES[name].purpose}")

@@ -10,9 +10,9 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from xml.parsers import expat
-from xml.sax.saxutils import escape
 
 from limo_driver.errors import ConfigError
+from limo_driver.quoting import in_xml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -46,11 +46,6 @@ class Element:
         yield self
         for child in self.children:
             yield from child.walk()
-
-
-def as_attribute(value: str) -> str:
-    """Return a value as it stands between the quotes of an attribute."""
-    return escape(value, {'"': "&quot;"})
 
 
 def as_list(*values: float) -> str:
@@ -94,7 +89,7 @@ class XmlText:
         """Set an attribute, which stays where it is if it is there."""
         if element.attributes.get(name) == value:
             return
-        new = as_attribute(value).encode()
+        new = in_xml(value).encode()
         spans = self._spans(element)
         if name in spans:
             _, start, stop = spans[name]

@@ -7,7 +7,7 @@ from time import thread_time
 from typing import TYPE_CHECKING, Final, NoReturn, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from limo_driver.errors import PlacedError, RecordingError
@@ -97,16 +97,18 @@ class Spent:
         """CPU time that reading has taken [s]."""
         return self._before + thread_time() - self._began
 
-    def metered(
-        self, pieces: Iterator[_Piece], rows: Callable[[_Piece], int] = lambda _: 1
-    ) -> Iterator[_Piece]:
+    def metered(self, pieces: Iterator[_Piece], rows: int = 1) -> Iterator[_Piece]:
         """Yield pieces and count their rows, and the time that they take, not that of their use.
+
+        Args:
+            pieces: What is read, one after the other.
+            rows: Of each.
 
         Raises:
             error: More rows or seconds than its budget has.
         """
         for piece in pieces:
-            self.take(rows=rows(piece))
+            self.take(rows=rows)
             self.check_time()
             self._before = self.seconds
             yield piece

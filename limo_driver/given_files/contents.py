@@ -18,9 +18,7 @@ LARGEST: Final = 1 << 26  # bytes of what is read at once, if nothing else is sa
 _VALUES: Final = 1 << 24  # of JSON: Python makes about 100 bytes of each
 
 
-def read_bytes(
-    path: Path, error: type[PlacedError | RecordingError], most: int = LARGEST
-) -> bytes:
+def read_bytes(path: Path, error: type[PlacedError | RecordingError], most: int = LARGEST) -> bytes:
     """Return the content of a file.
 
     What is opened is what is judged: nothing can take its place in between.

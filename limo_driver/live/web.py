@@ -13,6 +13,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.pages import Page, arm_view
 from limo_driver.pages.markup import paragraph
 from limo_driver.processes.closing import Closing
+from limo_driver.quoting import in_html
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,8 +84,8 @@ def live_page(arm: str, model: RobotModel) -> Page:
     """Return the page that draws an arm as its values come."""
     limits = model.limits
     pose = np.clip(np.zeros(model.n), limits.position_min, limits.position_max)
-    head = f'<header><h1>{arm}</h1><p id="said" class="sources">waiting for the arm …</p></header>'
-    body = head + paragraph(_LEAD, "lead") + _PLACES
+    said = '<p id="said" class="sources">waiting for the arm …</p>'
+    body = f"<header><h1>{in_html(arm)}</h1>{said}</header>" + paragraph(_LEAD, "lead") + _PLACES
     return Page(f"{arm}, live", body, arm=arm_view(model, pose), player="live.js")
 
 

@@ -17,6 +17,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.logs.joint_state_log import bag_files, read_bag
 from limo_driver.network.messages import JOINT_STATE, TORQUE_ESTIMATE, decode_joint_state
 from limo_driver.pages.figures import AFTER, JOINTS, MEASURED
+from limo_driver.quoting import for_xml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -191,10 +192,10 @@ def _tab(window: ET.Element, name: str, plots: _Plots) -> None:
         sizes=";".join([f"{1.0 / len(plots):.6f}"] * len(plots)),
     )
     for title, series in plots:
-        area = ET.SubElement(split, "DockArea", name=title)
+        area = ET.SubElement(split, "DockArea", name=for_xml(title))
         plot = ET.SubElement(
             area, "plot", mode="TimeSeries", style="Lines", flip_x="false", flip_y="false"
         )
         ET.SubElement(plot, "limitY")
         for curve, colour in series:
-            ET.SubElement(plot, "curve", name=curve, color=colour)
+            ET.SubElement(plot, "curve", name=for_xml(curve), color=colour)

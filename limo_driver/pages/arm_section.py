@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from limo_driver.pages.markup import paragraph, typeset
 from limo_driver.pages.still import still
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from limo_driver.pages.arm import ArmView, PlayedMotion

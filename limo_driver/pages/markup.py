@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass, field
-from html import escape
 from math import floor, isfinite
 from typing import TYPE_CHECKING, Any, TypeAlias
+
+from limo_driver.quoting import in_html as escape
+from limo_driver.quoting import in_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -56,9 +58,22 @@ class Charts:
     def as_json(self) -> str:
         """Return all charts as JSON that may stand inside a script element."""
         content: list[dict[str, Any]] = [
-            {"data": item["data"], "layout": item["layout"]} for item in self.figures
+            {"data": _inert(item["data"]), "layout": _inert(item["layout"])}
+            for item in self.figures
         ]
         return script_json(content)
+
+
+def _inert(value: Any, key: str = "") -> Any:  # noqa: ANN401  # values of plotly
+    """Return values of a chart in whose texts plotly finds no tags, but in those of limo's own."""
+    if isinstance(value, str):
+        is_own = key == "hovertemplate"
+        return value if is_own else in_line(value).replace("&", "&amp;").replace("<", "&lt;")
+    if isinstance(value, dict):
+        return {name: _inert(item, name) for name, item in value.items()}
+    if isinstance(value, list) and any(isinstance(item, (str, dict, list)) for item in value):
+        return [_inert(item, key) for item in value]
+    return value
 
 
 def script_json(value: object) -> str:
@@ -125,7 +140,9 @@ def next_steps(steps: Iterable[tuple[str, str]]) -> str:
 
 def key(meanings: Mapping[str, str]) -> str:
     """Return what words or colours mean, in small letters."""
-    said = "".join(f"<dt>{name}</dt><dd>{prose(text)}</dd>" for name, text in meanings.items())
+    said = "".join(
+        f"<dt>{escape(name)}</dt><dd>{prose(text)}</dd>" for name, text in meanings.items()
+    )
     return f'<dl class="small">{said}</dl>'
 
 

@@ -6,13 +6,13 @@ import gzip
 from base64 import b64encode
 from dataclasses import dataclass, field
 from functools import cache
-from html import escape
 from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING
 
 from limo_driver.outputs import whole
 from limo_driver.pages.markup import Charts, script_json
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from html import escape
 from textwrap import wrap
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from limo_driver.pages.markup import typeset
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from limo_driver.pages.arm import ArmView

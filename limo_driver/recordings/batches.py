@@ -8,7 +8,7 @@ from __future__ import annotations
 import gzip
 import re
 from dataclasses import dataclass, field
-from typing import IO, TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -116,7 +116,7 @@ def is_packed(path: Path) -> bool:
     return path.suffix.lower() == _PACKED
 
 
-def text_source(path: Path) -> Path | IO[bytes]:
+def text_source(path: Path) -> Path | gzip.GzipFile:
     """Return what a text is read from: the file, or one that unpacks it within its budget."""
     return _Unpacked(path) if is_packed(path) else path
 

@@ -10,6 +10,7 @@ import numpy as np
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.markup import columns, header, next_steps, section
 from limo_driver.pages.motion import planned_motion
+from limo_driver.quoting import in_shell
 from limopa.page import not_checked, span
 
 if TYPE_CHECKING:
@@ -87,23 +88,23 @@ def _joints(found: ServoExcitation) -> dict[str, list[object]]:
 
 
 def _next(file: str, robot: str, motors: str) -> str:
+    play = f"python examples/play_servos.py {in_shell(PurePath(file))}"
     steps = [
         (
             f"Send each row of {file} at its time, and record what the encoders read: columns "
             "time [s], command_1, ..., position_1, ... [rad]. This does it through LeRobot; name "
             "the motors as it does.",
-            f"python examples/play_servos.py {file} --port /dev/ttyACM0 --motors {motors} "
-            "--out run.csv",
+            f"{play} --port /dev/ttyACM0 --motors {in_shell(motors)} --out run.csv",
         ),
         (
             "Find servo gains, friction, backlash and payload from that recording.",
-            f"limo diagnose run.csv --robot {robot} --out diagnosis",
+            f"limo diagnose run.csv --robot {in_shell(robot)} --out diagnosis",
         ),
     ]
     if PurePath(robot.partition("#")[0]).suffix.lower() == ".xml":
         rehearsed = (
             "See it first on a simulated arm, by the actuators of the same file.",
-            f"python examples/play_servos.py {file} --simulate {robot} --out rehearsal.csv",
+            f"{play} --simulate {in_shell(robot)} --out rehearsal.csv",
         )
         steps.insert(0, rehearsed)
     return next_steps(steps)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from limo_driver.pages.markup import (
     typeset,
 )
 from limo_driver.physics import spoken
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

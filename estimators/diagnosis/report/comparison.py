@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from limo_driver.pages.arm import Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.markup import UNSAID, header, paragraph, section, table, typeset
 from limo_driver.physics import Payload, spoken
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

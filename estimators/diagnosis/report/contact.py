@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ from estimators.diagnosis.report import figures
 from estimators.diagnosis.verdict import CONTACT
 from estimators.diagnosis.wording import names_of
 from limo_driver.pages.markup import grid, number, section, table
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from estimators.diagnosis.result import Diagnosis

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
@@ -30,6 +29,7 @@ from limo_driver.pages.markup import (
     table,
 )
 from limo_driver.physics import spoken
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,6 +37,7 @@ from limo_driver.pages.markup import (
     typeset,
 )
 from limo_driver.physics import spoken
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

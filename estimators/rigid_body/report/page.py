@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -12,6 +13,7 @@ from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
 from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
 from limo_driver.physics import spoken
+from limo_driver.quoting import in_shell
 
 if TYPE_CHECKING:
     from estimators.rigid_body.identification import Identification, TermEstimate
@@ -48,6 +50,7 @@ def identification_page(found: Identification, file: str) -> Page:
         found: What was identified.
         file: Name of the simulation's file, for the commands that go on from it.
     """
+    sim = in_shell(PurePath(file))
     charts, view = Charts(), _arm(found)
     kind = found.model.description.kind.lower()
     errors = found.rmse_consistent
@@ -74,15 +77,15 @@ def identification_page(found: Identification, file: str) -> Page:
             [
                 (
                     "Ask another recording what this simulation leaves out.",
-                    f"limo diagnose OTHER_RECORDING --sim {file} --out diagnosis/",
+                    f"limo diagnose OTHER_RECORDING --sim {sim} --out diagnosis/",
                 ),
                 (
                     "Learn what it leaves, and how sure that is.",
-                    f"limo train RECORDING --sim {file} --model joint-physics --out model/",
+                    f"limo train RECORDING --sim {sim} --model joint-physics --out model/",
                 ),
                 (
                     "Put its values into a copy of your own robot file.",
-                    f"limo export {file} --to {kind} --out identified/",
+                    f"limo export {sim} --to {kind} --out identified/",
                 ),
             ]
         )

@@ -62,8 +62,9 @@ class RemoteStore:
         """
         index = self._index()
         records = index["versions"]
-        for reason in index.get("left_out", ()) if tell is not None else ():
-            tell(str(reason))
+        if tell is not None:
+            for reason in index.get("left_out", ()):
+                tell(str(reason))
         if not records:
             raise ModelStoreError("the service's store holds no versions; add one first")
         for record in records:

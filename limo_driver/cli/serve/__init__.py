@@ -9,6 +9,7 @@ import typer
 
 from limo_driver.cli.serve.options import log_limits, retraining_of, settings_of, stores_of
 from limo_driver.cli.serve.showing import status_printer, teller
+from limo_driver.console.terminal import say
 from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 OPEN = (
@@ -177,7 +178,7 @@ def command(
         show=status_printer(as_json=as_json),
     ) as service:
         if config is None:
-            typer.echo(OPEN, err=True)
+            say(OPEN, stderr=True)
         service.wait(duration)
     for why in service.lost_logs.values():
-        typer.echo(f"log: ends before the service did: {why}", err=True)
+        say(f"log: ends before the service did: {why}", stderr=True)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from limo_driver.console.terminal import say
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -34,7 +36,7 @@ def teller(*, several: bool, as_json: bool) -> Callable[[str, Event], None]:
         line = f"{f'{arm}: ' if several else ''}{event.kind}: {event.text}"
         if "phase" in event.facts:
             with suppress(OSError):  # who reads that may have gone, for example once it serves
-                typer.echo(line)
+                say(line)
             return
         console.print(line, style=style)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.console.terminal import say
 from limo_driver.network.options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def _serve(
         ArmFeed(session, keys, model, lambda: watched.of(keys.arm)) as feed,
         LiveServer(keys.arm, model, feed.snapshot, port) as server,
     ):
-        typer.echo(f"open {server.address}")
+        say(f"open {server.address}")
         threading.Event().wait(duration)
 
 
@@ -179,7 +180,7 @@ def _log_to_rerun(
                 log.take(shown := feed.snapshot())
                 if shown.get("problem", "") != problem:
                     problem = shown.get("problem", "")
-                    typer.echo(problem or "the arm is drawn again", err=True)
+                    say(problem or "the arm is drawn again", stderr=True)
                 pause.wait(min(1.0 / RATE, max(ends - time.monotonic(), 0.0)))
         finally:
             followed.undeclare()
@@ -194,7 +195,6 @@ def _wait(
     as_json: bool,
 ) -> None:
     """Wait for a service, and say how far it is."""
-    from limo_driver.cli.watch.panels import printable
     from limo_driver.network.readiness import (
         PATIENCE,
         ServicePhase,
@@ -210,4 +210,4 @@ def _wait(
     if as_json:
         typer.echo(json.dumps({"arm": heard.arm, "phase": heard.phase, "state": heard.state}))
     else:
-        typer.echo(printable(f"{heard.arm}: {heard.state}"))
+        say(f"{heard.arm}: {heard.state}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from limo_driver.quoting import in_line
+
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.text import Text
@@ -117,4 +119,4 @@ def _bars(counts: list[int]) -> str:
 
 def printable(text: str) -> str:
     """Return the beginning of a text, without what a terminal would obey."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text[:_WIDEST])
+    return in_line(text[:_WIDEST])

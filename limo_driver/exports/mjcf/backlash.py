@@ -15,7 +15,8 @@ import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.xml_edits import as_attribute, as_list, differ
+from limo_driver.exports.xml_edits import as_list, differ
+from limo_driver.quoting import in_xml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -67,7 +68,7 @@ def write_play(
     quick = as_list(_STEPS * float(spec.option.timestep), 1.0)
     text.insert_after(
         element,
-        f'<joint name="{as_attribute(joint)}_backlash" type="hinge" pos="{as_list(*own.pos)}" '
+        f'<joint name="{in_xml(joint)}_backlash" type="hinge" pos="{as_list(*own.pos)}" '
         f'axis="{as_list(*own.axis)}" range="{ends}" limited="true" ref="0" damping="0" '
         'stiffness="0" frictionloss="0" armature="0" actuatorfrclimited="false" '
         f'solreflimit="{quick}" solimplimit="{_FIRM}"/>',

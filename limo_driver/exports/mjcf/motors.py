@@ -11,7 +11,8 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.xml_edits import as_attribute, as_list
+from limo_driver.exports.xml_edits import as_list
+from limo_driver.quoting import in_xml
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,9 +70,9 @@ def write_motors(
             else:
                 text.remove(element, attribute)
         for number, values in enumerate(has[len(own) :], start=1):
-            name = as_attribute(f"{joint}_{attribute}" + (f"_{number}" if len(has) > 1 else ""))
+            name = in_xml(f"{joint}_{attribute}" + (f"_{number}" if len(has) > 1 else ""))
             lines.append(
-                f'<{_TAG} name="{name}" joint="{as_attribute(joint)}" input="none" resistance="1" '
+                f'<{_TAG} name="{name}" joint="{in_xml(joint)}" input="none" resistance="1" '
                 f'{attribute}="{as_list(*values)}"/>'
             )
     return lines

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 from limo_driver.descriptions.description import StatedMotor, StatedServo
 from limo_driver.errors import ConfigError
-from limo_driver.exports.xml_edits import as_attribute, differ
+from limo_driver.exports.xml_edits import differ
 from limo_driver.physics.drives import as_described
+from limo_driver.quoting import in_xml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,7 +49,7 @@ def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into
         values = _attributes(wanted, stated, timestep)
         placed = _actuators(texts, name)
         if not placed:
-            new.append(f'<{tag} joint="{as_attribute(name)}" {_written(values)}/>')
+            new.append(f'<{tag} joint="{in_xml(name)}" {_written(values)}/>')
             continue
         text, element = next((own for own in placed if own[1].tag == tag), placed[0])
         if element.tag not in (tag, _GENERAL) or stated is None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.descriptions.description import JointDynamics
-from limo_driver.exports.xml_edits import as_attribute
+from limo_driver.quoting import in_xml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -79,7 +79,7 @@ def _write_rotor(text: XmlText, joint: str, inertia: float) -> None:
         else:
             text.set(stated, "value", f"{inertia / ratio**2:.10g}")
         return
-    name = as_attribute(joint)
+    name = in_xml(joint)
     text.insert(
         text.root,
         f'<transmission name="{name}{_OF_LIMO}">'

@@ -11,7 +11,8 @@ from limo_driver.exports.changes.loads import write_added
 from limo_driver.exports.changes.origin import write_origin
 from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
 from limo_driver.exports.urdf.drake import write_rotors
-from limo_driver.exports.xml_edits import Element, XmlText, as_attribute, as_list, differ
+from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
+from limo_driver.quoting import in_xml
 
 if TYPE_CHECKING:
     from limo_driver.descriptions.inertial import Inertial
@@ -130,7 +131,7 @@ def _write_payloads(text: XmlText, target: Target) -> None:
             child = joint.child("child")
             if child is not None and child.attributes.get("link") == name:
                 text.drop(joint)
-    carrier = as_attribute(target.last)
+    carrier = in_xml(target.last)
     for name, payload in target.loads.items():
         if name not in target.replaced:
             text.insert(

@@ -9,11 +9,12 @@ stiffness, a drive that is told torques neither; comments say what else they hav
 from __future__ import annotations
 
 import ast
-import json
+import re
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.exports.unwritten import BEYOND_ACTUATORS, beyond_default, unit_of
 from limo_driver.physics.drives import as_described
+from limo_driver.quoting import in_docstring
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from limo_driver.descriptions.description import JointDynamics
     from limo_driver.physics import JointDrive
 
+_ESCAPED: Final = re.compile(r"\\(.)", re.DOTALL)
 _TABLES: Final = {
     "ARMATURE": ("armature", "inertia of the drive, as seen at the joint [kg m^2]"),
     "FRICTION": ("friction", "dry [N m]"),
@@ -57,7 +59,8 @@ def actuators(
     servos = [drive for drive, own in pairs if own is not None]
     stated = {drive.joint - 1: own for drive, own in pairs if own is not None}
     lines = [
-        f'"""Friction and armature of the joints of {asset}, whose inertias are in that file.',
+        '"""Friction and armature of joints, whose inertias are in the URDF beside this file:',
+        in_docstring(asset),
         "",
         "Written by limo for Isaac Lab 2.2 with Isaac Sim 5, or later.",
         '"""',
@@ -68,7 +71,7 @@ def actuators(
     for table, (field, said) in _TABLES.items():
         lines += [f"{table} = {{  # {said}"]
         pairs = zip(names, joints, strict=True)
-        lines += [f"    {json.dumps(name)}: {getattr(joint, field):.10g}," for name, joint in pairs]
+        lines += [f"    {_key(name)}: {getattr(joint, field):.10g}," for name, joint in pairs]
         lines += ["}"]
     given = dict[str, str]()
     for table, (argument, key, said) in _SERVO.items():
@@ -76,7 +79,7 @@ def actuators(
         known = {name: value for name, value in known.items() if value is not None}
         if known:
             lines += [f"{table} = {{  # {said}"]
-            lines += [f"    {json.dumps(name)}: {value:.10g}," for name, value in known.items()]
+            lines += [f"    {_key(name)}: {value:.10g}," for name, value in known.items()]
             lines += ["}"]
             given[argument] = table
     lines += _beyond(servos, names)
@@ -107,8 +110,13 @@ def _beyond(servos: Sequence[JointDrive], names: Sequence[str]) -> Iterator[str]
         told = [(names[s.joint - 1], beyond_default(s, key)) for s in own]
         if told:
             unit = _OWN.get(key) or unit_of(own[0], key)
-            values = ", ".join(f"{json.dumps(name)}: {value:.4g}" for name, value in told)
+            values = ", ".join(f"{name!a}: {value:.4g}" for name, value in told)
             yield f"# not written: {key} [{unit}] of {values}"
+
+
+def _key(name: str) -> str:
+    """Return the name of a joint as a pattern that matches it alone, as Isaac Lab takes keys."""
+    return ascii(re.escape(name))
 
 
 def tables_of(text: str) -> Mapping[str, Mapping[str, float]]:
@@ -118,5 +126,6 @@ def tables_of(text: str) -> Mapping[str, Mapping[str, float]]:
         if not isinstance(node, ast.Assign) or not isinstance(name := node.targets[0], ast.Name):
             continue
         if name.id in _TABLES:
-            found[_TABLES[name.id][0]] = ast.literal_eval(node.value)
+            table = ast.literal_eval(node.value)
+            found[_TABLES[name.id][0]] = {_ESCAPED.sub(r"\1", key): table[key] for key in table}
     return found

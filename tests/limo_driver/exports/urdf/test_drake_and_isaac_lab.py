@@ -122,7 +122,7 @@ def test_isaac_lab_has_the_gains_of_servos(monkeypatch):
     assert said["ARM"].stiffness == {"bend": 17.8}
     assert said["ARM"].damping == {"bend": 0.6}
     assert said["ARM"].effort_limit_sim == {"bend": 3.35}
-    assert '# not written: play [rad] of "bend": 0.01' in text
+    assert "# not written: play [rad] of 'bend': 0.01" in text
     assert "not written: delay" in text
 
 
