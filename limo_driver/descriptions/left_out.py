@@ -1,4 +1,4 @@
-"""What URDFs leave out and other programs make up for: the ground, and ranges of joints."""
+"""What URDFs leave out and other programs make up for: the ground, ranges of joints, odd shapes."""
 
 from __future__ import annotations
 
@@ -13,6 +13,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _GROUND: Final = "world"
+_SHAPES: Final = {  # and what each needs
+    "box": ("size",),
+    "cylinder": ("radius", "length"),
+    "sphere": ("radius",),
+    "capsule": ("radius", "length"),
+    "mesh": ("filename",),
+}
 _REFUSED: Final = "without a range, the arm cannot be planned or run"
 
 
@@ -55,6 +62,39 @@ def without_ends(root: ET.Element) -> tuple[str, ...]:
             limit.set("lower", repr(-ROOM))
             limit.set("upper", repr(ROOM))
     return tuple(found)
+
+
+def without_odd_shapes(root: ET.Element) -> tuple[str, ...]:
+    """Take out shapes that are none of a URDF, which its parser would drop; return what to say.
+
+    Args:
+        root: Outermost element of a URDF; its links are changed.
+    """
+    lost: list[str] = []
+    for link in root.findall("link"):
+        for kind in ("visual", "collision"):
+            for shape in link.findall(kind):
+                if _is_shape(shape.find("geometry")):
+                    continue
+                link.remove(shape)
+                if kind == "collision":
+                    lost.append(str(link.get("name")))
+    if not lost:
+        return ()
+    many = "a collision shape" if len(lost) == 1 else f"{len(lost)} collision shapes"
+    named, known = shortened(list(dict.fromkeys(lost))), ", ".join(_SHAPES)
+    return (
+        f"not represented: {many} of {named}, none of {known} with a size: motion is planned "
+        "without",
+    )
+
+
+def _is_shape(geometry: ET.Element | None) -> bool:
+    """Say whether a shape is one that a URDF has, with all that it needs."""
+    if geometry is None or len(geometry) == 0:
+        return False
+    needed = _SHAPES.get(geometry[0].tag)
+    return needed is not None and all(geometry[0].get(name) is not None for name in needed)
 
 
 def unranged_notes(names: Sequence[str], slides: Sequence[str]) -> tuple[str, ...]:

@@ -11,7 +11,12 @@ import numpy as np
 
 from limo_driver.descriptions.description import Following, JointDynamics, RobotDescription
 from limo_driver.descriptions.geometry import numbers, rotation_of, rpy_of, turned
-from limo_driver.descriptions.left_out import unranged_notes, with_ground, without_ends
+from limo_driver.descriptions.left_out import (
+    unranged_notes,
+    with_ground,
+    without_ends,
+    without_odd_shapes,
+)
 from limo_driver.descriptions.urdf_checks import check_urdf, end_of
 from limo_driver.descriptions.xml_text import read_xml
 from limo_driver.display import shortened
@@ -71,6 +76,7 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription
 def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
     grounded = with_ground(root)
     check_urdf(root, path)
+    odd = without_odd_shapes(root)
     unranged = without_ends(root)
     dynamics: dict[str, JointDynamics] = {}
     for joint in root.findall("joint"):
@@ -80,7 +86,9 @@ def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
                 friction=_number(stated, "friction", path, least=0.0),
                 damping=_number(stated, "damping", path, least=0.0),
             )
-    return RobotDescription(root, path, "URDF", dynamics, notes=grounded, unranged=unranged)
+    return RobotDescription(
+        root, path, "URDF", dynamics, notes=(*grounded, *odd), unranged=unranged
+    )
 
 
 def _number(

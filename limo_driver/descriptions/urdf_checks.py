@@ -17,15 +17,20 @@ if TYPE_CHECKING:
     from xml.etree import ElementTree as ET
 
 _MOVABLE: Final = ("revolute", "continuous", "prismatic")
+_MOST: Final = ("effort", "velocity")  # of a joint that moves
 _ENDING: Final = ("revolute", "prismatic")  # which have to state where their range ends
 _ON_A_FIXED_BASE: Final = (*_MOVABLE, "fixed")
 _FREE: Final = ("floating", "planar")
 _AXES: Final = 3
-_VECTORS: Final = ("xyz", "rpy")  # of several numbers; all else is one
+_VECTORS: Final = ("xyz", "rpy", "size", "scale")  # of several numbers; all else is one
+_SHAPES: Final = ("box", "cylinder", "sphere", "capsule", "mesh")
+_TEXTS: Final = ("filename", "name")
+_LARGEST: Final = 1e50  # of a number in any unit; its square and more can be computed
 _NUMBERS: Final = {
     "link": (
         *("inertial/mass", "inertial/inertia", "inertial/origin"),
         *("visual/origin", "collision/origin"),
+        *(f"{of}/geometry/{shape}" for of in ("visual", "collision") for shape in _SHAPES),
     ),
     "joint": ("origin", "axis", "limit"),
 }
@@ -107,9 +112,13 @@ def _check_limits(root: ET.Element, path: Path) -> None:
         ConfigError: There is one.
     """
     for joint in root.findall("joint"):
+        name, limit = joint.get("name"), joint.find("limit")
+        if limit is not None and joint.get("type") in _MOVABLE:
+            for most in _MOST:
+                if limit.get(most) is None:
+                    raise ConfigError(f"joint {name!r}: its <limit> states no {most}", path=path)
         if joint.get("type") not in _ENDING:
             continue
-        name, limit = joint.get("name"), joint.find("limit")
         if limit is None:
             raise ConfigError(
                 f"joint {name!r} states no <limit>; one without ends is of the type continuous",
@@ -199,6 +208,8 @@ def _check_tree(root: ET.Element, path: Path) -> None:
 
 def _check_element(owner: str, element: ET.Element, path: Path) -> None:
     for name, text in element.attrib.items():
+        if name in _TEXTS:
+            continue
         if name in _VECTORS and len(text.split()) != _AXES:
             said = text.strip() or "empty"
             raise ConfigError(
@@ -210,8 +221,10 @@ def _check_element(owner: str, element: ET.Element, path: Path) -> None:
                 value = float(word)
             except ValueError:
                 value = np.nan
-            if not np.isfinite(value) or (element.tag == "mass" and value < 0.0):
+            is_number = abs(value) <= _LARGEST
+            if not is_number or (element.tag == "mass" and value < 0.0):
                 expected = "0 or more" if element.tag == "mass" else "a finite number"
+                expected += f" within {_LARGEST:g}" * bool(np.isfinite(value) and not is_number)
                 raise ConfigError(
                     f"{owner}: {name} of its {element.tag} is {word.strip() or 'empty'}, "
                     f"expected {expected}",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import zipfile
+import zlib
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from tokenize import TokenError
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -27,7 +29,19 @@ if TYPE_CHECKING:
 _KIND: Final = "NumPy arrays"
 _MATRIX: Final = 2  # axes
 _WIDEST: Final = 1 << 15  # bytes of a row: 4096 numbers, as images have and no joints
-_DAMAGE: Final = (OSError, ValueError, zipfile.BadZipFile, EOFError)
+_DAMAGE: Final = (
+    OSError,
+    ValueError,
+    zipfile.BadZipFile,
+    EOFError,
+    TokenError,  # of a header that goes on
+    SyntaxError,
+    RecursionError,
+    RuntimeError,  # packed with a password
+    NotImplementedError,  # packed as few programs do
+    TypeError,  # a type of numbers that is none
+    zlib.error,
+)
 
 
 def read_npz(path: Path) -> LogTable:

@@ -27,6 +27,8 @@ def velocity_factor(time: FloatArray, position: FloatArray, velocity: FloatArray
     step = np.diff(time)
     swept = (velocity[1:] + velocity[:-1]) / 2 * step
     known = np.isfinite(swept) & (step < longest_step(step))
+    if not known.any():
+        return None
     stride = max(1, round(_SWEEP / float(np.median(step))))
     starts = np.arange(0, step.size, stride)
     says = np.add.reduceat(np.where(known, swept, 0.0), starts)
