@@ -63,21 +63,28 @@ def _predict() -> dict[str, Any]:
     return {"predicted": table_of("p.parquet")}
 
 
-def _exported(to: str, sim: str, *options: str) -> dict[str, Any]:
-    """Export a simulation, and return what was printed and what the files hold."""
-    printed = json.loads(limo("export", sim, "--to", to, "--out", to, "--json", *options))
-    files = {path: _text(Path(path).read_text(encoding="utf-8")) for path in printed["files"]}
-    return {"printed": printed, "files": files}
+def _exported(to: str, sim: str, *, signs: bool = True) -> dict[str, Any]:
+    """Export a simulation or a model, and return what was printed and what the files hold.
+
+    Args:
+        to: The target.
+        sim: What is exported.
+        signs: Whether figures have one; those of the root of a covariance are free.
+    """
+    printed = json.loads(limo("export", sim, "--to", to, "--out", to, "--json"))
+    texts = {path: Path(path).read_text(encoding="utf-8") for path in printed["files"]}
+    return {"printed": printed, "files": {path: _text(t, signs) for path, t in texts.items()}}
 
 
-def _text(text: str) -> dict[str, Any]:
+def _text(text: str, signs: bool) -> dict[str, Any]:
     """Return the words and the figures of a file, the words of a long one by their digest."""
     text = text.replace(f"limo {version('limo')}", "limo")
-    words = _FIGURE.sub("#", text)
-    short = words.count("\n") <= SHORT
+    lines = [" ".join(line.split()) for line in _FIGURE.sub("#", text).splitlines()]
+    figures = np.array(_FIGURE.findall(text), dtype=float)
+    long = hashlib.sha256(" ".join(lines).encode()).hexdigest()
     return {
-        "words": words.splitlines() if short else hashlib.sha256(words.encode()).hexdigest(),
-        "figures": summary(np.array(_FIGURE.findall(text), dtype=float)),
+        "words": lines if len(lines) <= SHORT else long,
+        "figures": summary(figures if signs else np.abs(figures)),
     }
 
 
@@ -177,7 +184,9 @@ def _configurations() -> tuple[Path, Path]:
     return Path("listen.json5"), Path("connect.json5")
 
 
-ELSEWHERE: Mapping[str, float] = {}
+# Tolerance on another machine where `OTHER_MACHINE` is too little, as fits end where they are near
+# enough: three times what another kind of BLAS kernel, and numba without AVX, were seen to change.
+ELSEWHERE: Mapping[str, float] = {"servos": 6e-3}
 
 SMALL: Mapping[str, Mapping[str, Callable[[], dict[str, Any]]]] = {
     "servos": {"identify": _identify, "diagnose": _diagnose, "predict": _predict},
@@ -190,7 +199,11 @@ SMALL: Mapping[str, Mapping[str, Callable[[], dict[str, Any]]]] = {
         "usd": _usd,
         "c": partial(_exported, "c", "two_links_true.yaml"),
     },
-    "service": {"train": _train, "session": _session, "c": partial(_exported, "c", "model")},
+    "service": {
+        "train": _train,
+        "session": _session,
+        "c": partial(_exported, "c", "model", signs=False),
+    },
 }
 
 

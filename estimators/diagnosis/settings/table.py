@@ -27,9 +27,10 @@ Every number of the [diagnosis](diagnosis.md) that somebody chose. They stand in
 `estimators/diagnosis/settings/`, a file a stage, from which this page is written. "By judgement"
 says that no other value was measured, or that nothing of it was kept.
 
-What is not here: constants of mathematics; where effects of the catalogue are looked for, which is
-said with each effect; colours and sizes of the report; and the reach of tolerances, three
-deviations, which belongs to the regression (`estimators/regression/evidence.py`).
+What is not here: constants of mathematics; what keeps numbers from being nothing (up to 1e-6);
+where effects of the catalogue are looked for, which is said with each effect; colours and sizes of
+the report; and the reach of tolerances, three deviations, which belongs to the regression
+(`estimators/regression/evidence.py`).
 """
 
 
