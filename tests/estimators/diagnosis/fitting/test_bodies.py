@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -23,23 +24,29 @@ from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.fitting.consistent import nearest_body, pseudo_inertia
 from limo_driver.descriptions.inertial import Inertial
-from limo_driver.physics import Payload, Simulation, TorqueGain
+from limo_driver.physics import Payload, TorqueGain
 
 CRATE = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.06, 0.0, 0.0, 0.06, 0.0, 0.05))
 ROD = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.09, 0.0, 0.0, 0.09, 0.0, 0.0))
 NOISE = 0.02  # [N m]
-LINK = 4  # 0-based
+LINK = 0  # 0-based
 
 
-def laid_out(seen):
+@pytest.fixture(scope="module")
+def seen(two_links_urdf):
+    """Make a function that records effects of an arm of two skew joints."""
+    return partial(observed, robot=str(two_links_urdf), duration=30.0)
+
+
+def laid_out(observed):
     """Lay out what competes for what a recording shows beside a simulation."""
-    problem = RegressionProblem.of(seen, quiet)
-    return problem, Noise.independent(np.full(7, NOISE), problem.split.fitted)
+    problem = RegressionProblem.of(observed, quiet)
+    return problem, Noise.independent(np.full(observed.n, NOISE), problem.split.fitted)
 
 
-def loaded(body):
+def loaded(observed):
     """Fit a payload; return the problem, the solution and what was fitted, (m, m c, I)."""
-    problem, noise = laid_out(observed(body))
+    problem, noise = laid_out(observed)
     payload = next(i for i, item in enumerate(problem.candidates) if item.effect == "payload")
     solution = fitted(problem, (payload,), noise)
     return problem, solution, solution.fitted.mean[problem.nuisance.prior.index.size :]
@@ -54,17 +61,17 @@ def exists(parameters):
 
 
 def test_a_body_that_exists_stays_as_it_was_fitted():
-    problem, solution, body = loaded(CRATE)
+    """Seven joints show all of its parameters."""
+    problem, solution, body = loaded(observed(CRATE))
     assert exists(body)
     found = payload_in(problem, solution)
     assert found.mass == pytest.approx(body[0])
     np.testing.assert_allclose(found.com, body[1:4] / body[0])
 
 
-@pytest.mark.slow("fits a load to an arm of seven joints")
-def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to():
+def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to(seen):
     """Noise makes the inertia of a rod impossible; what the motion shows of its length stays."""
-    problem, solution, body = loaded(ROD)
+    problem, solution, body = loaded(seen(ROD))
     assert not exists(body)
     found = payload_in(problem, solution)
     assert found.load.is_consistent()
@@ -78,9 +85,8 @@ def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to():
     assert np.any(rmse(shrunk, rows) > 1.5 * linear)
 
 
-@pytest.mark.slow("fits a load to an arm of seven joints")
-def test_gravity_gives_no_way_to_an_inertia_where_slow_errors_are_thought_likely():
-    problem, _ = laid_out(observed(ROD))
+def test_gravity_gives_no_way_to_an_inertia_where_slow_errors_are_thought_likely(seen):
+    problem, _ = laid_out(seen(ROD))
     walk = np.cumsum(np.random.default_rng(1).normal(size=problem.target.shape), axis=0)
     noise = Noise.of(NOISE * walk, problem.split.fitted, problem.observed.segment)
     payload = next(i for i, item in enumerate(problem.candidates) if item.effect == "payload")
@@ -91,16 +97,15 @@ def test_gravity_gives_no_way_to_an_inertia_where_slow_errors_are_thought_likely
     assert np.all(rmse(drawn, rows) < 1.1 * rmse(linear, rows))
 
 
-def feigned():
+def feigned(seen):
     """Fit a link to what the sensor of its joint makes of all that lies beyond."""
-    problem, noise = laid_out(observed(TorqueGain(joint=4, gain=-0.4)))
+    problem, noise = laid_out(seen(TorqueGain(joint=1, gain=-0.4)))
     link = next(i for i, x in enumerate(problem.candidates) if x.place == (LINK_INERTIA, (LINK,)))
     return problem, fitted(problem, (link,), noise)
 
 
-@pytest.mark.slow("fits the bodies of an arm of seven joints")
-def test_a_body_whose_mass_would_be_out_of_reach_is_drawn_to_where_its_link_is():
-    problem, solution = feigned()
+def test_a_body_whose_mass_would_be_out_of_reach_is_drawn_to_where_its_link_is(seen):
+    problem, solution = feigned(seen)
     observed = problem.observed
     model, extent = observed.simulation.model, observed.extents.of(LINK)
     change = relative_inertia(model.inertials[model.link_names[LINK]])
@@ -114,22 +119,21 @@ def test_a_body_whose_mass_would_be_out_of_reach_is_drawn_to_where_its_link_is()
     assert extent.holds(parameters_of(found))
 
 
-@pytest.mark.slow("fits three loads to an arm of seven joints")
-def test_what_only_a_load_out_of_reach_explains_does_not_speak_for_one():
+def test_what_only_a_load_out_of_reach_explains_does_not_speak_for_one(seen):
     far = Payload(mass=0.5, com=(0.0, 0.0, 3.0))
-    problem, solution, _ = loaded(far)
+    problem, solution, _ = loaded(seen(far))
     (member,) = solution.members
     assert lost_by(problem, solution)[member] > 1000.0  # [nat]
     for near in (CRATE, ROD):
-        problem, solution, _ = loaded(near)
+        problem, solution, _ = loaded(seen(near))
         assert not lost_by(problem, solution)
 
 
-@pytest.mark.slow("fits a load to an arm of seven joints")
-def test_a_load_that_is_stated_may_have_another_mass():
+def test_a_load_that_is_stated_may_have_another_mass(seen):
     """A simulation that was improved has the load that was found, and is diagnosed again."""
     heavier = replace(CRATE, mass=4.0)
-    problem, noise = laid_out(observed(heavier).beside(Simulation("iiwa14", (CRATE,))))
+    recorded = seen(heavier)
+    problem, noise = laid_out(recorded.beside(replace(recorded.simulation, effects=(CRATE,))))
     kinds = [(item.effect, item.kind) for item in problem.candidates]
     stated = kinds.index((Payload.name, "wrong_parameter"))
     solution = fitted(problem, (stated,), noise)

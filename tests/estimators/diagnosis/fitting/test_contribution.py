@@ -99,14 +99,13 @@ def test_what_it_does_elsewhere_by_what_is_beside_it_does_not_count(sprung):
     assert material(problem, alone, other) < 0.5
 
 
-@pytest.mark.slow("fits an arm of seven joints each")
 @pytest.mark.parametrize(("drag", "named"), [(0.0, True), (5.0, False)])
-def test_what_is_small_beside_a_large_effect_may_be_imprecision_of_that(drag, named):
-    there = (QuadraticDrag(joint=3, coefficient=drag), TorqueOffset(joint=3, offset=0.022))
-    problem = RegressionProblem.of(observed(*there), quiet)
-    noise = Noise.independent(np.full(7, 0.02), problem.split.fitted)
-    own = place_of(problem, "torque_offset", 3)
-    beside = [place_of(problem, "quadratic_drag", 3)] if drag else []
+def test_what_is_small_beside_a_large_effect_may_be_imprecision_of_that(arm, drag, named):
+    there = (QuadraticDrag(joint=1, coefficient=drag), TorqueOffset(joint=1, offset=0.1))
+    problem = RegressionProblem.of(observed(*there, robot=str(arm)), quiet)
+    noise = Noise.independent(np.full(2, 0.02), problem.split.fitted)
+    own = place_of(problem, "torque_offset", 1)
+    beside = [place_of(problem, "quadratic_drag", 1)] if drag else []
     solution = fitted(problem, tuple(sorted((own, *beside))), noise)
     assert 0.5 < material(problem, solution, own) < 1.0
     assert convincing(problem, solution, own) == named

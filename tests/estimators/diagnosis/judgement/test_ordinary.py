@@ -228,28 +228,31 @@ def test_friction_that_is_but_sharper_or_softer_is_a_value(monkeypatch, within, 
     assert list(found) == values
 
 
-@pytest.mark.slow("searches and fits lines of a ripple of seven joints")
+def seen(arm, *effects):
+    """Record effects of an arm of two joints."""
+    return observed(*effects, robot=str(arm), duration=30.0)
+
+
 @pytest.mark.parametrize(("amplitude", "detail"), [(0.07, True), (0.2, False)])
-def test_little_more_of_a_stated_effect_is_a_value_of_it(amplitude, detail):
-    stated = TorqueRipple(joint=3, cycles_per_rev=(14.0,), amplitude=(1.0,), phase=(0.3,))
-    other = TorqueRipple(joint=3, cycles_per_rev=(28.0,), amplitude=(amplitude,), phase=(0.1,))
-    recorded = observed(stated, other).beside(Simulation("iiwa14", (stated,)))
+def test_little_more_of_a_stated_effect_is_a_value_of_it(arm, amplitude, detail):
+    stated = TorqueRipple(joint=1, cycles_per_rev=(14.0,), amplitude=(1.0,), phase=(0.3,))
+    other = TorqueRipple(joint=1, cycles_per_rev=(28.0,), amplitude=(amplitude,), phase=(0.1,))
+    recorded = seen(arm, stated, other).beside(Simulation(str(arm), (stated,)))
     problem = RegressionProblem.of(recorded, quiet)
     (line,) = hypotheses_of_ripple(recorded, recorded.residual, {})
     candidate = entered(line, recorded, problem.columns, problem.level)
     problem = problem.with_candidates([*problem.candidates, candidate])
-    noise = Noise.independent(np.full(7, 0.02), problem.split.fitted)
+    noise = Noise.independent(np.full(2, 0.02), problem.split.fitted)
     member = len(problem.candidates) - 1
     found = to_identify(problem, fitted(problem, (member,), noise))
     assert found == ((member,) if detail else ())
 
 
-@pytest.mark.slow("fits an arm of seven joints")
-def test_a_little_more_tilt_of_an_arm_that_is_known_to_hang_is_no_value_of_a_joint():
-    on_a_wall = Simulation("iiwa14", (GravityDirection(gravity=(9.81, 0.0, 0.0)),))
-    recorded = observed(GravityDirection(gravity=(9.8, 0.4, 0.0))).beside(on_a_wall)
+def test_a_little_more_tilt_of_an_arm_that_is_known_to_hang_is_no_value_of_a_joint(arm):
+    on_a_wall = Simulation(str(arm), (GravityDirection(gravity=(9.81, 0.0, 0.0)),))
+    recorded = seen(arm, GravityDirection(gravity=(9.8, 0.0, 0.4))).beside(on_a_wall)
     problem = RegressionProblem.of(recorded, quiet)
-    noise = Noise.independent(np.full(7, 0.02), problem.split.fitted)
+    noise = Noise.independent(np.full(2, 0.02), problem.split.fitted)
     (member,) = (
         i for i, item in enumerate(problem.candidates) if item.effect == "gravity_direction"
     )
