@@ -293,16 +293,14 @@ class Trajectory(Motion):
             ConfigError: The file is missing, is no Parquet, lacks a column, has a column or header
                 of another kind, or holds what a trajectory may not.
         """
-        from pyarrow import ArrowException
-
-        from limo_driver.recordings.parquet import whole_table
+        from limo_driver.recordings.parquet import DAMAGE, whole_table
 
         check_file(Path(path), ConfigError)
         try:
             table = whole_table(Path(path), ConfigError)
         except FileNotFoundError:
             raise ConfigError("cannot be read as a trajectory: no such file", path=path) from None
-        except (OSError, ArrowException) as error:
+        except DAMAGE as error:
             raise ConfigError(f"cannot be read as a trajectory: {error}", path=path) from None
         try:
             robot, segments = _parse_header((table.schema.metadata or {}).get(_METADATA_KEY, b"{}"))

@@ -25,7 +25,7 @@ _AXES: Final = 3
 _VECTORS: Final = ("xyz", "rpy", "size", "scale")  # of several numbers; all else is one
 _SHAPES: Final = ("box", "cylinder", "sphere", "capsule", "mesh")
 _TEXTS: Final = ("filename", "name")
-_LARGEST: Final = 1e50  # of a number in any unit; its square and more can be computed
+LARGEST: Final = 1e50  # of a number in any unit; its square and more can be computed
 _NUMBERS: Final = {
     "link": (
         *("inertial/mass", "inertial/inertia", "inertial/origin"),
@@ -33,6 +33,10 @@ _NUMBERS: Final = {
         *(f"{of}/geometry/{shape}" for of in ("visual", "collision") for shape in _SHAPES),
     ),
     "joint": ("origin", "axis", "limit"),
+}
+_INERTIAL: Final = {
+    "mass": ("value",),
+    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
 }
 _MACROS: Final = ("${", "$(")
 
@@ -154,11 +158,22 @@ def _check_numbers(root: ET.Element, path: Path) -> None:
     Raises:
         ConfigError: Names the link or joint, and what is no finite number.
     """
+    for link in root.findall("link"):
+        for stated in link.findall("inertial"):
+            _check_inertial(stated, f"link {link.get('name')!r}", path)
     for kind, parts in _NUMBERS.items():
         for owner in root.findall(kind):
             for part in parts:
                 for element in owner.findall(part):
                     _check_element(f"{kind} {owner.get('name')!r}", element, path)
+
+
+def _check_inertial(stated: ET.Element, owner: str, path: Path) -> None:
+    for tag, names in _INERTIAL.items():
+        element = stated.find(tag)
+        if element is None or (lacking := [x for x in names if element.get(x) is None]):
+            what = f"<{tag}>" if element is None else f"{', '.join(lacking)} of its {tag}"
+            raise ConfigError(f"{owner}: its <inertial> lacks {what}", path=path)
 
 
 def _check_tree(root: ET.Element, path: Path) -> None:
@@ -221,10 +236,10 @@ def _check_element(owner: str, element: ET.Element, path: Path) -> None:
                 value = float(word)
             except ValueError:
                 value = np.nan
-            is_number = abs(value) <= _LARGEST
+            is_number = abs(value) <= LARGEST
             if not is_number or (element.tag == "mass" and value < 0.0):
                 expected = "0 or more" if element.tag == "mass" else "a finite number"
-                expected += f" within {_LARGEST:g}" * bool(np.isfinite(value) and not is_number)
+                expected += f" within {LARGEST:g}" * bool(np.isfinite(value) and not is_number)
                 raise ConfigError(
                     f"{owner}: {name} of its {element.tag} is {word.strip() or 'empty'}, "
                     f"expected {expected}",

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pyarrow as pa
 
 from limo_driver.display import shortened
 from limo_driver.errors import RecordingError
@@ -20,12 +19,14 @@ from limo_driver.foreign.formats.reading import ARRAYS, PARQUET, TEXTS, ending_o
 from limo_driver.foreign.proposals.odd_columns import other_unit_from
 from limo_driver.foreign.proposals.times import refuse_two_units
 from limo_driver.recordings.batches import LONG_TEXT, blocks_of, is_packed
-from limo_driver.recordings.parquet import parquet_rows
+from limo_driver.recordings.parquet import DAMAGE, parquet_rows
 from limo_driver.recordings.stretches import MOST
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
+
+    import pyarrow as pa
 
     from limo_driver.foreign.mapping import LogMapping
     from limo_driver.foreign.table import LogTable
@@ -95,7 +96,7 @@ def _rows_of_parquet(path: Path) -> int:
 
     try:
         return pq.read_metadata(path).num_rows
-    except (OSError, pa.ArrowException) as error:
+    except DAMAGE as error:
         raise _unreadable(path, error) from None
 
 
@@ -103,7 +104,7 @@ def _parquet_tables(path: Path) -> Iterator[pa.Table]:
     try:
         rows = parquet_rows(path)
         yield from blocks_of(rows.batches, rows.schema)
-    except (OSError, pa.ArrowException) as error:
+    except DAMAGE as error:
         raise _unreadable(path, error) from None
 
 

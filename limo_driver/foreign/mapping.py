@@ -280,6 +280,7 @@ class LogMapping(Declared, Displayed):
         head = "# value = sign * factor * (column - zero), in the unit; lists go joint by joint.\n"
         return head + text
 
+    @np.errstate(over="ignore", invalid="ignore")  # of numbers that are no measurement
     def columns(
         self,
         table: LogTable,

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MATRIX: Final = 2  # dimensions
-_LARGEST: Final = 1e100  # of a number in any unit
 _MOST_LABELS: Final = 4096  # columns of one array
 
 
@@ -62,11 +61,6 @@ class LogTable:
                 f"{odd} has {sizes[odd]} rows, the others {usual}; expected columns of one length",
                 path=self.source or None,
             )
-        lost = {name: _lost(values) for name, values in self.columns.items()}
-        if told := tuple(_said_of_lost(name, rows) for name, rows in lost.items() if rows.size):
-            kept = {name: _without(values, lost[name]) for name, values in self.columns.items()}
-            object.__setattr__(self, "columns", kept)
-            object.__setattr__(self, "notes", (*self.notes, *told))
 
     def first(self, rows: int) -> LogTable:
         """Return the first rows, which share their memory with this table."""
@@ -123,27 +117,6 @@ class LogTable:
         if name in self.unread:
             what = f"column {name} holds {self.unread[name]}, expected numbers"
         raise RecordingError(what, path=self.source or None)
-
-
-def _lost(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the rows of numbers beyond all measure, as a damaged bit of an exponent makes them."""
-    if values.dtype.kind != "f":
-        return np.zeros(0, dtype=np.int64)
-    return np.flatnonzero(np.isfinite(values) & (np.abs(values) > _LARGEST))
-
-
-def _said_of_lost(name: str, rows: NDArray[np.int64]) -> str:
-    many = "1 value" if rows.size == 1 else f"{rows.size} values"
-    return f"{many} of {name} beyond {_LARGEST:g}, first in row {rows[0]}, taken for lost"
-
-
-def _without(values: NDArray[Any], rows: NDArray[np.int64]) -> NDArray[Any]:
-    """Return values (T,) that are not known in some rows."""
-    if not rows.size:
-        return values
-    kept = values.astype(np.float64)
-    kept[rows] = np.nan
-    return kept
 
 
 def _matches(name: str, pattern: str) -> bool:

@@ -20,7 +20,7 @@ from limo_driver.outputs import require_parquet, whole
 from limo_driver.recordings.batches import LONG_TEXT, Kept, kept_of, text_batches
 from limo_driver.recordings.channels import CHANNELS, POSITION, recorded_channel
 from limo_driver.recordings.columns import Columns
-from limo_driver.recordings.parquet import parquet_rows
+from limo_driver.recordings.parquet import DAMAGE, parquet_rows
 from limo_driver.recordings.recorded_time import seconds
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def _read_table(path: Path) -> Kept:
     try:
         kept = _read_format(path)
         names = [name.strip() for name in kept.table.column_names]
-    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+    except DAMAGE as error:
         reason = str(error).splitlines()[0]
         raise RecordingError(
             f"cannot be read as Parquet, CSV (.csv) or limo's own log: {reason}", path=path

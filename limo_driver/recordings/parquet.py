@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from limo_driver.errors import PlacedError
 
+DAMAGE: Final = (OSError, pa.ArrowException, UnicodeDecodeError)  # of a file that is none
 _WIDEST: Final = 4096  # values of a column in one row; images have more
 _MOST: Final = 4096  # columns
 

@@ -187,12 +187,13 @@ def column_names(path: Path) -> list[str]:
         found = dialect_of(path)
         own = found.separator == "," and found.decimal == "." and not (found.told or found.units)
         return list(found.names) if own else []
-    import pyarrow as pa
     import pyarrow.parquet as pq
+
+    from limo_driver.recordings.parquet import DAMAGE
 
     try:
         return [name.strip() for name in pq.read_schema(path).names]
-    except (OSError, pa.ArrowException) as error:
+    except DAMAGE as error:
         raise RecordingError(
             f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path
         ) from None

@@ -31,6 +31,7 @@ from limo_driver.descriptions.mjcf.joints import (
 )
 from limo_driver.descriptions.mjcf.stated_drives import motors, servos
 from limo_driver.descriptions.mjcf.writer import TURNING, ArmWriter
+from limo_driver.descriptions.urdf_checks import LARGEST
 from limo_driver.descriptions.xml_text import MOST_JOINTS
 from limo_driver.errors import ConfigError
 from limo_driver.given_files import apart
@@ -39,6 +40,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+_PLACED: Final = (  # what an arm is written from
+    *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
+    *("jnt_pos", "jnt_axis", "jnt_range", "geom_pos", "geom_quat", "geom_size"),
+)
 _FEWEST: Final = 2  # arms, of which one has to be chosen
 
 
@@ -59,6 +64,9 @@ def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
     model = compile_mjcf(path) if is_plain(files) else apart(compile_mjcf, path, ConfigError)
     if model.njnt > MOST_JOINTS:
         raise ConfigError(f"has {model.njnt} joints, expected at most {MOST_JOINTS}", path=path)
+    for name in _PLACED:
+        if not (np.abs(getattr(model, name)) <= LARGEST).all():
+            raise ConfigError(f"its {name}, as MuJoCo has it, is no finite number", path=path)
     root = _arm(model, path, joints)
     writer = ArmWriter(model, root, path)
     writer.write(root)

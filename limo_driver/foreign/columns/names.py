@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 TIME, POSITION, VELOCITY, ACCELERATION = "time", "position", "velocity", "acceleration"
 TORQUE, CURRENT, TEMPERATURE, NOTHING = "torque", "current", "temperature", ""
 NO_COLUMN: Final = "-"  # stands for a column that a log does not have
+_DIGITS: Final = 4  # of the number of a joint, at most
 COMMAND = "command"  # positions that were commanded, beside those that were measured
 COMMAND_VELOCITY = "command_velocity"  # velocities that were commanded
 MEASURED, PLAIN, COMMANDED, DERIVED = 0, 1, 2, 3  # ranks: which of two is the measurement
@@ -161,7 +162,7 @@ def _joint_in(
             if wanted and words[start : start + len(wanted)] == wanted:
                 return joint, (*words[:start], *words[start + len(wanted) :])
     for index in reversed(range(len(words))):
-        if words[index].isdigit():
+        if words[index].isdecimal() and len(words[index]) <= _DIGITS:
             return int(words[index]), (*words[:index], *words[index + 1 :])
     return None, words
 

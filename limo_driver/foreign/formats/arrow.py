@@ -16,7 +16,7 @@ from limo_driver.foreign.columns.names import TIME, read_name
 from limo_driver.foreign.formats.clock import clock_times, is_clock
 from limo_driver.foreign.table import LogTable
 from limo_driver.recordings.batches import FEW, Kept, kept_of
-from limo_driver.recordings.parquet import parquet_rows
+from limo_driver.recordings.parquet import DAMAGE, parquet_rows
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -84,7 +84,7 @@ def read_parquet(path: Path) -> Kept:
     try:
         rows = parquet_rows(path)
         return replace(kept_of(rows.batches, rows.schema, rows.width), aside=rows.aside)
-    except (OSError, pa.ArrowException) as error:
+    except DAMAGE as error:
         raise RecordingError(
             f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path
         ) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import zipfile
 import zlib
 from contextlib import ExitStack, contextmanager
@@ -148,7 +149,10 @@ class _Member:
         return said_of_shape(self.shape, rows)
 
     def labels(self) -> NDArray[Any]:
-        return self._from_bytes(self.shape[0])
+        texts = self._from_bytes(self.shape[0])
+        if self._kind.kind == "U" and (texts.view(np.uint32) > sys.maxunicode).any():
+            raise ValueError(f"{self.name} holds texts of characters that there are not")
+        return texts
 
     def read(self, rows: int) -> NDArray[Any]:
         if self._by_columns:  # no row of it is there before all of it is

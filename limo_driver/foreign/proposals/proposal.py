@@ -133,6 +133,7 @@ class _Draft:
             )
 
 
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # of numbers that are no measurement
 def propose(table: LogTable, model: RobotModel) -> Proposal:
     """Propose how to read a log of a robot.
 
