@@ -38,7 +38,8 @@ LARGEST_COUNT: Final = 2**31 - 1  # of a position in 32 bits
 REPLY_OFFSET: Final = 0x10  # of Damiao's replies, as OpenArm sets it
 
 Option = bool | int | float | str
-OF_CIA402: Final = {"master", "on_lost", "status_every", "temperature"}  # and of nobody else
+# And of nobody else.
+OF_CIA402: Final = {"master", "on_lost", "status_every", "temperature", "following_error"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +152,13 @@ class ArmConfig(Declared):
         "", "what drives then do", default="quick_stop", of=("quick_stop", "fault", "disable")
     )
     hold_after: int = parameter("", "cycles of a silent joint", default=2, lower=1, upper=1000)
+    following_error: float = parameter(
+        "rad",
+        "by which a joint may be off its latest set-points",
+        default=0.05,
+        lower=0.001,
+        upper=3.0,
+    )
     status_every: int = parameter(
         "", "cycles between drive statuses", default=10, lower=1, upper=240
     )

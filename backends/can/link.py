@@ -82,6 +82,8 @@ class Link(ABC):
         self.target = np.zeros(model.n)  # [rad]; not used before drives are enabled
         self.where: Callable[[], FloatArray | None] = lambda: None  # it is believed to be [rad]
         self._gravity_at: tuple[FloatArray | None, FloatArray] = None, self.target
+        self._started = True
+        self.intruder = ""  # who else commands the drives, as it was heard; empty if nobody does
         self.overslept = 0.0  # how late this program woke up for answers, in the last cycle [s]
 
     @property
@@ -160,9 +162,22 @@ class Link(ABC):
     def measure(self, until: float) -> DriveSample | None:
         """Start a cycle and return what all drives measured; None if one was not heard in time."""
 
-    @abstractmethod
+    @property
+    def started(self) -> bool:
+        """Whether the set-points of the cycle that was begun last have left."""
+        return self._started
+
     def trouble(self) -> str:
         """Say why the arm has to hold; empty if it need not."""
+        if self.port.bus_off:
+            return f"{self.port.name} is off: too many errors"
+        if self.intruder:
+            return f"another program commands the drives on {self.port.name}: {self.intruder}"
+        return self._trouble_of_drives()
+
+    @abstractmethod
+    def _trouble_of_drives(self) -> str:
+        """Say which drive the arm has to hold for, and why; empty if for none."""
 
     @abstractmethod
     def drives(self) -> tuple[DriveStatus, ...]:
@@ -175,6 +190,14 @@ class Link(ABC):
     @abstractmethod
     def disable(self) -> None:
         """Switch the drives off, one after the other, the last joint first."""
+
+    def _intrude(self, what: str, frame_id: int) -> Callable[[bytes], None]:
+        """Return what notes a frame that nobody but this program may send."""
+
+        def note(_data: bytes) -> None:
+            self.intruder = self.intruder or f"heard {what} (frame {frame_id:03X}); end it first"
+
+        return note
 
     @abstractmethod
     def _take(self, frame: Frame) -> None:

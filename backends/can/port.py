@@ -1,7 +1,9 @@
 """The bus as this backend uses it: an adapter to python-can.
 
 Frames that arrive broken, are of another kind (extended, remote, error) or are this port's own are
-not for the driver; they are counted, since a bus full of them is worth knowing of.
+not for the driver; they are counted, since a bus full of them is worth knowing of. On some buses a
+program hears itself (udp_multicast): that is noticed while drives are set up, and each own frame is
+passed over once, so that the very same frame of somebody else is heard.
 """
 
 # python-can's messages and buses are typed in parts only.
@@ -12,6 +14,7 @@ from __future__ import annotations
 import logging
 import select
 import time
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
 
 BUS_OFF: Final = 0x40  # class of error frames, as SocketCAN numbers them
 MOST_USELESS: Final = 256  # that are passed over at once, when no time is left to wait
+MOST_ECHOES: Final = 4096  # own frames that are waited for; more were lost
 UNBUFFERED: Final = {"socketcan", "udp_multicast"}  # what has arrived is to be seen from outside
 # Frames of a simulated bus stay on this machine, unless told otherwise.
 _DEFAULTS: Final[dict[str, dict[str, Any]]] = {"udp_multicast": {"hop_limit": 0}}
@@ -71,6 +75,8 @@ class BusPort(Closing):
         self.bus_off = False
         self.now = clock
         self._fd = config.fd
+        self._echoes: Counter[Frame] = Counter()  # own frames that will be heard
+        self._awaits_echoes, self._echoing = True, False  # until it is known that there are none
         self._bus = _open(config) if bus is None else bus
         # python-can waits by the wall clock: set back meanwhile, it would wait for as long again.
         self._waits_by_select = config.interface in UNBUFFERED and _has_descriptor(self._bus)
@@ -93,6 +99,10 @@ class BusPort(Closing):
             self._bus.send(message)
         except (can.CanError, OSError) as error:
             raise ConnectionLostError(f"{self.name} takes no frame: {_cause(error)}") from None
+        if self._awaits_echoes:
+            self._echoes[Frame(frame_id, bytes(data))] += 1
+            if len(self._echoes) > MOST_ECHOES:
+                self._echoes.clear()
 
     def receive(self, until: float) -> Frame | None:
         """Return the next frame; None if none came until then.
@@ -114,6 +124,12 @@ class BusPort(Closing):
                     return None
                 useless += 1  # one for the driver may wait behind it
         return None
+
+    def settle(self) -> None:
+        """Know from now on whether this program hears itself: frames went to and fro by now."""
+        self._awaits_echoes = self._echoing
+        if not self._echoing:
+            self._echoes.clear()
 
     def close(self) -> None:
         """Let go of the bus."""
@@ -144,7 +160,18 @@ class BusPort(Closing):
         if message.is_extended_id or message.is_remote_frame or not message.is_rx:
             self.counts.foreign += 1
             return None
-        return Frame(message.arbitration_id, bytes(message.data))
+        frame = Frame(message.arbitration_id, bytes(message.data))
+        return None if self._echoes and self._is_echo(frame) else frame
+
+    def _is_echo(self, frame: Frame) -> bool:
+        """Say whether a frame is one of its own that comes back."""
+        if frame not in self._echoes:
+            return False
+        self._echoing = True
+        self._echoes[frame] -= 1
+        if not self._echoes[frame]:
+            del self._echoes[frame]
+        return True
 
 
 def _open(config: Bus) -> can.BusABC:

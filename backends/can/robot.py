@@ -14,6 +14,7 @@ from backends.can.config import CIA402, ArmConfig
 from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.latency import LatencyHistogram
+from limo_driver.robot.output import instead
 from limo_driver.robot.robot import Robot
 from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
     import can
 
-    from backends.can.link import DriveStatus, Link
+    from backends.can.link import DriveSample, DriveStatus, Link
     from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 # than any that may be measured.
 SHORTEST_CYCLE: Final = 1.0 / VELOCITY_TOLERANCE
 ROUNDING: Final = 1e-6  # of a period
+REFUSED: Final = 0.02  # [s] for which a bus may take no set-point
+REFUSED_PERIODS: Final = 3  # or so many periods, if those are longer
 
 
 class CanRobot(Robot):
@@ -72,6 +75,7 @@ class CanRobot(Robot):
         try:
             self._link = _link(self.config, self._port, reset=reset_faults)
             self._link.connect()
+            self._port.settle()
             super().__init__(self._link.limit(self.config), start_tolerance)
         except BaseException:
             self._port.close()
@@ -80,7 +84,10 @@ class CanRobot(Robot):
         self.lateness = LatencyHistogram()
         self._enabled = False
         self._wanted: Setpoint | None = None  # of the next cycle, if it is another
+        self._unfinished: Setpoint | None = None  # of a cycle that the bus took too few frames of
+        self._refused_at = math.inf  # when that was first [s]
         self._began = self._due = self._last = self._free = 0.0  # [s], of the port's clock
+        self._late = 0.0  # by which this program began the last cycle [s]
         self._cycle = -1  # counts SYNCs, or what else starts a cycle
         self._slipped = 0.0  # time by which cycles came later than their grid, in all [s]
         self._stall = (0.0, -math.inf)  # how late this program came last [s], to which cycle
@@ -138,15 +145,14 @@ class CanRobot(Robot):
         if self._wanted is not None:
             self._link.command(self._wanted)
             self._wanted = None
-        self._link.send()
-        self._link.listen(self._due)
-        now = self._port.now()
-        self.lateness.add(max(now - self._due, 0.0))
-        late = now - max(self._due, self._free)  # waiting for answers is not being late
-        self._advance_clock(now)
-        sample = self._link.measure(self._due if timeout is None else min(self._due, now + timeout))
-        self._free = self._port.now()
-        if (late := max(late, self._link.overslept)) > self.spec.period:
+        try:
+            sample = self._run_cycle(timeout)
+        except ConnectionLostError:
+            self._note_refusal()
+            raise
+        if self._unfinished is not None:
+            self._note_end_of_refusal()
+        if (late := max(self._late, self._link.overslept)) > self.spec.period:
             self._stall = (late, self._cycle)
         if reason := self._link.trouble():
             self.hold(reason + self._excuse())
@@ -163,6 +169,38 @@ class CanRobot(Robot):
             temperature=temperature,
             drives=drives,
         )
+
+    def _run_cycle(self, timeout: float | None) -> DriveSample | None:
+        """Let the set-points of this cycle count once it is due, and hear what drives measured."""
+        self._link.send()
+        self._link.listen(self._due)
+        now = self._port.now()
+        self.lateness.add(max(now - self._due, 0.0))
+        self._late = now - max(self._due, self._free)  # waiting for answers is not being late
+        self._advance_clock(now)
+        sample = self._link.measure(self._due if timeout is None else min(self._due, now + timeout))
+        self._free = self._port.now()
+        return sample
+
+    def _note_refusal(self) -> None:
+        """Note that the bus took nothing more: what had effect counts, and the rest is tried again.
+
+        Whatever is commanded meanwhile waits until those set-points have left.
+        """
+        effect = self._contract.following
+        if self._link.started:
+            self._contract.take_back(effect)
+            self._unfinished = None
+            return
+        self._unfinished = effect
+        self._refused_at = min(self._refused_at, self._port.now())
+
+    def _note_end_of_refusal(self) -> None:
+        """Go on after set-points that have left late; hold if that took long."""
+        late = self._port.now() - self._refused_at
+        self._unfinished, self._refused_at = None, math.inf
+        if late > max(REFUSED, REFUSED_PERIODS * self.spec.period):
+            self.hold(f"{self._port.name} took no frame for {late:.3g} s")
 
     def _condition(self) -> tuple[FloatArray | None, tuple[str, ...]]:
         return self._link.condition()
@@ -198,8 +236,12 @@ class CanRobot(Robot):
             "(limo run --fifo), or the arm more patience (hold_after, watchdog)"
         )
 
-    def _send(self, command: JointCommand) -> None:  # noqa: ARG002  # its set-point says more
+    def _send(self, command: JointCommand) -> JointCommand | None:
+        if self._unfinished is not None:
+            self._contract.withhold(self._unfinished)
+            return instead(command, self._unfinished)
         self._wanted = self._contract.following
+        return None
 
     def _gravity(self) -> Callable[[], FloatArray]:
         return self._link.gravity

@@ -291,6 +291,12 @@ def told(command: JointCommand, after: Setpoint, hit: int) -> JointCommand:
     return replace(command, **values)
 
 
+def instead(command: JointCommand, setpoint: Setpoint) -> JointCommand:
+    """Return a command as the drives will have it where another set-point goes out instead."""
+    values = {name: getattr(setpoint, name) for name in _TOLD[type(command)]}
+    return replace(command, limited_by=(*command.limited_by, "link"), **values)
+
+
 _TOLD: dict[type[JointCommand], tuple[str, ...]] = {
     PositionCommand: ("position",),
     ImpedanceCommand: ("position", "stiffness", "damping", "torque"),

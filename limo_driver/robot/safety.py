@@ -398,7 +398,7 @@ def warm_up(spec: RobotSpec) -> None:
     inside = np.clip(zero, spec.limits.position_min, spec.limits.position_max)
     position, torque = PositionCommand(position=inside), TorqueCommand(torque=zero)
     impedance = ImpedanceCommand(position=inside, stiffness=zero, damping=zero, torque=zero)
-    contract = SafetyContract(spec)
+    contract = SafetyContract(spec, gravity=lambda: zero)
     # From a measurement at rest, from set-points, and from a measurement in motion.
     commands = (position, position, torque, torque, position, impedance, torque, None)
     for cycle, command in enumerate(commands):

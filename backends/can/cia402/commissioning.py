@@ -9,11 +9,13 @@ sections 8.4 (option codes) and 11.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from backends.can.cia402.codec import OperatingMode, State, state_of
 from backends.can.cia402.emergency import describe
+from backends.can.cia402.following import longest_lag
 from backends.can.errors import DriveError, SdoAbortError
 from backends.can.frames import RPDO1, RPDO2, SYNC, TPDO1, TPDO2, TPDO3
 
@@ -31,6 +33,7 @@ ON_LOST: Final = {"fault": 1, "disable": 2, "quick_stop": 3}  # object 6007
 QUICK_STOP_AND_STAY: Final = 6  # object 605A
 FAULT_RAMP: Final = 2  # object 605E: stop on the quick-stop ramp, then switch off
 LARGEST_BYTE: Final = 0xFF
+SWITCHED_OFF: Final = 0xFFFF_FFFF  # object 6065: no following error
 SPARE: Final = (0x1402, 0x1403, 0x1802, 0x1803)  # PDOs that drives may have switched on
 
 
@@ -101,6 +104,7 @@ class Commissioning:
         self._set_if_there(0x1006, 0, period_us, 4)
         self._set_interpolation(period_us)
         self._set_watchdogs()
+        self._set_following()
         self.sdo.write(0x6060, 0, OperatingMode.POSITION, 1, signed=True)
         self.drive.mode = None  # until it says so
 
@@ -197,6 +201,18 @@ class Commissioning:
         self._set_if_there(0x605E, 0, FAULT_RAMP, 2)
         self._require(0x1016, 1, self._watched_node, 4)
         self.sdo.write(0x1017, 0, max(self._watchdog // 4, 1), 2)
+
+    def _set_following(self) -> None:
+        """Let a drive that can do so notice, too, that it does not follow.
+
+        It compares with the set-point of now, behind which a joint that moves is.
+        """
+        late = longest_lag(1.0 / self.config.rate)
+        fastest = float(self.config.model.limits.velocity[self.drive.joint - 1])
+        window = self.config.following_error + fastest * late
+        counts = min(round(window * abs(self.joint.counts_per_radian)), SWITCHED_OFF - 1)
+        self._set_if_there(0x6065, 0, counts, 4)
+        self._set_if_there(0x6066, 0, math.ceil(1e3 * late), 2)
 
     def _set_interpolation(self, period_us: int) -> None:
         """Tell the time between set-points, value times ten to the exponent [s]."""

@@ -23,6 +23,8 @@ BOOTED: Final = 0x00
 STOPPED: Final = 0x04
 OPERATIONAL: Final = 0x05
 PRE_OPERATIONAL: Final = 0x7F
+FOLLOWING_ERROR: Final = 1 << 13  # bit of the statusword, in cyclic synchronous position
+MOST_DOUBLED: Final = 2  # cycles in a row; CAN itself may repeat a frame after an error
 _NMT_WORDS: Final = {
     BOOTED: "restarted",
     STOPPED: "was stopped",
@@ -47,6 +49,9 @@ class Drive:
     heard_at: float = -math.inf  # start of the last cycle with a position [s]
     before: tuple[int, float] | None = None  # the position before: count, start of its cycle [s]
     silent: int = 0  # cycles without a position
+    answers: int = 0  # in the cycle that runs
+    answered: bool = False  # in the cycle before
+    doubled: int = 0  # cycles in a row with more than one answer, each after one that had some
     reach: float = math.inf  # counts from the last position that can be true
     speed: int | None = None  # [counts/s], by the drive
     error: int = 0
@@ -68,11 +73,15 @@ class Drive:
         """Begin anew with the position it has now [s]; the next ones have to be near."""
         self.heard_at = self.cycle_at = now
         self.before, self.heard, self.silent, self.implausible = None, False, 0, 0
+        self.answers, self.answered, self.doubled = 0, False, 0
 
     def open_cycle(self, now: float, reach: float) -> None:
         """Wait for a position of a new cycle, which started now [s]."""
         if self.heard and self.silent:  # late, in the cycle before
             self.silent = 0
+        # One answer may be late, and come together with the next.
+        self.doubled = self.doubled + 1 if self.answers > 1 and self.answered else 0
+        self.answers, self.answered = 0, self.answers > 0
         self.heard, self.cycle_at, self.reach = False, now, reach
 
     def close_cycle(self) -> None:
@@ -84,6 +93,7 @@ class Drive:
         if len(data) != MEASURED.size:
             self.broken += 1
             return
+        self.answers += 1
         statusword, count, per_mille = MEASURED.unpack(data)
         if abs(count - self.count) > self.reach:
             self.implausible += 1
@@ -163,8 +173,15 @@ class Drive:
             return self.state.words
         return status_line(self.state.words, describe(self.error), self.silent)
 
+    @property
+    def lags(self) -> bool:
+        """Whether it says that it does not follow, where it follows positions."""
+        return self.statusword is not None and bool(self.statusword & FOLLOWING_ERROR)
+
     def complaint(self, hold_after: int, heartbeat_timeout: float, now: float) -> str:
         """Say what keeps this drive from following set-points; empty if nothing does."""
+        if self.doubled >= MOST_DOUBLED:
+            return f"answers twice, {self.doubled} cycles in a row: a second node has its id"
         if self.nmt in _NMT_WORDS:
             return _NMT_WORDS[self.nmt]
         if self.silent >= hold_after:

@@ -24,6 +24,7 @@ from backends.can.cia402.commissioning import Commissioning
 from backends.can.cia402.discovery import QUIET, require_answer, require_quiet
 from backends.can.cia402.drive import OPERATIONAL, Drive
 from backends.can.cia402.emergency import describe
+from backends.can.cia402.following import Following
 from backends.can.cia402.sdo import SdoClient
 from backends.can.errors import DriveError
 from backends.can.frames import (
@@ -32,6 +33,8 @@ from backends.can.frames import (
     NMT,
     RPDO1,
     RPDO2,
+    RPDO3,
+    RPDO4,
     SYNC,
     TPDO1,
     TPDO2,
@@ -87,6 +90,7 @@ class Cia402Link(Link):
         self._mode, self._mode_cycles = OperatingMode.POSITION, 0
         self._commanded = self._powered = False
         self._heartbeat_due = 0.0
+        self._following = Following(n, self._period, config.following_error)
 
     @property
     def torque_resolution(self) -> FloatArray:
@@ -121,7 +125,7 @@ class Cia402Link(Link):
         self._catch_up()
         until = self.port.now() + self.config.answer_timeout
         self._mode, self._commanded = OperatingMode.POSITION, False
-        self.port.bus_off = False
+        self.port.bus_off, self.intruder = False, ""
         for drive in self._drives:
             if self._has_forgotten(drive):
                 self._start(drive)
@@ -213,23 +217,25 @@ class Cia402Link(Link):
             speeds: list[float] = [drive.speed or 0 for drive in drives]
         else:
             speeds = [drive.velocity(self._period) for drive in drives]
+        position = self._position()
+        if self._mode is OperatingMode.POSITION:
+            self._following.judge(position)
         return DriveSample(
-            position=self._position(),
+            position=position,
             velocity=self._codec.velocities(speeds),
             torque=self._codec.measured_torques([drive.per_mille for drive in drives]),
         )
 
-    def trouble(self) -> str:
-        """Say why the arm has to hold; empty if it need not."""
-        if self.port.bus_off:
-            return f"{self.port.name} is off: too many errors"
+    def _trouble_of_drives(self) -> str:
         now = self.port.now()
         for drive in self._drives:
             if text := drive.complaint(self.config.hold_after, self.config.watchdog, now):
                 return f"joint {drive.joint} (node {drive.node}) {text}"
             if drive.mode not in {None, self._mode} and self._mode_is_late:
                 return f"joint {drive.joint} (node {drive.node}) stays in mode {drive.mode}"
-        return ""
+            if drive.lags and self._mode is OperatingMode.POSITION:
+                return f"joint {drive.joint} (node {drive.node}) does not follow, as it says itself"
+        return self._following.complaint(self._drives)
 
     def drives(self) -> tuple[DriveStatus, ...]:
         """Return the latest values of every drive."""
@@ -257,9 +263,13 @@ class Cia402Link(Link):
     # within -------------------------------------------------------------------------------------
 
     def _dispatch(self) -> dict[int, Callable[[bytes], None]]:
-        """Return who takes the frames of each id; no frame of this program is among them."""
-        handlers: dict[int, Callable[[bytes], None]] = {}
+        """Return who takes the frames of each id; those of this program are nobody else's."""
+        beat = HEARTBEAT + self.config.master
+        handlers = {SYNC: self._intrude("SYNC", SYNC), beat: self._intrude("its heartbeat", beat)}
         for drive in self._drives:
+            for pdo in (RPDO1, RPDO2, RPDO3, RPDO4):
+                told = pdo + drive.node
+                handlers[told] = self._intrude(f"a set-point of joint {drive.joint}", told)
             handlers[TPDO1 + drive.node] = drive.take_measured
             handlers[TPDO2 + drive.node] = drive.take_status
             handlers[TPDO3 + drive.node] = drive.take_temperature
@@ -279,6 +289,7 @@ class Cia402Link(Link):
         for drive, fastest, slack in zip(self._drives, self._fastest, self._slack, strict=True):
             drive.open_cycle(now, fastest * (now - drive.heard_at + self._period) + slack)
         self.port.send(SYNC, b"")
+        self._started = True
         patient = not any(drive.silent for drive in self._drives)
         self._hear_answers(until, self._all_heard, patient=patient)
         for drive in self._drives:
@@ -299,6 +310,9 @@ class Cia402Link(Link):
 
     def _put(self) -> None:
         """Send the RPDOs, and the heartbeat when it is due."""
+        self._started = False
+        if self._mode is OperatingMode.POSITION:
+            self._following.note(self.target)
         words = [drive.controlword for drive in self._drives]
         frames = self._codec.targets(self.target, words)
         for drive, data in zip(self._drives, frames, strict=True):
@@ -333,6 +347,7 @@ class Cia402Link(Link):
             measured = self._position()
             for drive in drives:
                 self.target[drive.joint - 1] = measured[drive.joint - 1]
+                self._following.begin(drive.joint - 1, self.target)
 
     def _position(self) -> FloatArray:
         return self._codec.positions([drive.count for drive in self._drives])
@@ -340,6 +355,7 @@ class Cia402Link(Link):
     def _set_mode(self, mode: OperatingMode) -> None:
         if mode is not self._mode:
             self._mode, self._mode_cycles = mode, 0
+            self._following.begin(slice(None), self._position())
         if mode is OperatingMode.TORQUE:
             self.target = self._position()  # to be there when positions are followed again
 

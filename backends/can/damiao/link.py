@@ -21,6 +21,8 @@ from limo_driver.errors import BackendError, JointLimitError
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from backends.can.config import ArmConfig, DamiaoJoint
     from backends.can.port import BusPort, Frame
     from limo_driver.robot.output import Setpoint
@@ -45,8 +47,8 @@ class DamiaoLink(Link):
         self.config, self._reset = config, reset
         joints: tuple[DamiaoJoint, ...] = config.joints  # type: ignore[assignment]
         self._motors = [Motor(j, joint) for j, joint in enumerate(joints, start=1)]
-        self._by_reply = {motor.joint.reply_id: motor for motor in self._motors}
         check_ids(self._motors)
+        self._handlers = self._dispatch()
         self._sign = np.array([joint.direction for joint in joints], dtype=float)
         self._offset = np.array([joint.offset for joint in joints])
         self._stiffness = np.array([joint.stiffness for joint in joints])
@@ -57,6 +59,7 @@ class DamiaoLink(Link):
         self._moves = False  # the set-point is of this cycle; one that is repeated stands
         self._pinned = np.ones(len(joints), dtype=bool)  # joints that keep the pose they have
         self._powered = False
+        self._unsent: list[tuple[int, bytes]] = []  # commands of a cycle that the bus did not take
 
     @property
     def torque_resolution(self) -> FloatArray:
@@ -77,7 +80,8 @@ class DamiaoLink(Link):
         """Let the motors hold the pose that they measure."""
         reset = reset or self._reset
         until = self.port.now() + self.config.answer_timeout
-        self._powered, self.port.bus_off = True, False
+        self._powered, self.port.bus_off, self.intruder = True, False, ""
+        self._unsent = []
         self._told = None  # who is enabled holds its pose
         # Somebody may have moved the arm since it was last heard. What is switched off answers to
         # a command too, and obeys nothing.
@@ -122,10 +126,7 @@ class DamiaoLink(Link):
             return None
         return self._sample()
 
-    def trouble(self) -> str:
-        """Say why the arm has to hold; empty if it need not."""
-        if self.port.bus_off:
-            return f"{self.port.name} is off: too many errors"
+    def _trouble_of_drives(self) -> str:
         for motor in self._motors:
             if text := motor.complaint(self.config.hold_after):
                 return f"joint {motor.number} (node {motor.joint.node}) {text}"
@@ -188,11 +189,14 @@ class DamiaoLink(Link):
     def _exchange(self, until: float) -> None:
         """Command every motor that follows commands, and hear what they answer until then."""
         for motor in self._motors:
-            motor.heard = False
-        commands = self._commands()
-        for motor, command in zip(self._motors, commands, strict=True):
-            # One that is switched off answers too, and obeys nothing.
-            self.port.send(motor.joint.node, damiao.encode_command(command, motor.ranges))
+            motor.open_cycle()
+        # One that is switched off answers too, and obeys nothing. What the bus did not take of a
+        # cycle is all that is left of it: each motor gets each command once.
+        self._unsent, self._started = self._unsent or self._frames(), False
+        while self._unsent:
+            self.port.send(*self._unsent[0])
+            del self._unsent[0]
+        self._started = True
         patient = not any(motor.silent for motor in self._motors)
         self._hear_answers(until, self._all_heard, patient=patient)
         for motor in self._motors:
@@ -200,6 +204,13 @@ class DamiaoLink(Link):
 
     def _all_heard(self) -> bool:
         return all(motor.heard for motor in self._motors)
+
+    def _frames(self) -> list[tuple[int, bytes]]:
+        """Return the commands of this cycle as frames."""
+        return [
+            (motor.joint.node, damiao.encode_command(command, motor.ranges))
+            for motor, command in zip(self._motors, self._commands(), strict=True)
+        ]
 
     def _commands(self) -> list[MitCommand]:
         """Return what each motor is told in this cycle."""
@@ -239,9 +250,17 @@ class DamiaoLink(Link):
             torque=self._sign * np.array([reply.torque for reply in replies]),
         )
 
+    def _dispatch(self) -> dict[int, Callable[[bytes], None]]:
+        """Return who takes the frames of each id; those of this program are nobody else's."""
+        handlers = {damiao.REGISTERS: self._intrude("registers", damiao.REGISTERS)}
+        for motor in self._motors:
+            node = motor.joint.node
+            handlers[node] = self._intrude(f"a command of joint {motor.number}", node)
+        return handlers | {motor.joint.reply_id: motor.take for motor in self._motors}
+
     def _take(self, frame: Frame) -> None:
-        if (motor := self._by_reply.get(frame.id)) is not None:
-            motor.take(frame.data)
+        if (handler := self._handlers.get(frame.id)) is not None:
+            handler(frame.data)
 
 
 def bus_load(config: ArmConfig) -> BusLoad:

@@ -15,6 +15,7 @@ from limo_driver.errors import WireFormatError
 if TYPE_CHECKING:
     from backends.can.config import DamiaoJoint
 
+MOST_DOUBLED: Final = 2  # cycles in a row; CAN itself may repeat a frame after an error
 UNKNOWN: Final = Ranges(math.nan, math.nan, math.nan)
 
 
@@ -28,6 +29,9 @@ class Motor:
     reply: Reply | None = None
     heard: bool = False  # in the cycle that runs
     silent: int = 0  # cycles since its last reply
+    replies: int = 0  # in the cycle that runs
+    replied: bool = False  # in the cycle before
+    doubled: int = 0  # cycles in a row with more than one reply, each after one that had some
     broken: int = 0  # frames that were no reply
 
     @property
@@ -72,9 +76,19 @@ class Motor:
             self.broken += 1
             return
         self.reply, self.heard = reply, True
+        self.replies += 1
+
+    def open_cycle(self) -> None:
+        """Wait for the reply to a new command."""
+        self.heard = False
+        # One reply may be late, and come together with the next.
+        self.doubled = self.doubled + 1 if self.replies > 1 and self.replied else 0
+        self.replies, self.replied = 0, self.replies > 0
 
     def complaint(self, hold_after: int) -> str:
         """Say what keeps it from following commands; empty if nothing does."""
+        if self.doubled >= MOST_DOUBLED:
+            return f"replies twice, {self.doubled} cycles in a row: a second motor has its id"
         if self.silent >= hold_after:
             return f"is silent for {self.silent} cycles"
         return "" if self.enabled else f"is in state {status_words(self.known.status)!r}"

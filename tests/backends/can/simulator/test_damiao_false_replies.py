@@ -111,7 +111,7 @@ def test_gravity_is_led_to_where_the_arm_insists_that_it_is(robot, bus, config):
     lying(bus, 10**6)
     for _ in range(60):
         robot.receive()
-    there = config.model.gravity_torque(start + [FALSE, 0.0])[0][0]
+    there = config.model.gravity_torque(start + np.array([FALSE, 0.0]))[0][0]
     assert told(bus)[-1].torque == pytest.approx(there, abs=0.5)
 
 
