@@ -13,7 +13,7 @@ from limo_driver.processes.closing import Closing
 if TYPE_CHECKING:
     from pathlib import Path
 
-ENDING: Final = 10.0  # [s] in which the process has to end once it is told
+ENDING: Final = 120.0  # [s] in which the process has to end once it is told; it may compile
 _COMMAND: Final = "from limo_driver.cli import main; main()"
 
 

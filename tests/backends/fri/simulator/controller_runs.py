@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import select
 import signal
 import subprocess
 import sys
@@ -13,12 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from backends.fri.codec.messages import SessionState
 from backends.fri.codec.version import FriVersion
 from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.connection.quality import QualityModel
 from backends.fri.simulator.controller import SimulatedController
 from backends.fri.simulator.session import SessionTimes
 from backends.fri.simulator.settings import MODES, ControllerSettings
+from limo_driver.robot.realtime import Pace
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -31,6 +34,22 @@ PATIENT = {
     "quality": QualityModel(fair=0.1, good=0.2, misses=50),
     "times": SessionTimes(monitor=0.1, confirm=5, restart=0.2, stop=0.2),
 }
+
+
+class InStep(Pace):
+    """The pace of a controller that goes on once its client has answered, however long that takes.
+
+    No period is left out, so what a scenario has at one time of the robot is met there.
+    """
+
+    def __init__(self, robot: SimulatedController) -> None:
+        super().__init__(1e-3 * robot.settings.period_ms)
+        self._robot = robot
+
+    def wait(self) -> int:
+        over = self._robot._session.state is SessionState.IDLE  # in which nobody answers
+        select.select([self._robot._port._socket], [], [], 0.01 if over else 10.0)
+        return 0
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """A scenario on the wire: what a client sees of it, and what the report says."""
 
 import pytest
-from controller_runs import PATIENT, last_line, started_client
+from controller_runs import PATIENT, InStep, last_line, started_client
 from ports import free_port
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
@@ -26,13 +26,18 @@ from backends.fri.simulator.settings import ControllerSettings
 pytestmark = pytest.mark.waits
 
 
-def played(*events, duration, **options):
-    """Let a good client live through a scenario; return the report and what the client saw."""
+def played(*events, duration, in_step=False, **options):
+    """Let a good client live through a scenario; return the report and what the client saw.
+
+    In step with its answers, or in real time, in which networks have their delays.
+    """
     with started_client() as (client, port):
         settings = ControllerSettings(
             Address("127.0.0.1", port), period_ms=4, duration=duration, **PATIENT, **options
         )
         with SimulatedController(settings, scenario=ControllerScenario(events, seed=3)) as robot:
+            if in_step:
+                robot._pace = InStep(robot)
             report = robot.run().as_json()
         told = last_line(client)
     return report, told, client.returncode
@@ -49,6 +54,7 @@ def test_stops_drops_and_pushes_are_felt_by_the_client():
         SessionCap(at=2.2, duration=0.1, state=SessionState.MONITORING_READY),
         SimulatedPush(at=0.0, duration=9.0, joint=2, torque=10.0),
         duration=2.6,
+        in_step=True,
     )
     assert status == 0
     assert "the quality of the connection is FAIR" in reasons(report)
