@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,7 @@ def motion(seed: int, n: int = 7, duration: float = DURATION) -> Motion:
     return wander(t, np.zeros(n), seed, (0.03, 0.12), (0.2, 0.5))
 
 
+@cache
 def observed(
     *effects: Effect,
     seeds: tuple[int, ...] = (1,),

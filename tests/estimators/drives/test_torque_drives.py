@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -45,6 +46,7 @@ def arm(path):
     return replace(Simulation.load(path), tolerances=Tolerances(drive=0.1), drives=drives)
 
 
+@cache
 def led(path, seed, seconds=20.0, **drive):
     """Return a recording of the arm as MuJoCo moves it, and the motion without its encoders."""
     time, pace = velocities(seconds, RATE, seed)

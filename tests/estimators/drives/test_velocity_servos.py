@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -47,6 +48,7 @@ def arm(path):
     return replace(Simulation.load(path), tolerances=Tolerances(drive=0.1))
 
 
+@cache
 def played(path, seed, seconds=20.0, **servo):
     """Return a recording of the arm as MuJoCo moves it, its servos at 1 kHz."""
     time, command = velocities(seconds, RATE, seed)

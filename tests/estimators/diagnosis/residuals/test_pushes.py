@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from noisy_recordings import DURATION, NOISE, RATE, WINDOWS, WRENCHES, half_sines, motion, observed
@@ -19,6 +21,7 @@ from limo_driver.types import Motion
 BARE = Simulation("iiwa14")
 
 
+@cache
 def paused(start: float = 15.0, seconds: float = 15.0, true: Simulation = BARE) -> Observations:
     """Record the same motion with the whole arm at rest for a while, by default from 15 to 30 s."""
     time, half = np.arange(0.0, DURATION, 1.0 / RATE), seconds / 2
@@ -229,6 +232,7 @@ def test_what_one_joint_does_as_it_vibrates_is_no_push() -> None:
     assert pushes(o, residual) == ()
 
 
+@cache
 def swinging() -> Observations:
     """Record joints that swing at about a third of a hertz, 100 times a second."""
     random, time = np.random.default_rng(4), np.arange(0.0, 30.0, 0.01)
@@ -329,6 +333,7 @@ def test_a_push_whose_lever_changes_meanwhile_keeps_its_times() -> None:
     assert (found.start, found.end) == pytest.approx((12.8, 13.8), abs=0.1)
 
 
+@cache
 def held(pushed: tuple[tuple[float, float], ...]) -> Observations:
     """Record an arm that holds still for 30 s, while one joint feels pushes of 0.5 N m."""
     random, time = np.random.default_rng(11), np.arange(0.0, 30.0, 1.0 / RATE)
