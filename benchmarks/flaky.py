@@ -23,7 +23,6 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from clean_clones import ROOT, busy
@@ -35,7 +34,7 @@ from kept_results import LANES, Result, read
 from run import MARKS, NO_TESTS, command, environment, version
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from pathlib import Path
 
 KEPT: Final = ROOT / "out" / "flaky"
 LOOK: Final = 0.5  # [s] between two looks at how far a run is
@@ -98,10 +97,6 @@ def selected(options: argparse.Namespace) -> Path:
     return KEPT / version()[:12] / hashlib.sha256(what).hexdigest()[:8]
 
 
-def lanes_of(given: str | None) -> Iterable[str]:
-    return LANES if given is None else (given,)
-
-
 def main() -> int:
     """Gather runs, and print what did not pass each time."""
     parser = argparse.ArgumentParser(
@@ -124,7 +119,7 @@ def main() -> int:
     runs = {
         (lane, seed): one_run(lane, seed, folder, options)
         for seed in range(1, options.runs + 1)
-        for lane in lanes_of(options.lane)
+        for lane in ([options.lane] if options.lane else LANES)
     }
     passed = min(sum(one.outcome == "passed" for one in results) for results in runs.values())
     found = table(runs)

@@ -7,6 +7,7 @@ its own processes included. A test that has passed there already is left out.
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import random
@@ -50,7 +51,7 @@ def passed(results: Iterable[Result]) -> list[str]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("lanes")
-    group.addoption("--lane", choices=LANES, help="only tests that compute, or only those that wait")
+    group.addoption("--lane", choices=LANES, help="those that compute, or those that wait")
     group.addoption("--results", type=Path, help="file to keep how each test ended in")
     group.addoption("--shuffle", type=int, metavar="SEED", help="run in a random order")
 
@@ -79,18 +80,23 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     keeper = config.pluginmanager.get_plugin("kept results")
     before = set(getattr(config, "workerinput", {}).get("passed", keeper.before if keeper else []))
-    lane = config.getoption("--lane")
-    left_out = [
-        item
-        for item in items
-        if item.nodeid in before or lane not in (None, LANES["waits" in item.keywords])
-    ]
+    kept: list[pytest.Item] = []
+    left_out: list[pytest.Item] = []
+    for item in items:
+        of_lane = config.getoption("--lane") in (None, LANES["waits" in item.keywords])
+        (kept if of_lane and item.nodeid not in before else left_out).append(item)
     if left_out:
         config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if item not in set(left_out)]
+        items[:] = kept
     seed = config.getoption("--shuffle")
     if seed is not None:
         _shuffle(items, random.Random(seed))  # noqa: S311
+
+
+def pytest_collection_finish() -> None:
+    """Spare the collector of garbage what lives to the end: a tenth of the time of all tests."""
+    gc.collect()
+    gc.freeze()
 
 
 def _shuffle(items: list[pytest.Item], order: random.Random) -> None:

@@ -1,4 +1,4 @@
-"""Run the tests: those that compute, a process for each core; then those that mostly wait, more.
+"""Run the tests: those that compute, a process for each core; beside them those that mostly wait.
 
     python tests/lanes/run.py             # what a change could break; `make test`
     python tests/lanes/run.py --all       # all; `make test-all`
@@ -19,6 +19,7 @@ import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -31,7 +32,7 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 KEPT: Final = ROOT / "out" / "tests"
 SHOWN: Final = 15  # of the longest tests
 DEPTH: Final = 3  # names of a folder in the table
-WAITING: Final = 3  # times as many processes for tests that wait
+WAITING: Final = 2  # times as many processes for tests that wait
 MARKS: Final = {"fast": ["-m", "not slow"], "slow": ["-m", "slow"], "all": []}
 NO_TESTS: Final = 5  # exit status of pytest
 
@@ -80,6 +81,38 @@ def environment() -> dict[str, str]:
     return os.environ | {"OPENBLAS_NUM_THREADS": "1"}
 
 
+def statuses_of(lanes: dict[str, list[str]]) -> list[int]:
+    """Run lanes beside each other, the first in sight; return their exit statuses.
+
+    What the others say is printed once the first has ended. One all of whose tests passed before
+    ends well.
+    """
+    others = list(lanes)[1:]
+    kept = {lane: KEPT / f"{lane}.log" for lane in others}
+    with ExitStack() as stack:
+        files = {lane: stack.enter_context(log.open("w")) for lane, log in kept.items()}
+        running = [
+            subprocess.Popen(
+                words, cwd=ROOT, env=environment(), stdout=files.get(lane), stderr=files.get(lane)
+            )
+            for lane, words in lanes.items()
+        ]
+        statuses = [ended(running[0])]
+        for lane, process in zip(others, running[1:], strict=True):
+            statuses.append(ended(process))
+            print(f"\n{lane} tests:\n{kept[lane].read_text(errors='replace')}")
+    return [0 if status == NO_TESTS else status for status in statuses]
+
+
+def ended(process: subprocess.Popen[bytes]) -> int:
+    """Wait for a process that hears Ctrl-C as this one does, and ends by itself."""
+    while True:
+        try:
+            return process.wait()
+        except KeyboardInterrupt:
+            continue
+
+
 def table(results: Iterable[Result]) -> str:
     """Say what took how long, what failed, and how many passed."""
     results = list(results)
@@ -103,19 +136,17 @@ def _sum(results: list[Result], name: str) -> float:
     return sum(getattr(one, name) for one in results)
 
 
-def counted(results: Iterable[Result], took: dict[str, float]) -> str:
-    """Say in a line how the tests ended, and how long each lane took."""
+def counted(results: Iterable[Result], seconds: float) -> str:
+    """Say in a line how the tests ended, and how long that took."""
     ended = Counter(one.outcome for one in results)
     named = [name for name in ("failed", "passed", "skipped") if ended[name]]
     counts = ", ".join(f"{ended[name]} {name}" for name in named) or "no test"
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    each = ", ".join(f"{lane} {seconds:.0f} s" for lane, seconds in took.items())
-    cpu = used.ru_utime + used.ru_stime
-    return f"{counts} in {sum(took.values()):.0f} s ({each}; CPU {cpu:.0f} s)"
+    return f"{counts} in {seconds:.0f} s ({used.ru_utime + used.ru_stime:.0f} s of CPU)"
 
 
 def main() -> int:
-    """Run both lanes, whatever the first comes to; fail where one does."""
+    """Run both lanes, also where tests of the first fail; fail where one does."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     given = parser.add_mutually_exclusive_group()
     for name in ("all", "slow"):
@@ -124,15 +155,16 @@ def main() -> int:
     parser.set_defaults(which="fast")
     options, more = parser.parse_known_args()
     results, before = begin(options.which), version() if options.which != "fast" else ""
-    statuses, took = [], {}
-    for lane in LANES:
-        start = time.monotonic()
-        words = [*command(lane, MARKS[options.which], results, options.workers), *more]
-        status = subprocess.run(words, cwd=ROOT, env=environment(), check=False).returncode
-        statuses.append(0 if status == NO_TESTS else status)
-        took[lane] = time.monotonic() - start
+    began = time.monotonic()
+    lanes = {
+        lane: [*command(lane, MARKS[options.which], results, options.workers), *more]
+        for lane in LANES
+    }
+    # one after the other where somebody debugs
+    groups = [lanes] if options.workers else [{lane: words} for lane, words in lanes.items()]
+    statuses = [status for group in groups for status in statuses_of(group)]
     found = read(results).values()
-    print(table(found), counted(found, took), sep="\n\n")
+    print(table(found), counted(found, time.monotonic() - began), sep="\n\n")
     if before and before != version():
         results.unlink()
         print("files changed meanwhile: what passed is of no one version, and runs again")
