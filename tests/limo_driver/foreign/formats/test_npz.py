@@ -49,9 +49,9 @@ def test_an_array_of_texts_names_the_columns_of_others(tmp_path, kind):
 
 
 def test_arrays_that_are_packed_as_no_log_is_are_refused_unread(tmp_path):
-    with zipfile.ZipFile(tmp_path / "log.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as packed:
-        with packed.open("q.npy", "w") as file:
-            for _ in range(300):
-                file.write(bytes(1 << 20))
+    packed = zipfile.ZipFile(tmp_path / "log.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1)
+    with packed, packed.open("q.npy", "w") as file:
+        for _ in range(300):
+            file.write(bytes(1 << 20))
     with pytest.raises(RecordingError, match=r"unpacks to 300 MiB or more, .* 256 MiB of a file"):
         read_table(tmp_path / "log.npz")

@@ -76,7 +76,7 @@ def test_json_that_is_no_log_is_refused_in_one_line(log, content, said):
 
 def test_json_too_large_to_be_read_at_once_is_refused(log, monkeypatch):
     monkeypatch.setattr(json_log, "_LARGEST", 100)
-    with pytest.raises(RecordingError, match="has .* bytes, expected at most 100"):
+    with pytest.raises(RecordingError, match=r"has .* bytes, expected at most 100"):
         read_table(log(RECORDS))
 
 

@@ -105,7 +105,7 @@ def test_dahl_of_exponent_1_and_lugre_without_stribeck_are_the_same_law():
 
 @pytest.mark.parametrize("v", [0.05, -0.05, 0.01])
 def test_bristles_of_lugre_damp_while_they_bend_and_not_where_they_slide(v):
-    """At rest z = 0, and dz/dt = dq; where the joint slides, dz/dt = 0 and the law is Stribeck's."""
+    """At rest z = 0, and dz/dt = dq; where the joint slides, dz/dt = 0, the law Stribeck's."""
     values = {"sigma_0": 1000.0, "sigma_1": 30.0, "tau_c": 2.0, "tau_s": 0.5, "v_s": 0.02}
     law = PreslidingHysteresis(joint=1, law="lugre", **values)
     found = torque(law, np.sign(v) * np.linspace(0.0, 0.1, 1001), v)
