@@ -1,12 +1,14 @@
-"""Run benchmarks, keep what they print, and write the page of figures from it.
+"""Run benchmarks, keep what they print, and write the figures of README and docs from that.
 
-    python benchmarks/publish.py exports/round_trip excite   # run these, then write the page
-    python benchmarks/publish.py                             # write the page from what is kept
-    python benchmarks/publish.py --check                     # say whether the page is up to date
+    python benchmarks/publish.py --list             # the runs, how long they take, what is kept
+    python benchmarks/publish.py round_trip excite  # run these, then write the figures
+    python benchmarks/publish.py                    # write the figures from what is kept
+    python benchmarks/publish.py --check            # say what is not as the results have it
 
-`published.yaml` says which figures the page shows: for each, the script, and patterns that find the
-figure in what the script printed (`results/`). Nobody copies a figure, so none can be out of date
-unnoticed. What takes hours or needs another machine is entered by hand, and the page says so.
+`published.yaml` has the commands of each run, and the figures: patterns that find them in what was
+printed (`results/`). A run is refused where the tree differs from its last commit, since nobody
+could repeat it. Where one takes hours, its scripts keep each case in `out/`, by the version: the
+same call goes on where it was ended. How figures stand in a page: `figures.py`.
 """
 
 from __future__ import annotations
@@ -15,121 +17,118 @@ import argparse
 import datetime
 import os
 import platform
-import re
+import shlex
 import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
-import yaml
+from figures import PAGES, RESULTS, ROOT, FigureError, Published, filled
 
-HERE = Path(__file__).parent
-ROOT = HERE.parent
-RESULTS = HERE / "results"
-PAGE = ROOT / "docs" / "benchmarks.md"
-BEGIN, END = "<!-- figures: made by benchmarks/publish.py -->", "<!-- end of figures -->"
+# What no benchmark runs or reads: runs follow each other while pages are written.
+_APART = (":!benchmarks/results", ":!README.md", ":!docs/*.md")
 
 
-def run(name: str, arguments: list[str]) -> None:
-    """Run a benchmark and keep what it printed, with what it ran on.
+def version() -> str:
+    """Return the name of the commit that the tree holds.
 
     Raises:
-        SystemExit: It failed; nothing is kept.
+        FigureError: The tree differs from it.
     """
-    command = ["benchmarks/" + name + ".py", *arguments]
-    load, begin = os.getloadavg()[0], time.monotonic()
-    done = subprocess.run(
-        [sys.executable, *command], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    if done.returncode:
-        raise SystemExit(f"{name}: exit status {done.returncode}\n{done.stdout}{done.stderr}")
-    seconds = time.monotonic() - begin
-    version = _git("describe", "--always", "--dirty")
+    changed = _git("status", "--porcelain", "--untracked-files=all", "--", ".", *_APART)
+    if changed:
+        raise FigureError(
+            "the tree differs from its last commit, so that nobody could repeat the run; "
+            f"commit these, or put them away:\n{changed}"
+        )
+    return _git("describe", "--always", "--tags", "--abbrev=8")
+
+
+def run(name: str, commands: list[str]) -> None:
+    """Run the commands of a benchmark and keep what they print, with what they ran on.
+
+    Raises:
+        FigureError: One failed, or the tree is another one afterwards; nothing is kept.
+    """
+    before, load, begin = version(), os.getloadavg()[0], time.monotonic()
+    printed = "".join(f"$ {command}\n{_printed(command)}" for command in commands)
+    minutes = (time.monotonic() - begin) / 60
+    if version() != before:
+        raise FigureError(f"{name}: another commit was checked out meanwhile; nothing is kept")
     head = (
-        f"$ python {' '.join(command)}\n"
-        f"# {datetime.datetime.now(tz=datetime.UTC):%Y-%m-%d}, version {version}; "
-        f"{os.cpu_count()} cores ({platform.machine()}), load {load:.1f}, {seconds:.0f} s\n"
+        f"# {datetime.datetime.now(tz=datetime.UTC):%Y-%m-%d}, version {before}; {os.cpu_count()} "
+        f"cores ({platform.machine()}), load {load:.1f}, {minutes:.1f} min\n"
     )
     RESULTS.mkdir(exist_ok=True)
-    path = RESULTS / (name.replace("/", "_") + ".txt")
-    path.write_text(head + done.stdout.replace(str(ROOT), "."), encoding="utf-8")
+    (RESULTS / f"{name}.txt").write_text(head + _without_places(printed), encoding="utf-8")
 
 
-def page(text: str) -> str:
-    """Return the page with its figures made anew."""
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    return f"{before}{BEGIN}\n{_tables()}\n{END}{after}"
+def _printed(command: str) -> str:
+    """Run a command as a reader would type it; show and return what it prints."""
+    program, *given = shlex.split(command)
+    programs = {"python": sys.executable, "limo": str(Path(sys.executable).with_name("limo"))}
+    lines = []
+    with subprocess.Popen(
+        [programs[program], *given], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    ) as process:
+        for line in process.stdout or ():
+            print(line, end="", flush=True)
+            lines.append(line)
+    if process.returncode:
+        raise FigureError(f"{command}: exit status {process.returncode}; nothing is kept")
+    return "".join(lines)
 
 
-def _tables() -> str:
-    wanted = yaml.safe_load((HERE / "published.yaml").read_text(encoding="utf-8"))
-    parts = [f"## {group['title']}\n\n{_table(group['rows'])}" for group in wanted]
-    return "\n\n".join(parts)
-
-
-def _table(rows: list[dict[str, Any]]) -> str:
-    lines = ["| what | measured | aim | by |", "|---|---|---|---|"]
-    for row in rows:
-        figure, when = _figure(row)
-        script = f"[`{row['script'].split('/')[-1]}.py`](../benchmarks/{row['script']}.py)"
-        lines.append(f"| {row['what']} | {figure} | {row.get('aim', '')} | {script}, {when} |")
-    return "\n".join(lines)
-
-
-def _figure(row: dict[str, Any]) -> tuple[str, str]:
-    """Return a figure and when it was measured."""
-    if "find" not in row:
-        return row["figure"], row["when"]
-    name = row["script"].replace("/", "_")
-    path = RESULTS / f"{name}.txt"
-    _, _, printed = path.read_text(encoding="utf-8").partition("\n#")
-    known = {key: _found(pattern, printed, name) for key, pattern in row["find"].items()}
-    day = printed.split(",")[0].strip()
-    return row["figure"].format(**known), f"[{day}](../benchmarks/results/{path.name})"
-
-
-def _found(pattern: str, printed: str, name: str) -> str:
-    """Return what a pattern finds; of several numbers, the lowest and the highest.
-
-    Raises:
-        SystemExit: It finds nothing.
-    """
-    found = list(dict.fromkeys(re.findall(pattern, printed, re.MULTILINE)))
-    if not found:
-        raise SystemExit(f"results of {name} have nothing that fits {pattern!r}")
-    if len(found) == 1:
-        return found[0]
-    order = sorted(found, key=lambda text: float(re.sub(r"[^\d.eE+-]", "", text)))
-    return f"{order[0]} to {order[-1]}"
+def _without_places(printed: str) -> str:
+    """Leave out where the project and the recordings lie on this machine."""
+    data = os.environ.get("LIMO_DATA")
+    return (printed.replace(data, "$LIMO_DATA") if data else printed).replace(str(ROOT), ".")
 
 
 def _git(*words: str) -> str:
     done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
+    return done.stdout.rstrip()
+
+
+def listed(published: Published) -> str:
+    """Return a line for each run: how long it takes, and the day and version that are kept."""
+    lines = []
+    for name, given in published.runs.items():
+        kept = RESULTS / f"{name}.txt"
+        head = kept.read_text(encoding="utf-8").partition(";")[0][2:] if kept.exists() else "-"
+        quiet = "quiet machine" if given.get("quiet") else ""
+        lines.append(f"{name:24} {given['minutes']:4} min  {quiet:13}  {head}")
+    return "\n".join(lines)
 
 
 def main() -> int:
-    """Run what is named, and write or check the page."""
+    """Run what is named, and write or check the pages."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("names", nargs="*", help="benchmarks to run, such as exports/round_trip")
+    parser.add_argument("names", nargs="*", help="runs of published.yaml, such as round_trip")
     parser.add_argument("--check", action="store_true", help="write nothing")
+    parser.add_argument("--list", action="store_true", help="print the runs, and run nothing")
     asked = parser.parse_args()
-    options = {
-        row["script"]: row.get("arguments", [])
-        for group in yaml.safe_load((HERE / "published.yaml").read_text(encoding="utf-8"))
-        for row in group["rows"]
-        if "find" in row
-    }
-    for name in asked.names:
-        run(name, options.get(name, []))
-    text = PAGE.read_text(encoding="utf-8")
-    made = page(text)
+    try:
+        published = Published.load()
+        unknown = [name for name in asked.names if name not in published.runs]
+        if unknown:
+            raise FigureError(f"no run of published.yaml: {', '.join(unknown)}; see --list")
+        if asked.list:
+            print(listed(published))
+            return 0
+        for name in asked.names:
+            run(name, published.runs[name]["commands"])
+        made = {path: filled(path, published) for path in PAGES}
+    except FigureError as error:
+        print(error, file=sys.stderr)
+        return 1
+    stale = [path for path, text in made.items() if path.read_text(encoding="utf-8") != text]
     if asked.check:
-        print("up to date" if made == text else f"{PAGE} is out of date: run benchmarks/publish.py")
-        return int(made != text)
-    PAGE.write_text(made, encoding="utf-8")
+        for path in stale:
+            print(f"{path} is out of date: run benchmarks/publish.py")
+        return bool(stale)
+    for path in stale:
+        path.write_text(made[path], encoding="utf-8")
     return 0
 
 
