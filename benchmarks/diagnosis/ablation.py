@@ -5,8 +5,10 @@ Another has settings chosen without a source of the real cases, and what they re
 The folder of real cases holds their truth and their scorer, score_real.py.
 
     python benchmarks/diagnosis/diagnosis.py make --seeds 0:8 --kind any --seconds 8 --out out/short
-    python benchmarks/diagnosis/ablation.py run REAL_CASES --concealed out/short --out out/ablation
-    python benchmarks/diagnosis/ablation.py tables out/ablation
+    python benchmarks/diagnosis/ablation.py run REAL_CASES --concealed out/short
+    python benchmarks/diagnosis/ablation.py tables
+
+What is known of a version is kept, and a run that was ended goes on where it was.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from diagnosis_judged import Judged
+from fresh import folder
 
 import limo_driver as limo
 from estimators.diagnosis.pipeline import diagnose
@@ -132,6 +135,7 @@ def run(variant: str, real: Path, concealed: Sequence[Path], out: Path) -> None:
     for case in sorted(path.parent for path in real.glob("*/truth.json")):
         if case.name not in known:
             rows.append(_of_real(scorer.run(case, out / path.stem, (), 0.0, False, False)))
+            print(rows[-1], flush=True)
             path.write_text(json.dumps(rows, indent=1))
     for case in hidden if variant in PARTS else ():
         if f"{case.parent.name}/{case.name}" not in known:
@@ -192,6 +196,7 @@ def _of_real(result: Row) -> Row:
         "named": result["hit"] if said else 0,
         "false": len(result["bad"]) + len(result["extra"]) if said else 0,
         "closed": result.get("closed"),
+        "worse": len(result.get("worse", ())),
         "refused": not said,
     }
 
@@ -222,7 +227,7 @@ def tables(out: Path) -> str:
         for variant in VARIANTS
         if _file(out, variant).exists()
     }
-    heads = ["left out", "real: named", "false", "closed", "refused"]
+    heads = ["left out", "real: named", "false", "closed", "joints worse", "refused"]
     if any("source" not in row for rows in found.values() for row in rows):
         heads += ["concealed: right", "false"]
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
@@ -230,8 +235,8 @@ def tables(out: Path) -> str:
         if variant in found:
             real = [row for row in found[variant] if "source" in row]
             hidden = [row for row in found[variant] if "source" not in row]
-            cells = (variant, *_counts(real), _sum(real, "refused"), _of(hidden, "right"))
-            cells = (*cells, _sum(hidden, "false"))[: len(heads)]
+            cells = (variant, *_counts(real), _sum(real, "worse"), _sum(real, "refused"))
+            cells = (*cells, _of(hidden, "right"), _sum(hidden, "false"))[: len(heads)]
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join([*lines, "", *_without_a_source(found)])
 
@@ -288,14 +293,16 @@ def main() -> None:
     """Run every variant in a process of its own, or print the tables."""
     options = ArgumentParser(description="ablation of limo diagnose")
     options.add_argument("what", choices=("run", "tables"))
-    options.add_argument("real", type=Path, help="folder of real cases; of the results for tables")
+    options.add_argument("real", type=Path, nargs="?", help="folder of real cases, to run")
     options.add_argument("--concealed", type=Path, nargs="*", default=[], help="folders of cases")
-    options.add_argument("--out", type=Path, default=Path("out/ablation"))
+    options.add_argument("--out", type=Path, default=folder("ablation"))
     options.add_argument("--variant", choices=VARIANTS, help="this one alone, in this process")
     given = options.parse_args()
     if given.what == "tables":
-        print(tables(given.real))
+        print(tables(given.out))
         return
+    if given.real is None:
+        options.error("name the folder of real cases")
     given.out.mkdir(parents=True, exist_ok=True)
     if given.variant:
         run(given.variant, given.real, given.concealed, given.out)

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+from fresh import first_seed
 
 import limo_driver as limo
 
@@ -104,7 +105,7 @@ def main() -> None:
     given.add_argument("--singles", type=int, default=20)
     given.add_argument("--sets", type=int, default=0, help="of two or three effects")
     given.add_argument("--nulls", type=int, default=12)
-    given.add_argument("--first", type=int, default=0, help="seed")
+    given.add_argument("--first", type=int, default=first_seed(), help="seed; else by the version")
     given.add_argument("--only", default="", help="effects, joined by +, of all singles")
     given.add_argument("--others", action="store_true", help="effects that came later")
     given.add_argument("--limits", action="store_true", help="of servos at their limits")

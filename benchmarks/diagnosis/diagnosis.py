@@ -1,10 +1,10 @@
 """Diagnosis on concealed cases: make them, run the commands on them, score the verdicts.
 
-`python benchmarks/diagnosis/diagnosis.py` does all three on seeds that nothing was tuned to and
-prints each figure beside its bar. The plant that makes the cases lives in tests/concealed and
-shares no code with the catalogue of effects.
+`python benchmarks/diagnosis/diagnosis.py` does all three on seeds that nothing was tuned to
+(`fresh.py`) and prints each figure beside its bar; ended, it goes on where it was. The plant that
+makes the cases lives in tests/concealed and shares no code with the catalogue of effects.
 
-    python benchmarks/diagnosis/diagnosis.py --quick
+    python benchmarks/diagnosis/diagnosis.py --quick --library
     python benchmarks/diagnosis/diagnosis.py make --seeds 0:75 --kind single --out out/concealed
     python benchmarks/diagnosis/diagnosis.py make --seeds 0:8 --seconds 10 --out out/short
     python benchmarks/diagnosis/diagnosis.py make --seeds 25:35 --only backlash --out out/play
@@ -36,6 +36,8 @@ from diagnosis_judged import Judged, judge
 from diagnosis_library import called, write_result
 from diagnosis_oracle import ORACLE, write_oracle
 from diagnosis_score import Line, confusion, resolution, score
+from fresh import first_seed
+from fresh import folder as kept
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -45,9 +47,8 @@ if TYPE_CHECKING:
 
 CONCEALED = Path(__file__).parents[2] / "tests" / "concealed"
 LIMO = Path(sys.executable).with_name("limo")
-FRESH = 1_000_000  # first of the seeds that nothing was tuned to
 FULL = {"null": 200, "single": 225, "set": 100, "unknown": 50, "wrong_parameter": 50}
-QUICK = {"null": 8, "single": 25, "set": 8, "unknown": 7, "wrong_parameter": 7}
+QUICK = {"null": 12, "single": 30, "set": 12, "unknown": 8, "wrong_parameter": 8}
 ASKED, NEXT = "next_motion.parquet", "next.parquet"  # the motion asked for, the answer to it
 TIME_LIMIT = 600.0  # [s] of one command
 
@@ -59,21 +60,24 @@ Jobs = Annotated[int, typer.Option(help="Cases at a time.")]
 @app.callback(invoke_without_command=True)
 def everything(
     context: typer.Context,
-    seeds: Annotated[int, typer.Option(help="First seed.")] = FRESH,
-    quick: Annotated[bool, typer.Option(help="A tenth of the cases.")] = False,
-    out: Out = Path("out/concealed"),
+    seeds: Annotated[int | None, typer.Option(help="First seed; else by the version.")] = None,
+    quick: Annotated[bool, typer.Option(help="A ninth of the cases.")] = False,
+    library: Annotated[bool, typer.Option(help="Call the library: no next motion.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder; else by the version.")] = None,
     jobs: Jobs = 2,
 ) -> None:
     """Make fresh cases, run the commands on them and score the verdicts."""
     if context.invoked_subcommand:
         return
-    folders = []
+    first, out = seeds or first_seed(), out or kept("concealed")
+    folders: list[Path] = []
     for kind, count in (QUICK if quick else FULL).items():
-        folders.append(out / f"{kind}_{seeds}")
-        make(f"{seeds}:{seeds + count}", kind, folders[-1], jobs)
+        folders.append(out / f"{kind}_{first}")
+        make(f"{first}:{first + count}", kind, folders[-1], jobs)
     for folder in folders:
-        run(folder, jobs)
-        follow(folder, jobs)
+        run(folder, jobs, library=library)
+        if not library:
+            follow(folder, jobs)
     print_score(folders)
 
 
@@ -105,7 +109,8 @@ def make(
     given_up = [text for text in outcomes if text]
     for text in given_up:
         print(text)
-    print(f"{last - first - len(given_up)} cases in {out}, {len(given_up)} seeds out of reach")
+    print(f"{kind}, seeds {seeds}: {last - first - len(given_up)} cases, {len(given_up)} seeds "
+          f"out of reach; in {out}")  # fmt: skip
 
 
 @app.command()
@@ -173,7 +178,7 @@ def print_score(
 
 @app.command("time")
 def print_time(
-    seed: Annotated[int, typer.Option(help="Seed of a single effect.")] = FRESH,
+    seed: Annotated[int, typer.Option(help="Seed of a single effect.")] = 1_000_000,
     out: Out = Path("out/concealed"),
 ) -> None:
     """Time the diagnosis of one recording of five minutes at 250 Hz; nothing else should run."""

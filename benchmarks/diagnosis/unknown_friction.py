@@ -9,6 +9,7 @@ it, or nothing. The command gets one recording and the name of the description:
 A name is right if it is the unusual thing at its joint, or something listed as equivalent to it.
 Every other name is false, and so is friction that is ordinary among the findings.
 
+    python benchmarks/diagnosis/unknown_friction.py              # on fresh seeds (fresh.py)
     python benchmarks/diagnosis/unknown_friction.py --seeds 20000:20032
     python benchmarks/diagnosis/unknown_friction.py --only payload_and_drag --seconds 20
 """
@@ -25,6 +26,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from fresh import first_seed, folder
 
 from limo_driver.recordings.recording import Recording
 
@@ -146,13 +148,15 @@ def main() -> None:
     from strangers import KINDS
 
     options = ArgumentParser(description="limo diagnose with a bare description and one log")
-    options.add_argument("--seeds", default="20000:20016", help="first:last, the last left out")
+    fresh = f"{first_seed()}:{first_seed() + 16}"
+    options.add_argument("--seeds", default=fresh, help="first:last, the last left out")
     options.add_argument("--only", nargs="*", default=KINDS, choices=KINDS)
     options.add_argument("--seconds", type=float, default=60.0, help="length of the log")
-    options.add_argument("--out", type=Path, default=Path("out/unknown_friction"))
+    options.add_argument("--out", type=Path, default=folder("unknown_friction"))
     options.add_argument("--name", default="out", help="folder of the results inside each case")
     given = options.parse_args()
     first, last = map(int, given.seeds.split(":"))
+    print(f"seeds {given.seeds}")
     cases = []
     for k, seed in enumerate(range(first, last)):
         kind = given.only[k % len(given.only)]
