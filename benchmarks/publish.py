@@ -20,6 +20,7 @@ import platform
 import shlex
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -64,19 +65,32 @@ def run(name: str, commands: list[str]) -> None:
 
 
 def _printed(command: str) -> str:
-    """Run a command as a reader would type it; show and return what it prints."""
+    """Run a command as a reader would type it; show and return what it prints.
+
+    One that misses its aim may end with status 1, and is kept as well.
+    """
     program, *given = shlex.split(command)
     programs = {"python": sys.executable, "limo": str(Path(sys.executable).with_name("limo"))}
-    lines = []
-    with subprocess.Popen(
-        [programs[program], *given], cwd=ROOT, stdout=subprocess.PIPE, text=True
-    ) as process:
+    lines: list[str] = []
+    with (
+        tempfile.TemporaryFile("w+", encoding="utf-8") as complained,
+        subprocess.Popen(
+            [programs[program], *given],
+            cwd=ROOT,
+            stdout=subprocess.PIPE,
+            stderr=complained,
+            text=True,
+        ) as process,
+    ):
         for line in process.stdout or ():
             print(line, end="", flush=True)
             lines.append(line)
-    if process.returncode:
-        raise FigureError(f"{command}: exit status {process.returncode}; nothing is kept")
-    return "".join(lines)
+        status = process.wait()
+        complained.seek(0)
+        said = complained.read()
+    if status not in (0, 1) or "Traceback (most recent call last)" in said:
+        raise FigureError(f"{said}{command}: exit status {status}; nothing is kept")
+    return "".join([*lines, "# exit status 1: an aim is missed\n"] if status else lines)
 
 
 def _without_places(printed: str) -> str:

@@ -48,7 +48,7 @@ NOT_RUN = {
     "CONTRIBUTING.md": ["runs what runs this"],
     "README.md": ["installs limo, and runs what runs this"],
     "diagnosis.md": ["needs recordings of your arm"],
-    "diagnosis_measured.md": ["needs recordings of a real arm", "takes hours"],
+    "diagnosis_measured.md": ["takes hours", "needs recordings of a real arm"],
     "embedding.md": ["needs minutes of free motion"],
     "fleet.md": ["needs a cluster"],
     "fri.md": ["needs a real arm"],
