@@ -52,6 +52,7 @@ def run(name: str, commands: list[str]) -> None:
         FigureError: One failed, or the tree is another one afterwards; nothing is kept.
     """
     before, load, begin = version(), os.getloadavg()[0], time.monotonic()
+    (ROOT / "out").mkdir(exist_ok=True)
     printed = "".join(f"$ {command}\n{_printed(command)}" for command in commands)
     minutes = (time.monotonic() - begin) / 60
     if version() != before:

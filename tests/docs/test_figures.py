@@ -119,7 +119,7 @@ class TestPublishing:
         for name in ("publish.py", "figures.py"):
             shutil.copy(BENCHMARKS / name, tmp_path / "benchmarks")
         (tmp_path / "benchmarks" / "one.py").write_text("print('it took 7 s', '8 s', sep='\\n')\n")
-        (tmp_path / ".gitignore").write_text("__pycache__/\n")
+        (tmp_path / ".gitignore").write_text("__pycache__/\nout/\n")
         (tmp_path / "README.md").write_text("It takes <!-- figure: time --><!-- end -->.\n")
         write(tmp_path, r"'took (\d+) s'")
         self.git(tmp_path, "init", "--quiet")
