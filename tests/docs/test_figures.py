@@ -54,6 +54,20 @@ def test_a_result_is_of_a_named_version_and_of_the_commands_that_are_published(p
     assert commands == [command for command in run if command.startswith("python ")]
 
 
+@pytest.mark.parametrize("path", KEPT, ids=lambda path: path.stem)
+def test_the_version_of_a_result_is_a_commit_of_this_history(path):
+    if git("rev-parse", "--is-shallow-repository").stdout != "false\n":
+        pytest.skip("no history here")
+    version = re.search(r"version (?:\S*-g)?([0-9a-f]{7,})", path.read_text())[1]
+    assert git("merge-base", "--is-ancestor", version, "HEAD").returncode == 0
+
+
+def git(*words):
+    """Ask git about this repository."""
+    command = ["git", "-C", str(ROOT), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
 def test_every_result_is_shown():
     pages = "".join(page.read_text(encoding="utf-8") for page in PAGES)
     assert KEPT
