@@ -37,7 +37,7 @@ _APART: Final = 1e-6  # part of an unknown in directions that are not shown, whi
 
 
 @dataclass(frozen=True)
-class Spectrum:
+class SymmetricSpectrum:
     """Eigenvalues of a symmetric matrix whose diagonal is scaled to ones, the largest first."""
 
     scale: FloatArray  # (k,) of rows and columns; 0 where the diagonal is
@@ -46,7 +46,7 @@ class Spectrum:
     rank: int  # how many directions are shown, the first ones
 
     @classmethod
-    def of(cls, matrix: FloatArray, diagonal: FloatArray | None = None) -> Spectrum:
+    def of(cls, matrix: FloatArray, diagonal: FloatArray | None = None) -> SymmetricSpectrum:
         """Take a matrix apart.
 
         Args:
@@ -86,7 +86,7 @@ class Spectrum:
 
 def root_of(matrix: FloatArray) -> FloatArray:
     """Return R (k, k), with Rᵀ R a matrix (k, k) that is positive but for rounding."""
-    found = Spectrum.of(matrix)
+    found = SymmetricSpectrum.of(matrix)
     values = np.sqrt(np.maximum(found.values, 0.0))
     return values[:, None] * found.vectors.T * _divided(np.ones_like(found.scale), found.scale)
 
@@ -124,7 +124,7 @@ class RegularisedInverse:
             gram: Of data, A.
             prior: Root of the precision before any data, F (m, k), of rank k.
         """
-        data = Spectrum.of(gram, np.diag(gram) + np.sum(prior**2, axis=0))
+        data = SymmetricSpectrum.of(gram, np.diag(gram) + np.sum(prior**2, axis=0))
         rows = np.zeros_like(gram)
         np.fill_diagonal(rows[: data.rank], np.sqrt(data.values[: data.rank]))
         both = np.concatenate([rows, (prior * data.scale) @ data.vectors])

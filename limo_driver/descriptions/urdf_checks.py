@@ -171,8 +171,10 @@ def _check_numbers(root: ET.Element, path: Path) -> None:
 def _check_inertial(stated: ET.Element, owner: str, path: Path) -> None:
     for tag, names in _INERTIAL.items():
         element = stated.find(tag)
-        if element is None or (lacking := [x for x in names if element.get(x) is None]):
-            what = f"<{tag}>" if element is None else f"{', '.join(lacking)} of its {tag}"
+        if element is None:
+            raise ConfigError(f"{owner}: its <inertial> lacks <{tag}>", path=path)
+        if lacking := [x for x in names if element.get(x) is None]:
+            what = f"{', '.join(lacking)} of its {tag}"
             raise ConfigError(f"{owner}: its <inertial> lacks {what}", path=path)
 
 

@@ -17,7 +17,7 @@ _MIB: Final = 1 << 20
 
 
 @dataclass(frozen=True)
-class Budget:
+class ReadingBudget:
     """What reading a file may take.
 
     Time is that of the CPU, which no busy machine makes longer. Ordinary logs take a tenth of it,
@@ -56,9 +56,12 @@ class Spent:
     """
 
     def __init__(
-        self, path: Path, error: type[PlacedError | RecordingError], budget: Budget | None = None
+        self,
+        path: Path,
+        error: type[PlacedError | RecordingError],
+        budget: ReadingBudget | None = None,
     ) -> None:
-        self.path, self._error, self.budget = path, error, budget or Budget()
+        self.path, self._error, self.budget = path, error, budget or ReadingBudget()
         self._size = path.stat().st_size
         self._rows = self._unpacked = 0
         self._before, self._began = 0.0, thread_time()

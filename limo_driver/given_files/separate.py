@@ -18,7 +18,7 @@ from threading import Timer
 from typing import TYPE_CHECKING, Any, Final, NoReturn, TypeVar
 
 from limo_driver.errors import LimoError
-from limo_driver.given_files.budget import Budget
+from limo_driver.given_files.budget import ReadingBudget
 from limo_driver.given_files.door import check_file
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def apart(
     reader: Callable[[Path], _T],
     path: Path,
     error: type[PlacedError | RecordingError],
-    budget: Budget | None = None,
+    budget: ReadingBudget | None = None,
 ) -> _T:
     """Return what a reader makes of a file, in a process of its own.
 
@@ -55,7 +55,7 @@ def apart(
         error: The reader refuses it, fails in any other way, or takes too much.
     """
     check_file(path, error)
-    budget = budget or Budget()
+    budget = budget or ReadingBudget()
     size = path.stat().st_size
     seconds, memory = budget.seconds_for(size), budget.memory_for(size)
     given = (reader.__module__, reader.__qualname__, os.fspath(path), seconds, memory)

@@ -29,7 +29,7 @@ def longest_lag(period: float) -> float:
     return max(LAG, LAG_PERIODS * period)
 
 
-class Following:
+class FollowingCheck:
     """Compares what joints measure with what they were told.
 
     Args:

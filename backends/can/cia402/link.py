@@ -24,7 +24,7 @@ from backends.can.cia402.commissioning import Commissioning
 from backends.can.cia402.discovery import QUIET, require_answer, require_quiet
 from backends.can.cia402.drive import OPERATIONAL, Drive
 from backends.can.cia402.emergency import describe
-from backends.can.cia402.following import Following
+from backends.can.cia402.following import FollowingCheck
 from backends.can.cia402.sdo import SdoClient
 from backends.can.errors import DriveError
 from backends.can.frames import (
@@ -90,7 +90,7 @@ class Cia402Link(Link):
         self._mode, self._mode_cycles = OperatingMode.POSITION, 0
         self._commanded = self._powered = False
         self._heartbeat_due = 0.0
-        self._following = Following(n, self._period, config.following_error)
+        self._following = FollowingCheck(n, self._period, config.following_error)
 
     @property
     def torque_resolution(self) -> FloatArray:

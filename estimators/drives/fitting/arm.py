@@ -23,7 +23,7 @@ from estimators.drives.fitting.constants import (
     with_values,
 )
 from estimators.drives.fitting.joint import independent
-from estimators.regression.definite import Spectrum
+from estimators.regression.definite import SymmetricSpectrum
 from limo_driver.physics.drives import MOST_SAG
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 
@@ -204,7 +204,7 @@ def fit_arm(
     fit, hessian = _descended(problem, start, steps, own, errors)
     if hessian is None:
         hessian, _ = _normal(problem, fit.guess, fit.errors, own)
-    deviation = Spectrum.of(hessian).deviation()
+    deviation = SymmetricSpectrum.of(hessian).deviation()
     at, by_joint = 0, list[dict[str, float]]()
     for j in range(problem.loads.n):
         names = fit.guess.names[j] if j in own else ()

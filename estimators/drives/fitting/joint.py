@@ -22,7 +22,7 @@ from estimators.drives.fitting.constants import (
     with_values,
 )
 from estimators.drives.simulation.one_joint import LoadedJoint
-from estimators.regression.definite import Spectrum
+from estimators.regression.definite import SymmetricSpectrum
 from estimators.regression.jackknife import jackknife
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def fit_joint(
     for name, prior in known.items():
         at = names.index(name)
         normal[at, at] += (scale / prior.deviation) ** 2
-    deviation = scale * Spectrum.of(normal).deviation()
+    deviation = scale * SymmetricSpectrum.of(normal).deviation()
     return JointFit(best, names, dict(zip(names, deviation.tolist(), strict=True)), error)
 
 
@@ -221,7 +221,7 @@ def left_out(
 def between(fits: FloatArray) -> FloatArray:
     """Return deviations (p,) by what fits (F, p) that each leave a part out differ by."""
     few = float(student_t.ppf(0.975, len(fits) - 1)) / NORMAL  # few are less sure of a spread
-    return few * np.linalg.norm(jackknife(fits), axis=0)
+    return few * np.linalg.norm(jackknife(list(fits)), axis=0)
 
 
 def _linear_step(

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.regression.definite import ROUNDING, Spectrum
+from estimators.regression.definite import ROUNDING, SymmetricSpectrum
 from estimators.rigid_body.dynamics.base_parameters import find_base_parameters
 from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain, fill_regressor
 from estimators.rigid_body.terms import JointTerms
@@ -71,7 +71,7 @@ class Conditioning:
 
     def scaled(self, motion: Motion) -> float:
         """Return the condition number with each column divided by its norm."""
-        return Spectrum.of(self._gram(motion)).condition
+        return SymmetricSpectrum.of(self._gram(motion)).condition
 
     def smooth(self, motion: Motion, sharpness: float) -> MotionGradient:
         """Return a smooth bound of the logarithm of the condition number, and its derivative.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.regression.definite import RegularisedInverse, Spectrum, root_of
+from estimators.regression.definite import RegularisedInverse, SymmetricSpectrum, root_of
 from estimators.regression.jackknife import jackknife
 from estimators.rigid_body.fitting.folds import FOLDS
 
@@ -189,10 +189,10 @@ def _solve(
     A = gram[np.ix_(base.independent, base.independent)]
     prior = np.eye(base.rank) / _WIDEST
     inverse = RegularisedInverse.of(A, prior)
-    beyond_prior = Spectrum.of(A - prior**2, np.diag(A + prior**2))
+    beyond_prior = SymmetricSpectrum.of(A - prior**2, np.diag(A + prior**2))
     return _Solution(
         start + inverse.estimate(product[base.independent] - A @ start),
         inverse,
-        Spectrum.of(A + prior**2).condition if beyond_prior.rank == base.rank else np.inf,
+        SymmetricSpectrum.of(A + prior**2).condition if beyond_prior.rank == base.rank else np.inf,
         beyond_prior.rank,
     )

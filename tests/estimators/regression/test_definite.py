@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from estimators.regression.definite import SHOWN, RegularisedInverse, Spectrum, root_of
+from estimators.regression.definite import SHOWN, RegularisedInverse, SymmetricSpectrum, root_of
 
 
 def columns(rank, size=6, rows=50, seed=0, units=1.0):
@@ -21,7 +21,7 @@ def test_full_rank_is_inverted_as_ever():
     X = columns(6, units=1e3)
     size = np.linalg.norm(X, axis=0)
     inverse = np.linalg.pinv(X / size)
-    found = Spectrum.of(X.T @ X)
+    found = SymmetricSpectrum.of(X.T @ X)
     assert found.rank == 6
     assert found.shown.all()
     expected = inverse @ inverse.T / np.outer(size, size)
@@ -34,7 +34,7 @@ def test_full_rank_is_inverted_as_ever():
 def test_two_columns_that_are_one_are_not_shown_and_the_others_are(units):
     X = columns(6, units=units)
     X[:, 1] = 3.0 * X[:, 4]
-    found = Spectrum.of(X.T @ X)
+    found = SymmetricSpectrum.of(X.T @ X)
     assert found.rank == 5
     assert found.condition == np.inf
     assert found.shown.tolist() == [True, False, True, True, False, True]
@@ -44,7 +44,7 @@ def test_two_columns_that_are_one_are_not_shown_and_the_others_are(units):
 def test_a_column_of_nothing_is_not_shown():
     X = columns(6)
     X[:, 2] = 0.0
-    found = Spectrum.of(X.T @ X)
+    found = SymmetricSpectrum.of(X.T @ X)
     assert found.rank == 5
     assert not found.shown[2]
     assert found.shown.sum() == 5
@@ -53,7 +53,7 @@ def test_a_column_of_nothing_is_not_shown():
 
 
 def test_a_matrix_of_nothing_shows_nothing():
-    found = Spectrum.of(np.zeros((3, 3)))
+    found = SymmetricSpectrum.of(np.zeros((3, 3)))
     assert found.rank == 0
     assert not found.shown.any()
     assert np.isinf(found.deviation()).all()
@@ -121,7 +121,7 @@ def test_the_limit_of_what_is_shown_is_as_it_is_stated():
     def rank(apart):
         X = np.linalg.qr(columns(2, size=2))[0]
         X[:, 1] = X[:, 0] + apart * X[:, 1]
-        return Spectrum.of(X.T @ X).rank
+        return SymmetricSpectrum.of(X.T @ X).rank
 
     near = 2.0 * np.sqrt(SHOWN)  # half of the square is the lower eigenvalue, 2 the upper one
     assert rank(1.01 * near) == 2

@@ -34,7 +34,7 @@ def small_memory(monkeypatch):
         (blocks, "LONG_TEXT", 0),
         (blocks, "MOST", ROWS),
         (blocks, "blocks_of", few),
-        (npz, "MOST", ROWS),
+        (npz, "most_rows", lambda _: ROWS),
         (npz, "BLOCK", ROWS),
         (joint_state_log, "BLOCK", ROWS),
     ):
