@@ -1,8 +1,9 @@
 """The door for files that a user gives, or a stranger: what is none, or costs much, is refused.
 
-Each reader has the same budget of bytes, rows and seconds (`ReadingBudget`), and refuses in one line
-that says what was given and what is allowed. What reads in Python counts what it has spent (`Spent`);
-what reads in a library that nobody can interrupt does so in a process of its own (`apart`).
+Each reader has the same budget of bytes, rows and seconds (`ReadingBudget`), and refuses in one
+line that says what was given and what is allowed. What reads in Python counts what it has spent
+(`Spent`); what reads in a library that nobody can interrupt does so in a process of its own
+(`apart`).
 """
 
 from limo_driver.given_files.budget import ReadingBudget, Spent
