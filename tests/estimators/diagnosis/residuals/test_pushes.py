@@ -22,8 +22,12 @@ BARE = Simulation("iiwa14")
 
 
 @cache
-def paused(start: float = 15.0, seconds: float = 15.0, true: Simulation = BARE) -> Observations:
-    """Record the same motion with the whole arm at rest for a while, by default from 15 to 30 s."""
+def paused(start: float = 15.0, seconds: float = 15.0, load: float = 0.0) -> Observations:
+    """Record the same motion with the whole arm at rest for a while, by default from 15 to 30 s.
+
+    A load [kg] hangs on it that the simulation does not know.
+    """
+    true = Simulation("iiwa14", (Payload(mass=load, com=(0.0, 0.02, 0.1)),)) if load else BARE
     time, half = np.arange(0.0, DURATION, 1.0 / RATE), seconds / 2
     pace = np.clip(np.abs(time - start - half) - half, 0.0, 1.0)
     pace = pace**2 * (3 - 2 * pace)
@@ -136,7 +140,7 @@ def test_what_an_arm_does_that_settles_after_its_motion_is_no_push() -> None:
 @pytest.mark.parametrize("mass", [0.1, 1.0])
 def test_what_an_arm_that_rested_long_does_in_motion_is_no_push(mass: float) -> None:
     """At rest physics that is left out changes nothing: that is not what is usual in motion."""
-    o = paused(0.0, 42.0, Simulation("iiwa14", (Payload(mass=mass, com=(0.0, 0.02, 0.1)),)))
+    o = paused(0.0, 42.0, load=mass)
 
     assert pushes(o, o.residual) == ()
 
