@@ -69,7 +69,7 @@ def write_motors(
                 text.drop(element)
             else:
                 text.remove(element, attribute)
-        for number, values in enumerate(has[len(own) :], start=1):
+        for number, values in enumerate(has[len(own) :], start=len(own) + 1):
             name = in_xml(f"{joint}_{attribute}" + (f"_{number}" if len(has) > 1 else ""))
             lines.append(
                 f'<{_TAG} name="{name}" joint="{in_xml(joint)}" input="none" resistance="1" '

@@ -16,6 +16,7 @@ from mjcf_arms import arm_of, plain, torques
 import limo_driver as limo
 from limo_driver.cli import main
 from limo_driver.errors import ConfigError
+from limo_driver.exports.export import Export, write
 from limo_driver.physics import (
     Armature,
     AsymmetricFriction,
@@ -155,6 +156,26 @@ def test_a_urdf_has_friction_damping_inertias_and_payload(tmp_path):
         simulation.body.inertials["link7"].mass
     )
     assert again.effects[0].tau_c == pytest.approx(simulation.effects[2].tau_c)
+
+
+def test_gravity_that_a_urdf_has_no_place_for_is_told_with_its_torque(two_links_urdf, tmp_path):
+    tilted, level = (
+        Simulation(str(two_links_urdf), (GravityDirection(gravity=gravity),))
+        for gravity in ((3.0, 0.0, -9.0), (0.0, 0.0, -9.81))
+    )
+    poses = np.random.default_rng(2).uniform(-1.0, 1.0, (50, 2))
+    still = Motion(np.arange(50.0), poses, np.zeros((50, 2)), np.zeros((50, 2)))
+    written = write(tilted, two_links_urdf, "urdf", tmp_path, still)
+    (said,) = (item for item in written.remainder if "gravity" in item.place)
+    by_joint = np.sqrt(np.mean((tilted.predict(still) - level.predict(still)) ** 2, axis=0))
+    assert said.rms == pytest.approx(tuple(by_joint))
+
+
+def test_the_share_is_of_the_torque_of_all_joints_together(tmp_path):
+    export = Export(tmp_path, (), "mjcf", "", (), ("a", "b"), error=(0.3, 0.4), torque=(5.0, 0.0))
+    assert export.share == pytest.approx(0.1)
+    assert "to 10.00% of the torque" in export.headline()
+    assert replace(export, torque=(0.0, 0.0)).share == 0.0
 
 
 def test_a_robot_of_another_format_gets_a_bare_file(tmp_path):

@@ -9,7 +9,10 @@ import pytest
 from mjcf_arms import arm_of
 
 import limo_driver as limo
+from limo_driver.descriptions.description import JointDynamics, StatedBristles, StatedRipple
 from limo_driver.errors import ConfigError
+from limo_driver.exports.mjcf.motors import append_motors, write_motors
+from limo_driver.exports.xml_edits import XmlText
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, TorqueRipple
 from limo_driver.types import Motion
 
@@ -142,3 +145,54 @@ def test_a_default_class_is_not_changed(tmp_path):
     none = CoulombFriction(joint=1, tau_c=0.0, v_eps=0.01)
     with pytest.raises(ConfigError, match="stated in a default class"):
         limo.export(replace(read, effects=(none,)), "mjcf", tmp_path / "out")
+
+
+MOTORS = """<mujoco>
+  <actuator>
+    <dcmotor name="mine" joint="a" input="none" resistance="2" lugre="300 1 0.5 0.6 0.1"/>
+    <dcmotor name="a_cogging_1" joint="a" input="none" resistance="1" cogging="0.2 7 0.1"/>
+    <dcmotor name="b_lugre" joint="b" input="none" resistance="1" lugre="90 0 0.3 0.3 0.1"/>
+  </actuator>
+  <actuator>
+    <position name="servo" joint="a" kp="9"/>
+  </actuator>
+  <actuator/>
+</mujoco>
+"""
+MINE, OTHER = StatedBristles(300.0, 1.0, 0.5, 0.6, 0.1), StatedBristles(200.0, 1.0, 0.4, 0.6, 0.1)
+LINE = StatedRipple(0.2, 7.0, 0.1)
+
+
+def edited(tmp_path, has, text=MOTORS):
+    """Return the text in which joint a has other bristles or lines."""
+    (path := tmp_path / "motors.xml").write_text(text, "utf-8")
+    file = XmlText(path)
+    stated = JointDynamics(bristles=(MINE,), ripples=(LINE,)) if text == MOTORS else JointDynamics()
+    append_motors(file, write_motors((file,), "a", stated, has, path))
+    return file.text()
+
+
+def test_only_the_motor_changes_whose_joint_has_other_numbers(tmp_path):
+    same = edited(tmp_path, JointDynamics(bristles=(MINE,), ripples=(LINE,)))
+    assert same == MOTORS
+    softer = edited(tmp_path, JointDynamics(bristles=(OTHER,), ripples=(LINE,)))
+    assert softer == MOTORS.replace("300 1 0.5", "200 1 0.4")
+
+
+def test_a_motor_of_limo_goes_and_of_one_of_the_users_what_it_has_no_longer(tmp_path):
+    gone = edited(tmp_path, JointDynamics())
+    assert "a_cogging" not in gone
+    assert 'name="mine" joint="a" input="none" resistance="2"/>' in gone
+    assert 'name="b_lugre"' in gone
+
+
+def test_new_motors_come_behind_all_actuators_whose_numbers_stay(tmp_path):
+    lines = tuple(StatedRipple(0.1, cycles, 0.0) for cycles in (7.0, 14.0, 28.0))
+    more = edited(tmp_path, JointDynamics(bristles=(MINE,), ripples=lines))
+    names = re.findall(r'name="(\w+)"', more)
+    assert names == ["mine", "a_cogging_1", "b_lugre", "servo", "a_cogging_2", "a_cogging_3"]
+    assert [f'cogging="0.1 {cycles} 0"' in more for cycles in (7, 14, 28)] == [True] * 3
+    filled = MOTORS.replace("  <actuator/>\n", "").replace('joint="a"', 'joint="c"')
+    inside = edited(tmp_path, JointDynamics(bristles=(MINE,)), filled)
+    assert inside.count("<actuator>") == filled.count("<actuator>") == 2
+    assert inside.index('name="a_lugre"') > inside.index('name="servo"')
