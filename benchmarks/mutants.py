@@ -152,7 +152,8 @@ class Lane:
             (mutant, self._kept.untried(mutant, self._files[mutant.file].of_lane(self._name)))
             for mutant in mutants
         ]
-        left = [(mutant, tests) for mutant, tests in wanted if tests.paths]
+        left = [(m, tests) for m, tests in wanted if tests.paths and not self._is_explained(m)]
+        left.sort(key=lambda item: self._kept.lives(item[0], self._name))  # what is new comes first
         print(f"{self._name} tests: {len(left)} of {len(mutants)} to be tried", flush=True)
         with ThreadPoolExecutor(processes) as pool:
             trials = [pool.submit(self._try, *item, len(left)) for item in left]
@@ -163,6 +164,11 @@ class Lane:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
         return [mutant for mutant in mutants if not self._kept.noticed(mutant, self._name)]
+
+    def _is_explained(self, mutant: Mutant) -> bool:
+        """Say whether a mutant has lived already, for a reason that is listed."""
+        listed = self._files[mutant.file].unnoticed
+        return mutant.name in listed and self._kept.lives(mutant, self._name)
 
     def _try(self, mutant: Mutant, tests: Tests, count: int) -> None:
         outcome = self._trees.run(tests, mutant, self._usual_of(tests))

@@ -44,6 +44,11 @@ class Kept:
         """Say whether tests of a lane are known to notice a mutant."""
         return self._of(mutant, lane).noticed
 
+    def lives(self, mutant: Mutant, lane: str) -> bool:
+        """Say whether a mutant was tried, and not noticed."""
+        known = self._of(mutant, lane)
+        return bool(known.tests) and not known.noticed
+
     def untried(self, mutant: Mutant, tests: Tests) -> Tests:
         """Return those of some tests that did not run on a mutant yet, as they are now."""
         known = self._of(mutant, tests.lane)
