@@ -147,7 +147,7 @@ def _window(tabs: Mapping[str, _Plots]) -> str:
 
 
 def _path(topic: str, field: str, j: int, label: str, colour: str) -> dict[str, Any]:
-    named = topic if _PLAIN.fullmatch(topic) else f'"{topic}"'
+    named = topic if _PLAIN.fullmatch(topic) else json.dumps(topic)
     return {
         "value": f"{named}.{field}[{j}]",
         "enabled": True,

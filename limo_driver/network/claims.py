@@ -2,8 +2,10 @@
 
 Tokens of liveliness reach the sessions that are linked to each other, and no peer passes them on:
 in a star, the ends do not see each other. So every driver and service tells, when asked under
-`limo/<arm>/seen/<part>`, which tokens it sees; who claims a name asks all that it is linked to, and
-gets none while one of those does not answer, as in a flood of queries.
+`limo/<arm>/seen/<part>`, which tokens it sees, and so does every other session of limo, as a
+bystander; who claims a name asks all that it is linked to, and gets none while a driver or service
+does not answer, as in a flood of queries. Nor does who was told to reach a peer that tells nothing,
+as one that is not limo's, and finds nobody by itself: others may be behind that one.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import json
 import re
 import time
 from threading import Lock
-from typing import Final
+from typing import Any, Final
 
 import zenoh
 
@@ -26,7 +28,10 @@ PATIENCE: Final = 5.0  # [s] in which those who are linked tell whom they see
 _MOST_TOKENS: Final = 1000  # that are remembered, and told at once
 _ASKED: Final = 200  # queries that are answered in a second
 _LONGEST: Final = 1 << 18  # bytes of an answer
+_MOST_SESSIONS: Final = 100  # of this process, whose ends are remembered
+_BYSTANDER: Final = "bystander"  # of an answer, what one sees that is no driver or service
 _ANY: Final = "*"
+_ends: Final[dict[str, frozenset[str]]] = {}  # that a session reaches and no others, by Zenoh id
 _IDENTITY: Final = re.compile(r"/[0-9]+-([0-9a-f]+)$")  # of a token: when it was made, and by whom
 
 
@@ -35,9 +40,11 @@ class Witness(Closing):
 
     Args:
         session: Open Zenoh session.
+        bystander: It is neither, and answers for others who are linked to it.
     """
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, *, bystander: bool = False) -> None:
+        self._bystander = bystander
         self._lock, self._tokens = Lock(), dict[str, None]()
         every = Keys.of_any()
         self._subscriber = session.liveliness().declare_subscriber(
@@ -63,13 +70,38 @@ class Witness(Closing):
             tokens = list(self._tokens)
         arm, _, part = str(query.key_expr).rpartition("/seen/")
         seen = [token for token in tokens if token.startswith(f"{arm}/alive/{part}/")]
-        query.reply(query.key_expr, json.dumps(seen).encode())
+        told = {_BYSTANDER: seen} if self._bystander else seen
+        query.reply(query.key_expr, json.dumps(told).encode())
+
+
+def note_ends(session: zenoh.Session, settings: zenoh.Config) -> None:
+    """Note whom a session was told to reach, where it finds nobody else.
+
+    Args:
+        session: Open.
+        settings: That it was opened with.
+    """
+
+    def told(key: str) -> Any:  # noqa: ANN401  # JSON
+        return json.loads(settings.get_json(key))
+
+    found = [told(f"scouting/{how}/enabled") is not False for how in ("gossip", "multicast")]
+    if any(found) or told("mode") not in {None, "peer"}:
+        return
+    ends: object = told("connect/endpoints")
+    while isinstance(ends, dict):  # by mode
+        ends = ends.get("peer")  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+    while len(_ends) >= _MOST_SESSIONS:
+        del _ends[next(iter(_ends))]
+    names = [str(end) for end in ends] if isinstance(ends, list) else []
+    _ends[str(session.zid())] = frozenset(map(_port, names))
 
 
 def claim(session: zenoh.Session, keys: Keys, part: str) -> zenoh.LivelinessToken:
     """Be the only driver or service of an arm, until the token that is returned is undeclared.
 
-    Those who are asked are the sessions that this one is linked to, and all behind a router.
+    Those who are asked are the sessions that this one is linked to, and all behind a router. One
+    that this was told to reach, in a network in which nobody is found otherwise, has to answer.
 
     Whoever was there before stays, whatever the clocks say; of two that begin together, the one
     that began earlier. Links to others need time to come about, so it takes a second.
@@ -105,12 +137,20 @@ def _others(session: zenoh.Session, keys: Keys, part: str, own: str) -> set[str]
     while True:
         linked = time.monotonic() >= began + LINKING
         alive = _alive(session)
-        told, witnesses = _told(session, keys, part)
+        told, witnesses, bystanders = _told(session, keys, part)
         seen |= told | {token for token in alive if token.startswith(keys.alive(part, ""))}
         silent = {zid for token in alive if (zid := _zid(token))} - witnesses - {str(session.zid())}
+        hubs = _reached(session) - witnesses - bystanders
         others = seen - {own}
-        if linked and (not silent or any(other < own for other in others)):
+        if linked and (not (silent or hubs) or any(other < own for other in others)):
             return others
+        if time.monotonic() >= began + PATIENCE and not silent:
+            raise ConfigError(
+                f"whether another {part} of an arm called {keys.arm!r} is on the network cannot be "
+                f"told: this one is linked to a peer that does not say whom it sees (Zenoh id "
+                f"{', '.join(sorted(hubs))}), and others behind it are not found; let it be a "
+                'router (mode: "router"), or link drivers and services to each other'
+            )
         if time.monotonic() >= began + PATIENCE:
             raise ConfigError(
                 f"whether another {part} of an arm called {keys.arm!r} is on the network cannot be "
@@ -127,16 +167,34 @@ def _alive(session: zenoh.Session) -> set[str]:
     return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
 
 
+def _reached(session: zenoh.Session) -> set[str]:
+    """Return the Zenoh ids of linked peers behind which others may be that are not found."""
+    ends, peers = _ends.get(str(session.zid())), set(map(str, session.info.peers_zid()))
+    if not ends:
+        return set()
+    return {
+        str(link.zid)
+        for link in session.info.links()
+        if str(link.zid) in peers and _port(str(link.dst)) in ends
+    }
+
+
+def _port(end: str) -> str:
+    """Return what an endpoint and the address of a link to it have in common."""
+    return end.partition("?")[0].partition("#")[0].rpartition(":")[2]
+
+
 def _zid(token: str) -> str:
     """Return the Zenoh id of the session that a token is of; empty if that made none like ours."""
     found = _IDENTITY.search(token)
     return found[1] if found else ""
 
 
-def _told(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set[str]]:
-    """Return the tokens that others see, and the Zenoh ids of those who told."""
+def _told(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set[str], set[str]]:
+    """Return the tokens that others see, and who told: Zenoh ids, and those of bystanders."""
     told: set[str] = set()
     witnesses: set[str] = set()
+    bystanders: set[str] = set()
     prefix = keys.alive(part, "")
     for reply in session.get(
         keys.seen(part), target=zenoh.QueryTarget.ALL, timeout=LINKING,
@@ -147,9 +205,12 @@ def _told(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set[
             tokens: object = json.loads(data) if 0 < len(data) <= _LONGEST else None
         except (ValueError, RecursionError):
             continue
+        teller = witnesses
+        if isinstance(tokens, dict):
+            tokens, teller = tokens.get(_BYSTANDER), bystanders  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
         if isinstance(tokens, list):
             names = (token for token in tokens if isinstance(token, str))
             told |= {token for token in names if token.startswith(prefix)}
             if reply.replier_id is not None:
-                witnesses.add(str(reply.replier_id.zid))
-    return told, witnesses
+                teller.add(str(reply.replier_id.zid))
+    return told, witnesses, bystanders

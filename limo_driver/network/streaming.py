@@ -29,7 +29,7 @@ import zenoh
 import zenoh.ext
 
 from limo_driver.errors import ConfigError, ConnectionLostError
-from limo_driver.network.claims import Witness, claim
+from limo_driver.network.claims import Witness, claim, note_ends
 from limo_driver.network.config import explained, read_config
 from limo_driver.network.keys import Keys
 from limo_driver.network.messages import Attachment, JointStateCodec
@@ -54,6 +54,8 @@ def open_session(
 ) -> zenoh.Session:
     """Open a Zenoh session: a peer that finds others on its network, unless told otherwise.
 
+    It tells drivers and services, when they ask, which others it sees.
+
     Args:
         connect: Endpoint or endpoints to reach, for example `tcp/192.168.1.2:7447`.
         listen: Endpoint or endpoints to be reached at.
@@ -77,10 +79,15 @@ def open_session(
             f"endpoint {', '.join([*connect, *listen])}: {explained(error, located=False)}"
         ) from None
     try:
-        return _opened(settings)
+        session = _opened(settings)
     except zenoh.ZError as error:
         ends = ", ".join([*connect, *listen]) or "any peer"
         raise ConnectionLostError(f"no Zenoh session with {ends}: {explained(error)}") from None
+    note_ends(session, settings)
+    Witness(
+        session, bystander=True
+    )  # for as long as the session is open: others may meet over this one only
+    return session
 
 
 def _opened(settings: zenoh.Config) -> zenoh.Session:

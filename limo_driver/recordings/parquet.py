@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from limo_driver.errors import PlacedError
 
 DAMAGE: Final = (OSError, pa.ArrowException, UnicodeDecodeError)  # of a file that is none
-_WIDEST: Final = 4096  # values of a column in one row; images have more
+_WIDEST: Final = 1 << 15  # bytes of a column in one row: 4096 numbers; images have more
 _MOST: Final = 4096  # columns
 
 
@@ -69,12 +69,14 @@ def parquet_rows(
     spent.take(rows=about.num_rows)
     if about.num_columns > _MOST:
         raise error(f"has {about.num_columns} columns, expected at most {_MOST}", path=path)
-    widths, texts = _widths(about)
-    kept = [name for name, values in widths.items() if values <= _WIDEST]
+    leaves, texts = _leaves(about)
+    first = next(file.iter_batches(1, columns=leaves, use_threads=False), None)
+    sizes = {} if first is None else dict(zip(first.schema.names, first.columns, strict=True))
+    wide = {name for name, row in sizes.items() if row.nbytes > _WIDEST}
+    kept = [name for name in leaves if name not in wide and name.split(".")[0] not in wide]
     schema = file.read_row_groups([], columns=kept).schema
-    width = sum(
-        widths[name] * (8 + (_longest(path, name, spent) if name in texts else 0)) for name in kept
-    )
+    width = sum(sizes[name].nbytes for name in sizes if name not in wide)
+    width += sum(_longest(path, name, spent) for name in texts if name in kept)
     most = min(STRETCH, most_rows(width))
     every = file.schema_arrow
     aside = {each.name: str(each.type) for each in every if each.name not in schema.names}
@@ -87,23 +89,22 @@ def parquet_rows(
     return ParquetRows(batches(), schema, width, aside)
 
 
-def _widths(about: pq.FileMetaData) -> tuple[dict[str, int], list[str]]:
-    """Return how many values the columns have in a row, at most, and which are texts.
+def _leaves(about: pq.FileMetaData) -> tuple[list[str], list[str]]:
+    """Return the columns that are not bytes of anything, as of images, and those that are texts.
 
-    Of bytes that are no text nothing is returned.
+    Nothing else of the metadata is looked at: what is said of row groups ends the process where it
+    is damaged.
     """
-    widths, texts = dict[str, int](), list[str]()
-    groups = [about.row_group(k) for k in range(about.num_row_groups)]
+    leaves, texts = list[str](), list[str]()
     for k in range(about.num_columns):
         column = about.schema.column(k)
         kind = column.logical_type.type
         if column.physical_type == "BYTE_ARRAY" and kind not in {"STRING", "DECIMAL"}:
             continue
-        values = (-(-group.column(k).num_values // max(group.num_rows, 1)) for group in groups)
-        widths[column.path] = max(values, default=1)
+        leaves.append(column.path)
         if kind == "STRING":
             texts.append(column.path)
-    return widths, texts
+    return leaves, texts
 
 
 def _longest(path: Path, name: str, spent: Spent) -> int:

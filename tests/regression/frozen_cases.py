@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,7 @@ from unittest.mock import patch
 import pinocchio
 import pyarrow.parquet as pq
 import yaml
-from frozen_values import OTHER_MACHINE, summary
+from frozen_values import FITS, SUMS, summary
 from numba.core.event import RecordingListener, install_listener
 from safetensors.numpy import load_file
 from threadpoolctl import threadpool_limits
@@ -85,9 +85,6 @@ class Case:
         believed: The simulation they start from; None: the one that was identified and frozen.
         bandwidth: Of the zero-phase filter [Hz].
         identify: More options of `limo identify`.
-        elsewhere: Tolerance of a stage on another machine, where `OTHER_MACHINE` is too little:
-            twice to three times what BLAS kernels of another kind, and numba without AVX-512,
-            were seen to change.
     """
 
     robot: str | Path
@@ -97,11 +94,6 @@ class Case:
     believed: Path | None = None
     bandwidth: float = 8.0
     identify: tuple[object, ...] = ()
-    elsewhere: Mapping[str, float] = field(default_factory=dict[str, float])
-
-    def tolerance_elsewhere(self, stage: str) -> float:
-        """Return the tolerance of a stage on another machine, relative to the scale."""
-        return self.elsewhere.get(stage, OTHER_MACHINE)
 
     @property
     def absent(self) -> tuple[Path, ...]:
@@ -127,12 +119,10 @@ class Case:
         return self.robot.name if isinstance(self.robot, Path) else self.robot
 
 
-def _simulated(
-    name: str, robot: str | Path, network: tuple[object, ...], **elsewhere: float
-) -> Case:
+def _simulated(name: str, robot: str | Path, network: tuple[object, ...]) -> Case:
     run = Stretch(DATA / f"{name}.parquet", 0.0, 60.0)  # all of it
     believed = DATA / f"{name}_believed.yaml"
-    return Case(robot, run, run, network, believed, bandwidth=10.0, elsewhere=elsewhere)
+    return Case(robot, run, run, network, believed, bandwidth=10.0)
 
 
 _UR10E, _LWR4, _PANDA = REAL / "ur10e", REAL / "kuka_lwr4", REAL / "panda"
@@ -142,12 +132,10 @@ CASES = {
     "iiwa14_explored": _simulated(
         "iiwa14_explored", "iiwa14",
         ("--model", "mlp7", "--epochs", 2, "--rate", 50),
-        identify=1e-4, joint_physics=3e-6,
     ),
     "iiwa14_excited": _simulated(
         "iiwa14_excited", "iiwa14",
         ("--model", "lstm-fcl", "--epochs", 2, "--rate", 50, "--hidden", 8),
-        identify=5e-4,
     ),
     "two_links": _simulated(
         "two_links", DATA / "two_links.urdf",
@@ -159,21 +147,18 @@ CASES = {
         Stretch(_UR10E / "loaded_14harm.parquet", 0.0, 40.0),
         ("--model", "mlp7", "--features", "drive", "--epochs", 2),
         identify=("--moving-only",),
-        elsewhere={"identify": 2e-4, "joint_physics": 0.06},
     ),
     "lwr4": Case(
         _LWR4 / "kuka_lwr4.urdf",
         Stretch(_LWR4 / "measurements_2.parquet", 0.0, 25.0),
         Stretch(_LWR4 / "measurements_1.parquet", 0.0, 25.0),
         ("--model", "mlp7", "--features", "own-joint", "--epochs", 1, "--rate", 50),
-        elsewhere={"identify": 0.01},
     ),
     "panda": Case(
         EXAMPLE_ROBOTS / "panda_description/urdf/panda.urdf",
         Stretch(_PANDA_RUN, 0.0, 14.0),
         Stretch(_PANDA_RUN, 5.0, 21.0),
         ("--model", "lstm-2", "--epochs", 1, "--rate", 50, "--hidden", 8),
-        elsewhere={"identify": 0.02},
     ),
 }  # fmt: skip
 
@@ -274,6 +259,15 @@ STAGES: Mapping[str, Callable[[Case], dict[str, Any]]] = {
     "network": _network,
     "diagnose": _diagnose,
     "predict": _predict,
+}
+
+
+TOLERANCES: Mapping[str, float] = {  # of each stage on another processor
+    "identify": FITS,
+    "joint_physics": FITS,
+    "network": FITS,
+    "diagnose": FITS,
+    "predict": SUMS,
 }
 
 

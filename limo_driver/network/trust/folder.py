@@ -14,15 +14,16 @@ from __future__ import annotations
 import json
 import os
 import secrets
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from limo_driver.errors import ConfigError
 from limo_driver.network.trust.roles import ROLES, access_control
-from limo_driver.outputs import require_folder, whole
+from limo_driver.outputs import reason, require_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Generator, Mapping
     from pathlib import Path
 
     from limo_driver.network.trust.certificates import Issued
@@ -75,12 +76,13 @@ def write_trust(
         files[own / CONFIGURATION] = _configuration(role, hosts, passwords[role.name]).encode()
         if users := [name for name, other in ROLES.items() if role.name in other.links_to]:
             files[own / _USERS] = _dictionary(users, passwords)
-    if not force and (there := [path for path in files if path.exists()]):
+    if not force and (there := [path for path in files if os.path.lexists(path)]):
         raise ConfigError(
             "is there already, and others trust it; give `force` to write it over", path=there[0]
         )
-    for path, content in files.items():
-        _write_privately(path, content)
+    with _opened(folder) as root:
+        for path, content in files.items():
+            _write_privately(root, path, content)
     return TrustFolder(folder, {name: folder / name / CONFIGURATION for name in ROLES})
 
 
@@ -104,14 +106,58 @@ def _dictionary(users: list[str], passwords: Mapping[str, str]) -> bytes:
     return "".join(f"{name}:{passwords[name]}\n" for name in users).encode()
 
 
-def _write_privately(path: Path, content: bytes) -> None:
-    """Write a file that only its owner can read, from its first byte on."""
-    path.parent.mkdir(mode=_PRIVATE_FOLDER, exist_ok=True)
-    with whole(path) as draft:
-        draft.unlink(missing_ok=True)  # of a killed process, whose mode may be another
-        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE)
-        with open(descriptor, "wb") as file:
-            file.write(content)
+@contextmanager
+def _opened(folder: Path, within: int | None = None) -> Generator[int]:
+    """Open a folder itself, not one that somebody's link in its place leads to.
+
+    Raises:
+        ConfigError: It is a link, or cannot be opened.
+    """
+    if folder.is_symlink():
+        raise ConfigError("is a link, expected a folder: keys go where you say", path=folder)
+    name = folder if within is None else folder.name
+    try:
+        handle = os.open(name, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=within)
+    except OSError as error:
+        raise ConfigError(f"cannot be opened: {reason(error)}", path=folder) from None
+    try:
+        yield handle
+    finally:
+        os.close(handle)
+
+
+def _write_privately(root: int, path: Path, content: bytes) -> None:
+    """Write a file that only its owner can read, from its first byte on, and that is new.
+
+    It takes the place of what has its name, also of a link, which nobody follows.
+
+    Args:
+        root: The folder that holds that of the file, opened.
+        path: Of the file.
+        content: Of it.
+
+    Raises:
+        ConfigError: It cannot be written.
+    """
+    draft = f".{path.name}.{secrets.token_hex(8)}"
+    try:
+        with suppress(FileExistsError):
+            os.mkdir(path.parent.name, _PRIVATE_FOLDER, dir_fd=root)
+        with _opened(path.parent, root) as folder:
+            try:
+                handle = os.open(
+                    draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, _PRIVATE, dir_fd=folder
+                )
+                with open(handle, "wb") as file:
+                    file.write(content)
+                    file.flush()
+                    os.fsync(handle)
+                os.replace(draft, path.name, src_dir_fd=folder, dst_dir_fd=folder)
+            finally:
+                with suppress(FileNotFoundError):
+                    os.unlink(draft, dir_fd=folder)
+    except OSError as error:
+        raise ConfigError(f"cannot be written: {reason(error)}", path=path) from None
 
 
 def _configuration(role: Role, hosts: Mapping[str, Host], password: str) -> str:

@@ -69,10 +69,11 @@ ROLES: Final = {
             "operator",
             "sends commands, and loads, promotes and rolls back models",
             publishes=("limo/*/command/**",),
+            answers=(_SEEN,),
             asks=("limo/*/model/**",),
             links_to=("driver", "service"),
         ),
-        Role("viewer", "only reads", links_to=("driver", "service")),
+        Role("viewer", "only reads", answers=(_SEEN,), links_to=("driver", "service")),
     )
 }
 

@@ -3,8 +3,10 @@
 import json
 import subprocess
 import sys
+import threading
 
 import pytest
+import zenoh
 from lanes import sampled
 from ports import free_port
 from sessions import sessions_of_two, wait_until
@@ -82,6 +84,65 @@ def test_a_second_one_in_a_star_is_refused_until_the_first_has_gone(star, centre
         with claimed(part, ends[1], arm) as again:
             assert again.stdout.readline() == "claimed\n"
             again.communicate("\n")
+
+
+@pytest.fixture
+def ends(star):
+    """Sessions at the ends of the star, once something is its hub."""
+    opened = []
+
+    def open_ends():
+        opened.extend(open_session(config=end) for end in star[1:])
+        return opened
+
+    yield open_ends
+    for session in opened:
+        session.close()
+
+
+@pytest.mark.parametrize("part", ["driver", "service"])
+def test_a_second_one_is_refused_where_the_hub_is_neither_driver_nor_service(star, ends, part):
+    """But any session of limo, such as one that watches."""
+    with open_session(config=star[0]):
+        first, second = ends()
+        token = claims.claim(first, Keys("arm"), part)
+        with pytest.raises(ConfigError, match=f"another {part} of an arm called 'arm' is on the"):
+            claims.claim(second, Keys("arm"), part)
+        token.undeclare()
+        wait_until(lambda: not is_alive(second, f"limo/arm/alive/{part}/*"))
+        claims.claim(second, Keys("arm"), part).undeclare()
+
+
+def test_nobody_is_had_behind_a_hub_that_is_not_limos(star, ends, monkeypatch):
+    monkeypatch.setattr(claims, "PATIENCE", 1.0)
+    with zenoh.open(zenoh.Config.from_file(str(star[0]))) as hub:
+        for session in ends():
+            told = f"linked to a peer that does not say whom it sees .*{hub.zid()}.*router"
+            with pytest.raises(ConfigError, match=told):
+                claims.claim(session, Keys("arm"), "driver")
+
+
+@pytest.mark.parametrize("who", ["who is linked to it", "a router"])
+def test_others_that_are_not_limos_stop_nobody(star, who, monkeypatch):
+    """Those that reach a driver, and routers, which pass tokens on."""
+    monkeypatch.setattr(claims, "PATIENCE", 1.0)
+    config = zenoh.Config.from_file(str(star[0 if who == "a router" else 1]))
+    if who == "a router":
+        config.insert_json5("mode", '"router"')
+        with zenoh.open(config), open_session(config=star[1]) as session:
+            claims.claim(session, Keys("arm"), "driver").undeclare()
+        return
+    with open_session(config=star[0]) as session, zenoh.open(config) as other:
+        wait_until(lambda: str(other.zid()) in map(str, session.info.peers_zid()))
+        claims.claim(session, Keys("arm"), "driver").undeclare()
+
+
+def test_a_session_that_is_closed_leaves_no_thread_behind(star):
+    before = set(threading.enumerate())
+    open_session(config=star[0]).close()
+    for thread in set(threading.enumerate()) - before:
+        thread.join(60.0)
+        assert not thread.is_alive()
 
 
 @pytest.mark.slow("starts two processes")

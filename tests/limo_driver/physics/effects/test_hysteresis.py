@@ -105,7 +105,7 @@ def test_dahl_of_exponent_1_and_lugre_without_stribeck_are_the_same_law():
 
 @pytest.mark.parametrize("v", [0.05, -0.05, 0.01])
 def test_bristles_of_lugre_damp_while_they_bend_and_not_where_they_slide(v):
-    """At rest z = 0, and dz/dt = dq; where the joint slides, dz/dt = 0, the law Stribeck's."""
+    """At rest dz/dt = dq; where the joint slides dz/dt = 0, and the law is Stribeck's."""
     values = {"sigma_0": 1000.0, "sigma_1": 30.0, "tau_c": 2.0, "tau_s": 0.5, "v_s": 0.02}
     law = PreslidingHysteresis(joint=1, law="lugre", **values)
     found = torque(law, np.sign(v) * np.linspace(0.0, 0.1, 1001), v)
@@ -127,3 +127,36 @@ def test_an_unknown_law_is_refused_with_the_known_ones():
 def test_stiffness_and_width_come_in_pairs():
     with pytest.raises(ValueError, match="2 stiffness, 1 width; each entry needs all"):
         PreslidingHysteresis(joint=1, stiffness=(1.0, 2.0), width=(0.1,))
+
+
+TRIED = [
+    *PreslidingHysteresis.at_joint(1, None),
+    *PreslidingHysteresis.further_laws(PreslidingHysteresis.lugre(1, 4e-3, 0.15, 0.01)),
+]
+
+
+@pytest.mark.parametrize("hypothesis", TRIED, ids=lambda item: f"{item.law} {item.settings}")
+def test_what_is_tried_of_a_law_is_of_unit_size(hypothesis):
+    """So that a coefficient of a fit is the friction of a joint that slides [N m]."""
+    for term in hypothesis.terms:
+        far = torque(term, np.linspace(0.0, 10.0, 4000), velocity=1.0)[-1]
+        assert far == pytest.approx(1.0, rel=1e-3)
+        ((_, width), *_) = term.stops()
+        assert 0.9 < torque(term, np.linspace(0.0, 2.0 * width, 400), velocity=1.0)[-1] <= 1.0
+        assert torque(term, np.linspace(0.0, 0.1 * width, 400), velocity=1.0)[-1] < 0.5
+    (found,) = hypothesis.realise(np.full(len(hypothesis.terms), 0.7))
+    far = torque(found, np.linspace(0.0, 10.0, 4000), velocity=1.0)[-1]
+    assert far == pytest.approx(0.7 * len(hypothesis.terms), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "hypothesis", [item for item in TRIED if item.bounds], ids=lambda item: item.law
+)
+def test_settings_of_a_law_are_sought_as_far_as_a_simulation_may_have_them(hypothesis):
+    for k, (low, high) in enumerate(hypothesis.bounds):
+        assert low < hypothesis.settings[k] < high
+        for end in (low, high):
+            settings = [*hypothesis.settings]
+            settings[k] = end
+            (found,) = hypothesis.family(*settings).realise(np.ones(1))
+            assert found.law == hypothesis.terms[0].law
