@@ -15,9 +15,14 @@ APART = 1000  # seeds of two commits, at least
 
 
 def version() -> str:
-    """Return the commit of this tree; with `-dirty` where the tree differs from it."""
-    command = ["git", "describe", "--always", "--abbrev=8", "--exclude=*", "--dirty"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    """Return the commit of this tree; with `-dirty` where what is measured differs from it."""
+    name = _git("rev-parse", "--short=8", "HEAD")
+    changed = _git("status", "--porcelain", "--", "*.py", "*.yaml", "*.toml", ":!benchmarks/*.yaml")
+    return f"{name}-dirty" if changed else name
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True)
     return done.stdout.strip()
 
 
