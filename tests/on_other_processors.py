@@ -77,8 +77,8 @@ class Kernel:
         }
 
     def __str__(self) -> str:
-        told = ", ".join(f"{name} has {own}" for name, own in sorted(self.libraries.items()))
-        return f"{self.name}: {told or 'no BLAS that tells of itself'}"
+        used = ", ".join(f"{name} has {own}" for name, own in sorted(self.libraries.items()))
+        return f"{self.name}: {used or 'no BLAS that tells of itself'}"
 
 
 def probed(name: str) -> Kernel | None:
@@ -88,15 +88,15 @@ def probed(name: str) -> Kernel | None:
     done = subprocess.run(command, env=settings, capture_output=True, text=True, check=False)
     if done.returncode:
         return None
-    told = json.loads(done.stdout)
-    return Kernel(name, told["libraries"], tuple(told["newer"]))
+    found = json.loads(done.stdout)
+    return Kernel(name, found["libraries"], tuple(found["newer"]))
 
 
 def kernels() -> list[Kernel]:
     """Return those that run here, one of each that is another, the oldest first."""
     found: dict[str, Kernel] = {}
     for kernel in filter(None, map(probed, KERNELS)):
-        found.setdefault(str(kernel.libraries), kernel)
+        found.setdefault(str(sorted(kernel.libraries.items())), kernel)
     return list(found.values())
 
 

@@ -180,7 +180,7 @@ class _Code:
             "LIMO_JOINT_MEMORY": max(len(self.learned.joints), 1),
             "LIMO_NETWORK_MEMORY": max(self.learned.network, 1),
         }
-        robot = in_c_comment(self.simulation.robot)
+        robot = in_c_comment(Path(self.simulation.robot).name)
         joints = ", ".join(map(in_c_comment, self.simulation.model.joint_names))
         about = (
             f"/* Joint torque of {robot}, written by limo {version(NAME)}.\n"

@@ -4,7 +4,7 @@ Tokens of liveliness reach the sessions that are linked to each other, and no pe
 in a star, the ends do not see each other. So every driver and service tells, when asked under
 `limo/<arm>/seen/<part>`, which tokens it sees, and so does every other session of limo, as a
 bystander; who claims a name asks all that it is linked to, and gets none while a driver or service
-does not answer, as in a flood of queries. Nor does who was told to reach a peer that tells nothing,
+does not answer, as in a flood of queries. Nor does whoever reaches for a peer that tells nothing,
 as one that is not limo's, and finds nobody by itself: others may be behind that one.
 """
 
@@ -70,8 +70,8 @@ class Witness(Closing):
             tokens = list(self._tokens)
         arm, _, part = str(query.key_expr).rpartition("/seen/")
         seen = [token for token in tokens if token.startswith(f"{arm}/alive/{part}/")]
-        told = {_BYSTANDER: seen} if self._bystander else seen
-        query.reply(query.key_expr, json.dumps(told).encode())
+        answer = {_BYSTANDER: seen} if self._bystander else seen
+        query.reply(query.key_expr, json.dumps(answer).encode())
 
 
 def note_ends(session: zenoh.Session, settings: zenoh.Config) -> None:
@@ -82,13 +82,13 @@ def note_ends(session: zenoh.Session, settings: zenoh.Config) -> None:
         settings: That it was opened with.
     """
 
-    def told(key: str) -> Any:  # noqa: ANN401  # JSON
+    def setting(key: str) -> Any:  # noqa: ANN401  # JSON
         return json.loads(settings.get_json(key))
 
-    found = [told(f"scouting/{how}/enabled") is not False for how in ("gossip", "multicast")]
-    if any(found) or told("mode") not in {None, "peer"}:
+    found = [setting(f"scouting/{how}/enabled") is not False for how in ("gossip", "multicast")]
+    if any(found) or setting("mode") not in {None, "peer"}:
         return
-    ends: object = told("connect/endpoints")
+    ends: object = setting("connect/endpoints")
     while isinstance(ends, dict):  # by mode
         ends = ends.get("peer")  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
     while len(_ends) >= _MOST_SESSIONS:
@@ -101,7 +101,7 @@ def claim(session: zenoh.Session, keys: Keys, part: str) -> zenoh.LivelinessToke
     """Be the only driver or service of an arm, until the token that is returned is undeclared.
 
     Those who are asked are the sessions that this one is linked to, and all behind a router. One
-    that this was told to reach, in a network in which nobody is found otherwise, has to answer.
+    that this reaches for, in a network in which nobody is found otherwise, has to answer.
 
     Whoever was there before stays, whatever the clocks say; of two that begin together, the one
     that began earlier. Links to others need time to come about, so it takes a second.
@@ -137,8 +137,8 @@ def _others(session: zenoh.Session, keys: Keys, part: str, own: str) -> set[str]
     while True:
         linked = time.monotonic() >= began + LINKING
         alive = _alive(session)
-        told, witnesses, bystanders = _told(session, keys, part)
-        seen |= told | {token for token in alive if token.startswith(keys.alive(part, ""))}
+        heard, witnesses, bystanders = _heard(session, keys, part)
+        seen |= heard | {token for token in alive if token.startswith(keys.alive(part, ""))}
         silent = {zid for token in alive if (zid := _zid(token))} - witnesses - {str(session.zid())}
         hubs = _reached(session) - witnesses - bystanders
         others = seen - {own}
@@ -190,9 +190,9 @@ def _zid(token: str) -> str:
     return found[1] if found else ""
 
 
-def _told(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set[str], set[str]]:
-    """Return the tokens that others see, and who told: Zenoh ids, and those of bystanders."""
-    told: set[str] = set()
+def _heard(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set[str], set[str]]:
+    """Return the tokens that others see, and who answered: Zenoh ids, and those of bystanders."""
+    heard: set[str] = set()
     witnesses: set[str] = set()
     bystanders: set[str] = set()
     prefix = keys.alive(part, "")
@@ -210,7 +210,7 @@ def _told(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set[
             tokens, teller = tokens.get(_BYSTANDER), bystanders  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
         if isinstance(tokens, list):
             names = (token for token in tokens if isinstance(token, str))
-            told |= {token for token in names if token.startswith(prefix)}
+            heard |= {token for token in names if token.startswith(prefix)}
             if reply.replier_id is not None:
                 teller.add(str(reply.replier_id.zid))
-    return told, witnesses, bystanders
+    return heard, witnesses, bystanders

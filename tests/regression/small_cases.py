@@ -184,7 +184,7 @@ def _configurations() -> tuple[Path, Path]:
     return Path("listen.json5"), Path("connect.json5")
 
 
-# Tolerance on another machine where `OTHER_MACHINE` is too little, as fits end where they are near
+# Tolerance on another machine where `FITS` is too little, as fits end where they are near
 # enough: three times what another kind of BLAS kernel, and numba without AVX, were seen to change.
 ELSEWHERE: Mapping[str, float] = {"servos": 6e-3}
 

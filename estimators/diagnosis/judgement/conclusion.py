@@ -27,7 +27,7 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from estimators.diagnosis.wording import listed, rounded
-from estimators.regression.ties import ranked
+from estimators.regression.ties import best_first, ranked
 from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
@@ -280,7 +280,7 @@ def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
     left = np.ones_like(mean)
     known = final.fitted.deviation[:count]
     np.divide(known, deviation, out=left, where=deviation > 0)
-    order = np.argsort(-np.abs(sigmas), kind="stable")  # many did not move at all
+    order = best_first(np.abs(sigmas))  # many did not move at all, or to their limits
     parameters = problem.nuisance.parameters
     return tuple(
         Shift(

@@ -48,16 +48,15 @@ def unobservable(verdict: Verdict) -> str:
 
 
 def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
-    ranked = sorted(shifts, key=lambda item: -abs(item.sigmas))
     chart = charts.place(
-        figures.shifts(ranked[:_SHIFTS]),
+        figures.shifts(shifts[:_SHIFTS]),
         "Values that moved most",
         "shaded: one standard deviation of the tolerance",
     )
     rows = [
         [prose(item.name), number(item.nominal, 4), number(item.fitted, 4), prose(item.unit),
          f"{item.sigmas:+.1f}"]
-        for item in ranked
+        for item in shifts
     ]  # fmt: skip
     listed = table(("parameter", "nominal", "fitted", "unit", "sigmas"), rows)
     said = (
