@@ -37,24 +37,24 @@ def plan_page(plan: Plan, model: RobotModel, file: str, robot: str) -> Page:
         file: Name of the file that has its motion, for the commands that go on from it.
         robot: The robot, as commands know it.
     """
-    charts, said = Charts(), summarise(plan, model)
+    charts, summary = Charts(), summarise(plan, model)
     view, motion = planned_motion(model, plan.trajectory, charts)
     title = (
-        f"{said.scaffolds} poses explored in {span(said.duration)}, with "
-        f"{sum(joint.reversals for joint in said.joints)} reversals of joints and at most "
-        f"{max(joint.peak_velocity for joint in said.joints):.0%} of a velocity limit."
+        f"{summary.scaffolds} poses explored in {span(summary.duration)}, with "
+        f"{sum(joint.reversals for joint in summary.joints)} reversals of joints and at most "
+        f"{max(joint.peak_velocity for joint in summary.joints):.0%} of a velocity limit."
     )
     workspace = plan.request.workspace
     source = (
         f"Seed {plan.seed}; flange within {workspace.radius:g} m of the base; "
-        f"{said.samples} samples at {plan.request.rate:g} Hz."
+        f"{summary.samples} samples at {plan.request.rate:g} Hz."
     )
     body = (
         header(f"Locally isotropic motion of {model.name}", title, source)
         + motion
-        + section("What each joint does", columns(_joints(said)), "joints", _LEAD)
-        + section("Poses that were rejected", _rejected(said), "rejected")
-        + not_checked(said.unchecked_pairs)
+        + section("What each joint does", columns(_joints(summary)), "joints", _LEAD)
+        + section("Poses that were rejected", _rejected(summary), "rejected")
+        + not_checked(summary.unchecked_pairs)
         + play_it(file, robot)
     )
     return Page(title, body, charts, view)
@@ -79,10 +79,10 @@ def play_it(file: str, robot: str) -> str:
 
 def not_checked(pairs: Iterable[tuple[str, str]]) -> str:
     """Return the section of links that no collision was looked for between."""
-    said = paragraph("They touch in every pose; whether they collide is for you to judge.", "small")
+    note = "They touch in every pose; whether they collide is for you to judge."
     named = listed(f"{first} and {second}" for first, second in pairs)
     title = "Links not checked against each other"
-    return section(title, said + named, "unchecked") if named else ""
+    return section(title, paragraph(note, "small") + named, "unchecked") if named else ""
 
 
 def span(seconds: float) -> str:
@@ -93,24 +93,24 @@ def span(seconds: float) -> str:
     return f"{minutes:.0f} min" if minutes >= 10 else f"{minutes:.2g} min"  # noqa: PLR2004
 
 
-def _joints(said: Statistics) -> dict[str, list[object]]:
+def _joints(summary: Statistics) -> dict[str, list[object]]:
     return {
-        "joint": [joint.joint for joint in said.joints],
-        "covered": [f"{joint.coverage:.0%}" for joint in said.joints],
-        "reversals": [joint.reversals for joint in said.joints],
+        "joint": [joint.joint for joint in summary.joints],
+        "covered": [f"{joint.coverage:.0%}" for joint in summary.joints],
+        "reversals": [joint.reversals for joint in summary.joints],
         "between them [°]": [
-            float(np.degrees(joint.rotation_between_reversals)) for joint in said.joints
+            float(np.degrees(joint.rotation_between_reversals)) for joint in summary.joints
         ],
-        "peak velocity": [f"{joint.peak_velocity:.0%}" for joint in said.joints],
-        "peak acceleration": [f"{joint.peak_acceleration:.0%}" for joint in said.joints],
-        "peak jerk": [f"{joint.peak_jerk:.0%}" for joint in said.joints],
+        "peak velocity": [f"{joint.peak_velocity:.0%}" for joint in summary.joints],
+        "peak acceleration": [f"{joint.peak_acceleration:.0%}" for joint in summary.joints],
+        "peak jerk": [f"{joint.peak_jerk:.0%}" for joint in summary.joints],
     }
 
 
-def _rejected(said: Statistics) -> str:
-    stages = said.rejections
+def _rejected(summary: Statistics) -> str:
+    stages = summary.rejections
     names = sorted({name for counts in stages.values() for name in counts})
     values: dict[str, list[object]] = {"condition": list(names)}
     values |= {stage: [counts.get(name, 0) for name in names] for stage, counts in stages.items()}
-    drawn = paragraph(f"{said.candidates} random poses were drawn.", "small")
+    drawn = paragraph(f"{summary.candidates} random poses were drawn.", "small")
     return drawn + columns(values) if names else ""

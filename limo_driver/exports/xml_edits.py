@@ -74,11 +74,6 @@ class XmlText:
         self.root = self._parse()
         self._edits: list[tuple[int, int, bytes]] = []  # start, stop, in place of it
 
-    @property
-    def is_changed(self) -> bool:
-        """Whether any edit was made."""
-        return bool(self._edits)
-
     def find(self, tag: str, name: str) -> Element | None:
         """Return the element of a tag with a name, if there is one."""
         return next(

@@ -9,8 +9,8 @@ scale is its standard deviation where that stands beside it and is larger.
 two runs agree to the last bit, and the tolerance only lets code be written in another order of
 sums.
 
-`SUMS` and `FITS`: on any other processor. BLAS picks its kernels by it, and numba compiles for it,
-so that sums are taken in another order and products are fused or not.
+`SUMS`, `FITS` and `TRAINED`: on any other processor. BLAS picks its kernels by it, and numba
+compiles for it, so that sums are taken in another order and products are fused or not.
 
 * What is predicted by given values are sums: of up to 1e5 terms, each rounded to 1e-16. Filters,
   which take differences, lose two digits more.
@@ -19,6 +19,8 @@ so that sums are taken in another order and products are fused or not.
   of what an estimate is known beside, and sums of 1e5 rows leave more of it. Fits of bodies and of
   settings that are not linear stop at 1e-10 nat from their best, which is 1e-5 of a standard
   deviation, and that is a tenth of an estimate at most: 1e-6.
+* Networks are trained in single precision, each number rounded to 1e-7; dozens of Adam's steps,
+  each a ratio of gradients, pass on some hundred times as much: 1e-4.
 
 What is decided (names, order, numbers of things) has to be the same: no last bit decides. Texts are
 compared without the figures in them, which are rounded values, and digests not at all.
@@ -47,7 +49,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SAME_MACHINE = 1e-12  # of the scale
-SUMS, FITS = 1e-9, 1e-6  # the same on another processor
+SUMS, FITS, TRAINED = 1e-9, 1e-6, 1e-4  # the same on another processor
 WHOLE = {"share": 1.0, "confidence": 1.0, "lead": 1.0, "log_evidence": 1.0}  # parts, and nat
 
 PACKAGES = ("llvmlite", "mujoco", "numba", "numpy", "pin", "scipy", "torch")

@@ -278,11 +278,6 @@ def _robust(held: int, squares: FloatArray) -> FloatArray:
     return loss
 
 
-def refitted(fit: JointFit, parts: Sequence[LoadedJoint]) -> JointFit:
-    """Return the same constants with the errors of other stretches."""
-    return replace(fit, error=errors(parts, fit.row))
-
-
 def independent(error: FloatArray) -> float:
     """Return how many independent errors would say as much as these correlated ones, (T,)."""
     centred = error - error.mean()

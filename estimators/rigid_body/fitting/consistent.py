@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 _ITERATIONS = 2000  # contradictory data, such as torques without inertia, took 400
 _DECREMENT = 1e-10  # Newton decrement at which the minimum is reached
+_SQUARED = 1e-4  # the same, below which a step squares it, unless the gradient is rounding alone
 _NEARLY = 0.1  # the same, over the precision, on the way to the minimum
 _NEAR = 1.5  # Newton steps to where a body ceases to exist, at which the way starts
 _STIFFER = 4.0  # ratio of the precisions of one step of the way and the next
@@ -255,7 +256,7 @@ class _Problem:
         Source: Boyd and Vandenberghe, "Convex Optimization", 2004, sec. 11.3 (barrier method).
         """
         phi, stiffer = nominal, self
-        while stiffer.reach(phi, stiffer.step(phi, free, stiffer.gradient(phi))) < _NEAR:
+        while _reach(stiffer.changes(phi, stiffer.step(phi, free, stiffer.gradient(phi)))) < _NEAR:
             stiffer = replace(stiffer, precision=_STIFFER * stiffer.precision)
         while stiffer.precision > self.precision:
             phi = stiffer.minimise(phi, free, _NEARLY * stiffer.precision)
@@ -272,34 +273,48 @@ class _Problem:
             raise DivergedError("the consistent inertias lost all digits") from None
         return step
 
-    def reach(self, phi: FloatArray, step: FloatArray) -> float:
-        """Return how many such steps lead to where a body ceases to exist."""
+    def changes(self, phi: FloatArray, step: FloatArray) -> FloatArray:
+        """Return by how much a step changes bodies, relative to themselves, (links, d), rising."""
         lower = _inverse_lower(self.bodies(phi))
-        change = lower @ self.bodies(step) @ lower.swapaxes(1, 2)
-        # of a body, relative to itself, in the direction that shrinks most
-        least = float(np.linalg.eigvalsh(change)[:, 0].min())
-        return -1.0 / least if least < 0 else np.inf
+        turned = lower @ self.bodies(step) @ lower.swapaxes(1, 2)
+        return np.asarray(np.linalg.eigvalsh(turned), dtype=np.float64)
 
     def minimise(
         self, phi: FloatArray, free: NDArray[np.bool_], until: float = _DECREMENT
     ) -> FloatArray:
-        """Take damped Newton steps in the free parameters until the decrement is small."""
-        value = self.value(phi)
+        """Take damped Newton steps in the free parameters until the decrement is small.
+
+        By how much a step lowers the cost is no difference of two costs: of exact data, a cost is
+        so large that the last digits of the minimum would be lost in it.
+        """
+        before = np.inf
         for _ in range(_ITERATIONS):
             gradient = self.gradient(phi)
             step = self.step(phi, free, gradient)
-            decrement = -float(step @ gradient)
-            if decrement < until:
+            slope = float(step @ gradient)
+            if -slope < until or before <= -slope < _SQUARED:
                 return phi
-            length = min(1.0, _SHORT * self.reach(phi, step))
-            target = self.value(phi + length * step)
-            while not target < value - 1e-4 * length * decrement:
+            changes = self.changes(phi, step)
+            curvature = float(step @ self.data.gram @ step + self.ridge @ step**2)
+            length = min(1.0, _SHORT * _reach(changes))
+            while not self._more(length, slope, curvature, changes) < 1e-4 * length * slope:
                 length *= 0.5
                 if length < 1e-12:  # noqa: PLR2004  # rounding is all that is left
                     return phi
-                target = self.value(phi + length * step)
-            phi, value = phi + length * step, target
+            phi, before = phi + length * step, -slope
         raise DivergedError("the consistent inertias did not converge")
+
+    def _more(self, length: float, slope: float, curvature: float, changes: FloatArray) -> float:
+        """Return what so much of a step adds to the cost; its slope there is that of all of it."""
+        part = length * changes
+        of_bodies = float((part - np.log1p(part)).sum())
+        return length * slope + 0.5 * length**2 * curvature + self.precision * of_bodies
+
+
+def _reach(changes: FloatArray) -> float:
+    """Return how many steps of such changes (links, d) lead to where a body ceases to exist."""
+    least = float(changes[:, 0].min())
+    return -1.0 / least if least < 0 else np.inf
 
 
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:

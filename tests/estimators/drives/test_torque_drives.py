@@ -111,7 +111,7 @@ def test_gain_friction_and_delay_are_found_where_nothing_is_stated(path):
     [
         ({}, "", 0.0),
         ({"gain": (1.0, 0.6)}, "torque_drive", 0.6),
-        ({"limit": np.array([np.inf, 0.3])}, "torque_limit", 0.3),
+        ({"limit": (np.inf, 0.3)}, "torque_limit", 0.3),
     ],
 )
 def test_what_is_beyond_its_tolerance_is_named(path, arm, hidden, effect, value):

@@ -166,9 +166,9 @@ def test_gravity_that_a_urdf_has_no_place_for_is_told_with_its_torque(two_links_
     poses = np.random.default_rng(2).uniform(-1.0, 1.0, (50, 2))
     still = Motion(np.arange(50.0), poses, np.zeros((50, 2)), np.zeros((50, 2)))
     written = write(tilted, two_links_urdf, "urdf", tmp_path, still)
-    (said,) = (item for item in written.remainder if "gravity" in item.place)
+    (change,) = (item for item in written.remainder if "gravity" in item.place)
     by_joint = np.sqrt(np.mean((tilted.predict(still) - level.predict(still)) ** 2, axis=0))
-    assert said.rms == pytest.approx(tuple(by_joint))
+    assert change.rms == pytest.approx(tuple(by_joint))
 
 
 def test_the_share_is_of_the_torque_of_all_joints_together(tmp_path):

@@ -34,7 +34,6 @@ def text(tmp_path):
 
 def test_without_edits_it_is_the_same(text):
     assert text.text() == TEXT
-    assert not text.is_changed
 
 
 def test_values_change_in_their_place(text):
@@ -47,7 +46,7 @@ def test_values_change_in_their_place(text):
 
 def test_a_value_that_is_the_same_is_no_edit(text):
     text.set(text.find("joint", "one"), "damping", "0.1")
-    assert not text.is_changed
+    assert text.text() == TEXT
 
 
 def test_attributes_are_added_and_removed(text):
