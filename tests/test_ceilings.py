@@ -22,6 +22,7 @@ PACKAGES = ("limo_driver", "backends", "estimators", "limopa")
 BESIDE = ("tests", "benchmarks", "examples", "docs")
 PAGES = (".js", ".html", ".css", ".c", ".h", ".j2")  # of the packages, as far as limo's own
 LONG = 400  # lines of a file, comments and all
+HUNDREDS = 100  # in which lines are counted: a test that is mended need not find one to delete
 
 _DOCSTRING = re.compile(r'^ *[rR]?"""(?:(?!""").)*""" *(?:#.*)?$', re.MULTILINE | re.DOTALL)
 _WORD = re.compile(rf"(?<![A-Za-z])(?:{'|'.join(CEILINGS['words'])})(?![A-Za-z])")
@@ -104,6 +105,7 @@ def main() -> None:
         table += "".join(write(name, count, CEILINGS[kind][name]) for name, count in values.items())
     sys.stdout.write(table)
     if "--lower" in sys.argv[1:]:
+        now["lines"] = {n: -(-lines // HUNDREDS) * HUNDREDS for n, lines in now["lines"].items()}
         low = {k: {n: min(c, CEILINGS[k][n]) for n, c in v.items()} for k, v in now.items()}
         head = "".join(re.findall(r"^#.*\n", FILE.read_text("utf-8"), re.MULTILINE))
         FILE.write_text(head + yaml.safe_dump(low, sort_keys=False), "utf-8")

@@ -51,7 +51,8 @@ def led(path, seed, seconds=20.0, **drive):
     """Return a recording of the arm as MuJoCo moves it, and the motion without its encoders."""
     time, pace = velocities(seconds, RATE, seed)
     wanted = START + 0.8 * np.cumsum(pace, axis=0) / RATE
-    told, position = pushed(path, time, wanted, START, **{"late": LATE, **drive})
+    drive = {"late": LATE} | {name: np.asarray(value) for name, value in drive.items()}
+    told, position = pushed(path, time, wanted, START, **drive)
     return recorded(time, told, np.round(position / STEP) * STEP, TORQUE), position
 
 
