@@ -182,9 +182,7 @@ class _Problem:
 
     def value(self, phi: FloatArray) -> float:
         J = self.bodies(phi)
-        sign, logdet = np.linalg.slogdet(J)
-        if (sign <= 0).any() or (np.linalg.eigvalsh(J)[:, 0] <= 0).any():
-            return np.inf
+        logdet = np.linalg.slogdet(J)[1]
         cost = 0.5 * phi @ self.data.gram @ phi - self.data.product @ phi
         cost += 0.5 * self.ridge @ phi**2
         cost -= self.precision * (self.nominal_logdet + self.basis.shape[1] * self.links)
@@ -297,12 +295,20 @@ class _Problem:
             changes = self.changes(phi, step)
             curvature = float(step @ self.data.gram @ step + self.ridge @ step**2)
             length = min(1.0, _SHORT * _reach(changes))
-            while not self._more(length, slope, curvature, changes) < 1e-4 * length * slope:
+            while not (
+                self._more(length, slope, curvature, changes) < 1e-4 * length * slope
+                and self._exist(phi + length * step)
+            ):
                 length *= 0.5
                 if length < 1e-12:  # noqa: PLR2004  # rounding is all that is left
                     return phi
             phi, before = phi + length * step, -slope
         raise DivergedError("the consistent inertias did not converge")
+
+    def _exist(self, phi: FloatArray) -> bool:
+        """Say whether bodies are beyond rounding ones that exist."""
+        sizes = np.linalg.eigvalsh(self.bodies(phi))
+        return bool((sizes[:, 0] > np.finfo(float).eps * sizes[:, -1]).all())
 
     def _more(self, length: float, slope: float, curvature: float, changes: FloatArray) -> float:
         """Return what so much of a step adds to the cost; its slope there is that of all of it."""
