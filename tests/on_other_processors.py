@@ -103,12 +103,12 @@ def kernels() -> list[Kernel]:
 def passes(kernel: Kernel, arguments: list[str], *, old: bool) -> bool:
     """Run the tests with a kernel, and say whether they pass."""
     around = ", numba, numpy and torch as on an old processor" if old else ""
-    print(f"\n== {kernel}{around}", flush=True)  # noqa: T201
+    print(f"\n== {kernel}{around}", flush=True)
     begun = time.monotonic()
     command = [sys.executable, "-m", "pytest", "--quiet", *SELECTED, *arguments, *TESTS]
     settings = os.environ | kernel.settings(old=old)
     done = subprocess.run(command, env=settings, cwd=ROOT, check=False)
-    print(f"== {kernel.name}: {time.monotonic() - begun:.0f} s", flush=True)  # noqa: T201
+    print(f"== {kernel.name}: {time.monotonic() - begun:.0f} s", flush=True)
     return done.returncode == 0
 
 
@@ -117,10 +117,10 @@ def main() -> int:
     found = kernels()
     has_avx2 = any("Haswell" in own for kernel in found for own in kernel.libraries.values())
     if has_avx2 and len(found) < FEWEST:
-        print(f"only {len(found)} kernels of BLAS run here, expected {FEWEST}:", *found, sep="\n")  # noqa: T201
+        print(f"only {len(found)} kernels of BLAS run here, expected {FEWEST}:", *found, sep="\n")
         return 1
     if not has_avx2:
-        print(f"no x86-64 with AVX2: {len(found)} kernels of BLAS are all that can be run")  # noqa: T201
+        print(f"no x86-64 with AVX2: {len(found)} kernels of BLAS are all that can be run")
     results = [passes(found[0], sys.argv[1:], old=True)]
     results += [passes(kernel, sys.argv[1:], old=False) for kernel in found[1:][-2:]]
     return 0 if all(results) else 1

@@ -14,7 +14,7 @@ import json
 import re
 import time
 from threading import Lock
-from typing import Any, Final
+from typing import Final, cast
 
 import zenoh
 
@@ -82,7 +82,7 @@ def note_ends(session: zenoh.Session, settings: zenoh.Config) -> None:
         settings: That it was opened with.
     """
 
-    def setting(key: str) -> Any:  # noqa: ANN401  # JSON
+    def setting(key: str) -> object:
         return json.loads(settings.get_json(key))
 
     found = [setting(f"scouting/{how}/enabled") is not False for how in ("gossip", "multicast")]
@@ -90,10 +90,10 @@ def note_ends(session: zenoh.Session, settings: zenoh.Config) -> None:
         return
     ends: object = setting("connect/endpoints")
     while isinstance(ends, dict):  # by mode
-        ends = ends.get("peer")  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+        ends = cast("dict[str, object]", ends).get("peer")
     while len(_ends) >= _MOST_SESSIONS:
         del _ends[next(iter(_ends))]
-    names = [str(end) for end in ends] if isinstance(ends, list) else []
+    names = map(str, cast("list[object]", ends)) if isinstance(ends, list) else ()
     _ends[str(session.zid())] = frozenset(map(_port, names))
 
 
@@ -207,7 +207,7 @@ def _heard(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set
             continue
         teller = witnesses
         if isinstance(tokens, dict):
-            tokens, teller = tokens.get(_BYSTANDER), bystanders  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+            tokens, teller = cast("dict[str, object]", tokens).get(_BYSTANDER), bystanders
         if isinstance(tokens, list):
             names = (token for token in tokens if isinstance(token, str))
             heard |= {token for token in names if token.startswith(prefix)}

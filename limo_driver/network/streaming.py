@@ -84,9 +84,7 @@ def open_session(
         ends = ", ".join([*connect, *listen]) or "any peer"
         raise ConnectionLostError(f"no Zenoh session with {ends}: {explained(error)}") from None
     note_ends(session, settings)
-    Witness(
-        session, bystander=True
-    )  # for as long as the session is open: others may meet over this one only
+    Witness(session, bystander=True)  # while it is open: others may meet over this one only
     return session
 
 

@@ -4,8 +4,7 @@ Three arms are simulated, and their recordings lie in `data/`; three are real, a
 their recordings are not at hand. Each stage is compared with `frozen/CASE.json`: names, order and
 sentences exactly; numbers to 1e-12 of their scale on the machine that froze them, whose
 fingerprint stands beside them, and elsewhere as closely as fits and sums determine them, which
-`frozen_values` explains. Paths,
-versions of packages and checksums of files are left out.
+`frozen_values` explains. Paths, versions of packages and checksums of files are left out.
 
 Where numbers are meant to change, `python tests/regression/freeze.py` writes them anew; where only
 sentences do, `--texts` takes over the sentences and holds everything else.

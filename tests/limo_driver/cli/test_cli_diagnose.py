@@ -289,6 +289,14 @@ def test_python_prints_what_the_terminal_does(recording, diagnose):
     assert "cannot be told from stribeck friction" in str(found)
 
 
+@pytest.mark.usefixtures("found")
+def test_progress_ends_at_1_and_never_goes_back(recording):
+    told = []
+    limo.diagnose(GIVEN, [Recording.load(recording)], progress=lambda _, part: told.append(part))
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
 def _spoilt(path, tmp_path, **columns):
     import pyarrow.parquet as pq
 
@@ -328,9 +336,32 @@ def _exchanged(path, tmp_path, a, b):
     return tmp_path / "exchanged.parquet"
 
 
-def test_exchanged_columns_are_refused_in_one_line_before_any_search(tmp_path, recording, refused):
-    said = "torque_2 belongs to joint 4 and torque_4 to joint 2"
-    refused(_exchanged(recording, tmp_path, "torque_2", "torque_4"), said)
+@sampled(
+    ("a", "b", "said"),
+    [
+        ("torque_2", "torque_4", "torque_2 belongs to joint 4 and torque_4 to joint 2"),
+        ("position_4", "position_6", "position_4 belongs to joint 6 and position_6 to joint 4"),
+    ],
+    "looks where a recording belongs",
+)
+def test_exchanged_columns_are_refused_in_one_line_before_any_search(
+    tmp_path, recording, refused, a, b, said
+):
+    refused(_exchanged(recording, tmp_path, a, b), said)
+
+
+@sampled(
+    ("columns", "said"),
+    [
+        ({"torque_4": lambda tau: -tau}, "torque_4 has the other sign than expected"),
+        ({"torque_4": lambda tau: tau / 1000}, "torque_4 is 0.001 times what its motion makes"),
+    ],
+    "looks where a recording belongs",
+)
+def test_torques_of_another_sign_or_unit_are_refused_in_one_line(
+    tmp_path, recording, refused, columns, said
+):
+    refused(_spoilt(recording, tmp_path, **columns), said)
 
 
 def test_rest_is_refused_in_one_line(tmp_path, recording, refused):

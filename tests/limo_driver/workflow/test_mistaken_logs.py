@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import RecordingError
@@ -43,9 +44,20 @@ def identified(*recordings, robot=ARM):
     return limo.identify(robot, recordings, terms, Rows(BANDWIDTH), tolerance=0.1)
 
 
-def test_torques_in_the_wrong_place_are_refused(recording):
-    mistaken = replace(recording, torque=recording.torque @ EXCHANGED.T)
-    with pytest.raises(RecordingError, match=r"^run: torque_2 belongs to joint 4 and torque_4"):
+@sampled(
+    ("matrix", "said"),
+    [
+        (EXCHANGED, "torque_2 belongs to joint 4 and torque_4 to joint 2"),
+        (-ONE, "all torques have the other sign than expected"),
+        (ONE - 2 * np.diag(ONE[3]), "torque_4 has the other sign than expected"),
+        (1e-3 * ONE, r"the torques are 0\.00\d+ times .*; are they in kN m or A"),
+        (8.0 * ONE, r"the torques are 8\.?\d* times .*; are they in N mm or mA"),
+    ],
+    "identifies a recording each",
+)
+def test_torques_in_the_wrong_place_sign_or_unit_are_refused(recording, matrix, said):
+    mistaken = replace(recording, torque=recording.torque @ matrix.T)
+    with pytest.raises(RecordingError, match=f"^run: {said}"):
         identified(mistaken)
 
 
