@@ -86,6 +86,13 @@ def test_a_second_one_in_a_star_is_refused_until_the_first_has_gone(star, centre
             again.communicate("\n")
 
 
+def seen(session, part):
+    """Return what those around a session answer who are asked whom they see."""
+    every = {"target": zenoh.QueryTarget.ALL, "consolidation": zenoh.ConsolidationMode.NONE}
+    replies = session.get(Keys("arm").seen(part), timeout=60.0, **every)
+    return [json.loads(reply.ok.payload.to_bytes()) for reply in replies]
+
+
 @pytest.fixture
 def ends(star):
     """Sessions at the ends of the star, once something is its hub."""
@@ -109,7 +116,9 @@ def test_a_second_one_is_refused_where_the_hub_is_neither_driver_nor_service(sta
         with pytest.raises(ConfigError, match=f"another {part} of an arm called 'arm' is on the"):
             claims.claim(second, Keys("arm"), part)
         token.undeclare()
-        wait_until(lambda: not is_alive(second, f"limo/arm/alive/{part}/*"))
+        wait_until(
+            lambda: seen(second, part) and not any(t["bystander"] for t in seen(second, part))
+        )
         claims.claim(second, Keys("arm"), part).undeclare()
 
 
@@ -183,11 +192,10 @@ def test_a_driver_that_publishes_is_a_hub_too(star):
         claimed("service", end) as first,
     ):
         assert first.stdout.readline() == "claimed\n"
-        seen = [
-            json.loads(reply.ok.payload.to_bytes())
-            for reply in session.get(Keys("arm").seen("service"), timeout=60.0)
-        ]
-        (tokens,) = (told for told in seen if isinstance(told, list))  # not as a bystander
-        assert len(tokens) == 1
-        assert is_alive(session, tokens[0])
+        wait_until(
+            lambda: any(isinstance(told, list) and told for told in seen(session, "service"))
+        )
+        told = [each for each in seen(session, "service") if isinstance(each, list)]
+        assert {len(tokens) for tokens in told} == {1}
+        assert all(is_alive(session, tokens[0]) for tokens in told)
         first.communicate("\n")
