@@ -15,6 +15,7 @@ cores.
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import shutil
@@ -38,7 +39,8 @@ INSTALLED = {
     "ci": ".venv/.installed-dev",
 }
 MOST = {"demo": 360.0, "test": 300.0, "ci": 900.0}  # [s]; but for test, with the installation
-PICTURES = 4  # of the page: loops, torque, plan, live
+FIGURES = 5  # of the page: errors, loops, two of the stream, the motion
+CONCEALED = ("payload", "quadratic_drag")  # in the arm that is diagnosed
 LAST_LINES = 25  # of a run that fails
 _COUNTING = "while True: pass"
 # set by whoever runs this, they would lead out of the clone, or to what was compiled elsewhere
@@ -112,12 +114,14 @@ def lacking(page: Path) -> tuple[str, ...]:
         return ("no page",)
     text = page.read_text()
     told = [f"part failed: {name}" for name in re.findall(r"<li>([^<]*)<pre>\$ ", text)]
-    if len(re.findall("<img ", text)) < PICTURES:
-        told.append("pictures are missing")
-    if "Contact was told on joints [" not in text or "told on joints []" in text:
+    if len(re.findall("<figure", text)) < FIGURES or "missing, see above" in text:
+        told.append("figures are missing")
+    if not re.search(r"Contact was told on joints \d", text):
         told.append("the push was not told")
-    found = text.partition("Found:")[2].partition("</ul>")[0]
-    unnamed = [effect for effect in ("payload", "drag") if effect not in found]
+    verdict = page.parent / "diagnosis" / "verdict.json"
+    findings = json.loads(verdict.read_text())["findings"] if verdict.exists() else []
+    named = {item["effect"] for item in findings}
+    unnamed = [effect for effect in CONCEALED if effect not in named]
     return (*told, *(f"the diagnosis does not name the {effect}" for effect in unnamed))
 
 
