@@ -30,6 +30,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt | $(VENV)/.made
 # For those who change limo: tests, style, types, the site. Two calls of pip take a minute more.
 $(VENV)/.installed-dev: pyproject.toml constraints.txt | $(VENV)/.made
 	$(INSTALL) '.[dev,docs]'
+	$(BIN)/python -c 'import matplotlib.pyplot, scipy.stats, torch._dynamo' # once, not in each process
 	touch $@ $(VENV)/.installed $(VENV)/.installed-docs
 
 demo: $(VENV)/.installed ## see the whole way of the data once: out/demo/index.html

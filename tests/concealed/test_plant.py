@@ -38,6 +38,7 @@ def energy(arm, response):
     return np.array(value)
 
 
+@pytest.mark.slow("compiles the plant, which no change of limo touches")
 def test_dynamics_are_those_of_pinocchio(arm):
     model = pin.buildModelFromUrdf(str(arm_.URDF))
     data, random = model.createData(), np.random.default_rng(0)
@@ -52,6 +53,7 @@ def test_dynamics_are_those_of_pinocchio(arm):
     np.testing.assert_allclose(M, upper + np.triu(upper, 1).T, atol=1e-12)
 
 
+@pytest.mark.slow("compiles the plant, which no change of limo touches")
 def test_a_push_at_the_flange_is_carried_by_its_jacobian(arm):
     model = pin.buildModelFromUrdf(str(arm_.URDF))
     data, q = model.createData(), np.linspace(-1, 1, N)
@@ -80,6 +82,7 @@ def test_a_falling_arm_keeps_its_energy_and_friction_takes_it(arm):
     assert lost.max() < 1e-3
 
 
+@pytest.mark.slow("compiles the plant, which no change of limo touches")
 def test_what_is_recorded_is_inverse_dynamics_and_friction(arm):
     drive = drive_.plain(np.ones(N), np.full(N, 1.0), np.full(N, 2.0), 1e-3)
     response = drop(arm, drive, np.full(N, 0.4), 0.5)
@@ -91,6 +94,7 @@ def test_what_is_recorded_is_inverse_dynamics_and_friction(arm):
     np.testing.assert_allclose(response.torque, rigid + friction, atol=1e-9)
 
 
+@pytest.mark.slow("compiles the plant, which no change of limo touches")
 def test_a_gear_bends_by_its_load_and_a_play_by_half_its_gap(arm):
     rows = 3000
     still, pose = np.zeros((rows, N)), np.full(N, 0.5)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fri_messages import POSE
+from lanes import sampled
 from robot_commands import position
 from stepped_arm import HOST, SteppedArm, stepped
 
@@ -245,7 +246,7 @@ def stalled(robot, monkeypatch, ages):
 
 
 class TestStallsOfThisComputer:
-    @pytest.mark.parametrize("stall", [5, 8, 50, 80])
+    @sampled("stall", [50, 5, 8, 80], "brakes as after 50 ms")
     @pytest.mark.parametrize("between", ["nothing", "foreign", "copies"])
     def test_brake_no_harder_than_the_limit(self, stall, between, monkeypatch):
         with stepped() as robot:
@@ -375,7 +376,7 @@ ANOMALIES = {
 
 
 class TestAnActiveSessionThatSaysSomethingElse:
-    @pytest.mark.parametrize("lasting", [once, always])
+    @sampled("lasting", [once, always], "holds for the first one already")
     @pytest.mark.parametrize("what", ANOMALIES)
     def test_ends_in_a_hold_within_the_limits(self, what, lasting):
         change, said = ANOMALIES[what]
@@ -392,7 +393,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             assert len(path) >= before + 200
             assert robot.standing
 
-    @pytest.mark.parametrize("lasting", [once, always])
+    @sampled("lasting", [once, always], "fades for the first one already")
     @pytest.mark.parametrize("what", [name for name in ANOMALIES if name != "mode"])
     def test_lets_torques_fade_within_their_rate(self, what, lasting):
         change, _ = ANOMALIES[what]

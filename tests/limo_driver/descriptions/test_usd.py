@@ -11,7 +11,7 @@ from limo_driver.model import RobotModel
 pytest.importorskip("pxr", reason="needs usd-core: pip install limo[usd]")
 
 
-@pytest.mark.parametrize("ending", ["usda", "usdc"])
+@sampled("ending", ["usda", "usdc"], "writes and reads a description each")
 @sampled("seed", range(3), "writes and reads a description each")
 def test_an_arm_needs_the_torque_that_it_needs_as_urdf(tmp_path, seed, ending):
     urdf = RobotModel.load("iiwa14")
@@ -170,7 +170,7 @@ def test_a_floating_base_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"#usda 1.0\n(", b"PXR-USDC\x00\x01", b"\x00\xff" * 40])
-@pytest.mark.parametrize("ending", ["usd", "usda", "usdc"])
+@sampled("ending", ["usd", "usda", "usdc"], "reads USD in a process of its own each")
 def test_damaged_files_are_refused_in_one_line(tmp_path, content, ending):
     path = tmp_path / f"arm.{ending}"
     path.write_bytes(content)

@@ -27,7 +27,7 @@ LIGHT = Payload(mass=0.2, com=(0.0, 0.0, 0.3))
 KINDS = ["urdf", "mjcf", "drake", "isaaclab"]
 
 
-@pytest.fixture(params=later(KINDS, "writes files, and has a simulator read each", first=2))
+@pytest.fixture(params=later(KINDS, "writes files, and has a simulator read each"))
 def arm(request, tmp_path, two_links_urdf):
     """A kind of export, and an arm for it."""
     if request.param != "mjcf":
