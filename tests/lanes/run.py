@@ -32,7 +32,6 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 KEPT: Final = ROOT / "out" / "tests"
 SHOWN: Final = 15  # of the longest tests
 DEPTH: Final = 3  # names of a folder in the table
-WAITING: Final = 2  # times as many processes for tests that wait
 MARKS: Final = {"fast": ["-m", "not slow"], "slow": ["-m", "slow"], "all": []}
 NO_TESTS: Final = 5  # exit status of pytest
 
@@ -67,9 +66,12 @@ def begin(which: str) -> Path:
 
 
 def command(lane: str, marks: list[str], results: Path, workers: int) -> list[str]:
-    """Return what runs a lane; of none of its tests is left what passed there before."""
-    many = workers * WAITING if lane == "waiting" else workers
-    words = [sys.executable, "-m", "pytest", "--numprocesses", str(many), "--dist", "loadfile"]
+    """Return what runs a lane; of none of its tests is left what passed there before.
+
+    Both lanes together have two processes for each core. With more, each takes the time to import
+    and load the same again.
+    """
+    words = [sys.executable, "-m", "pytest", "--numprocesses", str(workers), "--dist", "loadfile"]
     return [*words, f"--lane={lane}", f"--results={results}", *marks]
 
 

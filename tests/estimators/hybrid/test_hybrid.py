@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
@@ -45,8 +46,11 @@ def test_a_loaded_model_predicts_the_same(
     np.testing.assert_array_equal(loaded.predict(test_recording), model.predict(test_recording))
 
 
-@pytest.mark.parametrize(
-    ("kind", "layers"), [*((kind, 1) for kind in NETWORKS), ("lstm-fcl", 2), ("transformer", 2)]
+@sampled(
+    ("kind", "layers"),
+    [("lstm-fcl", 2), *((kind, 1) for kind in NETWORKS), ("transformer", 2)],
+    "trains a network each",
+    first=len(NETWORKS),
 )
 def test_every_network_is_stored_and_streams(
     rigid: Simulation, test_recording: Recording, tmp_path: Path, kind: str, layers: int
