@@ -113,7 +113,9 @@ class WireLimits:
         zero = (0.0,) * len(most)
         target = zero if wanted is None else _near(wanted, zero, most)
         position, last, effort = self.sent
-        sent = _near(target, zero if effort is None else effort, step)
+        if effort is None or len(effort) != len(most):  # none so far, or one of the other kind
+            effort = zero
+        sent = _near(target, effort, step)
         self.changed += wanted is not None and sent is not wanted
         self.sent = position, last, sent
         return sent

@@ -396,6 +396,15 @@ class TestAnActiveSessionThatSaysSomethingElse:
             assert len(path) >= before + 200
             assert robot.standing
 
+    def test_may_say_one_mode_after_the_other(self):
+        with stepped() as robot:
+            judged = moving(robot)
+            for mode in (CommandMode.WRENCH, CommandMode.TORQUE, CommandMode.WRENCH):
+                once(robot.arm, in_mode(mode))
+                assert robot.receive().holding
+            robot.receive()
+            judged.check()
+
     @sampled("lasting", [once, always], "fades for the first one already")
     @pytest.mark.parametrize("what", [name for name in ANOMALIES if name != "mode"])
     def test_lets_torques_fade_within_their_rate(self, what, lasting):
