@@ -89,9 +89,10 @@ class Replies:
             return False
         lead.said = answer.data
         self.carried = contract.following
-        session.note_answer((self.carried, self._wire.sent, answer.data))
+        now = time.monotonic()
+        session.note_answer((self.carried, self._wire.sent, answer.data), now)
         self._outputs.note_sent(answer.header.sequence)
-        self.latency.add(time.monotonic() - arrived)
+        self.latency.add(now - arrived)
         return True
 
     def settle(self, hold: Callable[[str], None]) -> None:

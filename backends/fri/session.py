@@ -99,12 +99,13 @@ class RobotSession:
     _strays: int = 0  # packets in a row that stood behind it, in an order of their own
     _last_stray: int = 0
     _sequence: int = 0  # of the next command
-    # Commands in the order of their sequence, up to the last one sent: count of the packet that it
-    # answers, and its effect.
-    _unconfirmed: deque[tuple[int, Effect | None]] = field(
+    # Commands in the order of their sequence, up to the last one sent: count of the last packet
+    # that cannot reflect it, its effect, and when it left [s].
+    _unconfirmed: deque[tuple[int, Effect | None, float]] = field(
         default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED)
     )
     confirmed: Effect | None = None  # of the last command that the robot has received, as it said
+    _left: float = -math.inf  # when the last command left, by this machine's clock [s]
     _refused_since: int | None = None  # count of the packet that could not be answered first
 
     def take(self, message: Monitoring, arrived: float | None = None) -> Order:
@@ -117,6 +118,8 @@ class RobotSession:
             return order
         self.figures.received += 1
         self._keep_time(message.header.sequence, stamp, order)
+        if arrived is not None and arrived < self._left:
+            self._wait_longer(arrived)
         self._confirm(message.header.reflected, order)
         self._last, self._stamp, self._strays = message.header.sequence, stamp, 0
         self._arrived = arrived
@@ -129,9 +132,10 @@ class RobotSession:
         """Return the sequence of the command that is about to be sent."""
         return self._sequence
 
-    def note_answer(self, effect: Effect | None = None) -> None:
-        """Note that the command was sent, and what effect it has once it is received."""
-        self._unconfirmed.append((self.packets, effect))
+    def note_answer(self, effect: Effect | None = None, left: float = -math.inf) -> None:
+        """Note that the command left, when [s], and what effect it has once it is received."""
+        self._unconfirmed.append((self.packets, effect, left))
+        self._left = left
         self._sequence = (self._sequence + 1) % _MODULUS
         self._refused_since = None
         self.figures.answered += 1
@@ -145,8 +149,8 @@ class RobotSession:
     def begin(self, effect: Effect) -> None:
         """Begin anew: until commands are received, the arm is as `effect` says."""
         self.confirmed = effect
-        for k, (packet, _) in enumerate(self._unconfirmed):
-            self._unconfirmed[k] = packet, effect
+        for k, (packet, _, left) in enumerate(self._unconfirmed):
+            self._unconfirmed[k] = packet, effect, left
 
     @property
     def unconfirmed(self) -> int:
@@ -233,6 +237,14 @@ class RobotSession:
         else:
             self.figures.clock_steps += 1
             self.time += expected
+
+    def _wait_longer(self, arrived: float) -> None:
+        """Expect no confirmation from a packet that came before commands left: it had waited."""
+        for k in range(len(self._unconfirmed) - 1, -1, -1):
+            _, effect, left = self._unconfirmed[k]
+            if left <= arrived:
+                return
+            self._unconfirmed[k] = self.packets, effect, left
 
     def _confirm(self, reflected: int, order: Order) -> None:
         """Settle the commands up to the one that the robot received last."""

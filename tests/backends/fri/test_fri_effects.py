@@ -297,6 +297,26 @@ class TestStallsOfThisComputer:
             assert told == [newest - 4 + k for k in range(5)]  # those that waited for 5 ms at most
             assert robot.figures.outdated == 26
 
+    @pytest.mark.parametrize("stall", [9, 12, 40, 90])
+    def test_before_a_command_leave_time_to_confirm_it(self, stall, monkeypatch):
+        """What came before it left cannot say that it was received."""
+        with stepped(mode=CommandMode.TORQUE) as robot:
+            judged, wanted = pushing(robot), TorqueCommand(torque=np.full(7, 100.0))
+            robot.receive()
+            stalled(robot, monkeypatch, [1e-3 * (stall + 1 - k) for k in range(stall)])
+            for _ in range(8):
+                robot.send(wanted)
+                assert not robot.receive().holding
+            step = np.abs(np.diff(judged.torques(), axis=0))
+            assert (step <= robot.spec.limits.torque_rate * 1e-3 * (1 + ROUNDING)).all()
+            robot.arm.deaf = 60  # what came meanwhile is no excuse
+            for _ in range(11):
+                robot.send(wanted)
+                state = robot.receive()
+                if state.holding:
+                    break
+            assert "received none of the last" in reason(robot)
+
     def test_are_named_by_a_hold_that_follows(self, monkeypatch):
         with stepped() as robot:
             moving(robot)
