@@ -14,7 +14,7 @@ from sync_bus import SyncBus
 from backends.can import CanRobot
 from backends.can.cia402.codec import MEASURED
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, HoldingError
-from limo_driver.types import PositionCommand
+from limo_driver.types import PositionCommand, TorqueCommand
 
 PERIOD = 0.01  # [s]
 NOTICED = max(0.02, 3 * PERIOD)  # [s]
@@ -294,6 +294,24 @@ class TestABusThatTakesNoFrame:
             assert sent.limited_by[-1] == "link"
         motion.run(60)
         check_steps(bus, config)
+
+    @pytest.mark.parametrize("passes", [0, 5, 9, 14])
+    @pytest.mark.parametrize("failures", [1, 2])
+    def test_keeps_the_drives_in_torque_mode(self, bus, robot, passes, failures):
+        robot.receive()
+        for k in range(10):
+            robot.send(TorqueCommand(torque=np.full(7, 0.1 * k)))
+            robot.receive()
+        refusing = Refusing(bus)
+        refusing.left, refusing.passes = failures, passes
+        bus.sent.clear()
+        for _ in range(failures):
+            robot.send(TorqueCommand(torque=np.full(7, 1.0)))
+            with pytest.raises(ConnectionLostError, match="takes no frame"):
+                robot.receive()
+        robot.receive()
+        told = [data for frame_id, data in bus.sent if frame_id == 0x300 + NODES[0]]
+        assert {struct.unpack("<hb", data)[1] for data in told} == {10}
 
     @pytest.mark.parametrize(("pause", "holds"), [(0.025, False), (0.035, True)])
     def test_holds_once_that_took_long(self, bus, robot, pause, holds):
