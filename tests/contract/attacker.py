@@ -1,5 +1,6 @@
 """Random use and abuse of a robot, cycle by cycle, under the eye of a judge at its wire."""
 
+from collections import Counter
 from contextlib import suppress
 
 import numpy as np
@@ -32,6 +33,9 @@ class Attacker:
         if told := [item for item in rig.told() if item is not None]:
             self.judge.judge(told[-1], self.state)
         self.sent = None
+        self.failing = False
+        self.fired = Counter()  # faults of each kind
+        self.holds = {}  # of each fault that had to be held: how often, longest and longest stated
 
     @property
     def cycles(self):
@@ -77,10 +81,92 @@ class Attacker:
         ] != item.mode:  # Damiao motors have one mode for all
             return
         quanta = self.rig.quanta
-        for name in ("position", "torque", "stiffness", "damping"):
+        # What was heard, and what is believed, are two things while something fails.
+        guessed = {"torque"} if self.failing and np.any(item.carried) else set()
+        for name in {"position", "torque", "stiffness", "damping"} - guessed:
             if (given := getattr(sent, name, None)) is not None:
                 off = np.abs(given - getattr(item, name))
                 assert (off <= 1e-9 + getattr(quanta, name)).all(), f"{name} is not what was said"
+
+    # faults -------------------------------------------------------------------------------------
+
+    def fail(self, fault, seed):
+        """Let a stream meet a fault, and go on with it; check that it is held in time."""
+        self.random = np.random.default_rng(seed)
+        stream, rigid, commanded = self.speed_up()
+        self.fired[fault] += 1
+        self.failing = True
+        cycles, within = self.rig.begin(fault, self.random, rigid)
+        began, took = self.rig.now(), None
+        for _ in range(cycles + 2):
+            self.cycle(stream(20.0))
+            if self.state.holding and took is None:
+                took = self.rig.now() - began
+        self.rig.end()
+        if commanded and within is not None:
+            self.check_hold(fault, took, within)
+        for _ in range(8):
+            self.cycle(stream(20.0))
+        self.failing = False
+
+    def speed_up(self):
+        """Return what makes the next command, whether it is rigid, and whether one is in force."""
+        self.recover()
+        for _ in range(2):
+            stream, rigid = self.stream()
+            self.cycle(stream(0.0))
+            for _ in range(int(self.random.integers(10, 30))):
+                self.cycle(stream(1.0))
+            if self.sent is not None and not self.state.holding:
+                return stream, rigid, True
+            self.rest()
+            self.rig.settle()
+            self.receive()
+            self.recover()
+        return stream, rigid, False
+
+    def check_hold(self, fault, took, within):
+        """Check that a hold came in time; it is noticed with the next measurement."""
+        assert took is not None, f"{fault}: no hold, {within:.3g} s are stated"
+        assert took <= within + 2 * self.robot.spec.period + 1e-9, (
+            f"{fault}: held after {took:.3g} s, {within:.3g} s are stated"
+        )
+        count, longest, stated = self.holds.get(fault, (0, 0.0, 0.0))
+        self.holds[fault] = count + 1, max(longest, took), max(stated, within)
+
+    def recover(self):
+        """Take commands again, whatever went wrong before."""
+        if not self.state.holding:
+            return
+        try:
+            self.robot.resume()
+        except LimoError:
+            self.rest()
+            with suppress(LimoError):
+                self.rig.mend()
+            self.judge.forget()
+            self.judge.sure = False  # what a spring has there already is not a step
+        self.cycle()
+
+    def rest(self):
+        """Let the arm come to rest."""
+        for _ in range(200):
+            if self.robot.standing:
+                break
+            self.cycle()
+
+    def stream(self):
+        """Return what makes the next command of a stream of some vigour, and if it is rigid."""
+        kind = self.random.choice(self.rig.kinds)
+        away = self.random.choice([-1.0, 1.0], self.n)
+        if kind == POSITION:
+            place = self.state.position
+            return lambda vigour: self.position(place + np.sign(vigour) * away), True
+        push = 0.02 * away * self.limits.torque
+        if kind == TORQUE:
+            return lambda vigour: self.torque(vigour * push), False
+        place, gains = self.state.position, self.gains()
+        return lambda vigour: self.impedance(place, *gains, 0.2 * vigour * push), False
 
     # commands -----------------------------------------------------------------------------------
 

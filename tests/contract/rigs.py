@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from arms import NODES, arm_config
 from bus_master import DrivesBus
+from faults import LOST_STEPS, Cia402Faults, DamiaoFaults, FriFaults
 from robot_commands import START
 from stepped_arm import SteppedArm, SteppedRobot, wake
 from wire_rules import IMPEDANCE, POSITION, TORQUE, Applied, Quanta
@@ -33,6 +34,7 @@ class Rig:
     """A robot, what it is told at the wire, and what disturbs it."""
 
     kinds = (POSITION, IMPEDANCE, TORQUE)
+    faults = ()  # that can be begun at its wire
     quanta = Quanta()
     gains = None  # stiffness and damping by which positions are kept, if all is done by one law
 
@@ -55,6 +57,9 @@ class Rig:
 
     def interrupt(self):
         """Let the robot take back the command for a moment."""
+
+    def settle(self):
+        """Put an arm that has run away where it can be commanded, if there is a way."""
 
 
 class SimulatedRig(Rig):
@@ -110,21 +115,7 @@ def mujoco():
         yield SimulatedRig(robot)
 
 
-class TappedSocket:
-    """A socket that keeps what it received."""
-
-    def __init__(self, plain):
-        self.plain, self.raw = plain, []
-
-    def __getattr__(self, name):
-        return getattr(self.plain, name)
-
-    def recv(self, size):
-        self.raw.append(self.plain.recv(size))
-        return self.raw[-1]
-
-
-class FriRig(Rig):
+class FriRig(FriFaults, Rig):
     def __init__(self, robot, schema):
         super().__init__(robot)
         self.arm, self.schema = robot.arm, schema
@@ -135,17 +126,20 @@ class FriRig(Rig):
 
     def told(self):
         self.arm.listen()
-        raw, self.arm.socket.raw = self.arm.socket.raw, []
-        return [self.decoded(data) for data in raw]
+        heard, self.arm.socket.heard = self.arm.socket.heard, []
+        return [item for data, lost in heard for item in self.decoded(data, lost)]
 
-    def decoded(self, data):
+    def decoded(self, data, lost):
         message = self.schema.Command.FromString(data)
         said, reflected = message.data, message.header.reflected_sequence_counter
+        if reflected in self.unjudged:
+            return []
         if self.states.get(reflected) is not SessionState.COMMANDING_ACTIVE:
-            return None
+            return [None]
         position = np.array(said.joint_position.value)
         torque = np.array(said.joint_torque.value) if said.HasField("joint_torque") else ZERO
-        return Applied(self.mode, position, torque, ZERO, ZERO)
+        steps = 1 + lost if lost < LOST_STEPS else 1
+        return [Applied(self.mode, position, torque, ZERO, ZERO, steps=steps)]
 
     def lose(self, cycles):
         self.arm.losing = cycles
@@ -173,10 +167,15 @@ class FriRig(Rig):
         self.arm.ns = max(self.arm.ns + int(seconds * 1e9), 10**9)
 
     def interrupt(self):
-        self.arm.state = SessionState.MONITORING_READY
-        self.robot.receive()
-        self.arm.ipo, self.arm.velocity = self.arm.position.copy(), np.zeros(7)
+        for state in (SessionState.MONITORING_READY, SessionState.COMMANDING_WAIT):
+            self.arm.state = state
+            self.robot.receive()
+            self.arm.ipo, self.arm.velocity = self.arm.position.copy(), np.zeros(7)
         self.arm.state = SessionState.COMMANDING_ACTIVE
+
+    def settle(self):
+        self.arm.position = np.array(START)
+        self.interrupt()
 
 
 class TappedRobot(SteppedRobot):
@@ -184,7 +183,7 @@ class TappedRobot(SteppedRobot):
 
     def _take(self, message, *rest):
         if self.rig is not None and message.connection is not None:
-            self.rig.states[message.header.sequence] = message.connection.session_state
+            self.rig.states[message.header.sequence] = self.rig.arm.state
         return super()._take(message, *rest)
 
 
@@ -198,10 +197,14 @@ def fri(schema, mode=CommandMode.POSITION):
         raise
     robot.arm = arm
     arm.sequence, arm.ns = -1, arm.ns - 1_000_000
-    arm.socket = TappedSocket(arm.socket)
-    with robot:
-        robot.rig = FriRig(robot, schema)
-        yield robot.rig
+    rig = FriRig(robot, schema)
+    undo = rig.equip()
+    try:
+        with robot:
+            robot.rig = rig
+            yield rig
+    finally:
+        undo()
 
 
 class CanRig(Rig):
@@ -212,9 +215,11 @@ class CanRig(Rig):
         self.bus, self.config, self.model = bus, config, config.model
         self.sign = np.array([joint.direction for joint in config.joints])
         self.offset = np.array([joint.offset for joint in config.joints])
-        self.row, self.carried = {}, self.gravity()
-        self.unheard, self.delivered = 0, bus.deliver
+        self.row, self.unheard, self.delivered = {}, 0, bus.deliver
+        self.places = np.array(robot._link._position())  # as heard, without what was false [rad]
+        self.carried = self.gravity()
         bus.deliver = bus.station._port.send = self.deliver
+        self.equip()
 
     def told(self):
         """Return what was applied; gravity was added where the arm was before."""
@@ -232,25 +237,38 @@ class CanRig(Rig):
         if self.unheard and self.measures(frame_id):
             self.unheard -= 1
             return
-        self.delivered(frame_id, data, **kind)
+        frames = [(frame_id, data)]
+        for change in self.filters:
+            frames = [item for frame in frames for item in change(*frame)]
+        if frames and self.measures(frame_id):
+            j, place = self.measured(frame_id, data)
+            self.places[j] = place
+        for frame in frames:
+            self.delivered(*frame, **kind)
 
     def gravity(self):
-        return self.model.gravity_torque(self.robot._link._position())[0]
+        """Return what carries the arm where it was heard to be, without what was false."""
+        return self.model.gravity_torque(self.places)[0]
 
 
-class Cia402Rig(CanRig):
+class Cia402Rig(Cia402Faults, CanRig):
     kinds = (POSITION, TORQUE)
     quanta = Quanta(position=math.tau / 524288, torque=0.2)
 
     def measures(self, frame_id):
         return 0x180 < frame_id <= 0x1FF
 
+    def measured(self, frame_id, data):
+        """Return the index of a joint, and where it is [rad]."""
+        j, count = NODES.index(frame_id - 0x180), struct.unpack("<Hih", data)[1]
+        return j, self.sign[j] * count * math.tau / 524288 + self.offset[j]
+
     def decoded(self, sent):
         told = []
         for frame_id, data in sent:
             kind, node = frame_id & 0x780, frame_id & 0x7F
             if kind == 0x200:
-                self.row[node, "position"] = struct.unpack("<Hih", data)[1]
+                self.row[node, "word"], self.row[node, "position"], _ = struct.unpack("<Hih", data)
             elif kind == 0x300:
                 self.row[node, "torque"], self.row["mode"] = struct.unpack("<hb", data)
             elif frame_id == 0x080:
@@ -260,15 +278,17 @@ class Cia402Rig(CanRig):
     def applied(self):
         counts = np.array([self.row[node, "position"] for node in NODES])
         position = self.sign * counts * math.tau / 524288 + self.offset
+        stopped = np.array([self.row[node, "word"] != 0x0F for node in NODES])
         if self.row.get("mode", 8) != 10:
-            return Applied(POSITION, position, ZERO, ZERO, ZERO)
+            return Applied(POSITION, position, ZERO, ZERO, ZERO, stopped=stopped)
         per_mille = np.array([self.row[node, "torque"] for node in NODES])
         torque = self.sign * per_mille * 0.1
         carried = self.carried
-        return Applied(TORQUE, position, torque - carried, ZERO, ZERO, carried=carried)
+        torque = torque - carried
+        return Applied(TORQUE, position, torque, ZERO, ZERO, carried=carried, stopped=stopped)
 
 
-class DamiaoRig(CanRig):
+class DamiaoRig(DamiaoFaults, CanRig):
     def __init__(self, robot, bus, config):
         super().__init__(robot, bus, config)
         self.gains = robot._link.gains
@@ -283,6 +303,13 @@ class DamiaoRig(CanRig):
 
     def measures(self, frame_id):
         return 0x11 <= frame_id <= 0x17
+
+    def measured(self, frame_id, data):
+        """Return the index of a joint, and where it is [rad]."""
+        j = frame_id - 0x11
+        most = self.robot._link._motors[j].ranges.position
+        place = int.from_bytes(data[1:3], "big") / 65535 * 2 * most - most
+        return j, self.sign[j] * (place - self.offset[j])
 
     def decoded(self, sent):
         told = []

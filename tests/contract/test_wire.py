@@ -45,6 +45,11 @@ def machine(opened, counted):
         def act(self, action, seed):
             self.attacker.act(action, seed)
 
+        @rule(which=st.integers(0, 99), seed=st.integers(0, 2**31))
+        def fail(self, which, seed):
+            if faults := self.attacker.rig.faults:
+                self.attacker.fail(faults[which % len(faults)], seed)
+
         def teardown(self):
             counted.append(self.attacker.cycles)
             self.context.__exit__(None, None, None)

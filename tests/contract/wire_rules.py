@@ -4,6 +4,7 @@ Nothing here comes from the code that limits commands; limits, wire and measurem
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +23,15 @@ class Applied:
     damping: np.ndarray
     velocity: np.ndarray | float = 0.0  # of the set-point, where it is damped
     carried: np.ndarray | float = 0.0  # gravity, where it is on the wire with the torque [N m]
+    steps: int = 1  # cycles since the last that arrived, where others were lost on their way
+    stopped: np.ndarray | bool = False  # joints whose drive was told to stop, not to follow
+
+
+class Place(NamedTuple):
+    """A set-point, and how many cycles it is from the one before."""
+
+    position: np.ndarray
+    steps: int = 1
 
 
 @dataclass(frozen=True)
@@ -44,6 +54,9 @@ class Judge:
         gains: Stiffness and damping by which drives keep positions, where they do all by one law.
             Then a wire does not say when a spring begins anew where the arm is, or whether gravity
             counts with a torque: what is right one way or the other is right, cycle after cycle.
+
+    Of commands that are lost on their way, nobody knows whether they count: the next one may be as
+    many steps on as there were cycles, or one from the last that arrived.
     """
 
     def __init__(self, spec, quanta=None, *, gains=None):
@@ -55,6 +68,8 @@ class Judge:
         self.sure = True
         self.forget()
         self.cycles = 0
+        self.worst = {}  # of each limit, how much of it was used at most
+        self.used = {}  # in the cycle that is judged
 
     def forget(self):
         """Begin anew: the robot was under its own command."""
@@ -66,29 +81,44 @@ class Judge:
         self.cycles += 1
         for name in ("position", "torque", "stiffness", "damping"):
             assert np.isfinite(getattr(now, name)).all(), f"{name} is not finite"
-        if self._sprung(now) and state.stale:  # nobody measured what torque the spring had
+        # Nobody measured what torque a spring had; what other terms add does not depend on that.
+        if self._sprung(now) and state.stale and not self._equal_gains(now):
             self.sure = False
-        possible, problems = {}, []
-        for anew in self._begins_anew(now):
-            try:
-                fade = self._torques(now, state, anew)
-            except AssertionError as error:
-                problems.append(str(error))
-                continue
-            for path in self.paths:
-                try:
-                    longer = self._positions(now, state, path, anew)
-                except AssertionError as error:
-                    problems.append(str(error))
-                    continue
-                possible[b"".join(place.tobytes() for place in longer)] = longer
+        possible, problems, tried = {}, [], []
+        for steps in dict.fromkeys((1, now.steps)):
+            for anew in self._begins_anew(now):
+                for path in self.paths:
+                    self.used = {}
+                    tried.append(self.used)
+                    try:
+                        fade = self._torques(now, state, anew, steps)
+                        longer = self._positions(now, state, path, anew, steps)
+                    except AssertionError as error:
+                        problems.append(str(error))
+                        continue
+                    possible[b"".join(p.position.tobytes() for p in longer), steps] = longer, fade
+        for name, share in min(tried, key=lambda used: max(used.values(), default=0.0)).items():
+            self.worst[name] = max(self.worst.get(name, 0.0), share)
         assert possible, "; or else ".join(dict.fromkeys(problems))
-        self.paths = list(possible.values())
+        self.paths = [path for path, _ in possible.values()]
         self.sure = self.sure or now.mode != POSITION
-        self.fade, self.before = fade, now
+        self.fade, self.before = next(reversed(possible.values()))[1], now
+
+    def _within(self, name, values, allowed, but=False):
+        """Check values against what is allowed, apart from some joints."""
+        share = float(np.where(but, 0.0, values / allowed).max())
+        self.used[name] = max(self.used.get(name, 0.0), share)
+        assert share <= 1.0, f"{name} {share:.4g}"
 
     def _sprung(self, now):
         return IMPEDANCE in {now.mode, self.before and self.before.mode}
+
+    def _equal_gains(self, now):
+        before = self.before
+        return before is not None and all(
+            (np.abs(getattr(now, name) - getattr(before, name)) <= getattr(self.quanta, name)).all()
+            for name in ("stiffness", "damping")
+        )
 
     def _begins_anew(self, now):
         """Say whether set-points begin where the arm is; both, where that cannot be told."""
@@ -110,33 +140,38 @@ class Judge:
             for (kept, told), step in zip(near, steps, strict=True)
         )
 
-    def _positions(self, now, state, path, anew):
+    def _positions(self, now, state, path, anew, steps):
         """Return the path of set-points with this one; of those before, the last three count."""
         limits, quantum = self.limits, self.quanta.position
         if now.mode == TORQUE:
             return []
+        here = Place(now.position, steps)
         if self.before is None:
-            return [now.position]
+            return [here]
         if not path or anew:
             # It gave way: set-points begin where it is, as fast as it moves at most.
             if state.stale:
-                return [now.position]
-            path = [state.position]
-        path = [*path[-3:], now.position]
-        velocity = np.abs(path[-1] - path[-2]) / self.period
+                return [here]
+            path = [Place(state.position)]
+        path = [*path[-3:], here]
+        velocity = np.abs(here.position - path[-2].position) / (self.period * steps)
         slack = 2 * quantum / self.period
-        assert (velocity <= limits.velocity * (1 + ROUNDING) + slack).all(), "velocity"
+        self._within("velocity", velocity, limits.velocity * (1 + ROUNDING) + slack, now.stopped)
         if len(path) > 2:
-            change = np.abs(path[-1] - 2 * path[-2] + path[-3]) / self.period
-            allowed = limits.acceleration * self.period * (1 + ROUNDING) + 2 * slack
-            assert (change <= allowed).all(), f"acceleration {(change / allowed).max():.4g}"
+            speeds = [
+                (place.position - last.position) / (self.period * place.steps)
+                for last, place in zip(path[-3:-1], path[-2:], strict=True)
+            ]
+            lasts = self.period * (path[-1].steps + path[-2].steps) / 2
+            allowed = limits.acceleration * lasts * (1 + ROUNDING) + 2 * slack
+            self._within("acceleration", np.abs(speeds[1] - speeds[0]), allowed, now.stopped)
         if len(path) > 3 and self.jerk is not None:
-            self._jerk(path)
+            self._jerk([place.position for place in path])
         # An arm that is outside its range is not told to go further.
-        lower = np.minimum(limits.position_min, path[-2]) - quantum
-        upper = np.maximum(limits.position_max, path[-2]) + quantum
-        assert (path[-1] >= lower).all(), "range"
-        assert (path[-1] <= upper).all(), "range"
+        lower = np.minimum(limits.position_min, path[-2].position) - quantum
+        upper = np.maximum(limits.position_max, path[-2].position) + quantum
+        assert (now.stopped | (here.position >= lower)).all(), "range"
+        assert (now.stopped | (here.position <= upper)).all(), "range"
         return path[-3:]
 
     def _jerk(self, path):
@@ -155,7 +190,7 @@ class Judge:
         bound = (ends - path[2]) * np.sign(speed) <= fast * lasts
         assert ((third <= allowed) | bound).all(), f"jerk {(third / allowed)[~bound].max():.4g}"
 
-    def _torques(self, now, state, anew):
+    def _torques(self, now, state, anew, steps):
         """Return what is left of the torque, or what it is."""
         q, v, before = state.position, state.velocity, self.before
         quantum, most = self.quanta.torque, self.limits.torque
@@ -174,11 +209,12 @@ class Judge:
             last = effort(before, place)
         if now.mode == POSITION:
             return np.sign(last) * np.maximum(np.abs(last) - self.step, 0.0)
-        there = np.abs(now.torque + now.carried)
-        assert (there <= most * (1 + ROUNDING) + quantum).all(), "torque"
+        self._within(
+            "torque", np.abs(now.torque + now.carried), most * (1 + ROUNDING) + quantum, now.stopped
+        )
         if self.sure:
             there = effort(now, now.position) if now.mode == IMPEDANCE else now.torque
-            rate = np.abs(there - last) / self.step
+            rate = np.abs(there - last) / (self.step * steps)
             # Both sides of the comparison are rounded on the wire.
             for item in (now, before) if self._sprung(now) else ():
                 if item is not None and item.mode == IMPEDANCE:
@@ -190,5 +226,5 @@ class Judge:
             if self.gains is not None and before is not None:
                 quantum = quantum + np.abs(now.carried - before.carried)
             slack = (quantum + self.quanta.torque) / self.step
-            assert (rate <= 1 + ROUNDING + slack).all(), f"torque rate {rate.max():.4g}"
+            self._within("torque rate", rate, 1 + ROUNDING + slack, now.stopped)
         return now.torque
