@@ -2,8 +2,10 @@
 
 An answer has effect once the robot has received it, which its next packets say by the sequence
 that they reflect. What the network did not take is withheld at once. What the robot does not
-confirm in time is taken back, cycle after cycle, until it confirms something again: whatever
-arrives first is then one step from what had effect last.
+confirm in time is held. Nothing more is sent then until the last command had its time, too, and is
+taken back; from there on one command at a time is sent and waited for, until the robot confirms
+something again. So whatever arrives first is one step from what had effect last, and what arrives
+next is one from that, however late the robot says so.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ import time
 from typing import TYPE_CHECKING
 
 from backends.fri.answers import answer_to
+from backends.fri.codec.messages import SessionState
 from backends.fri.codec.template import CommandTemplate
 from limo_driver.latency import LatencyHistogram
 from limo_driver.types import PositionCommand
@@ -68,6 +71,8 @@ class Replies:
         Returns:
             Whether anything left for the robot.
         """
+        if self._awaits:
+            return False
         before, session, lead, contract = (
             self._wire.sent, self._session, self._lead, self._contract,
         )  # fmt: skip
@@ -95,6 +100,14 @@ class Replies:
         self.latency.add(now - arrived)
         return True
 
+    @property
+    def _awaits(self) -> bool:
+        """Whether nothing may be sent before it is known what became of the commands before."""
+        session = self._session
+        if session.state is not SessionState.COMMANDING_ACTIVE or self._contract.at_rest:
+            return False
+        return session.overdue and not session.all_overdue
+
     def settle(self, hold: Callable[[str], None]) -> None:
         """Act on answers that have no effect, before the next one: called once a packet."""
         session = self._session
@@ -106,5 +119,5 @@ class Replies:
             hold(f"no command could be sent for {waited:.3g} s: {self._link.endpoint.refusal}")
         if overdue:
             hold(f"the robot has received none of the last {session.unconfirmed} commands")
-            if (effect := session.confirmed) is not None:
+            if session.all_overdue and (effect := session.confirmed) is not None:
                 self._lead.take_back(effect)

@@ -99,9 +99,9 @@ class RobotSession:
     _strays: int = 0  # packets in a row that stood behind it, in an order of their own
     _last_stray: int = 0
     _sequence: int = 0  # of the next command
-    # Commands in the order of their sequence, up to the last one sent: count of the last packet
-    # that cannot reflect it, its effect, and when it left [s].
-    _unconfirmed: deque[tuple[int, Effect | None, float]] = field(
+    # Commands in the order of their sequence, up to the last one sent: count of the packet that it
+    # answers, its effect, when it left [s], and count of the last packet that came before that.
+    _unconfirmed: deque[tuple[int, Effect | None, float, int]] = field(
         default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED)
     )
     confirmed: Effect | None = None  # of the last command that the robot has received, as it said
@@ -119,7 +119,7 @@ class RobotSession:
         self.figures.received += 1
         self._keep_time(message.header.sequence, stamp, order)
         if arrived is not None and arrived < self._left:
-            self._wait_longer(arrived)
+            self._note_waited(arrived)
         self._confirm(message.header.reflected, order)
         self._last, self._stamp, self._strays = message.header.sequence, stamp, 0
         self._arrived = arrived
@@ -134,7 +134,7 @@ class RobotSession:
 
     def note_answer(self, effect: Effect | None = None, left: float = -math.inf) -> None:
         """Note that the command left, when [s], and what effect it has once it is received."""
-        self._unconfirmed.append((self.packets, effect, left))
+        self._unconfirmed.append((self.packets, effect, left, self.packets))
         self._left = left
         self._sequence = (self._sequence + 1) % _MODULUS
         self._refused_since = None
@@ -149,8 +149,8 @@ class RobotSession:
     def begin(self, effect: Effect) -> None:
         """Begin anew: until commands are received, the arm is as `effect` says."""
         self.confirmed = effect
-        for k, (packet, _, left) in enumerate(self._unconfirmed):
-            self._unconfirmed[k] = packet, effect, left
+        for k, (packet, _, *rest) in enumerate(self._unconfirmed):
+            self._unconfirmed[k] = packet, effect, *rest
 
     @property
     def unconfirmed(self) -> int:
@@ -165,14 +165,26 @@ class RobotSession:
     @property
     def patience(self) -> int:
         """Packets after which a command is overdue that the robot has not received."""
-        least = max(PATIENT_PERIODS, self.multiplier + 1)  # one answer may be lost
-        return max(least, math.ceil(PATIENCE / self.period - _LAST_DIGITS))
+        return max(self._least, math.ceil(PATIENCE / self.period - _LAST_DIGITS))
+
+    @property
+    def _least(self) -> int:
+        """Packets that say so at least, which came after it left: one answer may be lost."""
+        return max(PATIENT_PERIODS, self.multiplier + 1)
 
     @property
     def overdue(self) -> bool:
         """Whether the robot does not say in time that it received a command."""
-        waiting = self._unconfirmed
-        return bool(waiting) and self.packets - waiting[0][0] >= self.patience
+        return bool(self._unconfirmed) and self._is_overdue(0)
+
+    @property
+    def all_overdue(self) -> bool:
+        """Whether it says so of none of them: the last one had its time, too."""
+        return bool(self._unconfirmed) and self._is_overdue(-1)
+
+    def _is_overdue(self, which: int) -> bool:
+        packet, _, _, waited = self._unconfirmed[which]
+        return self.packets - packet >= self.patience and self.packets - waited >= self._least
 
     @property
     def refused(self) -> bool:
@@ -238,13 +250,13 @@ class RobotSession:
             self.figures.clock_steps += 1
             self.time += expected
 
-    def _wait_longer(self, arrived: float) -> None:
-        """Expect no confirmation from a packet that came before commands left: it had waited."""
+    def _note_waited(self, arrived: float) -> None:
+        """Note a packet that came before commands left: it cannot say that they were received."""
         for k in range(len(self._unconfirmed) - 1, -1, -1):
-            _, effect, left = self._unconfirmed[k]
+            packet, effect, left, _ = self._unconfirmed[k]
             if left <= arrived:
                 return
-            self._unconfirmed[k] = self.packets, effect, left
+            self._unconfirmed[k] = packet, effect, left, self.packets
 
     def _confirm(self, reflected: int, order: Order) -> None:
         """Settle the commands up to the one that the robot received last."""

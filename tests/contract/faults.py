@@ -8,6 +8,7 @@ import errno
 import select
 import struct
 from collections import deque
+from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -73,13 +74,19 @@ class FaultyArm:
     def __init__(self, plain, now):
         self.plain, self.now, self.came = plain, now, {}
         self.heard, self.lost, self.losing = [], 0, deque()  # heard: and how many were lost before
+        self.delay, self.on_its_way = 0.0, deque()  # of what it hears [s]
 
     def __getattr__(self, name):
         return getattr(self.plain, name)
 
     def recv(self, size):
+        with suppress(BlockingIOError):
+            while True:
+                self.on_its_way.append((self.now() + self.delay, self.plain.recv(size)))
         while True:
-            data = self.plain.recv(size)
+            if not self.on_its_way or self.on_its_way[0][0] > self.now() + 1e-9:
+                raise BlockingIOError
+            _, data = self.on_its_way.popleft()
             if not (self.losing and self.losing.popleft()):
                 break
             self.lost += 1
@@ -132,6 +139,10 @@ class FriFaults:
     def now(self):
         return self.cycles * self.robot.spec.period
 
+    @property
+    def delayed(self):
+        return self.arm.socket.delay > 0.0 or len(self.arm.socket.on_its_way) > 0
+
     def begin(self, fault, random, rigid):
         """Begin a fault; return for how many cycles it lasts, and in which it is held [s]."""
         self.rigid = rigid
@@ -141,6 +152,7 @@ class FriFaults:
         """End all faults."""
         self.client.refusing.clear()
         self.arm.socket.losing.clear()
+        self.arm.socket.delay = 0.0
         self.unjudged.clear()
         self.arm.__dict__.pop("message", None)
         self.arm.__dict__.pop("throw", None)
@@ -162,7 +174,9 @@ class FriFaults:
 
     def fri_answers_lost(self, random):
         self.arm.socket.losing, held = self.pattern(random)
-        return len(self.arm.socket.losing), held
+        late = int(random.choice([0, 0, 1, 2, 4]))
+        self.arm.socket.delay = late * self.robot.spec.period
+        return len(self.arm.socket.losing) + 15, held and held + late * self.robot.spec.period
 
     def fri_false_replies(self, random):
         cycles = int(random.integers(1, 20))

@@ -35,6 +35,7 @@ class Rig:
 
     kinds = (POSITION, IMPEDANCE, TORQUE)
     faults = ()  # that can be begun at its wire
+    delayed = False  # what is heard is not of this cycle
     quanta = Quanta()
     gains = None  # stiffness and damping by which positions are kept, if all is done by one law
 
