@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from backends.can.cia402.codec import OperatingMode, State, state_of
+from backends.can.cia402.codec import OperatingMode, State
 from backends.can.cia402.emergency import describe
 from backends.can.cia402.following import longest_lag
 from backends.can.errors import DriveError, SdoAbortError
@@ -115,7 +115,7 @@ class Commissioning:
             DriveError: It is in fault, which is reset only if that is asked for.
         """
         self.drive.count = self.sdo.read(0x6064, signed=True)
-        self.drive.state = state_of(self.sdo.read(0x6041))
+        self.drive.take_statusword(self.sdo.read(0x6041))
         self.drive.error = self.sdo.read(0x603F)
         if self.drive.state in {State.FAULT, State.FAULT_REACTION} and not reset:
             text = describe(self.drive.error) or "it gives no error code"

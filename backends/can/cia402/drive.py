@@ -43,6 +43,7 @@ class Drive:
     node: int
     statusword: int | None = None
     state: State = State.UNKNOWN
+    lags: bool = False  # it says that it does not follow, where it follows positions
     count: int = 0  # meaningless before `heard_at`
     per_mille: int = 0
     heard: bool = False  # in the cycle that runs
@@ -100,10 +101,16 @@ class Drive:
             return
         if self.heard_at != self.cycle_at:
             self.before = (self.count, self.heard_at)
-        self.statusword, self.state = statusword, state_of(statusword)
+        if statusword != self.statusword:  # seldom
+            self.take_statusword(statusword)
         self.count, self.per_mille = count, per_mille
         self.heard, self.heard_at = True, self.cycle_at
         self.nmt = OPERATIONAL  # drives in other states of NMT send no PDO
+
+    def take_statusword(self, statusword: int) -> None:
+        """Note in which state it is."""
+        self.statusword, self.state = statusword, state_of(statusword)
+        self.lags = bool(statusword & FOLLOWING_ERROR)
 
     def take_status(self, data: bytes) -> None:
         """Read TPDO2."""
@@ -172,11 +179,6 @@ class Drive:
         if not self.error and not self.silent:
             return self.state.words
         return status_line(self.state.words, describe(self.error), self.silent)
-
-    @property
-    def lags(self) -> bool:
-        """Whether it says that it does not follow, where it follows positions."""
-        return self.statusword is not None and bool(self.statusword & FOLLOWING_ERROR)
 
     def complaint(self, hold_after: int, heartbeat_timeout: float, now: float) -> str:
         """Say what keeps this drive from following set-points; empty if nothing does."""

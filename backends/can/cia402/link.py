@@ -227,13 +227,14 @@ class Cia402Link(Link):
         )
 
     def _trouble_of_drives(self) -> str:
-        now = self.port.now()
+        now, mode = self.port.now(), self._mode
+        positions = mode is OperatingMode.POSITION
         for drive in self._drives:
             if text := drive.complaint(self.config.hold_after, self.config.watchdog, now):
                 return f"joint {drive.joint} (node {drive.node}) {text}"
-            if drive.mode not in {None, self._mode} and self._mode_is_late:
+            if drive.mode is not None and drive.mode != mode and self._mode_is_late:
                 return f"joint {drive.joint} (node {drive.node}) stays in mode {drive.mode}"
-            if drive.lags and self._mode is OperatingMode.POSITION:
+            if drive.lags and positions:
                 return f"joint {drive.joint} (node {drive.node}) does not follow, as it says itself"
         return self._following.complaint(self._drives)
 
@@ -317,7 +318,8 @@ class Cia402Link(Link):
         frames = self._codec.targets(self.target, words)
         for drive, data in zip(self._drives, frames, strict=True):
             self.port.send(RPDO1 + drive.node, data)
-        others = [d for d in self._drives if d.mode not in {None, self._mode}]
+        mode = self._mode
+        others = [d for d in self._drives if d.mode is not None and d.mode != mode]
         changing = self._drives if self._mode is OperatingMode.TORQUE else others
         if changing or not self._mode_cycles:
             torques = self._codec.torques(self._torque, self._mode)
