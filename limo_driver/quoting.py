@@ -16,7 +16,7 @@ from typing import Final
 from unicodedata import category
 
 _SPACE: Final = "Zs"  # spaces of other widths, which units are kept together with
-_ENDS_COMMENT: Final = re.compile(r"(?<=\*)/|/(?=\*)|\?(?=\?)")
+_ENDS_COMMENT: Final = re.compile(r"(?<=\*)/|(?<=/)\*|(?<=\?)\?")
 _MARKS: Final = re.compile(r"[\\`*_{}\[\]<>#|]")
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _XML: Final = {'"': "&quot;", "&": "&amp;", "<": "&lt;", ">": "&gt;"}

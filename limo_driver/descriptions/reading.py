@@ -112,17 +112,20 @@ def _chosen(found: RobotDescription, joints: Sequence[str]) -> RobotDescription:
         for joint in found.root.findall("joint")
         if joint.get("type") in _MOVABLE
     }
-    patterns = [pattern for pattern in joints if "=" not in pattern]
+    patterns = [pattern for pattern in joints if pattern in movable or "=" not in pattern]
+    chosen: set[str] = set()
     for pattern in patterns:
-        if not any(fnmatchcase(name, pattern) for name in movable):
+        # A name that looks like a pattern stands for itself where there is such a joint.
+        own = pattern in movable
+        match = [pattern] if own else [name for name in movable if fnmatchcase(name, pattern)]
+        if not match:
             raise ConfigError(_unknown(pattern, list(movable)), path=found.path)
-    held = _held(joints, list(movable), found.path)
+        chosen.update(match)
+    held = _held([item for item in joints if item not in movable], list(movable), found.path)
     wanted = [
         name
         for name, joint in movable.items()
-        if (not patterns or any(fnmatchcase(name, pattern) for pattern in patterns))
-        and name not in held
-        and joint.find("mimic") is None
+        if (not patterns or name in chosen) and name not in held and joint.find("mimic") is None
     ]
     gripping = frozenset[str]() if patterns else _grippers(found.root, wanted, found.loops)
     moving = set(wanted) - gripping

@@ -5,15 +5,16 @@ The parser itself says little of what is wrong, and leaves out masses that it ca
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from limo_driver.display import shortened
 from limo_driver.errors import ConfigError
+from limo_driver.quoting import in_shell
 
 if TYPE_CHECKING:
-    from pathlib import Path
     from xml.etree import ElementTree as ET
 
 _MOVABLE: Final = ("revolute", "continuous", "prismatic")
@@ -74,9 +75,10 @@ def _refuse_macros(root: ET.Element, path: Path) -> None:
             macros += [text for text in part.attrib.values() if any(x in text for x in _MACROS)]
     if macros:
         name = path.name.split(".")[0]
+        source, expanded = in_shell(Path(path.name)), in_shell(Path(f"{name}_expanded.urdf"))
         raise ConfigError(
-            f"has macros ({macros[0]}): it is a xacro; expand it first, `xacro {path.name} > "
-            f"{name}_expanded.urdf`",
+            f"has macros ({macros[0]}): it is a xacro; expand it first, "
+            f"`xacro {source} > {expanded}`",
             path=path,
         )
 
