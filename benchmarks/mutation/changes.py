@@ -70,15 +70,17 @@ class Finder(ast.NodeVisitor):
         self.visit(ast.parse(source))
 
     def visit(self, node: ast.AST) -> None:
-        """Look at everything but types, texts and decorators, which decide nothing here."""
+        """Look at everything but types, texts and decorators, which decide nothing here.
+
+        A `zip` that is strict is left alone, too: it asserts what always holds.
+        """
         for change in self._changes(node):
             self._add(*change)
         for name, value in ast.iter_fields(node):
             if name in {"annotation", "returns", "decorator_list"}:
                 continue
             for child in value if isinstance(value, list) else [value]:
-                # Before Python 3.12, what stands in an f-string does not say where.
-                if isinstance(child, ast.AST) and not isinstance(child, ast.JoinedStr):
+                if isinstance(child, ast.AST) and not _is_left_alone(child):
                     self.visit(child)
 
     def _changes(self, node: ast.AST) -> Iterator[tuple[int, int, str]]:
@@ -92,11 +94,10 @@ class Finder(ast.NodeVisitor):
             case ast.Compare(left=left, comparators=others):
                 for before, after in pairwise([left, *others]):
                     yield from self._between(before, after, COMPARISONS)
-            case ast.Name(id=name) if name in NAMES:
-                yield (*self._span(node), NAMES[name])
-            case ast.Attribute(attr=name) if name in NAMES:
-                stop = self._span(node)[1]
-                yield stop - len(name), stop, NAMES[name]
+            case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name) as called):
+                if name in NAMES:  # a `floor` that is not called is a level of noise
+                    stop = self._span(called)[1]
+                    yield stop - len(name), stop, NAMES[name]
             case _:
                 yield from self._of_operators(node)
 
@@ -157,3 +158,11 @@ class Finder(ast.NodeVisitor):
         self._seen[line, given, instead] += 1
         again = self._seen[line, given, instead] - 1
         self.found.append(Mutant(self._file, number, line, start, stop, given, instead, again))
+
+
+def _is_left_alone(node: ast.AST) -> bool:
+    match node:
+        case ast.keyword(arg="strict", value=ast.Constant(value=True)):
+            return True
+        case _:  # before Python 3.12, what stands in an f-string does not say where
+            return isinstance(node, ast.JoinedStr)
