@@ -49,8 +49,8 @@ def edited_urdf(target: Target, kind: str = URDF) -> tuple[XmlText, ...]:
         # limo reads no rotors of a URDF: who goes on with the exported file says nothing of them
         is_own = target.simulation.model.urdf.resolve() == target.model.urdf.resolve()
         own, kept = write_rotors(text, armature, target.origin, keep=is_own)
-        users = {x: replace(user, armature=own.get(x, 0.0)) for x, user in users.items()}
-        written = {x: replace(new, armature=kept.get(x, 0.0)) for x, new in written.items()}
+        users = {x: replace(user, armature=own[x]) for x, user in users.items()}
+        written = {x: replace(new, armature=kept[x]) for x, new in written.items()}
     write_origin(text, users, written, {})
     return (text,)
 

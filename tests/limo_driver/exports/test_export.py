@@ -60,6 +60,9 @@ def found_on(simulation, seed=0):
     return replace(simulation, inertials=inertials, effects=tuple(effects))
 
 
+FIRMEST = ['solimpfriction="0.9999 0.9999"', 'solreffriction="0.002 1"']
+
+
 @pytest.fixture
 def model(tmp_path):
     path = tmp_path / "model.xml"
@@ -178,6 +181,15 @@ def test_the_share_is_of_the_torque_of_all_joints_together(tmp_path):
     assert replace(export, torque=(0.0, 0.0)).share == 0.0
 
 
+def test_dry_friction_of_a_light_joint_is_made_firm_by_as_much_as_it_needs(model, tmp_path):
+    for tau_c, firm in ((0.1, []), (10.0, ['solimpfriction="0.999 0.999"']), (200.0, FIRMEST)):
+        effects = (CoulombFriction(joint=4, tau_c=tau_c, v_eps=0.003),)
+        found = replace(Simulation.load(model), effects=effects)
+        written = limo.export(found, "mjcf", tmp_path / f"{tau_c:g}")
+        assert written.share < 0.01
+        assert re.findall(r'sol\w+="[^"]*"', written.file.read_text()) == firm
+
+
 def test_a_robot_of_another_format_gets_a_bare_file(tmp_path):
     written = limo.export(found_on(Simulation("iiwa14")), "mjcf", tmp_path / "out")
     assert written.file.name == "iiwa14.xml"
@@ -238,6 +250,13 @@ def test_another_arm_is_refused(model, tmp_path):
     other.write_text(arm_of(3).replace("hinge1", "knee"))
     with pytest.raises(ConfigError, match="has no joint 'hinge1'"):
         limo.export(simulation, "mjcf", tmp_path / "out", into=other)
+
+
+def test_the_joint_that_stands_elsewhere_is_named(two_links_urdf, tmp_path):
+    other = tmp_path / "other.urdf"
+    other.write_text(two_links_urdf.read_text().replace('xyz="0.4 0 0"', 'xyz="0.5 0 0"'))
+    with pytest.raises(ConfigError, match="joint b stands elsewhere"):
+        limo.export(Simulation(str(two_links_urdf)), "urdf", tmp_path / "out", into=other)
 
 
 REFUSED = [

@@ -70,6 +70,30 @@ def test_lines_are_inserted_first_also_into_what_is_empty(text):
     assert '\t<body name="ü">\n\t  <inertial/>\n\t</body>\n' in text.text()
 
 
+def test_elements_go_with_the_line_that_they_begin(text):
+    text.drop(text.find("joint", "two"))
+    text.drop(text.find("body", "ü"))
+    assert text.text() == TEXT.replace('  <joint name="two"></joint>\n', "").replace(
+        '\t<body name="ü"/>\n', ""
+    )
+
+
+def test_an_element_behind_others_goes_alone(tmp_path):
+    (path := tmp_path / "arm.xml").write_text("<a>\n  <b/> <c><d/></c> <e/></a>")
+    text = XmlText(path)
+    text.drop(text.root.child("c"))
+    assert text.text() == "<a>\n  <b/>  <e/></a>"
+
+
+def test_lines_come_behind_an_element_and_at_the_end(text):
+    text.insert_after(text.find("joint", "two"), "<joint/>")
+    text.append(text.root, "<end/>")
+    wanted = TEXT.replace("</joint>\n", "</joint>\n  <joint/>\n").replace(
+        "</arm>", "  <end/>\n</arm>"
+    )
+    assert text.text() == wanted
+
+
 NAMES = st.sampled_from(["a", "b", "c"])
 VALUES = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), max_size=8)
 

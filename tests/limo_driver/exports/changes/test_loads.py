@@ -74,6 +74,14 @@ def test_another_load_takes_its_place(arm, tmp_path):
     assert third.file.read_bytes() == first.read_bytes()
 
 
+def test_a_load_in_mjcf_keeps_its_body(tmp_path):
+    (file := tmp_path / "arm.xml").write_text(ARM, encoding="utf-8")
+    first = limo.export(Simulation(str(file), (HEAVY,)), "mjcf", tmp_path / "1").file
+    second = limo.export(Simulation(str(file), (LIGHT,)), "mjcf", tmp_path / "2", into=first)
+    assert masses(second.file)["payload"] == pytest.approx(0.2)
+    assert second.share < 1e-3
+
+
 def test_a_load_that_is_found_no_longer_goes(arm, tmp_path):
     kind, file = arm
     first = limo.export(carrying(file, HEAVY), kind, tmp_path / "1").file

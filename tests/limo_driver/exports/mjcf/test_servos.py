@@ -11,6 +11,7 @@ from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
+from limo_driver.exports.unwritten import unwritten
 from limo_driver.physics import PositionServo, Simulation, TorqueDrive, VelocityServo
 
 ARM = """<mujoco>
@@ -82,6 +83,21 @@ def test_what_an_actuator_has_no_attribute_for_is_told(tmp_path):
     )
     simulation = replace(simulation, drives=FOUND)
     assert limo.export(simulation, "mjcf", tmp_path / "plain").unwritten == ()
+
+
+def test_a_urdf_has_no_numbers_of_drives(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=""))
+    mixed = (FOUND[0], VelocityServo(joint=2, kv=3.5))
+    for drives, said in (
+        ((), ()),
+        (FOUND[1:], ("position drives of elbow: this format has no number for them",)),
+        (mixed, ("position and velocity drives of shoulder, elbow: this format has no number",)),
+    ):
+        told = unwritten(replace(Simulation.load(path), drives=drives), "urdf")
+        assert len(told) == len(said)
+        assert all(line.startswith(start) for line, start in zip(told, said, strict=True))
+        assert unwritten(replace(Simulation.load(path), drives=drives), "isaaclab") == ()
 
 
 TURNING = (

@@ -10,7 +10,8 @@ import pytest
 
 import limo_driver as limo
 from limo_driver.descriptions.description import JointDynamics
-from limo_driver.exports.urdf.drake import rotors_of
+from limo_driver.exports.changes.origin import FileOrigin
+from limo_driver.exports.urdf.drake import rotors_of, write_rotors
 from limo_driver.exports.urdf.isaac_lab import actuators
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.physics import (
@@ -87,6 +88,26 @@ def test_a_rotor_of_the_users_own_stays(arm, tmp_path):
     found = limo.export(Simulation(str(own)), "drake", tmp_path / "2")
     assert rotors_of(XmlText(found.file))[second] == pytest.approx(0.2)
     assert found.diff == ""
+
+
+def test_rotors_are_those_of_actuators_in_transmissions_of_joints(tmp_path):
+    (path := tmp_path / "arm.urdf").write_text("""<robot xmlns:drake="http://drake.mit.edu">
+<transmission><joint name="a"/></transmission>
+<transmission><actuator name="b"><drake:rotor_inertia value="1"/></actuator></transmission>
+<part><joint name="c"/><actuator><drake:rotor_inertia value="1"/></actuator></part>
+<transmission><joint name="d"/><actuator name="d"/></transmission>
+<transmission><joint name="e"/><actuator name="e"><drake:rotor_inertia value="0.1"/></actuator>
+</transmission>
+</robot>""")
+    text = XmlText(path)
+    assert rotors_of(text) == {"e": 0.1}
+    armature = {"a": 0.2, "b": 0.0, "c": 0.3, "d": 0.4, "e": 0.5}
+    users, wanted = write_rotors(text, armature, FileOrigin())
+    assert users == {"a": 0.0, "b": 0.0, "c": 0.0, "d": 0.0, "e": 0.1}
+    assert wanted == armature
+    path.write_text(text.text())
+    assert rotors_of(XmlText(path)) == {"a": 0.2, "c": 0.3, "d": 0.4, "e": 0.5}
+    assert path.read_text().count("<transmission") == 6  # two where none had an actuator
 
 
 def test_isaac_lab_has_actuators_beside_the_urdf(arm, tmp_path, monkeypatch):
