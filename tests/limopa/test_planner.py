@@ -211,10 +211,49 @@ def test_only_links_that_nothing_frees_block(iiwa):
     free = Feasibility(iiwa, Surroundings(), Workspace())
     at = np.random.default_rng(0).uniform(free.lower, free.upper, (200, 7))
     assert free.blocked(at) is None
-    far = Surroundings(clearance=1.0, table_height=-9.0)
-    condition, said = Feasibility(iiwa, far, Workspace()).blocked(at)
-    assert condition == "self-collision"
-    assert said.endswith("cannot be kept 1 m apart")
+    said = [
+        Feasibility(iiwa, around, Workspace()).blocked(at)
+        for around in (
+            Surroundings(table_height=0.3),  # that only some configurations break, and by little
+            Surroundings(table_height=0.5),
+            Surroundings(table_height=2.0),
+            Surroundings(clearance=1.0, table_height=-9.0),
+        )
+    ]
+    assert said == [
+        None,
+        ("table", "link2 cannot be lifted off the table at 0.5 m"),
+        ("table", "link2, link3, link4, link5 cannot be lifted off the table at 2 m"),
+        (
+            "self-collision",
+            "base and link2, base and link3, base and link4, link1 and link3 and 11 more cannot be "
+            "kept 1 m apart",
+        ),
+    ]
+
+
+ROD = """<robot name="rod"><link name="base"/>
+<link name="post"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+iyz="0"/></inertial></link>
+<link name="rod"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+iyz="0"/></inertial><collision><origin xyz="0 0 0.55"/><geometry><cylinder radius="0.05"
+length="0.9"/></geometry></collision></link>
+<joint name="yaw" type="revolute"><parent link="base"/><child link="post"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" effort="50" velocity="2"/></joint>
+<joint name="pitch" type="revolute"><parent link="post"/><child link="rod"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="2"/></joint></robot>"""
+
+
+def test_the_far_end_of_a_rod_moves_by_no_more_than_the_clearance_between_samples(
+    tmp_path, monkeypatch
+):
+    (path := tmp_path / "rod.urdf").write_text(ROD)
+    around, checked = Surroundings(clearance=0.01), []
+    feasibility = Feasibility(RobotModel.load(path), around, Workspace())
+    check = feasibility.check
+    monkeypatch.setattr(feasibility, "check", lambda q: checked.append(q) or check(q))
+    feasibility.check_path(Line(np.zeros(2), np.array([0.0, 1.0])))
+    assert 0.009 < 1.05 * np.diff(checked[-1], axis=0).max() <= 0.01
 
 
 def test_another_robot_can_be_planned_for(panda):
