@@ -435,6 +435,17 @@ def test_gravity_that_moves_on_counts_in_the_rate_of_torques():
     assert told[-1] == pytest.approx(LIMITS.torque)
 
 
+@each_way
+def test_a_torque_beside_gravity_reaches_the_limit_of_their_sum(sign):
+    """Whoever keeps positions by a spring of its own, too: a pushed arm has none to be limited."""
+    gravity, gains = np.full(3, 9.0), (np.full(3, 500.0), np.full(3, 20.0))
+    contract = SafetyContract(SPEC, gravity=lambda: sign * gravity, gains=gains)
+    for cycle in range(120):
+        contract.observe(state(cycle))
+        told = contract.admit(pushed(-2 * sign * LIMITS.torque, valid_for=LONG)).torque
+    assert told + sign * gravity == pytest.approx(-sign * LIMITS.torque)
+
+
 class TestGivingWay:
     """It begins only where the arm could stop."""
 

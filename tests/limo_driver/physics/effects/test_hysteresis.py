@@ -149,6 +149,21 @@ def test_what_is_tried_of_a_law_is_of_unit_size(hypothesis):
     assert far == pytest.approx(0.7 * len(hypothesis.terms), rel=1e-3)
 
 
+def test_shapes_that_are_tried():
+    """They decide what can be found at all, which otherwise only whole diagnoses show."""
+    widths, shapes = (1e-3, 4e-3, 0.016), {"LuGre": (0.15, 0.01), "Bouc-Wen": (0.7, 1.5)}
+    slip, *laws, dahl = TRIED
+    assert [term.width[0] for term in slip.terms] == pytest.approx(np.geomspace(3e-4, 0.25, 9))
+    tried = [(law, (width, *shape)) for width in widths for law, shape in shapes.items()]
+    assert [(item.law, item.settings) for item in laws] == tried
+    assert (dahl.law, dahl.settings) == ("Dahl", (4e-3, 1.5))
+    assert {item.law: item.bounds for item in (*laws, dahl)} == {
+        "LuGre": ((1e-4, 0.1), (1e-3, 1.0), (2e-3, 0.1)),
+        "Bouc-Wen": ((1e-4, 0.1), (0.5, 1.0), (0.5, 3.0)),
+        "Dahl": ((1e-4, 0.1), (0.3, 4.0)),
+    }
+
+
 @pytest.mark.parametrize(
     "hypothesis", [item for item in TRIED if item.bounds], ids=lambda item: item.law
 )
