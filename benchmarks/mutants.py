@@ -141,8 +141,8 @@ class Lane:
 
     def __init__(self, name: str, files: Mapping[str, Listed], trees: Trees, kept: Kept) -> None:
         self._name, self._files, self._trees, self._kept = name, files, trees, kept
-        self._usual = dict[tuple[str, ...], float]()  # [s] that tests take without a change
-        self._looking: defaultdict[tuple[str, ...], threading.Lock] = defaultdict(threading.Lock)
+        self._usual = dict[frozenset[str], float]()  # [s] that tests take without a change
+        self._looking: defaultdict[frozenset[str], threading.Lock] = defaultdict(threading.Lock)
         self._telling = threading.Lock()
         self._begin, self._done = time.monotonic(), 0
 
@@ -185,13 +185,14 @@ class Lane:
             )
 
     def _usual_of(self, tests: Tests) -> float:
-        with self._looking[tests.paths]:
-            if tests.paths not in self._usual:
+        some = frozenset(tests.paths)  # in any order
+        with self._looking[some]:
+            if some not in self._usual:
                 outcome = self._trees.run(tests)
                 if outcome.noticed:
                     raise SystemExit(f"{tests.paths} fail without any change\n{outcome.told}")
-                self._usual[tests.paths] = outcome.seconds
-            return self._usual[tests.paths]
+                self._usual[some] = outcome.seconds
+            return self._usual[some]
 
 
 def told(
