@@ -142,8 +142,8 @@ class CanRobot(Robot):
     def _receive(self, timeout: float | None) -> JointState | None:
         if not self._enabled:
             self._enable()
-        if (told := self._wanted or self._unfinished) is not None:
-            self._link.command(told)
+        if (command := self._wanted or self._unfinished) is not None:
+            self._link.command(command)
             self._wanted = None
         try:
             sample = self._run_cycle(timeout)

@@ -1,0 +1,166 @@
+"""An active session that says something that does not go with commands ends in a hold."""
+
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from fri_messages import POSE
+from judged_arm import ACTIVE, GOAL, ROUNDING, moving, pushing
+from lanes import sampled
+from robot_commands import position
+from stepped_arm import SteppedArm, stepped
+
+from backends.fri import endpoint
+from backends.fri import robot as fri_robot
+from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
+from limo_driver.errors import BackendError, HoldingError
+
+
+def once(arm, change):
+    """Let the arm's next message be another."""
+
+    def message(**_):
+        del arm.message
+        return change(SteppedArm.message(arm))
+
+    arm.message = message
+
+
+def always(arm, change):
+    arm.message = lambda **_: change(SteppedArm.message(arm))
+
+
+def with_sequence(change):
+    return lambda message: replace(
+        message, header=replace(message.header, sequence=change(message.header.sequence))
+    )
+
+
+def in_mode(mode):
+    return lambda message: replace(message, ipo=replace(message.ipo, command_mode=mode))
+
+
+def of_robot(**changes):
+    return lambda message: replace(message, robot=replace(message.robot, **changes))
+
+
+def of_connection(**changes):
+    return lambda message: replace(message, connection=replace(message.connection, **changes))
+
+
+OFF = (DriveState.ACTIVE,) * 4 + (DriveState.OFF, DriveState.TRANSITIONING, DriveState.ACTIVE)
+ANOMALIES = {
+    "restarts": (with_sequence(lambda k: k % 100), r"counts its packets anew: \d+ came after \d+"),
+    "leaps": (with_sequence(lambda k: k + 5000), "counts its packets anew"),
+    "flips a bit": (with_sequence(lambda k: k ^ 1 << 20), "counts its packets anew"),
+    "mode": (in_mode(CommandMode.TORQUE), "command mode changed from POSITION to TORQUE"),
+    "wrench": (in_mode(CommandMode.WRENCH), "command mode changed from POSITION to WRENCH"),
+    "no mode": (in_mode(CommandMode.NONE), "command mode changed from POSITION to NONE"),
+    "stop": (of_robot(safety_state=SafetyState.STOP0_OR_1), "safety stop is in force"),
+    "drives": (of_robot(drive_states=OFF), "drives of joints 5, 6 are not active"),
+    "poor": (of_connection(quality=Quality.POOR), "connection is POOR"),
+    "fair": (of_connection(quality=Quality.FAIR), "connection is FAIR"),
+}
+
+
+class TestAnActiveSessionThatSaysSomethingElse:
+    @sampled("lasting", [once, always], "holds for the first one already")
+    @pytest.mark.parametrize("what", ANOMALIES)
+    def test_ends_in_a_hold_within_the_limits(self, what, lasting):
+        change, said = ANOMALIES[what]
+        with stepped(first_sequence=3000) as robot:
+            judged = moving(robot)
+            before = len(judged.positions())
+            lasting(robot.arm, change)
+            assert robot.receive().holding
+            with pytest.raises(HoldingError, match=said):
+                robot.send(position(GOAL))
+            for _ in range(300):
+                assert robot.receive().holding
+            path = judged.check()
+            assert len(path) >= before + 200
+            assert robot.standing
+
+    def test_may_say_one_mode_after_the_other(self):
+        with stepped() as robot:
+            judged = moving(robot)
+            for mode in (CommandMode.WRENCH, CommandMode.TORQUE, CommandMode.WRENCH):
+                once(robot.arm, in_mode(mode))
+                assert robot.receive().holding
+            robot.receive()
+            judged.check()
+
+    @sampled("lasting", [once, always], "fades for the first one already")
+    @pytest.mark.parametrize("what", [name for name in ANOMALIES if name != "mode"])
+    def test_lets_torques_fade_within_their_rate(self, what, lasting):
+        change, _ = ANOMALIES[what]
+        with stepped(mode=CommandMode.TORQUE, first_sequence=3000) as robot:
+            judged = pushing(robot)
+            lasting(robot.arm, change)
+            assert robot.receive().holding
+            for _ in range(60):
+                robot.receive()
+            torques = judged.torques()
+            step = np.abs(np.diff(torques, axis=0))
+            assert (step <= robot.spec.limits.torque_rate * 1e-3 * (1 + ROUNDING)).all()
+            assert not torques[-1].any()
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            with_sequence(lambda k: k + 20), of_connection(quality=Quality.GOOD),
+            of_robot(drive_states=()), of_robot(safety_state=None),
+        ],
+    )  # fmt: skip
+    def test_that_goes_with_commands_is_no_reason_to_hold(self, change):
+        with stepped() as robot:
+            judged = moving(robot)
+            always(robot.arm, change)
+            for _ in range(100):
+                assert not robot.receive().holding
+                robot.send(position(GOAL))
+            judged.check()
+
+    @pytest.mark.parametrize(("lost", "restarts"), [(21, 1), (20, 0)])
+    def test_may_lose_more_packets_than_time_went_by_only_by_20_ms(
+        self, lost, restarts, monkeypatch
+    ):
+        with stepped() as robot:
+            moving(robot)
+            now = time.monotonic()  # stands still: a busy machine may pause for longer than 1 ms
+            monkeypatch.setattr(fri_robot, "time", SimpleNamespace(monotonic=lambda: now))
+            monkeypatch.setattr(endpoint, "_age", lambda _: 0.0)
+            robot.receive()
+            robot.arm.sequence += lost
+            assert robot.receive().holding == bool(restarts)
+            assert robot.figures.restarts == restarts
+
+    def test_takes_no_commands_before_that_is_over(self):
+        with stepped() as robot:
+            robot.arm.quality = Quality.POOR
+            robot.receive()
+            with pytest.raises(BackendError, match=r"nothing may be commanded now: .* is POOR"):
+                robot.send(position(POSE))
+            robot.arm.quality = Quality.GOOD
+            robot.receive()
+            robot.send(position(POSE))
+
+    @pytest.mark.parametrize("packets", [1, 2])
+    @pytest.mark.parametrize("state", [SessionState.IDLE, SessionState.MONITORING_READY])
+    def test_that_it_ended_and_goes_on_at_once_was_never_left(self, packets, state):
+        with stepped() as robot:
+            judged = moving(robot)
+            robot.arm.obey = lambda: None  # nor is it moved by what it does not say
+            real = len(judged.positions())
+            robot.arm.state = state
+            for _ in range(packets):
+                assert robot.receive().holding
+            robot.arm.listen()
+            robot.arm.answers.clear()  # what an arm in COMMANDING_ACTIVE makes of them is its own
+            robot.arm.state = ACTIVE
+            for _ in range(300):
+                assert robot.receive().holding
+            path = judged.check()
+            assert len(path) > real + 200
