@@ -3,9 +3,10 @@
     python benchmarks/service/service_floods.py --model model/ --seconds 20 --rate 250
 
 One process publishes joint states and takes their estimates from `limo serve`, in another process;
-a third one sends forged states under the same key, or asks, as fast as it can. Printed are the
-share of true states that is answered, and how often the flood came, beside the same without a
-flood. All share this machine's cores, the flood with lower priority.
+a third one sends forged states under the same key, or asks for the index of models, as fast as it
+can. Printed are the share of true states that is answered, that of honest queries (ten a second,
+each answered within a second), and how often the flood came, beside the same without a flood. All
+share this machine's cores, the flood with lower priority.
 """
 
 from __future__ import annotations
@@ -14,8 +15,10 @@ import argparse
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from service_processes import (
@@ -34,7 +37,11 @@ from limo_driver.network.keys import Keys
 from limo_driver.network.readiness import wait_until_serving
 from limo_driver.network.streaming import open_session
 
-BAR = 0.90  # share of the true states that is answered
+if TYPE_CHECKING:
+    import zenoh
+
+BAR = 0.90  # share of the true states and of the honest queries that is answered
+ASK, PATIENCE = 0.1, 1.0  # [s] between honest queries, and for an answer
 START = 180.0  # [s] for the service to be there, at most
 LEAD = 3.0  # [s] of states before any flood
 FLOODS = ("none", "states", "queries")
@@ -58,13 +65,13 @@ with open_session(config=config) as session:
 print(k)
 """
 QUERIES = """
-import sys, time
+import sys, time, zenoh
 from limo_driver.network.streaming import open_session
 config, key, seconds = sys.argv[1], sys.argv[2], float(sys.argv[3])
 with open_session(config=config) as session:
     ends, k = time.monotonic() + seconds, 0
     while time.monotonic() < ends:
-        session.get(key, lambda reply: None, timeout=1.0)
+        session.get(key, zenoh.handlers.RingChannel(1), timeout=0.5)  # a callback would be slower
         k += 1
 print(k)
 """
@@ -90,16 +97,54 @@ def main() -> None:
                 wait_until_serving(session, ARM, until="serving", timeout=START)
                 wait_for(lambda: bool(answers.sequences), START, "estimate")
                 time.sleep(LEAD)
-                print(f"{'flood':8} {'of it [1/s]':>12} {'answered':>9} {'bar':>6}")
+                print(f"{'flood':8} {'of it [1/s]':>12} {'states':>9} {'queries':>9} {'bar':>6}")
                 for flood in FLOODS:
-                    met &= _flooded(flood, there, driver, answers, motion, arguments.seconds)
+                    with Asker(session) as asker:
+                        met &= _flooded(
+                            flood, there, driver, answers, asker, motion, arguments.seconds
+                        )
     sys.exit(not met)
 
 
+class Asker:
+    """Asks for the index of models now and then, as an operator does.
+
+    Args:
+        session: Open Zenoh session.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session, self._ended = session, threading.Event()
+        self.asked = self.answered = 0
+        self._thread = threading.Thread(target=self._ask)
+
+    def __enter__(self) -> Asker:
+        """Begin to ask."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Ask no more."""
+        self._ended.set()
+        self._thread.join()
+
+    def _ask(self) -> None:
+        while not self._ended.wait(ASK):
+            replies = self._session.get(Keys(ARM).model("index"), timeout=PATIENCE)
+            self.answered += any(reply.ok is not None for reply in replies)
+            self.asked += 1
+
+
 def _flooded(
-    flood: str, config: Path, driver: Driver, answers: Answers, motion: Motion, seconds: float
+    flood: str,
+    config: Path,
+    driver: Driver,
+    answers: Answers,
+    asker: Asker,
+    motion: Motion,
+    seconds: float,
 ) -> bool:
-    """Flood for some time; print the share of states in it that was answered."""
+    """Flood for some time; print the shares of states and of queries in it that were answered."""
     first = len(driver.sent)
     came = 0
     if flood == "none":
@@ -123,12 +168,13 @@ def _flooded(
             names,
         ]
         came = int(subprocess.run(given, capture_output=True, text=True, check=True).stdout)
-    last = len(driver.sent)
+    last, asked, got = len(driver.sent), max(asker.asked, 1), asker.answered
     time.sleep(1.0)
     numbers = np.unique(answers.sequences)
     share = np.isin(np.arange(first, last), numbers).mean()
-    print(f"{flood:8} {came / seconds:12.0f} {share:9.1%} {BAR:6.0%}", flush=True)
-    return bool(share >= BAR)
+    said = got / asked
+    print(f"{flood:8} {came / seconds:12.0f} {share:9.1%} {said:9.1%} {BAR:6.0%}", flush=True)
+    return bool(min(share, said) >= BAR)
 
 
 if __name__ == "__main__":

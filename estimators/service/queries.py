@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
+import math
+import time
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import LimoError
@@ -20,14 +22,17 @@ if TYPE_CHECKING:
 _log = logging.getLogger("limo")
 _LONGEST: Final = 4096  # bytes of a query
 _ASKED, _AT_ONCE = 50.0, 100  # queries of a verb that are answered: in a second, and together
+_READ, _READ_AT_ONCE = 5000.0, 1000  # of one that changes nothing, whose answer is kept
+_KEPT: Final = 0.05  # [s] for which that answer stands
 
 
 class ModelQueries:
     """Answers queries on `limo/<arm>/model/<verb>`, those of each verb one after the other.
 
     A query's payload is a JSON object, `{"version": "3", "reason": "..."}` where that is needed;
-    the answer is one, too, or an error that says why not. Of a flood of queries, most are not
-    answered, so that it does not hold the stream.
+    the answer is one, too, or an error that says why not. Of a flood of queries that change models,
+    most are not answered, so that it does not hold the stream; of those that ask for the index,
+    whose answer is made twenty times a second at most, nearly all are.
 
     Args:
         session: Open Zenoh session.
@@ -36,13 +41,16 @@ class ModelQueries:
 
     def __init__(self, session: zenoh.Session, server: ModelChanges) -> None:
         verbs: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {
-            "index": lambda _: server.index(),
             "load": lambda asked: server.load(_version(asked)),
             "promote": lambda asked: server.promote(_version(asked), _reason(asked)),
             "rollback": lambda asked: server.rollback(_reason(asked)),
             "retrain": lambda asked: server.retrain(_reason(asked)),
         }
+        index = _Kept(server.index)
         self._queryables = [
+            PacedQueryable(session, server.keys.model("index"), index.answer, _READ, _READ_AT_ONCE)
+        ]
+        self._queryables += [
             PacedQueryable(
                 session,
                 server.keys.model(verb),
@@ -57,6 +65,35 @@ class ModelQueries:
         """Answer no more."""
         for queryable in self._queryables:
             queryable.close()
+
+
+class _Kept:
+    """Answers queries by what was read a moment ago: a flood of them reads no store.
+
+    Args:
+        read: Returns the answer.
+        clock: Tells the time [s].
+    """
+
+    def __init__(
+        self, read: Callable[[], dict[str, Any]], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._read, self._clock, self._made = read, clock, -math.inf
+        self._kept = b""
+
+    def answer(self, query: zenoh.Query) -> None:
+        """Answer a query, whatever it says."""
+        if (now := self._clock()) < self._made + _KEPT and query.payload is None:
+            query.reply(query.key_expr, self._kept)
+            return
+        _answer(query, self._fresh)
+        self._made = now if self._kept else -math.inf
+
+    def _fresh(self, _: dict[str, Any]) -> dict[str, Any]:
+        self._kept = b""
+        found = self._read()
+        self._kept = to_json(found)
+        return found
 
 
 def _answer(query: zenoh.Query, act: Callable[[dict[str, Any]], dict[str, Any]]) -> None:

@@ -19,10 +19,12 @@ from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.bulletin import Bulletin
 from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.inference.live_model import LiveModel
+from estimators.service.queries import _Kept
 from estimators.service.settings import ServiceSettings
 from estimators.service.store.served_models import OneFolder
 from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
+from limo_driver.errors import ConfigError
 from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
@@ -342,3 +344,33 @@ class TestOverTheNetwork:
         with Served(tmp_path, rigid):
             assert "limo-arm" in {thread.name for thread in threading.enumerate()}
         assert "limo-arm" not in {thread.name for thread in threading.enumerate()}
+
+
+def test_of_a_flood_that_asks_for_the_index_all_are_answered_and_few_read_it():
+    class Query:
+        payload, key_expr = None, "limo/arm/model/index"
+
+        def __init__(self):
+            self.said = []
+
+        def reply(self, _key, payload):
+            self.said.append(payload)
+
+        def reply_err(self, payload):
+            self.said.append(payload)
+
+    read, times, asked = [], [0.0], [Query() for _ in range(1000)]
+    index = _Kept(lambda: read.append(1) or {"read": len(read)}, clock=lambda: times[0])
+    for query in asked[:-1]:
+        index.answer(query)
+    times[0] = 1.0
+    index.answer(asked[-1])
+    assert [query.said for query in asked] == [[b'{"read": 1}']] * 999 + [[b'{"read": 2}']]
+
+    def fails() -> dict:
+        raise ConfigError("no store")
+
+    broken, query = _Kept(fails, clock=lambda: 0.0), Query()
+    for _ in range(2):
+        broken.answer(query)
+    assert query.said == [b'{"error": "no store"}'] * 2
