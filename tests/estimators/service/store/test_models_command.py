@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from typing import TYPE_CHECKING
 
 import pytest
@@ -55,6 +56,19 @@ def store(place: Path) -> Path:
 def run(*arguments: object):
     environment = {"COLUMNS": "160", "TERM": "dumb"}
     return CliRunner().invoke(command, [str(a) for a in arguments], env=environment)
+
+
+def test_a_stray_folder_with_a_number_for_a_name_is_named_and_left_out(
+    store: Path, tmp_path: Path
+) -> None:
+    copy = tmp_path / "models"
+    shutil.copytree(store, copy)
+    (copy / "two_joints" / "77").mkdir()
+    listed = run("list", "--store", copy, "--json")
+    assert listed.exit_code == 0, listed.exception
+    assert [version["version"] for version in json.loads(listed.stdout)] == [1, 2]
+    assert "77" in listed.stderr
+    assert "Traceback" not in listed.output
 
 
 def test_promotion_is_seen_in_the_list_and_undone(store: Path) -> None:

@@ -410,6 +410,28 @@ class TestFolder:
         assert all(path.read_bytes() != content for path, content in before.items()
                    if path.name == "key.pem")  # fmt: skip
 
+    @pytest.mark.parametrize("planted", ["folder", "role", "key"])
+    def test_links_that_somebody_planted_lead_no_key_away(self, planted, tmp_path):
+        out, elsewhere = tmp_path / "trust", tmp_path / "elsewhere"
+        elsewhere.mkdir()
+        if planted == "folder":
+            out.symlink_to(elsewhere)
+        elif planted == "role":
+            out.mkdir()
+            (out / "driver").symlink_to(elsewhere)
+        else:
+            (out / "driver").mkdir(parents=True)
+            (elsewhere / "taken").write_text("theirs")
+            (out / "driver" / "key.pem").symlink_to(elsewhere / "taken")
+        if planted == "key":
+            write_trust(out, self.HOSTS, force=True)
+            assert (elsewhere / "taken").read_text() == "theirs"
+            assert not (out / "driver" / "key.pem").is_symlink()
+        else:
+            with pytest.raises(ConfigError, match="is a link, expected a folder"):
+                write_trust(out, self.HOSTS, force=True)
+            assert not list(elsewhere.iterdir())
+
     def test_a_role_can_be_moved(self, trust, tmp_path):
         moved = tmp_path / "elsewhere"
         (trust.path / "viewer").rename(moved)
