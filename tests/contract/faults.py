@@ -35,12 +35,7 @@ LOST_STEPS = 10  # cycles that commands which are lost may count for
 
 
 class FaultyClient:
-    """The driver's socket: its sends fail at times, and what it hears has the age it has.
-
-    Args:
-        endpoint: Of the driver.
-        now: Tells the time of the wire [s].
-    """
+    """The driver's socket: its sends fail at times, and what it hears is as old as it is."""
 
     def __init__(self, endpoint, now):
         self.plain, self.now, self.refusing = endpoint._socket, now, deque()
@@ -64,12 +59,7 @@ class FaultyClient:
 
 
 class FaultyArm:
-    """The arm's socket: what it hears is kept, or lost on its way; what it sends comes at a time.
-
-    Args:
-        plain: The socket.
-        now: Tells the time of the wire [s].
-    """
+    """The arm's socket: what it hears is kept, late, or lost on its way; notes when it sends."""
 
     def __init__(self, plain, now):
         self.plain, self.now, self.came = plain, now, {}

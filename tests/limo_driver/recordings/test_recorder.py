@@ -218,8 +218,36 @@ def test_log_cut_anywhere_reads_up_to_its_last_complete_batch(tmp_path):
     cut = tmp_path / "cut.parquet.partial"
     for length in range(sizes[0], len(whole), 97):
         cut.write_bytes(whole[:length])
-        complete = sum(size <= length for size in sizes)
-        assert read_log(cut).num_rows == complete
+        complete, said = sum(size <= length for size in sizes), []
+        assert read_log(cut, said.append).num_rows == complete
+        assert len(said) == 1  # that it has no end
+
+
+def test_a_flipped_bit_of_a_log_costs_its_batch_at_most_and_is_told(tmp_path):
+    path = tmp_path / "run.parquet"
+    recorder = Recorder(path, 2, {"robot": "two"})
+    for k in range(8):
+        recorder.append(state(k))
+        recorder._flush()
+    begun = partial_path(path).read_bytes()
+    recorder.close()
+    known = read_log(path).to_pydict()
+    damaged = tmp_path / "damaged.parquet.partial"
+    unchanged = 0
+    for at in range(len(begun) // 4, len(begun), 53):
+        flipped = bytearray(begun)
+        flipped[at] ^= 1 << at % 8
+        damaged.write_bytes(flipped)
+        said = []
+        try:
+            rows = read_log(damaged, said.append)
+        except RecordingError:
+            continue
+        assert said
+        for name, values in rows.to_pydict().items():
+            assert set(values) <= set(known[name])
+        unchanged += rows.num_rows == len(known["time"])
+    assert unchanged < 200  # of what is padding
 
 
 @pytest.mark.parametrize("content", [b"", b"time,position_1\n0,0\n", b"\x00" * 64])
