@@ -12,6 +12,7 @@ from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.judgement.conclusion import (
     explanations_of,
     fit_of,
+    identified_of,
     not_observable,
     rows_of,
     shifts_of,
@@ -93,6 +94,30 @@ def test_rows_are_counted_from_all_of_them_to_those_that_are_judged(problem):
     assert count.fitted == tuple(split.fitted.sum(axis=0))
     assert count.usable == tuple(problem.observed.moving.sum(axis=0))
     assert all(0 < part < 1 for part in count.part_judged())
+
+
+def test_rows_left_out_are_counted_by_reason_over_recordings(problem):
+    left = [(("gap", 3),), (("gap", 4), ("jolt", 5))]
+    recordings = [
+        replace(
+            problem.observed.recordings[0],
+            left_out=tuple(SimpleNamespace(reason=name, rows=range(n)) for name, n in some),
+        )
+        for some in left
+    ]
+    more = replace(problem, observed=replace(problem.observed, recordings=recordings))
+    assert rows_of(more).left_out == {"gap": 7, "jolt": 5}
+
+
+def test_ordinary_members_are_values_to_identify_joint_by_joint():
+    candidates = [
+        SimpleNamespace(effect=effect, joints=joints)
+        for effect, joints in (("viscous_friction", (2,)), ("armature", (0,)), ("armature", (2,)))
+    ]
+    found = identified_of(SimpleNamespace(candidates=candidates), (0, 1, 2))
+    assert [(item.effect, item.joint) for item in found] == [
+        ("armature", 1), ("armature", 3), ("viscous_friction", 3),
+    ]  # fmt: skip
 
 
 def test_errors_of_all_rows_have_those_near_rest(problem):

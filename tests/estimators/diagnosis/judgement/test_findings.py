@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.judgement.findings import unknown_of
+from estimators.diagnosis.judgement.findings import Signs, confidence_of, unknown_of
 from estimators.diagnosis.judgement.judgement import RemainingResidual
 from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.settings.judgement import CONFIDENCE
 
 FLOOR = np.array([0.05, 0.01])
 BEFORE, AFTER = np.array([0.4, 0.3]), np.array([0.2, 0.1])
@@ -54,3 +55,15 @@ def test_what_stands_in_is_named_once_with_all_its_joints(observed):
     several = [("coulomb_friction", (0,)), ("coulomb_friction", (1,)), ("gravity_direction", ())]
     many = unknown(observed, (1,), several).evidence
     assert "coulomb friction (joints 1, 2) and gravity direction (whole arm) in place of" in many
+
+
+@pytest.mark.parametrize(
+    ("lead", "material", "counted"),
+    [(5.0, 3.0, (5.0, 3.0)), (-4.0, 3.0, (0.0, 3.0)), (2.0, 0.0, (2.0, CONFIDENCE.least))],
+)
+def test_confidence_is_the_probability_of_a_logistic_regression(lead, material, counted):
+    ever, by_lead, by_material = CONFIDENCE.weights
+    odds = np.exp(ever) * (1.0 + counted[0]) ** by_lead * counted[1] ** by_material
+    expected = min(CONFIDENCE.highest, odds / (1.0 + odds))
+    assert confidence_of(Signs(lead, material)) == pytest.approx(expected)
+    assert confidence_of(Signs(1e9, 1e9)) == CONFIDENCE.highest

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.fitting.contribution import left_by_tolerances
+from estimators.diagnosis.fitting.contribution import contribution, left_by_tolerances
 from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.judgement.findings import left_at, shares_of
-from estimators.diagnosis.residuals.held_out import rmse
+from estimators.diagnosis.residuals.held_out import reducible_removed, rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.stages import quiet
@@ -55,11 +55,20 @@ def test_shares_of_effects_that_overlap_add_up_to_what_the_set_takes(problem):
     members = members_of(problem, ("spring_load", (1,)), ("torque_offset", (1,)))
     solution = solved(problem, members)
     alone = rmse(left_by_tolerances(problem, solution), problem.split.held_out)
-    after = rmse(problem.left(solution.fitted), problem.split.held_out)
+    after = 0.2 * alone
     shares = shares_of(problem, solution, alone, after, FLOOR)
-    assert set(shares) == set(members)
-    assert min(shares.values()) >= 0
-    assert 0.9 < sum(shares.values()) <= 1.0
+    taken = reducible_removed(alone, after, FLOOR)
+    assert 0.9 < taken < 1.0
+    assert sum(shares.values()) == pytest.approx(taken, rel=1e-9)
+    parts = [max(contribution(problem, solution, member).sum(), 0.0) for member in members]
+    wanted = [taken * part / sum(parts) for part in parts]
+    assert [shares[member] for member in members] == pytest.approx(wanted, rel=1e-9)
+
+
+def test_what_predicts_worse_has_no_share(problem):
+    members = members_of(problem, ("spring_load", (1,)))
+    solution, nothing = solved(problem, members), np.array([0.3, 0.5])
+    assert shares_of(problem, solution, nothing, 1.1 * nothing, FLOOR) == {members[0]: 0.0}
 
 
 def test_what_is_taken_and_what_stays_add_up():
