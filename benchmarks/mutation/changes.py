@@ -66,6 +66,7 @@ class Finder(ast.NodeVisitor):
         self._lines = source.splitlines(keepends=True)
         self._starts = [0, *accumulate(map(len, self._lines))]
         self._seen: Counter[tuple[str, str, str]] = Counter()
+        self._alike = set[tuple[int, float]]()  # numbers and places where they change nothing
         self.found: list[Mutant] = []
         self.visit(ast.parse(source))
 
@@ -90,10 +91,15 @@ class Finder(ast.NodeVisitor):
                 yield (*self._span(node), str(not value))
             case ast.Constant(value=int(value) | float(value)):
                 for number in self._numbers(value):
-                    yield (*self._span(node), repr(number))
+                    if (self._span(node)[0], number) not in self._alike:
+                        yield (*self._span(node), repr(number))
             case ast.Compare(left=left, comparators=others):
                 for before, after in pairwise([left, *others]):
                     yield from self._between(before, after, COMPARISONS)
+            case ast.Call(func=ast.Attribute(attr="reshape"), args=lengths):
+                for length in lengths:  # any that is negative is the one that is left: -2 as -1
+                    if isinstance(length, ast.UnaryOp):
+                        self._alike.add((self._span(length.operand)[0], 2))
             case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name) as called):
                 if name in NAMES:  # a `floor` that is not called is a level of noise
                     stop = self._span(called)[1]
