@@ -114,8 +114,8 @@ class Search:
         return some, gains - self._prices[list(members)].sum() - self._prices[some]
 
     def _settled(self, best: Explained) -> Explained:
-        """Take members out and swap them while that helps."""
-        for _ in range(2 * (SEARCH.largest + len(self.base))):
+        """Take members out and swap them while that helps: each time the set is likelier."""
+        while True:
             options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
             trials = [Explained(option, self.gain(option)) for option in options]
             trials += self._grown(options, SEARCH.width) if options else []
@@ -123,4 +123,3 @@ class Search:
             if better is best:
                 return best
             best = better
-        return best

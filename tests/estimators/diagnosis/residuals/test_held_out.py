@@ -52,6 +52,18 @@ def test_every_recording_has_rows_of_both_kinds_and_a_guard_between(split, obser
         assert np.abs(held[:, None] - fitted[None]).min() >= 0.9
 
 
+@pytest.mark.parametrize("block", [0, 3, HELD_OUT.blocks - 1])
+def test_blocks_are_of_one_length_from_the_first_row_to_the_last(block):
+    time = 5.0 + np.arange(4 * HELD_OUT.blocks + 1.0)
+    rows = SimpleNamespace(
+        kept=np.arange(time.size), recordings=[None], recording=np.zeros(time.size),
+        slow=SimpleNamespace(time=time), bandwidth=1e9, moving=np.ones((time.size, 2), dtype=bool),
+    )  # fmt: skip
+    split = Split.of(rows, [block])
+    np.testing.assert_array_equal(time[split.apart], 5.0 + 4.0 * block + np.arange(4))
+    assert (split.held_out == split.apart[:, None]).all()
+
+
 def test_what_happens_on_held_out_rows_changes_no_fit(split, observed):
     columns = ColumnTable(*observed.residual.shape)
     sign = observed.filter(np.tanh(observed.motion.velocity / 0.002))

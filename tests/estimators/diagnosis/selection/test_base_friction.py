@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.residuals.observations import Observations
-from estimators.diagnosis.selection.base_friction import base_of, with_friction, without_friction
-from estimators.diagnosis.selection.candidates import candidates_of
+from estimators.diagnosis.selection.base_friction import (
+    base_of,
+    rubs,
+    with_friction,
+    without_friction,
+)
+from estimators.diagnosis.selection.candidates import BASE, candidates_of
 from estimators.diagnosis.selection.columns import ColumnTable
 from limo_driver.physics import (
     CoulombFriction,
@@ -57,6 +62,15 @@ def true(arm):
 )
 def test_a_joint_with_friction_of_any_kind_is_not_bare(bare, effect, joints):
     assert without_friction(replace(bare, effects=(effect,))) == joints
+
+
+def test_which_effects_are_laws_of_friction():
+    assert [rubs(effect) for effect in (*BASE, "payload", "link_inertia")] == [
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_size_and_width_of_a_friction_that_is_not_in_are_found(bare, true, training_recording):

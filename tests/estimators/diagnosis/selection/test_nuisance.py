@@ -12,7 +12,15 @@ from estimators.diagnosis.residuals.observations import Observations
 from estimators.diagnosis.selection.columns import ColumnTable
 from estimators.diagnosis.selection.nuisance import nuisance_of
 from estimators.rigid_body.dynamics.regressor import PER_LINK
-from limo_driver.physics import CoulombFriction, JointElasticity, Tolerances, TorqueGain
+from limo_driver.physics import (
+    CoulombFriction,
+    JointElasticity,
+    PositionDependentFriction,
+    TimeDelay,
+    Tolerances,
+    TorqueGain,
+    TorqueOffset,
+)
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +107,23 @@ def test_what_is_certain_has_no_tolerance_and_the_rest_keeps_its_own(nuisance):
     held = nuisance.certain(dry)
     assert held.prior.deviation[dry] == 0.0
     np.testing.assert_array_equal(held.prior.deviation[~dry], nuisance.prior.deviation[~dry])
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        (TimeDelay(joint=2, delay=0.01), ["lag of sensor 2"]),
+        (TorqueOffset(joint=1, offset=0.2), ["offset of sensor 1"]),
+        (
+            PositionDependentFriction(joint=2, positions=(0.0, 1.0), excess=(0.1, 0.2), v_eps=0.01),
+            ["tau_c of joint 2 (coulomb friction)"],
+        ),
+        (CoulombFriction(joint=2, tau_c=1.0), []),
+    ],
+)
+def test_what_an_effect_beside_it_says_at_its_joint_is_a_part_of_that(nuisance, found, said):
+    marks = nuisance.said_by([found])
+    assert [nuisance.parameters[k].name for k in np.flatnonzero(marks)] == said
 
 
 def test_bodies_come_first(nuisance):

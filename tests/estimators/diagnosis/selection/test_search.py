@@ -115,6 +115,11 @@ def test_what_a_base_has_and_the_recordings_do_not_speak_for_is_taken_out(column
     assert names(search, search.best()) == {0, 3}
 
 
+def test_what_a_set_does_not_need_is_taken_out_one_after_the_other(columns):
+    search = search_of(columns, columns[:, 0] + columns[:, 2] + columns[:, 4] + noise(2))
+    assert search.around((0, 1, 2, 3, 4)).members == (0, 2, 4)
+
+
 def test_only_one_variant_of_an_effect_at_a_place_is_taken(columns):
     y = columns[:, 0] + columns[:, 1] + noise(4)
     pair = [candidate(at, effect="spring_load", joint=2, variants=2) for at in (0, 1)]
