@@ -178,10 +178,7 @@ class _OneJoint:
     def fit(self, late: TimeDelay) -> tuple[float, FloatArray]:
         """Return log evidence [nat] and coefficients (c,) with everything so much later."""
         both = np.column_stack([self.columns, self.simulated])
-        if late.delay > 0.0 or late.lag > 0.0:
-            both = np.concatenate(
-                [late.late(self.time[rows], both[rows]) for rows in self.segments]
-            )
+        both = np.concatenate([late.late(self.time[rows], both[rows]) for rows in self.segments])
         A, y = self.whiten(both[:, :-1]), self.whiten(self.measured - both[:, -1])
         root = inverse_root(A.T @ A + np.eye(A.shape[1]))
         part = root @ (A.T @ y)

@@ -9,6 +9,7 @@ import pytest
 from noisy_recordings import motion
 
 from estimators.diagnosis import diagnose
+from estimators.diagnosis.fitting.lateness import long_after
 from estimators.diagnosis.hypotheses.responses import response
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import (
@@ -72,6 +73,13 @@ def with_friction(arm) -> Simulation:
         )
     ]
     return Simulation(str(arm), tuple(friction), tolerances=Tolerances(inertia=0.005, friction=0.1))
+
+
+def test_every_joint_may_be_late_by_much():
+    tried = [(item.joints, item.law) for item in long_after(3)]
+    laws = list(dict.fromkeys(law for _, law in tried))
+    assert len(laws) == 2
+    assert tried == [((joint,), law) for joint in range(3) for law in laws]
 
 
 @pytest.mark.slow("diagnoses two recordings, and looks for a delay where none seems to help")
