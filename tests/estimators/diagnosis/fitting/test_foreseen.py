@@ -7,6 +7,7 @@ import pytest
 from wandering import wander
 
 from estimators.diagnosis.fitting.foreseen import Foreseen
+from estimators.diagnosis.fitting.linearised import Linearised
 from estimators.diagnosis.residuals.observations import Observations
 from limo_driver.physics import CoulombFriction, Simulation, Tolerances, ViscousFriction
 from limo_driver.recordings.recording import Recording
@@ -41,3 +42,25 @@ def test_a_slope_learned_from_slow_motion_is_open_at_speed(slow):
 
 def test_nothing_is_open_that_is_certain(slow):
     assert slow.rms(moved(3, 0.5))[4] < 0.1 * slow.rms(moved(3, 0.5))[0]
+
+
+@pytest.fixture(scope="module")
+def known(rigid, training_recording):
+    """What recordings of an arm of two joints show beside what is stated of it."""
+    return Observations.of(rigid, [training_recording], 10.0)
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_of_a_body_that_was_found_nothing_was_known(rigid, known, joint):
+    found = Foreseen.of(known, rigid, [("link_inertia", (joint,), False)])
+    expected = Linearised.of(known, (), [joint - 1], rigid).root()
+    np.testing.assert_array_equal(found.root, expected)
+    assert not np.array_equal(found.root, Foreseen.of(known, rigid, ()).root)
+
+
+def test_nothing_is_foreseen_of_a_joint_that_rests(rigid, known, training_recording):
+    position = training_recording.position * [1.0, 0.0]
+    still = Recording.from_arrays(training_recording.time, position, training_recording.torque)
+    found = Foreseen.of(known, rigid, ()).rms(Observations.of(rigid, [still], 10.0))
+    assert found[0] > 0.0
+    assert found[1] == 0.0
