@@ -233,16 +233,21 @@ class TestDrive:
         assert (drive.heard_at, drive.cycle_at, drive.before) == (5.0, 5.0, None)
         assert (drive.heard, drive.silent, drive.implausible) == (False, 0, 0)
 
-    def test_is_doubled_where_it_answers_twice_after_a_cycle_with_an_answer(self):
-        drive, doubled = heard(), []
-        drive.doubled = 1
-        drive.refer(5.0)
-        for answers in (0, 2, 2, 2):
-            for _ in range(answers):
+    @pytest.mark.parametrize(
+        ("answers", "doubled"),
+        [((0, 2, 2, 2), (0, 0, 1, 2)), ((1, 2, 2), (0, 1, 2)), ((2, 2, 2), (0, 1, 2))],
+    )
+    def test_is_doubled_where_it_answers_twice_after_a_cycle_with_an_answer(self, answers, doubled):
+        drive, found = heard(), []
+        drive.answered, drive.doubled = True, 5
+        drive.refer(5.0)  # asked anew
+        assert drive.doubled == 0
+        for count in answers:
+            for _ in range(count):
                 drive.take_measured(MEASURED.pack(ENABLED, 1, 0))
             drive.open_cycle(5.0, math.inf)
-            doubled.append(drive.doubled)
-        assert doubled == [0, 0, 1, 2]
+            found.append(drive.doubled)
+        assert tuple(found) == doubled
         assert drive.complaint(1, 1.0, 0.0).startswith("answers twice, 2 cycles in a row")
 
     def test_of_which_nothing_is_known(self):
