@@ -102,6 +102,13 @@ def test_a_joint_that_binds_is_unlike_its_siblings(joint):
     assert ordinary(problem, solution, solution.members) == tuple(j for j in range(7) if j != joint)
 
 
+@pytest.mark.parametrize("limit", [0.0, np.inf])
+def test_a_joint_whose_drive_has_no_limit_is_like_its_siblings(limit):
+    limits = SimpleNamespace(torque=np.array([320.0] * 6 + [limit]), velocity=np.ones(7))
+    arm = SimpleNamespace(effects=(), model=SimpleNamespace(n=7, limits=limits))
+    assert beyond_siblings(*sized(np.where(np.arange(7) == 6, 300.0, 1.0), arm)) == {}
+
+
 @pytest.mark.parametrize(("width", "plain"), [(1e-4, True), (2.9e-4, True), (3.1e-4, False)])
 def test_presliding_that_is_over_before_a_row_is_judged_is_plain_friction(width, plain):
     """Rows from 3 mrad/s on are judged, in a band of 10 Hz."""

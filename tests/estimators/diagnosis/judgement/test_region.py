@@ -9,6 +9,7 @@ import pytest
 
 from estimators.diagnosis.judgement.region import where_of
 from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.settings.judgement import REGION
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,10 @@ def test_a_brief_torque_is_said_with_its_recording_and_time(observed):
     assert where.recording == (2,)
     ((start, end),) = where.time
     assert 10.0 <= start < end <= 15.0
-    assert end - start > 2.5
+    shown = brief & observed.moving[:, 1]
+    inside = (time >= start) & (time <= end) & shown
+    assert inside.sum() == np.ceil(REGION.most * shown.sum())
+    assert start == time[shown][0]  # of stretches of one length the first
     assert "in a short part of the time" in where.region
 
 
