@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
+from estimators.diagnosis.fitting.bodies import with_possible_bodies
 from estimators.diagnosis.fitting.problem import (
     RegressionProblem,
     fitted,
@@ -21,6 +22,7 @@ from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.residuals.noise import Noise
 from estimators.diagnosis.stages import quiet
 from estimators.diagnosis.wording import LINK_INERTIA
+from estimators.regression.evidence import REACH
 from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.fitting.consistent import nearest_body, pseudo_inertia
 from limo_driver.descriptions.inertial import Inertial
@@ -83,6 +85,34 @@ def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to(seen):
     linear = rmse(problem.left(solution.fitted), rows)
     assert np.all(rmse(off, rows) < 1.1 * linear)
     assert np.any(rmse(shrunk, rows) > 1.5 * linear)
+
+
+def drawn(problem, solution):
+    """Return the coefficients of a fit, moved so that every body can exist."""
+    observed, fit = problem.observed, solution.fitted
+    members = [problem.candidates[member] for member in solution.members]
+    return with_possible_bodies(
+        observed.simulation.model, observed.extents, members, problem.nuisance.prior, fit,
+        lambda prior: problem.torques(fit, prior),
+    )  # fmt: skip
+
+
+def test_a_load_that_cannot_exist_is_drawn_to_one_that_can(seen):
+    problem, solution, body = loaded(seen(ROD))
+    assert not exists(body)
+    assert exists(drawn(problem, solution)[problem.nuisance.prior.index.size :])
+
+
+def test_no_coefficient_leaves_its_bounds_where_a_body_is_drawn(seen):
+    problem, noise = laid_out(seen(ROD))
+    kinds = [(item.effect, item.kind, item.joints) for item in problem.candidates]
+    dry = kinds.index(("coulomb_friction", "missing", (1,)))
+    solution = fitted(problem, (kinds.index(("payload", "missing", (1,))), dry), noise)
+    mean, count = solution.fitted.mean.copy(), problem.nuisance.prior.index.size
+    mean[-1], mean[count - 1] = -5.0, -50.0 * problem.nuisance.prior.deviation[-1]
+    found = drawn(problem, replace(solution, fitted=replace(solution.fitted, mean=mean)))
+    assert found[-1] == 0.0  # friction
+    assert found[count - 1] == -REACH * problem.nuisance.prior.deviation[-1]
 
 
 def test_gravity_gives_no_way_to_an_inertia_where_slow_errors_are_thought_likely(seen):
