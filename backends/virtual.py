@@ -19,8 +19,8 @@ from backends.simulated import (
     start_position,
 )
 from limo_driver.errors import BackendError
-from limo_driver.parameters import seed_of
 from limo_driver.robot.safety import START_TOLERANCE
+from limo_driver.runtime.parameters import seed_of
 from limo_driver.types import (
     ImpedanceCommand,
     JointSample,

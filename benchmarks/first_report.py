@@ -28,7 +28,7 @@ from limo_driver.physics import Payload
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 AIM = 60.0  # [s] of processor time for a minute of recording
-LIMO = [sys.executable, "-c", "from limo_driver.cli import main; main()"]
+LIMO = [sys.executable, "-c", "from limo_driver.app.cli import main; main()"]
 STORIES = ("your_csv", "your_mjcf", "your_bag")
 
 

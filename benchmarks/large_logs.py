@@ -28,7 +28,7 @@ import limo_driver as limo
 
 LIMO = (
     "import resource; resource.setrlimit(resource.RLIMIT_DATA, ({most}, {most})); "
-    "from limo_driver.cli import main; main()"
+    "from limo_driver.app.cli import main; main()"
 )
 GIGABYTES = 2.0
 WRITTEN = {  # what each command writes

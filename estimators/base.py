@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias, runtime_check
 
 import numpy as np
 
-from limo_driver.display import Displayed
+from limo_driver.runtime.display import Displayed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -23,7 +23,7 @@ from limo_driver.pages.figures import (
 from limo_driver.pages.markup import columns, folded, grid, header, next_steps, section
 
 if TYPE_CHECKING:
-    from estimators.evaluation import Evaluation
+    from estimators.evaluation_result import EvaluationResult
     from limo_driver.pages.arm import ArmView
     from limo_driver.pages.markup import Figure
 
@@ -44,7 +44,7 @@ _CURVES: Final = (
 )
 
 
-def evaluation_page(found: Evaluation) -> Page:
+def evaluation_page(found: EvaluationResult) -> Page:
     """Return the page of an evaluation."""
     charts = Charts()
     view = _arm(found)
@@ -73,7 +73,7 @@ def evaluation_page(found: Evaluation) -> Page:
     return Page(title, body, charts, view)
 
 
-def _harmed(found: Evaluation) -> str:
+def _harmed(found: EvaluationResult) -> str:
     """Say on how many joints the model does worse than the rigid body alone, if it does on any."""
     names = [
         name
@@ -89,14 +89,14 @@ def _harmed(found: Evaluation) -> str:
     return f"; it is worse than the rigid body on {where}"
 
 
-def _silent(found: Evaluation) -> str:
+def _silent(found: EvaluationResult) -> str:
     """Say of which joints no torque was measured, if there are any."""
     measured = found.recording.measured_joints
     names = [name for name, told in zip(found.joint_names, measured, strict=True) if not told]
     return f" No torque was measured at {', '.join(names)}." if names else ""
 
 
-def _errors(found: Evaluation, charts: Charts) -> str:
+def _errors(found: EvaluationResult, charts: Charts) -> str:
     names = list(found.joint_names)
     errors = (
         (
@@ -126,7 +126,7 @@ def _errors(found: Evaluation, charts: Charts) -> str:
     return charts.place(chart, "Error of each joint") + columns(values)
 
 
-def _arm(found: Evaluation) -> ArmView:
+def _arm(found: EvaluationResult) -> ArmView:
     rows = lively_rows(found)
     rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
     ghosts = tuple(
@@ -156,12 +156,12 @@ def _arm(found: Evaluation) -> ArmView:
     )
 
 
-def _is_known(found: Evaluation) -> bool:
+def _is_known(found: EvaluationResult) -> bool:
     """Say whether the noise floor of every joint whose torque was measured is known."""
     return bool(np.isfinite(found.noise_floor[found.recording.measured_joints]).all())
 
 
-def _measure(found: Evaluation) -> str:
+def _measure(found: EvaluationResult) -> str:
     """Say what an error is compared with."""
     return (
         "in multiples of its noise floor"
@@ -170,14 +170,14 @@ def _measure(found: Evaluation) -> str:
     )
 
 
-def _curves(found: Evaluation, charts: Charts) -> str:
+def _curves(found: EvaluationResult, charts: Charts) -> str:
     order = np.argsort(-found.hybrid.rmse, kind="stable").tolist()
     drawn = [(name, _joint(found, charts, j)) for j in order for name in [found.joint_names[j]]]
     seen = "".join(body for _, body in drawn[:_OPEN])
     return seen + "".join(folded(name, body) for name, body in drawn[_OPEN:])
 
 
-def _joint(found: Evaluation, charts: Charts, j: int) -> str:
+def _joint(found: EvaluationResult, charts: Charts, j: int) -> str:
     rows = lively_rows(found)
     rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
     time, position = found.recording.time[rows], found.motion.position[rows, j]
@@ -201,7 +201,7 @@ def _joint(found: Evaluation, charts: Charts, j: int) -> str:
     )
 
 
-def _next(found: Evaluation) -> str:
+def _next(found: EvaluationResult) -> str:
     steps = [
         (
             "Where the model is far above the noise floor, ask what physics is missing; sim.yaml "

@@ -6,14 +6,14 @@ import json
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.declarations import read_json
 from limo_driver.errors import ModelStoreError
+from limo_driver.runtime.declarations import read_json
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.declarations import JsonGiven
+    from limo_driver.runtime.declarations import JsonGiven
 
 SCHEMA: Final = 1
 MANIFEST: Final = "manifest.json"

@@ -24,9 +24,9 @@ from safetensors.numpy import save as save_tensors
 from estimators.manifest import MANIFEST, SCHEMA, as_manifest, read_manifest
 from estimators.registry import estimator_called, known_estimators
 from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
-from limo_driver.given_files import read_bytes
-from limo_driver.outputs import replacing
 from limo_driver.physics import Simulation
+from limo_driver.runtime.given_files import read_bytes
+from limo_driver.runtime.outputs import replacing
 from limo_driver.types import same_robot
 
 if TYPE_CHECKING:
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.residual_model import ResidualModel
-    from limo_driver.declarations import JsonGiven
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
+    from limo_driver.runtime.declarations import JsonGiven
 
 WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from estimators.evaluation import Evaluation
+    from estimators.evaluation_result import EvaluationResult
     from limo_driver.types import FloatArray
 
 # Okabe and Ito's palette, told apart by any colour vision; lines differ in weight as well.
@@ -30,7 +30,7 @@ _DOTS_PER_INCH: Final = 150
 _MOVING: Final = 0.01  # [rad/s]; slower, a sign change of the velocity may be noise
 
 
-def torque_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
+def torque_figure(evaluation: EvaluationResult, window: float = _WINDOW) -> Figure:
     """Draw torque over time, one row for each joint, over `window` seconds of lively motion."""
     rows = lively_rows(evaluation, window)
     n = evaluation.measured.shape[1]
@@ -56,7 +56,7 @@ def torque_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
     return figure
 
 
-def loop_figure(evaluation: Evaluation, window: float = _WINDOW) -> Figure:
+def loop_figure(evaluation: EvaluationResult, window: float = _WINDOW) -> Figure:
     """Draw torque over position, one panel for each joint: the hysteresis loops.
 
     Gravity and inertia would bury the loops of a loaded joint. So the torque of the rigid body
@@ -91,21 +91,21 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def torques_of(evaluation: Evaluation) -> Iterator[tuple[str, FloatArray]]:
+def torques_of(evaluation: EvaluationResult) -> Iterator[tuple[str, FloatArray]]:
     """Give the torques that are compared by name, (T, n) [N m] each: the measured one first."""
     yield "measured", evaluation.measured
     yield "rigid body", evaluation.estimate.simulation
     yield evaluation.model, evaluation.estimate.torque
 
 
-def _figures(evaluation: Evaluation, j: int) -> str:
+def _figures(evaluation: EvaluationResult, j: int) -> str:
     rigid_body, hybrid = evaluation.rigid_body.rmse[j], evaluation.hybrid.rmse[j]
     if not evaluation.recording.measured_joints[j]:
         return "torque not measured"
     return f"RMSE {rigid_body:.3f} → {hybrid:.3f} N m"
 
 
-def lively_rows(evaluation: Evaluation, window: float = _WINDOW) -> slice:
+def lively_rows(evaluation: EvaluationResult, window: float = _WINDOW) -> slice:
     """Return the rows of the window in which the joints, together, reverse most often."""
     rate = evaluation.recording.rate
     length = max(2, int(window * rate))
@@ -123,7 +123,7 @@ def lively_rows(evaluation: Evaluation, window: float = _WINDOW) -> slice:
     return slice(best.start, best.stop, max(1, (best.stop - best.start) // _POINTS))
 
 
-def _finish(figure: Figure, axes: Sequence[Axes], evaluation: Evaluation, title: str) -> None:
+def _finish(figure: Figure, axes: Sequence[Axes], evaluation: EvaluationResult, title: str) -> None:
     for ax in axes:
         ax.grid(visible=True, linewidth=0.4, alpha=0.5)
         ax.tick_params(labelsize="x-small")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from estimators.residual_model import ResidualModel
 from limo_driver.errors import ConfigError
-from limo_driver.plugins import ESTIMATORS, OWN, names, plug_in
+from limo_driver.runtime.plugins import ESTIMATORS, OWN, names, plug_in
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -20,21 +20,21 @@ from estimators.base import Estimate
 from estimators.simulation_only import SimulationOnly
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.physics import Simulation
-from limo_driver.recordings.causal_differentiation import (
+from limo_driver.recordings.filters.causal_differentiation import (
     FEWEST_SAMPLES,
     RATE_TOLERANCE,
     CausalDifferentiator,
     CausalFilter,
 )
-from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
-from limo_driver.recordings.standstill import RestingDifferentiator
+from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH
+from limo_driver.recordings.filters.standstill import RestingDifferentiator
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from estimators.base import LiveEstimator, State
-    from limo_driver.recordings.causal_differentiation import DelayLine
+    from limo_driver.recordings.filters.causal_differentiation import DelayLine
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 

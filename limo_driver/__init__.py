@@ -27,9 +27,30 @@ if TYPE_CHECKING:
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.rigid_body import JointTerms, Rows
     from estimators.service.settings import RetrainingSettings, ServiceSettings
+    from limo_driver.app.library.datasets import simulate_dataset
+    from limo_driver.app.library.diagnosing import diagnose
+    from limo_driver.app.library.embedding import export_c, export_onnx
+    from limo_driver.app.library.exporting import export
+    from limo_driver.app.library.fleets.diagnosing import diagnose_fleet
+    from limo_driver.app.library.forward import predict_forward
+    from limo_driver.app.library.inspecting import inspect
+    from limo_driver.app.library.learning import (
+        evaluate,
+        identify,
+        load_model,
+        nominal,
+        predict,
+        train,
+    )
+    from limo_driver.app.library.live.running import Streaming, run
+    from limo_driver.app.library.live.serving import serve
+    from limo_driver.app.library.planning import excite, excite_servos, plan
+    from limo_driver.app.library.reading import read
+    from limo_driver.app.library.simulating import simulate
+    from limo_driver.app.library.sweeping import sweep
     from limo_driver.errors import LimoError
-    from limo_driver.foreign.mapping import LogMapping
     from limo_driver.logs.mcap_log import LogLimits
+    from limo_driver.logs.readers.mapping import LogMapping
     from limo_driver.model import RobotModel
     from limo_driver.network.ros import RosTopic
     from limo_driver.physics import Simulation
@@ -46,27 +67,6 @@ if TYPE_CHECKING:
         TorqueCommand,
         WrenchCommand,
     )
-    from limo_driver.workflow.datasets import simulate_dataset
-    from limo_driver.workflow.diagnosing import diagnose
-    from limo_driver.workflow.embedding import export_c, export_onnx
-    from limo_driver.workflow.exporting import export
-    from limo_driver.workflow.fleets.diagnosing import diagnose_fleet
-    from limo_driver.workflow.forward import predict_forward
-    from limo_driver.workflow.inspecting import inspect
-    from limo_driver.workflow.learning import (
-        evaluate,
-        identify,
-        load_model,
-        nominal,
-        predict,
-        train,
-    )
-    from limo_driver.workflow.live.running import Streaming, run
-    from limo_driver.workflow.live.serving import serve
-    from limo_driver.workflow.planning import excite, excite_servos, plan
-    from limo_driver.workflow.reading import read
-    from limo_driver.workflow.simulating import simulate
-    from limo_driver.workflow.sweeping import sweep
     from limopa import (
         ExcitationRequest,
         Exploring,
@@ -88,7 +88,7 @@ _HOME = {
     "JointTerms": "estimators.rigid_body",
     "LimoError": "limo_driver.errors",
     "LogLimits": "limo_driver.logs.mcap_log",
-    "LogMapping": "limo_driver.foreign.mapping",
+    "LogMapping": "limo_driver.logs.readers.mapping",
     "Motion": "limo_driver.types",
     "PlanRequest": "limopa",
     "PositionCommand": "limo_driver.types",
@@ -102,36 +102,36 @@ _HOME = {
     "ServiceSettings": "estimators.service.settings",
     "ServoRequest": "limopa",
     "Simulation": "limo_driver.physics",
-    "Streaming": "limo_driver.workflow.live.running",
+    "Streaming": "limo_driver.app.library.live.running",
     "Surroundings": "limopa",
     "TorqueCommand": "limo_driver.types",
     "TrainingSettings": "estimators.hybrid.training.settings",
     "Trajectory": "limo_driver.trajectory",
     "Workspace": "limopa",
     "WrenchCommand": "limo_driver.types",
-    "diagnose": "limo_driver.workflow.diagnosing",
-    "diagnose_fleet": "limo_driver.workflow.fleets.diagnosing",
-    "evaluate": "limo_driver.workflow.learning",
-    "excite": "limo_driver.workflow.planning",
-    "excite_servos": "limo_driver.workflow.planning",
-    "export": "limo_driver.workflow.exporting",
-    "export_c": "limo_driver.workflow.embedding",
-    "export_onnx": "limo_driver.workflow.embedding",
-    "identify": "limo_driver.workflow.learning",
-    "inspect": "limo_driver.workflow.inspecting",
-    "load_model": "limo_driver.workflow.learning",
-    "nominal": "limo_driver.workflow.learning",
+    "diagnose": "limo_driver.app.library.diagnosing",
+    "diagnose_fleet": "limo_driver.app.library.fleets.diagnosing",
+    "evaluate": "limo_driver.app.library.learning",
+    "excite": "limo_driver.app.library.planning",
+    "excite_servos": "limo_driver.app.library.planning",
+    "export": "limo_driver.app.library.exporting",
+    "export_c": "limo_driver.app.library.embedding",
+    "export_onnx": "limo_driver.app.library.embedding",
+    "identify": "limo_driver.app.library.learning",
+    "inspect": "limo_driver.app.library.inspecting",
+    "load_model": "limo_driver.app.library.learning",
+    "nominal": "limo_driver.app.library.learning",
     "open_robot": "limo_driver.robot.registry",
-    "plan": "limo_driver.workflow.planning",
-    "predict": "limo_driver.workflow.learning",
-    "predict_forward": "limo_driver.workflow.forward",
-    "read": "limo_driver.workflow.reading",
-    "run": "limo_driver.workflow.live.running",
-    "serve": "limo_driver.workflow.live.serving",
-    "simulate": "limo_driver.workflow.simulating",
-    "simulate_dataset": "limo_driver.workflow.datasets",
-    "sweep": "limo_driver.workflow.sweeping",
-    "train": "limo_driver.workflow.learning",
+    "plan": "limo_driver.app.library.planning",
+    "predict": "limo_driver.app.library.learning",
+    "predict_forward": "limo_driver.app.library.forward",
+    "read": "limo_driver.app.library.reading",
+    "run": "limo_driver.app.library.live.running",
+    "serve": "limo_driver.app.library.live.serving",
+    "simulate": "limo_driver.app.library.simulating",
+    "simulate_dataset": "limo_driver.app.library.datasets",
+    "sweep": "limo_driver.app.library.sweeping",
+    "train": "limo_driver.app.library.learning",
 }
 
 __all__ = [

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from limo_driver.errors import ConfigError, PathError, ShapeError
-from limo_driver.given_files import check_file
+from limo_driver.runtime.given_files import check_file
 from limo_driver.types import FloatArray, Motion, as_numbers, same_robot
 
 if TYPE_CHECKING:
@@ -264,7 +264,7 @@ class Trajectory(Motion):
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        from limo_driver.outputs import require_parquet, whole
+        from limo_driver.runtime.outputs import require_parquet, whole
 
         require_parquet(path)
 
@@ -293,7 +293,7 @@ class Trajectory(Motion):
             ConfigError: The file is missing, is no Parquet, lacks a column, has a column or header
                 of another kind, or holds what a trajectory may not.
         """
-        from limo_driver.recordings.parquet import DAMAGE, whole_table
+        from limo_driver.recordings.files.parquet import DAMAGE, whole_table
 
         check_file(Path(path), ConfigError)
         try:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.compiled import compiled
-from limo_driver.kinematics import forward
+from limo_driver.model.kinematics import forward
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.descriptions.shapes import Capsule, ShapeDistances
 from limo_driver.errors import ConfigError, InfeasiblePathError
-from limo_driver.kinematics import KinematicChain
+from limo_driver.model.descriptions.shapes import Capsule, ShapeDistances
+from limo_driver.model.kinematics import KinematicChain
 from limopa.capsules import clearances
 
 if TYPE_CHECKING:

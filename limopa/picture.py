@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limo_driver.kinematics import KinematicChain
-from limo_driver.outputs import whole
+from limo_driver.model.kinematics import KinematicChain
+from limo_driver.runtime.outputs import whole
 from limopa.planner import EXPLORING, REACHING
 from limopa.statistics import reversal_rows, rotations
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.display import Displayed
 from limo_driver.errors import InfeasiblePathError
+from limo_driver.runtime.display import Displayed
 from limopa.exploration import Exploration, draw_exploration
 from limopa.feasibility import Feasibility
 from limopa.path import Line, Path

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import inf, pi, radians
 
-from limo_driver.parameters import Declared, parameter, shown
+from limo_driver.runtime.parameters import Declared, parameter, shown
 
 Range = tuple[float, float]
 

@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from limo_driver.cli import main
+from limo_driver.app.cli import main
 from limo_driver.physics import Simulation
 
 pytest_plugins = ["kept_results"]

@@ -19,16 +19,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from limo_driver.declarations import read_yaml
 from limo_driver.errors import ConfigError
-from limo_driver.model import RobotModel, beside
-from limo_driver.parameters import Declared, parameter
+from limo_driver.model import RobotModel
+from limo_driver.model.robot_model import beside
+from limo_driver.runtime.declarations import read_yaml
+from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.types import RobotSpec
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from limo_driver.declarations import Given
+    from limo_driver.runtime.declarations import Given
     from limo_driver.types import FloatArray
 
 CIA402: Final = "cia402"

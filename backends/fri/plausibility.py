@@ -8,9 +8,9 @@ import numpy as np
 
 from backends.fri.codec.messages import SessionState
 from backends.fri.connection import LARGEST_POSITION, LARGEST_TORQUE
-from limo_driver.compiled import compiled
 from limo_driver.robot.measured import SLACK
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from backends.fri.codec.messages import Joints, Monitoring

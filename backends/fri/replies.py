@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from backends.fri.answers import answer_to
 from backends.fri.codec.messages import SessionState
 from backends.fri.codec.template import CommandTemplate
-from limo_driver.latency import LatencyHistogram
+from limo_driver.runtime.latency import LatencyHistogram
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:

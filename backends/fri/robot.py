@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from backends.fri.codec.version import Generation
     from backends.fri.endpoint import Datagram
-    from limo_driver.latency import LatencyHistogram
+    from limo_driver.runtime.latency import LatencyHistogram
     from limo_driver.types import FloatArray, JointCommand
 
 WRENCH_LIMITS: Final = WrenchLimits(

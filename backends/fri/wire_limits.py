@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from limo_driver.compiled import compiled
 from limo_driver.robot.measured import RANGE_TOLERANCE
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, RobotSpec

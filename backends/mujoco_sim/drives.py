@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from backends.mujoco_sim import layout as row
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from backends.mujoco_sim.layout import Arrays, Scratch, Servo

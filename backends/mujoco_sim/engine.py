@@ -35,9 +35,9 @@ from backends.mujoco_sim.friction_laws import friction_damping
 from backends.mujoco_sim.layout import SCRATCH_ROWS, Arrays, Links, Scratch, Servo
 from backends.mujoco_sim.linked import gather, gather_state, spread
 from backends.mujoco_sim.realisation import Plant
-from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effects.friction_laws import PARAMETERS
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from limo_driver.compiled import compiled
 from limo_driver.physics.effects.friction_laws import friction_torque
+from limo_driver.runtime.compiled import compiled
 
 _SMALL_VELOCITY = 1e-9  # [rad/s]
 

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from backends.mujoco_sim.layout import Arrays, Links
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel

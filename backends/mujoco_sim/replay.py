@@ -16,7 +16,7 @@ from backends.mujoco_sim.robot import MujocoRobot
 from backends.simulated import DEFAULT_PERIOD
 from limo_driver.errors import PathError
 from limo_driver.physics.effects.sensing import Sensors
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.filters.differentiation import smooth
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:

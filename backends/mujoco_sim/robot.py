@@ -34,15 +34,15 @@ from limo_driver.errors import (
     LimoError,
     ShapeError,
 )
-from limo_driver.parameters import seed_of
-from limo_driver.robot.robot import StatesAhead
 from limo_driver.robot.safety import START_TOLERANCE
+from limo_driver.runtime.parameters import seed_of
 from limo_driver.types import (
     FloatArray,
     ImpedanceCommand,
     JointState,
     Motion,
     PositionCommand,
+    StatesAhead,
     TorqueCommand,
 )
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from backends.mujoco_sim.realisation import Plant
-    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.model import RobotModel
+    from limo_driver.model.descriptions.inertial import Inertial
     from limo_driver.physics import JointCoupling
 
 # Visuals may lie in files that are not here; friction and damping come from effects alone.

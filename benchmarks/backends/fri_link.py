@@ -37,14 +37,14 @@ from backends.fri import FriRobot
 from backends.fri.codec.messages import MAX_DATAGRAM, SessionState
 from backends.fri.endpoint import Endpoint
 from limo_driver.errors import BackendError
-from limo_driver.latency import LatencyHistogram
 from limo_driver.robot.realtime import Pace, Realtime
+from limo_driver.runtime.latency import LatencyHistogram
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
+LIMO = (sys.executable, "-c", "from limo_driver.app.cli import main; main()")
 PORT, IDLE = 30209, SessionState.IDLE
 PACKET, ANSWER = 471, 90  # bytes
 LATE_MS, LATE_BAR, LATE_BAR_FIFO = 0.5, 1e-3, 1e-4  # fractions of the cycles

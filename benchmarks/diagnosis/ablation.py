@@ -31,12 +31,12 @@ from diagnosis_judged import Judged
 from fresh import folder
 
 import limo_driver as limo
-from estimators.diagnosis.pipeline import diagnose
+from estimators.diagnosis.from_torque.pipeline import diagnose
 from estimators.regression.evidence import Posterior
-from limo_driver.cli.predict import write
+from limo_driver.app.cli.predict import write
+from limo_driver.app.library.learning import predict
+from limo_driver.app.library.reading import read
 from limo_driver.errors import LimoError
-from limo_driver.workflow.learning import predict
-from limo_driver.workflow.reading import read
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 
 WHOLE = "all of it"
 DIAGNOSIS = "estimators.diagnosis"
-FITTING = f"{DIAGNOSIS}.fitting"
+FROM_TORQUE = f"{DIAGNOSIS}.from_torque"
+FITTING = f"{FROM_TORQUE}.fitting"
 SETTINGS = f"{DIAGNOSIS}.settings"
 
 
@@ -95,7 +96,7 @@ PARTS: dict[str, Change] = {
         {
             f"{FITTING}.settling.sure": lambda *_: True,
             f"{FITTING}.contribution.sure": lambda *_: True,
-            f"{DIAGNOSIS}.judgement.judgement.sure": lambda *_: True,
+            f"{FROM_TORQUE}.judgement.judgement.sure": lambda *_: True,
         },
     ),
     "names: no simpler ones": Change(
@@ -103,12 +104,12 @@ PARTS: dict[str, Change] = {
     ),
     "reach: three lines of a ripple": _without(hypotheses__RIPPLE__lines=3),
     "reach: no lateness of all of it": Change(
-        {}, {f"{DIAGNOSIS}.reconsidering.made_late": lambda *_: None}
+        {}, {f"{FROM_TORQUE}.reconsidering.made_late": lambda *_: None}
     ),
-    "reach: no pushes": Change({}, {f"{DIAGNOSIS}.events.pushes": lambda *_: ()}),
-    "reach: no jolts": Change({}, {f"{DIAGNOSIS}.events.jolts": lambda *_: ()}),
+    "reach: no pushes": Change({}, {f"{FROM_TORQUE}.events.pushes": lambda *_: ()}),
+    "reach: no jolts": Change({}, {f"{FROM_TORQUE}.events.jolts": lambda *_: ()}),
     "reach: no values beyond their tolerances": Change(
-        {}, {f"{DIAGNOSIS}.reconsidering.suspects": lambda *_: set()}
+        {}, {f"{FROM_TORQUE}.reconsidering.suspects": lambda *_: set()}
     ),
 }
 CHOSEN: dict[str, Sequence[float]] = {  # values beside the one that stands

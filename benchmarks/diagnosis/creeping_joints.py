@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from limo_driver.app.library.diagnosing import diagnose
 from limo_driver.recordings.recording import Recording
-from limo_driver.workflow.diagnosing import diagnose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -2,7 +2,8 @@
 
 `python benchmarks/diagnosis/diagnosis_calibration.py FOLDER...` reads finished cases, prints the
 weights that
-`estimators/diagnosis/judgement/findings.py` needs and by how much intervals have to be wider.
+`estimators/diagnosis/from_torque/judgement/findings.py` needs, and by how much intervals have to
+be wider.
 Never give it cases whose figures are to be reported.
 """
 
@@ -17,7 +18,7 @@ from diagnosis_judged import UNKNOWN, judge, misses, names
 from diagnosis_score import calibration_error
 from scipy.optimize import minimize
 
-from estimators.diagnosis.judgement.findings import Signs, features
+from estimators.diagnosis.from_torque.judgement.findings import Signs, features
 
 PULL = 0.3  # of weights towards zero; there are few wrong names to learn from
 

@@ -49,9 +49,9 @@ def called(name: str, case: Path) -> None:
 
 def predict(simulation: Simulation, held_out: Path, to: Path) -> None:
     """Write the torques that a simulation predicts of a recorded motion, as the command does."""
-    from limo_driver.cli.predict import write
+    from limo_driver.app.cli.predict import write
+    from limo_driver.app.library.learning import predict as predicted
     from limo_driver.recordings.recording import Recording
-    from limo_driver.workflow.learning import predict as predicted
 
     recording = Recording.load(held_out)
     write(recording, recording.time, {"torque": predicted(simulation, recording).torque}, to)

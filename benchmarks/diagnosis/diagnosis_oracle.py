@@ -18,7 +18,7 @@ from diagnosis_library import predict
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from estimators.diagnosis.fitting.problem import RegressionProblem, Solution
+    from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
@@ -61,14 +61,14 @@ def worst(case: Path) -> tuple[float, float] | None:
 
 def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
     """Return the simulation with the hidden effects, and its expected error, (n,) [N m]."""
-    from estimators.diagnosis.fitting.foreseen import Foreseen
-    from estimators.diagnosis.fitting.linearised import polished
-    from estimators.diagnosis.fitting.problem import RegressionProblem, fitted
-    from estimators.diagnosis.fitting.settling import refined
-    from estimators.diagnosis.fitting.solving import noise_left, noise_of_everything
-    from estimators.diagnosis.judgement.judged_set import places_of
-    from estimators.diagnosis.pipeline import observe
-    from estimators.diagnosis.residuals.observations import Observations
+    from estimators.diagnosis.from_torque.fitting.foreseen import Foreseen
+    from estimators.diagnosis.from_torque.fitting.linearised import polished
+    from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
+    from estimators.diagnosis.from_torque.fitting.settling import refined
+    from estimators.diagnosis.from_torque.fitting.solving import noise_left, noise_of_everything
+    from estimators.diagnosis.from_torque.judgement.judged_set import places_of
+    from estimators.diagnosis.from_torque.pipeline import observe
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.stages import quiet
     from limo_driver.recordings.bandwidth import BANDWIDTH
     from limo_driver.recordings.recording import Recording

@@ -10,7 +10,7 @@ import numpy as np
 from diagnosis_closure import GUARD, MOVING
 from scipy.ndimage import maximum_filter1d
 
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.filters.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from diagnosis_peer_base import Array
 
-    from limo_driver.descriptions.inertial import Inertial
+    from limo_driver.model.descriptions.inertial import Inertial
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import Motion
 

@@ -39,7 +39,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from limo_driver.cli.predict import write
+from limo_driver.app.cli.predict import write
 from limo_driver.errors import LimoError
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording

@@ -28,10 +28,10 @@ import pinocchio as pin
 from real_diagnosis import BANDWIDTH, DATA, cases, rmse
 
 import limo_driver as limo
-from estimators.diagnosis.residuals.observations import Observations
-from estimators.diagnosis.residuals.pushes import pushes
+from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.from_torque.residuals.pushes import pushes
 from estimators.rigid_body.fitting.normal_equations import Rows
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.filters.differentiation import smooth
 
 if TYPE_CHECKING:
     from real_diagnosis import Case

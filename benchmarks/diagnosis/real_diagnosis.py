@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio
 
 from limo_driver.physics import Simulation
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.filters.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def _files(paths: tuple[Path, ...]) -> str:
 
 
 def _limo(command: str) -> None:
-    main_of_limo = "from limo_driver.cli import main; main()"
+    main_of_limo = "from limo_driver.app.cli import main; main()"
     subprocess.run(
         [sys.executable, "-c", main_of_limo, *shlex.split(command)],
         check=True,

@@ -40,13 +40,18 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import mujoco
 import numpy as np
 
-from estimators.drives import diagnose_drives, free_run, identify_drives
-from estimators.drives.fitting.constants import COULOMB, DAMPING, value_in, with_values
-from estimators.drives.fitting.identification import with_rows
-from estimators.drives.fitting.joint import errors
-from estimators.drives.simulation.free_run import commands_of
-from estimators.drives.simulation.one_joint import LoadedJoint, loaded_joints
-from estimators.drives.simulation.plant import rows_of
+from estimators.diagnosis.from_motion import diagnose_drives, free_run, identify_drives
+from estimators.diagnosis.from_motion.fitting.constants import (
+    COULOMB,
+    DAMPING,
+    value_in,
+    with_values,
+)
+from estimators.diagnosis.from_motion.fitting.identification import with_rows
+from estimators.diagnosis.from_motion.fitting.joint import errors
+from estimators.diagnosis.from_motion.simulation.free_run import commands_of
+from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint, loaded_joints
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from estimators.drives.fitting.constants import COULOMB, DAMPING, with_values
-from estimators.drives.fitting.identification import with_rows
-from estimators.drives.simulation.free_run import commands_of
-from estimators.drives.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.fitting.constants import COULOMB, DAMPING, with_values
+from estimators.diagnosis.from_motion.fitting.identification import with_rows
+from estimators.diagnosis.from_motion.simulation.free_run import commands_of
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -27,7 +27,7 @@ from scipy.spatial import KDTree
 from estimators.evaluation import evaluate
 from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
 from limo_driver.model import RobotModel
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.filters.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import FloatArray
 

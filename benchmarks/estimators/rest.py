@@ -37,9 +37,9 @@ from backends.mujoco_sim.robot import MujocoRobot
 from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
 from limo_driver.physics import CoulombFriction, Sensors, Simulation, ViscousFriction
-from limo_driver.recordings.causal_differentiation import CausalDifferentiator
-from limo_driver.recordings.differentiation import SAFE_BANDWIDTH
-from limo_driver.recordings.filtered_samples import LIVELIER, SHARPER
+from limo_driver.recordings.filters.causal_differentiation import CausalDifferentiator
+from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH
+from limo_driver.recordings.filters.filtered_samples import LIVELIER, SHARPER
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from estimators.joint_physics import JointPhysics
 from estimators.neural import LstmFcl, Mlp
 from estimators.stream import Stream
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
-from limo_driver.recordings.differentiation import differentiate
+from limo_driver.recordings.filters.differentiation import differentiate
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointSample, Motion
 

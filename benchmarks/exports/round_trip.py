@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 
 import limo_driver as limo
+from limo_driver.app.library.learning import described
 from limo_driver.exports.changes.parts import parts_of
 from limo_driver.physics import (
     Armature,
@@ -29,7 +30,6 @@ from limo_driver.physics import (
     TorqueRipple,
     ViscousFriction,
 )
-from limo_driver.workflow.learning import described
 
 if TYPE_CHECKING:
     from limo_driver.physics import Effect

@@ -22,7 +22,7 @@ import zstandard
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
+LIMO = (sys.executable, "-c", "from limo_driver.app.cli import main; main()")
 SECONDS, MEGABYTES = 2.0, 500.0
 PATIENCE = 60.0  # [s], after which a command is ended
 RECORDED = "tests/regression/data/iiwa14_excited.parquet"

@@ -88,13 +88,13 @@ def motion() -> dict[str, Any]:
 
 
 def _read_log(path: Path) -> object:
-    from limo_driver.workflow.reading import read
+    from limo_driver.app.library.reading import read
 
     return read(path, arm())
 
 
 def _inspect_log(path: Path) -> object:
-    from limo_driver.workflow.inspecting import inspect
+    from limo_driver.app.library.inspecting import inspect
 
     return str(inspect(path, arm()))
 
@@ -235,7 +235,7 @@ def _recordings(folder: Path) -> list[Path]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    from limo_driver.recordings.recorder import Recorder
+    from limo_driver.recordings.files.recorder import Recorder
     from limo_driver.types import JointState
 
     table = pa.table(_columns())
@@ -290,7 +290,7 @@ def _described(text: str, name: str, folder: Path) -> list[Path]:
 
 def _load_robot(path: Path) -> object:
     """Load a robot with its shapes, and what its file states of joints."""
-    from limo_driver.workflow.learning import nominal
+    from limo_driver.app.library.learning import nominal
 
     simulation = nominal(str(path))
     q = np.zeros((1, simulation.model.n))
@@ -327,9 +327,9 @@ def _usd(folder: Path) -> list[Path]:
 
 
 def _yaml(folder: Path) -> list[Path]:
+    from limo_driver.app.library.inspecting import inspect
+    from limo_driver.app.library.learning import nominal
     from limo_driver.physics import Simulation
-    from limo_driver.workflow.inspecting import inspect
-    from limo_driver.workflow.learning import nominal
 
     (folder / "arm.urdf").write_text(URDF)
     simulation = nominal(str(folder / "arm.urdf"))
@@ -340,7 +340,7 @@ def _yaml(folder: Path) -> list[Path]:
 
 
 def _load_yaml(path: Path) -> object:
-    from limo_driver.foreign.mapping import LogMapping
+    from limo_driver.logs.readers.mapping import LogMapping
     from limo_driver.physics import Simulation
 
     return (Simulation if path.name == "sim.yaml" else LogMapping).load(path)
@@ -348,9 +348,9 @@ def _load_yaml(path: Path) -> object:
 
 def _model(folder: Path) -> list[Path]:
     from estimators.joint_physics import JointPhysics
+    from limo_driver.app.library.learning import nominal
     from limo_driver.recordings.columns import Columns
     from limo_driver.recordings.recording import Recording
-    from limo_driver.workflow.learning import nominal
 
     (folder / "arm.urdf").write_text(URDF)
     own, times = motion(), np.arange(6 * ROWS) / RATE

@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any, Final
 from formats import FORMATS
 from mutations import mutated
 
-from limo_driver.given_files import separate
+from limo_driver.runtime.given_files import separate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -34,8 +34,8 @@ from estimators.fleet.outcome import FleetOutcome
 from estimators.fleet.result import FleetDiagnosis
 from estimators.fleet.saving import save_fleet
 from estimators.fleet.store import ROW, FleetStore
-from limo_driver.workflow.fleets.job import FleetJob
-from limo_driver.workflow.fleets.sources import rows_of
+from limo_driver.app.library.fleets.job import FleetJob
+from limo_driver.app.library.fleets.sources import rows_of
 
 if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow

@@ -37,7 +37,7 @@ SIM = Path(__file__).parents[2] / "examples" / "iiwa14_hysteretic.yaml"
 # Inside the process: note the first sign of life, and at the end what was compiled.
 CHILD = """
 import atexit, json, os, sys, time
-from limo_driver import cli; from limo_driver.machine_code import compilation
+from limo_driver import cli; from limo_driver.runtime.machine_code import compilation
 begun, where, noted = float(os.environ["BEGUN"]), os.environ["NOTES"], {}
 def note(*_):
     noted.setdefault("sign", time.time() - begun)
@@ -58,7 +58,7 @@ if sys.argv[1] == "run":
     from limo_driver.robot.robot import Robot
     before(Robot, "send")
 if sys.argv[1] == "diagnose":
-    from limo_driver.workflow import diagnosing
+    from limo_driver.app.library import diagnosing
     before(diagnosing, "diagnose", "progress")
 def write():
     last = compilation.current()

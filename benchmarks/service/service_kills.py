@@ -48,7 +48,7 @@ from limo_driver.network.messages import (
 )
 from limo_driver.network.model_client import ModelClient
 from limo_driver.network.streaming import Keys, open_session
-from limo_driver.recordings.recorder import read_log
+from limo_driver.recordings.files.recorder import read_log
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:

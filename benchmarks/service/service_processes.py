@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 ARM = "bench"
 RATE = 1000.0  # [Hz]
 DELAY = 0.1  # [s], the default of the service
-LIMO = [sys.executable, "-c", "from limo_driver.cli import main; main()"]
+LIMO = [sys.executable, "-c", "from limo_driver.app.cli import main; main()"]
 _GOLDEN = 5.0  # [s] of motion
 _AHEAD = 8  # states that may be unanswered, where they are sent as fast as they are answered
 _LOST = 0.1  # [s] after which an answer is given up

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 from estimators.diagnosis import verdict as values
 from estimators.diagnosis.verdict import SCHEMA, VERDICT, Verdict
 from limo_driver.errors import ConfigError
-from limo_driver.given_files import read_json_file
+from limo_driver.runtime.given_files import read_json_file
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -1,18 +1,17 @@
-"""Diagnosis: the result of comparing a simulation with recordings, and all that a report shows."""
+"""What a diagnosis found, and all that its report shows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from estimators.diagnosis.headline import headline
 from estimators.diagnosis.summary import columns_of, lines_of
-from limo_driver.display import Displayed
 from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.runtime.display import Displayed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
@@ -79,7 +78,7 @@ class Shift:
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Displayed):
+class DiagnosisResult(Displayed):
     """Result of a diagnosis: verdict, improved simulation, and evidence."""
 
     verdict: Verdict
@@ -103,29 +102,11 @@ class Diagnosis(Displayed):
         """The improved simulation."""
         return self.after
 
-    def failed(self, failure: Failure) -> Diagnosis:
+    def failed(self, failure: Failure) -> Self:
         """Return the same with a stage that failed, which is the first note of the verdict."""
         notes = (failure.note(), *self.verdict.notes)
         verdict = replace(self.verdict, notes=notes)
         return replace(self, verdict=verdict, failures=(*self.failures, failure))
-
-    def save(self, folder: Path | str) -> None:
-        """Write verdict.json, sim.yaml, report.html, and next_motion.parquet if there is one.
-
-        Where the report fails, the others are written all the same, and the verdict says so.
-
-        Args:
-            folder: Made if it is not there.
-
-        Raises:
-            ConfigError: The folder cannot be written to.
-            Exception: What the report failed with.
-        """
-        from estimators.diagnosis.saving import save  # which stands on this
-
-        saved, _ = save(self, folder)
-        for failure in saved.failures[len(self.failures) :]:
-            raise failure.error
 
     def headline(self) -> str:
         """Say the verdict in one sentence."""

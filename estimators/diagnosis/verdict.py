@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from estimators.diagnosis.settings.afterwards import WORDING
-from limo_driver.outputs import whole
+from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

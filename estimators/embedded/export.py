@@ -17,14 +17,20 @@ from estimators.embedded.tables import SIDE_BY_SIDE, defines, table
 from estimators.embedded.threshold import measured_threshold, normal_threshold
 from estimators.rigid_body.dynamics.regressor import RegressorChain
 from estimators.stream import Stream
-from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
-from limo_driver.outputs import require_folder, whole
 from limo_driver.physics import Simulation
 from limo_driver.physics.effects.body import Payload
 from limo_driver.quoting import in_c_comment
-from limo_driver.recordings.causal_differentiation import LARGEST
-from limo_driver.recordings.standstill import FAR, MEMORY, NOTHING, REACH, RestingDifferentiator
+from limo_driver.recordings.filters.causal_differentiation import LARGEST
+from limo_driver.recordings.filters.standstill import (
+    FAR,
+    MEMORY,
+    NOTHING,
+    REACH,
+    RestingDifferentiator,
+)
+from limo_driver.runtime.display import Displayed
+from limo_driver.runtime.outputs import require_folder, whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

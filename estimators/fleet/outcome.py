@@ -7,14 +7,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from estimators.diagnosis.result import Diagnosis
+from estimators.diagnosis.from_torque.diagnosis import Diagnosis
 from estimators.diagnosis.verdict import IMPROVED
 from estimators.fleet.tolerated import ToleratedValue, tolerated_values
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from estimators.drives.result import DriveDiagnosis
+    from estimators.diagnosis.from_motion.diagnosis import DriveDiagnosis
     from limo_driver.physics import Simulation
 
 

@@ -21,7 +21,7 @@ import yaml
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import IMPROVED
 from estimators.fleet.tolerated import ToleratedValue
-from limo_driver.kept_results import KeptResults
+from limo_driver.runtime.kept_results import KeptResults
 
 if TYPE_CHECKING:
     from collections.abc import Container

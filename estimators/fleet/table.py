@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from limo_driver.outputs import whole
+from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

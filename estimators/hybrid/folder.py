@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.neural import Network
-    from limo_driver.declarations import Given, JsonGiven
+    from limo_driver.runtime.declarations import Given, JsonGiven
     from limo_driver.types import FloatArray
 
 _COLUMNS: Final = "columns"  # which inputs each part of the network sees

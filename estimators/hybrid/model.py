@@ -12,7 +12,7 @@ from estimators.hybrid.fitted_network import FittedNetwork
 from estimators.hybrid.scaling import normalise_inputs
 from estimators.model_folder import provenance
 from estimators.residual_model import ResidualModel
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -37,7 +37,7 @@ import numpy as np
 
 from estimators.base import DEVIATIONS
 from estimators.regression.empirical_bayes import LEAST_NOISE
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

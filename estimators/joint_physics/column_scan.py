@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.rigid_body.dynamics.newton_euler import inverse_dynamics
 from estimators.rigid_body.dynamics.regressor import fill_regressor
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

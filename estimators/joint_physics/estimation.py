@@ -14,7 +14,7 @@ from estimators.joint_physics.calibration import judge
 from estimators.joint_physics.column_scan import scan
 from estimators.joint_physics.memory import fill_variance
 from estimators.joint_physics.prediction import predict
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

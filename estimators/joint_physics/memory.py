@@ -27,8 +27,8 @@ from estimators.joint_physics.column_scan import (
     FRICTION_HARMONICS,
     WIDTHS,
 )
-from limo_driver.compiled import compiled
 from limo_driver.physics import TorqueEffect
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from estimators.joint_physics.columns import JointColumns

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from estimators.neural.network import Network, free_size
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

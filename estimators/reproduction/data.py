@@ -16,17 +16,18 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.declarations import read_json
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.model import BUILT_IN, RobotModel, beside
-from limo_driver.parameters import Parameter
+from limo_driver.model import BUILT_IN, RobotModel
+from limo_driver.model.robot_model import beside
 from limo_driver.recordings.recording import Recording
+from limo_driver.runtime.declarations import read_json
+from limo_driver.runtime.parameters import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.declarations import Given
+    from limo_driver.runtime.declarations import Given
     from limo_driver.types import FloatArray
 
 SCHEMA: Final = 1

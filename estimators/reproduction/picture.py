@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from estimators.reproduction.results import span
 from estimators.reproduction.rows import PARTS, RBD, ROWS, paper_table
 from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES
-from limo_driver.outputs import whole
+from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
     from pathlib import Path

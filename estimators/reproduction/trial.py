@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from estimators.reproduction.rows import PARTS, PERCEPTRON, ROWS, TOPOLOGIES, Row
 from limo_driver.errors import ConfigError
-from limo_driver.outputs import whole
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.outputs import whole
+from limo_driver.runtime.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

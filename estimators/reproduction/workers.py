@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from estimators.reproduction.rigid_body import physics_digest
 from estimators.reproduction.trial import Trial, TrialStore
 from limo_driver.errors import LimoError
-from limo_driver.processes.worker_process import WorkerProcess, end_with_parent
+from limo_driver.runtime.processes.worker_process import WorkerProcess, end_with_parent
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator

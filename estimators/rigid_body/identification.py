@@ -29,11 +29,11 @@ from estimators.rigid_body.stated import (
 )
 from estimators.rigid_body.terms import JointTerms, Term
 from estimators.rigid_body.tolerances import tolerances_of
-from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Armature, Simulation
 from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.runtime.display import Displayed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -17,7 +17,7 @@ from estimators.stream import Stream
 from limo_driver.errors import LimoError
 from limo_driver.network.messages import Level
 from limo_driver.recordings.bandwidth import bandwidth_at
-from limo_driver.recordings.causal_differentiation import RATE_TOLERANCE
+from limo_driver.recordings.filters.causal_differentiation import RATE_TOLERANCE
 from limo_driver.types import readonly
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointLimits

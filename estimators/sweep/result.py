@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.display import Displayed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -11,11 +11,11 @@ import pyarrow.parquet as pq
 
 from estimators.model_folder import load_model
 from estimators.sweep.result import text_of
-from limo_driver.outputs import whole
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, layout
 from limo_driver.pages.markup import grid, header, paragraph, section, table
 from limo_driver.quoting import in_html as escape
+from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

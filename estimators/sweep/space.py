@@ -20,15 +20,23 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.hybrid.training.settings import TrainingSettings, usual_settings
-from limo_driver.declarations import read_yaml
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import REAL, TEXT, WHOLE, Declared, Parameter, parameter, parameters_of
+from limo_driver.runtime.declarations import read_yaml
+from limo_driver.runtime.parameters import (
+    REAL,
+    TEXT,
+    WHOLE,
+    Declared,
+    Parameter,
+    parameter,
+    parameters_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.declarations import Given
+    from limo_driver.runtime.declarations import Given
 
 _MOST: Final = 10_000  # trials
 _OWN: Final = ("device",)  # where it is trained, and not what

@@ -12,7 +12,7 @@ import numpy as np
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.data import prepare
 from estimators.hybrid.training.split import LEFT_OUT
-from limo_driver.kept_results import KeptResults
+from limo_driver.runtime.kept_results import KeptResults
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.descriptions.description import DOWN
-from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.joints import sharp
 from limo_driver.exports.changes.target import target_of
@@ -24,8 +22,10 @@ from limo_driver.exports.unwritten import unwritten
 from limo_driver.exports.urdf.file import edited_urdf
 from limo_driver.exports.urdf.isaac_lab import actuators
 from limo_driver.exports.usd import files_of, write_layer
-from limo_driver.outputs import require_apart, require_folder, whole
+from limo_driver.model.descriptions.description import DOWN
 from limo_driver.physics import GravityDirection
+from limo_driver.runtime.display import Displayed
+from limo_driver.runtime.outputs import require_apart, require_folder, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.descriptions.description import RobotDescription
+    from limo_driver.model.descriptions.description import RobotDescription
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray, Motion
 
@@ -42,7 +42,7 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
     """
     import mujoco
 
-    from limo_driver.descriptions.mjcf import joint_name
+    from limo_driver.model.descriptions.mjcf import joint_name
 
     model = mujoco.MjModel.from_xml_path(str(path))
     bits = mujoco.mjtDisableBit
@@ -85,7 +85,7 @@ class _Plays(NamedTuple):
 
 
 def _plays(model: Any) -> _Plays:  # noqa: ANN401
-    from limo_driver.descriptions.mjcf import play_of
+    from limo_driver.model.descriptions.mjcf import play_of
 
     by_body = (
         list(range(first, first + many))
@@ -114,7 +114,7 @@ def _torque_of_motors(  # noqa: ANN202
     """
     import mujoco
 
-    from limo_driver.descriptions.mjcf import is_passive_motor
+    from limo_driver.model.descriptions.mjcf import is_passive_motor
 
     torque = np.zeros_like(motion.position)
     passive = np.array([is_passive_motor(model, u) for u in range(len(model.actuator_trntype))])
@@ -154,8 +154,8 @@ def torque_in_pinocchio(
     """
     import pinocchio as pin
 
-    from limo_driver.descriptions.chain import JOINT, read_chain
-    from limo_driver.descriptions.reading import read_description
+    from limo_driver.model.descriptions.chain import JOINT, read_chain
+    from limo_driver.model.descriptions.reading import read_description
 
     held = [f"{name}={value!r}" for name, value in locked.items()]
     description = read_description(path, [*joints, *held])

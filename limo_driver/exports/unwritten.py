@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.exports.formats import ISAAC_LAB, MJCF
-from limo_driver.parameters import parameters_of
+from limo_driver.runtime.parameters import parameters_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

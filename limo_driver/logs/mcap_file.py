@@ -21,9 +21,9 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from zstandard import ZstdError
 
 from limo_driver.errors import RecordingError
-from limo_driver.given_files import check_file
 from limo_driver.logs.mcap_chunk import records_in, unpacked
 from limo_driver.network.messages.schemas import ENCODING, SCHEMAS
+from limo_driver.runtime.given_files import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator

@@ -21,7 +21,7 @@ import zenoh
 from limo_driver.errors import ConfigError
 from limo_driver.network.keys import Keys
 from limo_driver.network.limits import PacedQueryable
-from limo_driver.processes.closing import Closing
+from limo_driver.runtime.processes.closing import Closing
 
 LINKING: Final = 0.5  # [s] in which those who are there are linked
 PATIENCE: Final = 5.0  # [s] in which those who are linked tell whom they see

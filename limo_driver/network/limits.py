@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import zenoh
 
-from limo_driver.processes.closing import Closing
+from limo_driver.runtime.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

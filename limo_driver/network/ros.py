@@ -26,7 +26,7 @@ from limo_driver.network.messages import (
 )
 from limo_driver.network.messages.attachment import GID_SIZE
 from limo_driver.network.streaming import declare_stream
-from limo_driver.processes.closing import Closing
+from limo_driver.runtime.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.kinematics import KinematicChain
 from limo_driver.model import Capsule
+from limo_driver.model.kinematics import KinematicChain
 from limo_driver.pages.markup import typeset
 from limo_driver.pages.meshes import meshes_of
 

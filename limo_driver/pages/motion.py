@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.kinematics import KinematicChain
+from limo_driver.model.kinematics import KinematicChain
 from limo_driver.pages.arm import PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import joint_motion

@@ -10,9 +10,9 @@ from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING
 
-from limo_driver.outputs import whole
 from limo_driver.pages.markup import Charts, script_json
 from limo_driver.quoting import in_html as escape
+from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
     from pathlib import Path

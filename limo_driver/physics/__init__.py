@@ -1,6 +1,5 @@
 """The catalogue of joint physics, and simulations made of it."""
 
-from limo_driver.parameters import Parameter, parameter
 from limo_driver.physics.catalogue import CATALOGUE, spoken
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.drives import (
@@ -57,6 +56,7 @@ from limo_driver.physics.effects.transmission import (
 from limo_driver.physics.score import Score
 from limo_driver.physics.simulation import Simulation
 from limo_driver.physics.simulation_file import Tolerances
+from limo_driver.runtime.parameters import Parameter, parameter
 
 __all__ = [
     "CATALOGUE",

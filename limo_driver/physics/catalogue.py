@@ -49,12 +49,12 @@ from limo_driver.physics.effects.transmission import (
     JointElasticity,
     TorqueRipple,
 )
-from limo_driver.plugins import EFFECTS, names, plug_in
+from limo_driver.runtime.plugins import EFFECTS, names, plug_in
 
 if TYPE_CHECKING:
     from limo_driver.physics.description import Confusion
     from limo_driver.physics.effect import Effect
-    from limo_driver.plugins import PlugIn
+    from limo_driver.runtime.plugins import PlugIn
 
 # limo's own, in the order in which a diagnosis tries them
 CATALOGUE: dict[str, type[Effect]] = {

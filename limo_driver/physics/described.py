@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.descriptions.description import JointDynamics
+from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.physics.effects.environment import SpringLoad
 from limo_driver.physics.effects.friction import CoulombFriction, QuadraticDrag, ViscousFriction
 from limo_driver.physics.effects.hysteresis import PreslidingHysteresis
@@ -16,8 +16,8 @@ from limo_driver.physics.effects.transmission import Armature, TorqueRipple
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from limo_driver.descriptions.description import StatedBristles
     from limo_driver.model import RobotModel
+    from limo_driver.model.descriptions.description import StatedBristles
     from limo_driver.physics.effect import Effect
 
 # A description means a sign; smoothed over as little as recordings of slow arms resolve.

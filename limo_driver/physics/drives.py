@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from limo_driver.descriptions.description import StatedMotor, StatedServo
 from limo_driver.errors import ParameterError
-from limo_driver.parameters import JOINT, Declared, Parameter, parameter, shown
+from limo_driver.model.descriptions.description import StatedMotor, StatedServo
 from limo_driver.physics.effect import FARTHEST, MOST_SLOPE, MOST_STIFFNESS, MOST_TORQUE
 from limo_driver.recordings.channels import POSITION, TORQUE, VELOCITY, CommandChannel
+from limo_driver.runtime.parameters import JOINT, Declared, Parameter, parameter, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

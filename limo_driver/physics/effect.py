@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, TypeAlias
 
 import numpy as np
 
-from limo_driver.parameters import JOINT, Declared, Parameter, parameter, parameters_of
 from limo_driver.physics.description import Description
+from limo_driver.runtime.parameters import JOINT, Declared, Parameter, parameter, parameters_of
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.display import Displayed
+from limo_driver.runtime.display import Displayed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.descriptions.description import split_reference
-from limo_driver.descriptions.reading import USD_ENDINGS
-from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import RobotModel
-from limo_driver.parameters import JOINT
+from limo_driver.model.descriptions.description import split_reference
+from limo_driver.model.descriptions.reading import USD_ENDINGS
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.drives import channels_of_drives, described_drives, described_motors
 from limo_driver.physics.effect import (
@@ -34,15 +32,17 @@ from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.score import Score
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save, sections_of
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.differentiation import SAFE_BANDWIDTH, differentiate
+from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH, differentiate
 from limo_driver.recordings.recording import Recording
+from limo_driver.runtime.display import Displayed
+from limo_driver.runtime.parameters import JOINT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from limo_driver.descriptions.inertial import Inertial
+    from limo_driver.model.descriptions.inertial import Inertial
     from limo_driver.physics.drives import JointDrive
-    from limo_driver.recordings.differentiation import Derivatives
+    from limo_driver.recordings.filters.differentiation import Derivatives
     from limo_driver.types import FloatArray, JointSample, Motion
 
 

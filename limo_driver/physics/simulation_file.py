@@ -7,25 +7,26 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
 
-from limo_driver.declarations import read_yaml
-from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError, PlugInError
-from limo_driver.model import RobotModel, beside
-from limo_driver.outputs import whole
-from limo_driver.parameters import Declared, parameter
+from limo_driver.model import RobotModel
+from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.robot_model import beside
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.drives import DRIVES, TOLERANCE, described_drives
 from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
+from limo_driver.runtime.declarations import read_yaml
+from limo_driver.runtime.outputs import whole
+from limo_driver.runtime.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from limo_driver.declarations import Given
     from limo_driver.physics.drives import JointDrive
     from limo_driver.physics.effect import Effect
+    from limo_driver.runtime.declarations import Given
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _FRAME = "frame"  # of a payload, in which it is stated: a link or site that the last link carries

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.recordings.differentiation import HIGHEST_BANDWIDTH, SAFE_BANDWIDTH
+from limo_driver.recordings.filters.differentiation import HIGHEST_BANDWIDTH, SAFE_BANDWIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.descriptions.description import joined_reference, split_reference
 from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.model.descriptions.description import joined_reference, split_reference
 from limo_driver.types import same_robot
 
 if TYPE_CHECKING:

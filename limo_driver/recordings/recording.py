@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from limo_driver.display import Displayed
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.recordings.channels import CHANNELS, channels_of, chosen
 from limo_driver.recordings.checks import (
@@ -21,7 +20,8 @@ from limo_driver.recordings.checks import (
     numbers,
 )
 from limo_driver.recordings.columns import Columns, without_wraps
-from limo_driver.recordings.filtered_samples import FilteredSamples
+from limo_driver.recordings.files.stretches import STRETCH, STRETCH_SECONDS, Stretches
+from limo_driver.recordings.filters.filtered_samples import FilteredSamples
 from limo_driver.recordings.gate import (
     LeftOut,
     UsableRows,
@@ -30,7 +30,7 @@ from limo_driver.recordings.gate import (
     without_silent_torques,
 )
 from limo_driver.recordings.recorded_time import seconds
-from limo_driver.recordings.stretches import STRETCH, STRETCH_SECONDS, Stretches
+from limo_driver.runtime.display import Displayed
 from limo_driver.types import FloatArray, readonly
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class Recording(FilteredSamples, Displayed):
         Raises:
             RecordingError: Names what cannot be used, where, and what was expected.
         """
-        from limo_driver.recordings.file import read_columns
+        from limo_driver.recordings.files.recording_file import read_columns
 
         columns = read_columns(Path(path))
         try:
@@ -320,7 +320,7 @@ class Recording(FilteredSamples, Displayed):
         Raises:
             ConfigError: It cannot be written, or its ending is that of another format.
         """
-        from limo_driver.recordings.file import write_columns
+        from limo_driver.recordings.files.recording_file import write_columns
 
         columns = Columns(
             self.time,

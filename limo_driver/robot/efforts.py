@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.compiled import compiled
 from limo_driver.robot.setpoints import GAIN_RATE, TORQUE
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointLimits

@@ -18,7 +18,7 @@ import weakref
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from limo_driver.processes.closing import Closing
+from limo_driver.runtime.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Generator

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.compiled import compiled
 from limo_driver.robot.setpoints import (
     ACCELERATION,
     JERK,
@@ -28,6 +27,7 @@ from limo_driver.robot.setpoints import (
     brake_joint,
     braking,
 )
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointLimits

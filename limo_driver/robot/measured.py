@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from limo_driver.compiled import compiled
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE, first_runaway, runs_away
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointLimits, JointState

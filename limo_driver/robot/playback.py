@@ -7,36 +7,77 @@ import time
 from collections import Counter
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
-from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from limo_driver.errors import ConfigError, LimoError
-from limo_driver.outputs import require_file, require_parquet
-from limo_driver.plugins import ROBOTS, find
-from limo_driver.recordings.recorder import Recorder
+from limo_driver.recordings.files.recorder import Recorder
 from limo_driver.robot.interrupts import interrupts
 from limo_driver.robot.realtime import Realtime
+from limo_driver.runtime.outputs import require_file, require_parquet
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping
+    from collections.abc import Callable, Generator
 
-    from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.robot.robot import Robot, StatesAhead
     from limo_driver.trajectory import Planned
-    from limo_driver.types import JointCommand, JointState
+    from limo_driver.types import JointCommand, JointState, RobotSpec, StatesAhead
 
 DAMPING_PER_STIFFNESS = 0.1  # [s], of an impedance run: well damped at the inertia of such arms
-_SAID = {"robot": "`robot`", "sim": "`simulation`"}  # arguments, as messages name them
 _CYCLES = 256  # after which progress is told
 _AHEAD = 1024  # cycles simulated at a time, a multiple of these
 HOLD_TIMEOUT = 10.0  # [s] of robot time in which a hold has to come to rest
+
+
+class Playable(Protocol):
+    """What playing needs of a robot; `Robot` says what each does."""
+
+    simulated: ClassVar[bool]
+    spec: RobotSpec
+
+    @property
+    def standing(self) -> bool:
+        """Whether the set-point is at rest."""
+        ...
+
+    @property
+    def setpoint(self) -> FloatArray:
+        """Position set-point, (n,) [rad]."""
+        ...
+
+    def receive(self) -> JointState:
+        """Wait for the next cycle."""
+        ...
+
+    def send(self, command: JointCommand) -> JointCommand:
+        """Answer the last state; return what the drives will apply."""
+        ...
+
+    def send_ahead(self, targets: FloatArray) -> StatesAhead | None:
+        """Answer as many cycles with positions (T, n) [rad]; None where that changes something."""
+        ...
+
+    def stand_by(self) -> JointState:
+        """Wait for the next cycle before the motion."""
+        ...
+
+    def wait_until_ready(self) -> None:
+        """Wait until it takes commands."""
+
+    def keep_time(self) -> None:
+        """Run no faster than real time."""
+
+    def hold(self, reason: str) -> None:
+        """Slow down, then keep the pose."""
+
+    def link_figures(self) -> dict[str, Any]:
+        """Return what was counted on the link."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -77,7 +118,7 @@ class _States:
     """
 
     def __init__(
-        self, robot: Robot, publish: Callable[[JointState], None] | None, every: int
+        self, robot: Playable, publish: Callable[[JointState], None] | None, every: int
     ) -> None:
         self.robot, self._publish, self._every = robot, publish, every
         self._stood = 0  # cycles in which a simulated arm's own time stood
@@ -128,7 +169,7 @@ class Playback:
     fifo: bool = False
     start_when: Callable[[], bool] | None = None
 
-    def run(self, robot: Robot, progress: Callable[[int, int], None]) -> PlaybackSummary:
+    def run(self, robot: Playable, progress: Callable[[int, int], None]) -> PlaybackSummary:
         """Move the arm along the trajectory; a signal that ends programs slows it down to a hold.
 
         Args:
@@ -146,7 +187,7 @@ class Playback:
             return self._run(robot, progress, realtime)
 
     def _run(
-        self, robot: Robot, progress: Callable[[int, int], None], realtime: Realtime | None
+        self, robot: Playable, progress: Callable[[int, int], None], realtime: Realtime | None
     ) -> PlaybackSummary:
         targets = self.trajectory.resample(robot.spec.period).position
         robot.wait_until_ready()
@@ -202,7 +243,7 @@ class Playback:
             refused=() if realtime is None else tuple(realtime.refused),
         )
 
-    def _ahead(self, robot: Robot, state: JointState, targets: FloatArray) -> StatesAhead | None:
+    def _ahead(self, robot: Playable, state: JointState, targets: FloatArray) -> StatesAhead | None:
         """Have as many cycles simulated in one call, where nobody hears of each."""
         heard = self.publish is not None or self.stiffness is not None or state.stale
         return None if heard else robot.send_ahead(targets)
@@ -262,7 +303,7 @@ class Playback:
             torque=np.zeros(target.size),
         )
 
-    def _recorder(self, robot: Robot, start: float) -> Recorder:
+    def _recorder(self, robot: Playable, start: float) -> Recorder:
         offset = start - float(self.trajectory.time[0])
         segments = [
             [
@@ -284,7 +325,7 @@ class Playback:
         return Recorder(self.record, robot.spec.n, header, temperature=measured)
 
     @contextmanager
-    def _braking(self, robot: Robot, recorder: Recorder) -> Generator[None]:
+    def _braking(self, robot: Playable, recorder: Recorder) -> Generator[None]:
         """Bring the arm to rest before anything that was raised leaves."""
         try:
             yield
@@ -294,7 +335,7 @@ class Playback:
             raise
 
     def _stop(
-        self, receive: Callable[[], JointState], robot: Robot, recorder: Recorder, why: str
+        self, receive: Callable[[], JointState], robot: Playable, recorder: Recorder, why: str
     ) -> None:
         """Slow the arm down to a hold, recording on."""
         robot.hold(why)
@@ -324,7 +365,7 @@ def trajectory_of(planned: Trajectory | Planned | Path | str) -> Trajectory:
 
 
 def follow(
-    robot: Robot,
+    robot: Playable,
     trajectory: Trajectory,
     record: Path | str | None,
     stiffness: float | None,
@@ -391,68 +432,3 @@ def cycles_per_row(rate: float, period: float) -> int:
             f"that does is {control / every:.9g} Hz, {control:.9g} / {every}"
         )
     return every
-
-
-def open_for(
-    backend: str,
-    trajectory: Trajectory,
-    *,
-    simulation: Simulation | None,
-    robot: str | None,
-    seed: int,
-    link: Mapping[str, Any] | None = None,
-) -> Robot:
-    """Open a robot for a trajectory; a simulated one stands where the trajectory starts.
-
-    Args:
-        backend: Registered name.
-        trajectory: What the robot will be asked to do.
-        simulation: Of a simulated robot.
-        robot: Built-in name or URDF, where the backend can be of several.
-        seed: Of a simulated robot's noise.
-        link: How to reach a real robot: arguments of the backend; those that are None are left out.
-
-    Raises:
-        BackendNotFoundError: Names the known backends.
-        ConfigError: Another robot than the trajectory's, or options that the backend does not
-            have.
-    """
-    opener: type[Robot] = find(ROBOTS, backend)
-    given = {name: value for name, value in (link or {}).items() if value is not None}
-    if not opener.simulated:
-        given |= {} if robot is None else {"robot": robot}
-        given |= {} if simulation is None else {"sim": simulation}
-    known = signature(opener).parameters
-    if unknown := [_SAID.get(name, f'`link["{name}"]`') for name in given if name not in known]:
-        raise ConfigError(f"backend {backend!r} takes no {' or '.join(unknown)}")
-    if not opener.simulated:
-        return _checked(opener(**given), trajectory)
-    arm = _arm_of(simulation, robot, trajectory)
-    trajectory.check_robot(arm.model.n, arm.model.name)
-    options: dict[str, Any] = {
-        "simulation": arm,
-        "initial_position": trajectory.position[0],
-        "seed": seed,
-    }
-    return opener(**options)
-
-
-def _arm_of(simulation: Simulation | None, robot: str | None, trajectory: Trajectory) -> Simulation:
-    from limo_driver.physics import Simulation
-
-    if simulation is not None and robot is not None:
-        raise ConfigError("give `simulation` or `robot`; a simulation names its robot")
-    if simulation is not None:
-        return simulation
-    if not (robot or trajectory.robot):
-        raise ConfigError("the trajectory names no robot; give `simulation` or `robot`")
-    return Simulation(robot=robot or trajectory.robot)
-
-
-def _checked(robot: Robot, trajectory: Trajectory) -> Robot:
-    try:
-        trajectory.check_robot(robot.spec.n, robot.spec.name)
-    except ConfigError:
-        robot.close()
-        raise
-    return robot

@@ -24,8 +24,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import ConfigError
-from limo_driver.latency import LatencyHistogram
-from limo_driver.processes.closing import Closing
+from limo_driver.runtime.latency import LatencyHistogram
+from limo_driver.runtime.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.plugins import ROBOTS, find
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.plugins import ROBOTS, find
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from limo_driver.physics import Simulation
     from limo_driver.robot.robot import Robot
+    from limo_driver.trajectory import Trajectory
+
+_SAID = {"robot": "`robot`", "sim": "`simulation`"}  # arguments, as messages name them
 
 
 def open_robot(backend: str, **options: Any) -> Robot:  # noqa: ANN401  # each backend's own
@@ -26,4 +34,69 @@ def open_robot(backend: str, **options: Any) -> Robot:  # noqa: ANN401  # each b
         ...     state = robot.receive()
     """
     robot: Robot = find(ROBOTS, backend)(**options)
+    return robot
+
+
+def open_for(
+    backend: str,
+    trajectory: Trajectory,
+    *,
+    simulation: Simulation | None,
+    robot: str | None,
+    seed: int,
+    link: Mapping[str, Any] | None = None,
+) -> Robot:
+    """Open a robot for a trajectory; a simulated one stands where the trajectory starts.
+
+    Args:
+        backend: Registered name.
+        trajectory: What the robot will be asked to do.
+        simulation: Of a simulated robot.
+        robot: Built-in name or URDF, where the backend can be of several.
+        seed: Of a simulated robot's noise.
+        link: How to reach a real robot: arguments of the backend; those that are None are left out.
+
+    Raises:
+        BackendNotFoundError: Names the known backends.
+        ConfigError: Another robot than the trajectory's, or options that the backend does not
+            have.
+    """
+    opener: type[Robot] = find(ROBOTS, backend)
+    given = {name: value for name, value in (link or {}).items() if value is not None}
+    if not opener.simulated:
+        given |= {} if robot is None else {"robot": robot}
+        given |= {} if simulation is None else {"sim": simulation}
+    known = signature(opener).parameters
+    if unknown := [_SAID.get(name, f'`link["{name}"]`') for name in given if name not in known]:
+        raise ConfigError(f"backend {backend!r} takes no {' or '.join(unknown)}")
+    if not opener.simulated:
+        return _checked(opener(**given), trajectory)
+    arm = _arm_of(simulation, robot, trajectory)
+    trajectory.check_robot(arm.model.n, arm.model.name)
+    options: dict[str, Any] = {
+        "simulation": arm,
+        "initial_position": trajectory.position[0],
+        "seed": seed,
+    }
+    return opener(**options)
+
+
+def _arm_of(simulation: Simulation | None, robot: str | None, trajectory: Trajectory) -> Simulation:
+    from limo_driver.physics import Simulation
+
+    if simulation is not None and robot is not None:
+        raise ConfigError("give `simulation` or `robot`; a simulation names its robot")
+    if simulation is not None:
+        return simulation
+    if not (robot or trajectory.robot):
+        raise ConfigError("the trajectory names no robot; give `simulation` or `robot`")
+    return Simulation(robot=robot or trajectory.robot)
+
+
+def _checked(robot: Robot, trajectory: Trajectory) -> Robot:
+    try:
+        trajectory.check_robot(robot.spec.n, robot.spec.name)
+    except ConfigError:
+        robot.close()
+        raise
     return robot

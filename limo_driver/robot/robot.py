@@ -11,7 +11,7 @@ import math
 import time
 from abc import abstractmethod
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, CycleTimeoutError
@@ -28,18 +28,7 @@ if TYPE_CHECKING:
 
     from limo_driver.recordings.recording import Recording
     from limo_driver.trajectory import Planned, Trajectory
-    from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec
-
-
-@dataclass(frozen=True)
-class StatesAhead:
-    """States of T cycles in a row."""
-
-    time: FloatArray  # (T,) [s]
-    position: FloatArray  # (T, n) [rad]
-    velocity: FloatArray  # (T, n) [rad/s]
-    torque: FloatArray  # (T, n) [N m]
-    last: JointState  # as `receive` returned it
+    from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec, StatesAhead
 
 
 class Robot(exits.Interruptible):
@@ -199,7 +188,7 @@ class Robot(exits.Interruptible):
             >>> with limo.open_robot("mujoco", simulation="sim.yaml") as robot:
             ...     run = robot.follow("limo.traj.parquet")
         """
-        from limo_driver.robot import playback  # which stands on this
+        from limo_driver.robot import playback  # which takes long
 
         motion = playback.trajectory_of(trajectory)
         motion.check_robot(self.spec.n, self.spec.name)

@@ -14,7 +14,7 @@ from limo_driver.types.commands import (
 )
 from limo_driver.types.limits import JointLimits, RobotSpec, WrenchLimits, same_robot
 from limo_driver.types.motion import JointSample, Motion
-from limo_driver.types.state import JointState
+from limo_driver.types.state import JointState, StatesAhead
 
 __all__ = [
     "ArrayFields",
@@ -27,6 +27,7 @@ __all__ = [
     "Motion",
     "PositionCommand",
     "RobotSpec",
+    "StatesAhead",
     "TorqueCommand",
     "WrenchCommand",
     "WrenchLimits",

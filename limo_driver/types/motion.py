@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.display import Displayed
 from limo_driver.errors import PathError, ShapeError
+from limo_driver.runtime.display import Displayed
 from limo_driver.types.arrays import ArrayFields, FloatArray, readonly, settled_temperature
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""JointState: one measured sample."""
+"""JointState: one measured sample; StatesAhead: those of many cycles in a row."""
 
 from __future__ import annotations
 
@@ -85,3 +85,14 @@ class JointState(ArrayFields):
             drives=drives,
         )
         return state
+
+
+@dataclass(frozen=True)
+class StatesAhead:
+    """States of T cycles in a row."""
+
+    time: FloatArray  # (T,) [s]
+    position: FloatArray  # (T, n) [rad]
+    velocity: FloatArray  # (T, n) [rad/s]
+    torque: FloatArray  # (T, n) [N m]
+    last: JointState  # as `receive` returned it

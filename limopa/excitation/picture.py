@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limo_driver.kinematics import KinematicChain
+from limo_driver.model.kinematics import KinematicChain
 from limopa.picture import DRAWN, EXPLORING_COLOUR, colour_of, dress_flange, sheet
 
 if TYPE_CHECKING:

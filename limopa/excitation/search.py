@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.display import Displayed
 from limo_driver.errors import ConfigError, InfeasiblePathError
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.display import Displayed
+from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.trajectory import Segment, Trajectory
 from limopa.excitation.descent import EvaluatedMotion, IterationProgress
 from limopa.excitation.excess import Excess

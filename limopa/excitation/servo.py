@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.display import Displayed
 from limo_driver.errors import InfeasiblePathError
-from limo_driver.foreign.formats.lerobot_actions import write_actions
-from limo_driver.outputs import whole
-from limo_driver.parameters import Declared, parameter
+from limo_driver.logs.readers.formats.lerobot_actions import write_actions
+from limo_driver.runtime.display import Displayed
+from limo_driver.runtime.outputs import whole
+from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.trajectory import Segment, Trajectory
 from limo_driver.types import FloatArray, readonly
 from limopa.excitation.timeline import Timeline

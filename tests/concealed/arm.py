@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 N = 7
 URDF = Path(__file__).parents[2] / "limo_driver" / "assets" / "iiwa14.urdf"

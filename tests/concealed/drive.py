@@ -9,7 +9,7 @@ import numpy as np
 import presliding
 from arm import N
 
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 GAUSS, TUSTIN, LORENTZ = range(3)  # how the Stribeck excess falls with speed
 NOWHERE = -1

@@ -12,7 +12,7 @@ import drive as drive_
 import numpy as np
 from arm import Arm, N
 
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 PERIOD = 1e-3  # [s]
 _ITERATIONS = 4

@@ -9,7 +9,7 @@ Hysteresis", 1991 (Preisach).
 
 import numpy as np
 
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 NONE, LUGRE, BOUC_WEN, PREISACH = range(4)
 LAWS = {"lugre": LUGRE, "bouc_wen": BOUC_WEN, "preisach": PREISACH}

@@ -11,7 +11,7 @@ import turning_plant
 from arm import Arm, Work
 from servo_plant import DAMPING, LOOK, PERIOD, STIFFNESS, N, Played, _solve
 
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 FIELDS = turning_plant.FIELDS
 PULL, CALM = 4.0, 0.6  # [N m/rad], [N m s/rad] of the program

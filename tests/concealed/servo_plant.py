@@ -12,7 +12,7 @@ import arm as arm_
 import numpy as np
 from arm import Arm, Work
 
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 N = 4
 PERIOD = 0.25e-3  # [s] of a step

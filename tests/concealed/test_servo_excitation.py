@@ -7,8 +7,8 @@ import pytest
 import servo_cases
 import servo_plant
 
-from limo_driver.cli.diagnose import command as diagnose
-from limo_driver.cli.excite import command as excite
+from limo_driver.app.cli.diagnose import command as diagnose
+from limo_driver.app.cli.excite import command as excite
 
 EVERY = 0.02  # [s] between two commands
 

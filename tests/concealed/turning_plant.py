@@ -11,7 +11,7 @@ import numpy as np
 from arm import Arm, Work
 from servo_plant import DAMPING, LOOK, PERIOD, STIFFNESS, N, Played, _solve
 
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 PULL = 1.5  # [1/s], of what the arm is away from its path, that the program adds
 FIELDS = [

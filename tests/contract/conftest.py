@@ -9,8 +9,8 @@ from importlib.metadata import entry_points
 import pytest
 from robot_commands import START
 
-from limo_driver.plugins import ROBOTS, find
 from limo_driver.robot.registry import open_robot
+from limo_driver.runtime.plugins import ROBOTS, find
 
 
 def simulated_backends():

@@ -15,8 +15,8 @@ from limo_driver.errors import (
     JointLimitError,
     ShapeError,
 )
-from limo_driver.plugins import ROBOTS
 from limo_driver.robot.registry import open_robot
+from limo_driver.runtime.plugins import ROBOTS
 from limo_driver.types import TorqueCommand
 
 

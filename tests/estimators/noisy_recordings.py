@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 from wandering import wander
 
-from estimators.diagnosis.residuals.observations import Observations
+from estimators.diagnosis.from_torque.residuals.observations import Observations
 from limo_driver.physics import ExternalContact, Simulation
 from limo_driver.recordings.recording import Recording
 

@@ -104,7 +104,7 @@ def test_noise_floor_is_unknown_where_noise_was_filtered_before_recording() -> N
 def test_the_table_fits_a_narrow_terminal(evaluation: Evaluation) -> None:
     from rich.console import Console
 
-    from limo_driver.cli.evaluate import table
+    from limo_driver.app.cli.evaluate import table
 
     console = Console(width=80, file=StringIO())
     names = ("a_rather_long_name_of_a_joint", "another")

@@ -18,7 +18,7 @@ class NoTorch:
 sys.meta_path.insert(0, NoTorch())
 """
 LIMO = f"""{BLOCKED}
-from limo_driver.cli import main
+from limo_driver.app.cli import main
 for step in sys.argv[1:]:
     print("limo", step, file=sys.stderr)
     sys.argv = ["limo", *step.split()]

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from recorded_columns import make_columns
 
-from limo_driver.cli import main
-from limo_driver.cli.predict import write as write_prediction
+from limo_driver.app.cli import main
+from limo_driver.app.cli.predict import write as write_prediction
 from limo_driver.errors import ConfigError, LimoError, RecordingError
-from limo_driver.logs.joint_state_log import write_joint_states
-from limo_driver.outputs import whole
+from limo_driver.logs.ros.joint_state_log import write_joint_states
 from limo_driver.physics import Simulation
-from limo_driver.recordings.recorder import Recorder
+from limo_driver.recordings.files.recorder import Recorder
 from limo_driver.recordings.recording import Recording
+from limo_driver.runtime.outputs import whole
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
 from limopa.picture import sheet

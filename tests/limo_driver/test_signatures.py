@@ -25,7 +25,7 @@ PUBLIC = (
     "limo_driver.trajectory",
     "limo_driver.robot.robot",
     "limo_driver.recordings.recording",
-    "limo_driver.foreign",
+    "limo_driver.logs.readers",
     "limo_driver.exports",
     "limo_driver.network.messages",
     "limo_driver.physics",
@@ -34,11 +34,11 @@ PUBLIC = (
     "estimators.rigid_body",
     "estimators.hybrid",
     "estimators.diagnosis",
-    "estimators.drives",
+    "estimators.diagnosis.from_motion",
     "estimators.fleet",
     "estimators.service",
     "estimators.sweep",
-    "limo_driver.workflow.datasets",
+    "limo_driver.app.library.datasets",
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})
 # What runs for longer than a moment, needs the network, or a model that was trained before.

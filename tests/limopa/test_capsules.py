@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from limo_driver.kinematics import KinematicChain
 from limo_driver.model import RobotModel
+from limo_driver.model.kinematics import KinematicChain
 from limopa import Feasibility, Surroundings, Workspace
 from limopa.capsules import segment_distance
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from limo_driver.cli.plan import command
+from limo_driver.app.cli.plan import command
 from limo_driver.errors import ConfigError, InfeasiblePathError, LimoError
 from limo_driver.trajectory import Trajectory
 

@@ -7,8 +7,8 @@ import re
 import pytest
 from one_file import check_page, title_of
 
-from limo_driver.cli.excite import command as excite
-from limo_driver.cli.plan import command as plan
+from limo_driver.app.cli.excite import command as excite
+from limo_driver.app.cli.plan import command as plan
 from limo_driver.errors import ConfigError
 from limopa import summarise
 from limopa.page import plan_page, span

@@ -20,7 +20,7 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from limo_driver.cli import main
+from limo_driver.app.cli import main
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 

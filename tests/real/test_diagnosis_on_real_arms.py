@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limo_driver.cli import main
+from limo_driver.app.cli import main
 from limo_driver.physics import Simulation
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.filters.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))

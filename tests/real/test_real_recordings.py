@@ -13,10 +13,10 @@ import pytest
 
 from estimators.rigid_body import RigidBodyModel, Rows, identify
 from estimators.rigid_body.terms import JointTerms
-from limo_driver.cli import main
+from limo_driver.app.cli import main
 from limo_driver.model import RobotModel
 from limo_driver.physics import Simulation
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.filters.differentiation import smooth
 from limo_driver.recordings.recording import Recording
 
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))

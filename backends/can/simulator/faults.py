@@ -11,7 +11,7 @@ from abc import ABC
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from limo_driver.parameters import JOINT, Declared, parameter
+from limo_driver.runtime.parameters import JOINT, Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

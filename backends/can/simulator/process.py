@@ -8,13 +8,13 @@ import sys
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import BackendError
-from limo_driver.processes.closing import Closing
+from limo_driver.runtime.processes.closing import Closing
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 ENDING: Final = 120.0  # [s] in which the process has to end once it is told; it may compile
-_COMMAND: Final = "from limo_driver.cli import main; main()"
+_COMMAND: Final = "from limo_driver.app.cli import main; main()"
 
 
 class SimulatedDrives(Closing):

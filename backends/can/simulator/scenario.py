@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from backends.can.simulator.faults import KINDS, Fault
-from limo_driver.declarations import read_yaml
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.declarations import read_yaml
+from limo_driver.runtime.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,7 +17,7 @@ from backends.can.simulator.damiao_drive import DamiaoDrive
 from backends.can.simulator.faults import FROM_DRIVES, TO_DRIVES, rewired
 from backends.can.simulator.scenario import BusScenario
 from limo_driver.errors import ConfigError
-from limo_driver.processes.closing import Closing
+from limo_driver.runtime.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

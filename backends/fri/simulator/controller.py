@@ -15,8 +15,8 @@ from backends.fri.simulator.motion import CommandedArm
 from backends.fri.simulator.report import ClientObservations, ControllerReport
 from backends.fri.simulator.scenario import ControllerScenario, Now, ScenarioClock
 from backends.fri.simulator.session import Circumstances, ControllerSession
-from limo_driver.processes.closing import Closing
 from limo_driver.robot.realtime import Pace, Realtime, sleeper
+from limo_driver.runtime.processes.closing import Closing
 
 if TYPE_CHECKING:
     from backends.fri.simulator.session import ControllerVisit

@@ -7,7 +7,7 @@ from enum import Enum
 from typing import ClassVar
 
 from backends.fri.codec.messages import JOINTS, Quality, SafetyState, SessionState
-from limo_driver.parameters import JOINT, Declared, parameter
+from limo_driver.runtime.parameters import JOINT, Declared, parameter
 
 
 class Direction(Enum):

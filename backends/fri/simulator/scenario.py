@@ -37,8 +37,8 @@ from backends.fri.simulator.events import (
     Silence,
     SimulatedPush,
 )
-from limo_driver.declarations import read_yaml
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.declarations import read_yaml
+from limo_driver.runtime.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

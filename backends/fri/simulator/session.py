@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from backends.fri.codec.messages import Quality, SessionState
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.parameters import Declared, parameter
 
 MOST_VISITS: Final = 10_000  # remembered; a controller may run for days
 _EPSILON: Final = 1e-9  # [s]

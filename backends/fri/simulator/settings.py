@@ -13,7 +13,7 @@ from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.connection.quality import QualityModel
 from backends.fri.simulator.session import SessionTimes
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.parameters import Declared, parameter
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1, 100  # [ms]
 COMMANDING_INTERVAL: Final = 10  # [ms], longest receive interval in which positions are commanded

@@ -18,7 +18,7 @@ from limo_driver.physics import Payload
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.result import Diagnosis, Replay
+    from estimators.diagnosis.result import DiagnosisResult, Replay
     from estimators.diagnosis.verdict import Finding
     from limo_driver.pages.arm import ArmView
     from limo_driver.pages.markup import Charts
@@ -29,7 +29,7 @@ _ROWS: Final = 1500  # of the motion that is played: more cannot be seen
 _ALL: Final = 3  # findings at one joint from which on they are counted, not named
 
 
-def arm(diagnosis: Diagnosis, charts: Charts) -> tuple[ArmView, str]:
+def arm(diagnosis: DiagnosisResult, charts: Charts) -> tuple[ArmView, str]:
     """Return the arm and its place in the page."""
     fit, traces = diagnosis.verdict.fit, diagnosis.traces
     recording = played(diagnosis)
@@ -63,7 +63,7 @@ def arm(diagnosis: Diagnosis, charts: Charts) -> tuple[ArmView, str]:
     return view, arm_section(view, "Where on the arm", lead) + grid([drawn], "one")
 
 
-def played(diagnosis: Diagnosis) -> int:
+def played(diagnosis: DiagnosisResult) -> int:
     """Return which recording is played, 0-based: one with pushes, else the one replayed."""
     pushed = [
         k for f in diagnosis.verdict.findings if f.effect == CONTACT for k in f.where.recording
@@ -73,7 +73,7 @@ def played(diagnosis: Diagnosis) -> int:
     return diagnosis.replay[0].recording if diagnosis.replay else 0
 
 
-def _motion(diagnosis: Diagnosis, recording: int) -> PlayedMotion:
+def _motion(diagnosis: DiagnosisResult, recording: int) -> PlayedMotion:
     traces = diagnosis.traces
     rows = np.flatnonzero(traces.recording == recording)
     rows = rows[:: max(1, -(-len(rows) // _ROWS))]
@@ -125,7 +125,7 @@ def _pushes(findings: Sequence[Finding], recording: int) -> tuple[PushArrow, ...
     )
 
 
-def _worst(diagnosis: Diagnosis, time: FloatArray, recording: int) -> int:
+def _worst(diagnosis: DiagnosisResult, time: FloatArray, recording: int) -> int:
     """Return the row at which the given simulation is farthest off, in noise floors."""
     traces = diagnosis.traces
     floor = np.maximum(np.array(diagnosis.verdict.fit.noise_floor), 1e-12)

@@ -13,7 +13,7 @@ from limo_driver.pages.markup import grid, number, section, table
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
-    from estimators.diagnosis.result import Diagnosis
+    from estimators.diagnosis.result import DiagnosisResult
     from estimators.diagnosis.verdict import Finding
     from limo_driver.pages.markup import Charts
 
@@ -21,7 +21,7 @@ _AXES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")
 _OPEN = 4  # pushes that are drawn; the table has all
 
 
-def pushed(diagnosis: Diagnosis, charts: Charts) -> str:
+def pushed(diagnosis: DiagnosisResult, charts: Charts) -> str:
     """Return the pushes, each with what all joints felt."""
     found = next((f for f in diagnosis.verdict.findings if f.effect == CONTACT), None)
     if found is None:

@@ -26,13 +26,13 @@ from limo_driver.physics import spoken
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.result import Diagnosis, Shift
+    from estimators.diagnosis.result import DiagnosisResult, Shift
     from estimators.diagnosis.verdict import Verdict
 
 _SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
 
 
-def doubts(diagnosis: Diagnosis, charts: Charts) -> str:
+def doubts(diagnosis: DiagnosisResult, charts: Charts) -> str:
     """Return what could not be observed and how far nuisance parameters moved."""
     body = unobservable(diagnosis.verdict)
     if diagnosis.shifts:
@@ -72,7 +72,7 @@ def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
     )
 
 
-def next_motion(diagnosis: Diagnosis, charts: Charts) -> str:
+def next_motion(diagnosis: DiagnosisResult, charts: Charts) -> str:
     """Return the motion to record next, and what it would decide."""
     wanted = diagnosis.verdict.next_motion
     body = ""
@@ -94,7 +94,7 @@ def next_motion(diagnosis: Diagnosis, charts: Charts) -> str:
     return section("The motion to record next", body, "next")
 
 
-def data(diagnosis: Diagnosis) -> str:
+def data(diagnosis: DiagnosisResult) -> str:
     """Return what was used of the recordings, and what was left out."""
     verdict = diagnosis.verdict
     rows = [["samples used", _count(verdict.rows.used)]]

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.headline import headline
+from estimators.diagnosis.held_out import reducible_removed
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
-from estimators.diagnosis.residuals.held_out import reducible_removed
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.summary import WORSE, columns_of, coverage
 from estimators.diagnosis.verdict import IMPROVED, TORQUE
@@ -34,7 +34,7 @@ from limo_driver.quoting import in_html as escape
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from estimators.diagnosis.result import Diagnosis
+    from estimators.diagnosis.result import DiagnosisResult
     from estimators.diagnosis.verdict import Fit, Verdict
     from limo_driver.physics import Simulation
 
@@ -46,7 +46,7 @@ VERDICTS = {
 }
 
 
-def overview(diagnosis: Diagnosis, charts: Charts, between: str = "") -> str:
+def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> str:
     """Return verdict, what to do with it, errors and findings.
 
     Args:
@@ -125,7 +125,7 @@ def notes(said: Sequence[str]) -> str:
     return f'<section id="notes"><h2>Before you use the values</h2>{listed(said)}</section>'
 
 
-def _sources(diagnosis: Diagnosis, names: Sequence[str]) -> str:
+def _sources(diagnosis: DiagnosisResult, names: Sequence[str]) -> str:
     said = [
         f"{name} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
         for name, item in zip(names, diagnosis.recordings, strict=True)
@@ -136,7 +136,7 @@ def _sources(diagnosis: Diagnosis, names: Sequence[str]) -> str:
     )
 
 
-def _robot(diagnosis: Diagnosis) -> str:
+def _robot(diagnosis: DiagnosisResult) -> str:
     return PurePath(diagnosis.before.robot).stem
 
 

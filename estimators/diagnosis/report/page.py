@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from estimators.diagnosis.result import Diagnosis
+    from estimators.diagnosis.result import DiagnosisResult
     from limo_driver.physics import Effect
 
 _FOOTER = (
@@ -28,7 +28,7 @@ _FOOTER = (
 
 
 def write_report(
-    diagnosis: Diagnosis, path: Path, concealed: Sequence[Effect] | None = None
+    diagnosis: DiagnosisResult, path: Path, concealed: Sequence[Effect] | None = None
 ) -> None:
     """Write a diagnosis as one HTML file that needs no network.
 
@@ -43,12 +43,12 @@ def write_report(
     report(diagnosis, concealed).save(path)
 
 
-def render(diagnosis: Diagnosis) -> str:
+def render(diagnosis: DiagnosisResult) -> str:
     """Return the page as HTML."""
     return report(diagnosis).html()
 
 
-def report(diagnosis: Diagnosis, concealed: Sequence[Effect] | None = None) -> Page:
+def report(diagnosis: DiagnosisResult, concealed: Sequence[Effect] | None = None) -> Page:
     """Return the page of a diagnosis, as `write_report` writes it."""
     charts, n = Charts(), diagnosis.before.model.n
     known = beside_the_truth(concealed, diagnosis.verdict.findings, n) if concealed else ""

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.stretch import loop_stretch
-from estimators.diagnosis.residuals.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -42,7 +42,7 @@ from limo_driver.quoting import in_html as escape
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.result import Diagnosis, Explanation, Replay
+    from estimators.diagnosis.result import DiagnosisResult, Explanation, Replay
     from estimators.diagnosis.verdict import Finding, Verdict
 
 OPEN = 3  # joints whose maps are open from the start
@@ -78,7 +78,7 @@ _KEY = {
 _LABEL = 44  # characters of an explanation beside its bar
 
 
-def where(diagnosis: Diagnosis, charts: Charts) -> str:
+def where(diagnosis: DiagnosisResult, charts: Charts) -> str:
     """Return maps, loops and traces of the joints, those that differ most first."""
     order = _by_excess(diagnosis)
     affected = _affected(diagnosis)
@@ -97,7 +97,7 @@ def where(diagnosis: Diagnosis, charts: Charts) -> str:
     return section("Where the difference is", key(_KEY) + opened + rest, "where", _LEAD)
 
 
-def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
+def _joint(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
     traces = diagnosis.traces
     floor = np.array(diagnosis.verdict.fit.noise_floor)
     profiles = [
@@ -126,7 +126,7 @@ def _joint(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
     return grid(drawn) + grid(profiles, "three") + grid(maps)
 
 
-def _beyond(diagnosis: Diagnosis, charts: Charts, j: int) -> str:
+def _beyond(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
     """Return maps of what tolerances leave at a joint, on its own scale."""
     traces, floor = diagnosis.traces, diagnosis.verdict.fit.noise_floor[j]
     drawn = [
@@ -155,7 +155,7 @@ def _anchored(j: int, body: str) -> str:
     return f'<div id="joint-{j + 1}">{body}</div>'
 
 
-def _title(diagnosis: Diagnosis, j: int) -> str:
+def _title(diagnosis: DiagnosisResult, j: int) -> str:
     fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
     return (
         f"Joint {j + 1}: held-out RMSE {rounded(fit.heldout_rmse_before[j], 3)} → "
@@ -165,7 +165,7 @@ def _title(diagnosis: Diagnosis, j: int) -> str:
     )
 
 
-def _affected(diagnosis: Diagnosis) -> set[int]:
+def _affected(diagnosis: DiagnosisResult) -> set[int]:
     """Return the joints that the verdict speaks of, 1-based; pushes have a section of their own."""
     verdict = diagnosis.verdict
     found = [item for item in verdict.findings if item.effect != CONTACT]
@@ -182,7 +182,7 @@ def _shown_at(item: Finding) -> tuple[int, ...]:
     return item.joints
 
 
-def _by_excess(diagnosis: Diagnosis) -> list[int]:
+def _by_excess(diagnosis: DiagnosisResult) -> list[int]:
     """Return the joints, 0-based, by what tolerances leave of their error, in noise floors."""
     fit = diagnosis.verdict.fit
     left = np.array(fit.heldout_rmse_tolerances or fit.heldout_rmse_before)
@@ -190,7 +190,7 @@ def _by_excess(diagnosis: Diagnosis) -> list[int]:
     return [int(j) for j in np.argsort(-np.nan_to_num(excess), kind="stable")]
 
 
-def competing(diagnosis: Diagnosis, charts: Charts) -> str:
+def competing(diagnosis: DiagnosisResult, charts: Charts) -> str:
     """Return the explanations that competed with the chosen one."""
     best = diagnosis.explanations[: WORDING.explanations]
     if not best:
@@ -285,7 +285,7 @@ def _note(item: Explanation, top: float) -> str:
     return "cannot be told from the chosen" if close else ""
 
 
-def tests(diagnosis: Diagnosis) -> str:
+def tests(diagnosis: DiagnosisResult) -> str:
     """Return the tree of nested tests, joint by joint."""
     rows = [
         [str(item.joint), escape(_ASKED.get(item.question, item.question)), meter(item.share)]
@@ -303,7 +303,7 @@ def tests(diagnosis: Diagnosis) -> str:
     )
 
 
-def replay(diagnosis: Diagnosis, charts: Charts) -> str:
+def replay(diagnosis: DiagnosisResult, charts: Charts) -> str:
     """Return the free runs of the simulated robot beside the recording."""
     body = "".join(_replayed(diagnosis, item, charts) for item in diagnosis.replay)
     if diagnosis.replay_note:
@@ -317,7 +317,7 @@ def replay(diagnosis: Diagnosis, charts: Charts) -> str:
     return section("Replay on the simulated robot", body, "replay", lead)
 
 
-def _replayed(diagnosis: Diagnosis, item: Replay, charts: Charts) -> str:
+def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
     order = [j for j in _by_excess(diagnosis) if j + 1 in _affected(diagnosis)] or [0]
     span = _span(diagnosis, item.time[0], item.time[-1], item.recording)
     follows = item.recording == played(diagnosis)
@@ -357,7 +357,7 @@ def _error(value: float) -> str:
     return rounded(float(value), 3)
 
 
-def _span(diagnosis: Diagnosis, start: float, stop: float, recording: int) -> str:
+def _span(diagnosis: DiagnosisResult, start: float, stop: float, recording: int) -> str:
     names = names_of(diagnosis.recordings)
     return f"{start:.1f} to {stop:.1f} s" + f" of {names[recording]}" * (len(names) > 1)
 

@@ -10,13 +10,13 @@ from limo_driver.pages.markup import prose, section
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from estimators.diagnosis.result import Diagnosis
+    from estimators.diagnosis.result import DiagnosisResult
 
 _ANCHOR = "telemetry"
 _SHOWN = 2  # recordings in the line near the head
 
 
-def telemetry(diagnosis: Diagnosis) -> tuple[str, str]:
+def telemetry(diagnosis: DiagnosisResult) -> tuple[str, str]:
     """Return what to know of the recordings before any finding is believed.
 
     Args:

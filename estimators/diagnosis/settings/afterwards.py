@@ -12,7 +12,7 @@ from estimators.diagnosis.settings.setting import setting
 
 @dataclass(frozen=True)
 class SeparationSettings:
-    """The motion in which two explanations differ (limo_driver.workflow.diagnosing)."""
+    """The motion in which two explanations differ (limo_driver.app.library.diagnosing)."""
 
     start_poses: int = setting(6, "poses", "of each recording, around which it is planned",
         "more cost time; fewer find worse motions, or none")
@@ -23,7 +23,7 @@ SEPARATION = SeparationSettings()
 
 @dataclass(frozen=True)
 class ReplaySettings:
-    """Recorded motion on the simulated robot (limo_driver.workflow.diagnosing)."""
+    """Recorded motion on the simulated robot (limo_driver.app.library.diagnosing)."""
 
     duration: float = setting(12.0, "s", "of motion that is replayed, where it differs most",
         "more costs time; less shows less")

@@ -8,8 +8,8 @@ from typing import Final
 from estimators.hybrid.features import Features, feature_set
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import Declared, parameter
 from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.runtime.parameters import Declared, parameter
 
 SCHEDULES: Final = ("cosine", "plateau")
 SPLITS: Final = ("blocks", "sequences", "recordings")

@@ -22,7 +22,7 @@ from estimators.regression.definite import ROUNDING, SymmetricSpectrum
 from estimators.rigid_body.dynamics.base_parameters import find_base_parameters
 from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain, fill_regressor
 from estimators.rigid_body.terms import JointTerms
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:

@@ -25,8 +25,8 @@ from estimators.rigid_body.dynamics.regressor import (
     vector,
     write_rotation,
 )
-from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from limo_driver.compiled import compiled
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from limo_driver.descriptions.inertial import Inertial
-    from limo_driver.linkage import JointLinkage
     from limo_driver.model import RobotModel
+    from limo_driver.model.descriptions.inertial import Inertial
+    from limo_driver.model.linkage import JointLinkage
     from limo_driver.types import FloatArray, Motion
 
 PER_LINK = 10

@@ -30,8 +30,8 @@ from limo_driver.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.model import RobotModel
+    from limo_driver.model.descriptions.inertial import Inertial
     from limo_driver.types import FloatArray
 
 _GENEROUS: Final = 2.0  # times the radius of what is known of a link

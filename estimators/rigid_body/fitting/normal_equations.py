@@ -18,9 +18,9 @@ from estimators.rigid_body.dynamics.regressor import RegressorChain
 from estimators.rigid_body.fitting.effective_rows import ThinnedRows, blocks_of, effective_rows
 from estimators.rigid_body.fitting.folds import FOLDS, fold_of
 from limo_driver.errors import RecordingError
-from limo_driver.parameters import Declared, parameter
 from limo_driver.recordings.bandwidth import BANDWIDTH
-from limo_driver.recordings.differentiation import smooth
+from limo_driver.recordings.filters.differentiation import smooth
+from limo_driver.runtime.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -14,7 +14,6 @@ from estimators.service.inference.history import History
 from estimators.service.inference.rate import RateWatch
 from estimators.service.inference.window import Window
 from limo_driver.errors import LimoError, WireFormatError
-from limo_driver.latency import LatencyHistogram
 from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
@@ -23,6 +22,7 @@ from limo_driver.network.messages import (
     relabelled,
 )
 from limo_driver.network.streaming import Arrivals
+from limo_driver.runtime.latency import LatencyHistogram
 
 if TYPE_CHECKING:
     from estimators.service.inference.contact import Contact, ContactWatchdog

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from limo_driver.recordings.causal_differentiation import RATE_TOLERANCE
+from limo_driver.recordings.filters.causal_differentiation import RATE_TOLERANCE
 
 _STATES: Final = 101  # from which the rate is found
 _APART: Final = 25  # states whose stamps are compared, so that uneven ones count for less

@@ -15,8 +15,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from estimators.service.store.atomic_files import locked, replace
-from limo_driver.declarations import read_json
 from limo_driver.errors import ModelStoreError
+from limo_driver.runtime.declarations import read_json
 
 if TYPE_CHECKING:
     from pathlib import Path

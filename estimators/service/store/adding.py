@@ -17,7 +17,7 @@ from estimators.service.store.atomic_files import write
 from estimators.service.store.version import SCHEMA, described, digest
 from limo_driver.errors import ModelStoreError
 from limo_driver.model import BUILT_IN
-from limo_driver.outputs import sync
+from limo_driver.runtime.outputs import sync
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

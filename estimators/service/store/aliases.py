@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.declarations import read_json
 from limo_driver.errors import ModelStoreError
+from limo_driver.runtime.declarations import read_json
 
 if TYPE_CHECKING:
     from pathlib import Path

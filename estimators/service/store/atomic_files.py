@@ -9,7 +9,7 @@ from shutil import rmtree
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
-from limo_driver.outputs import replacing, sync
+from limo_driver.runtime.outputs import replacing, sync
 
 if TYPE_CHECKING:
     from collections.abc import Generator

@@ -13,7 +13,7 @@ from safetensors.numpy import save as save_tensors
 from estimators.model_folder import LARGEST_FILE, tensors_of
 from estimators.stream import Stream
 from limo_driver.errors import ModelStoreError
-from limo_driver.given_files import read_bytes
+from limo_driver.runtime.given_files import read_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, cast
 
 from estimators.service.store.atomic_files import replace
 from limo_driver.errors import ModelStoreError
-from limo_driver.given_files import read_bytes, read_json_file
+from limo_driver.runtime.given_files import read_bytes, read_json_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -22,7 +22,7 @@ from estimators.service.store.golden_motion import Golden
 from estimators.service.store.signature import sign
 from estimators.service.store.version import GOLDEN, RECORD, Version
 from limo_driver.errors import ModelStoreError
-from limo_driver.outputs import sync
+from limo_driver.runtime.outputs import sync
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, Final
 from estimators.model_folder import load_model
 from estimators.service.store.golden_motion import Golden
 from estimators.service.store.signature import check_signature
-from limo_driver.declarations import read_json
 from limo_driver.errors import ModelStoreError
-from limo_driver.given_files import read_bytes
+from limo_driver.runtime.declarations import read_json
+from limo_driver.runtime.given_files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -13,8 +13,8 @@ import numpy as np
 from estimators.service.inference.contact import MARGIN
 from estimators.service.training.logged_rate import LoggedRates
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.logs.joint_state_log import joint_states
 from limo_driver.logs.mcap_log import log_files
+from limo_driver.logs.ros.joint_state_log import joint_states
 from limo_driver.network.messages import LOG, decode_event
 from limo_driver.network.streaming import Keys
 from limo_driver.recordings.recording import Recording

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.network.messages import JOINT_STATE
-from limo_driver.recordings.causal_differentiation import RATE_TOLERANCE
+from limo_driver.recordings.filters.causal_differentiation import RATE_TOLERANCE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.inertial import Inertial
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

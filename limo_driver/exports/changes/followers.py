@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.descriptions.description import JointDynamics
+from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.physics.described import REFLECTED
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from limo_driver.physics.effect import Friction
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from limo_driver.descriptions.description import JointDynamics
     from limo_driver.model import RobotModel
+    from limo_driver.model.descriptions.description import JointDynamics
     from limo_driver.physics import Simulation
 
 

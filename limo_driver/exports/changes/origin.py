@@ -14,8 +14,8 @@ import math
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.descriptions.description import JointDynamics, StatedBristles, StatedRipple
 from limo_driver.exports.changes.comment import read_comment, write_comment
+from limo_driver.model.descriptions.description import JointDynamics, StatedBristles, StatedRipple
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.descriptions.geometry import rotation_of
-from limo_driver.descriptions.inertial import Inertial
 from limo_driver.exports.changes.bodies import BodyPart
+from limo_driver.model.descriptions.geometry import rotation_of
+from limo_driver.model.descriptions.inertial import Inertial
 
 if TYPE_CHECKING:
     from xml.etree import ElementTree as ET

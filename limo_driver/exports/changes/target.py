@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.descriptions.description import JointDynamics
-    from limo_driver.descriptions.inertial import Inertial
+    from limo_driver.model.descriptions.description import JointDynamics
+    from limo_driver.model.descriptions.inertial import Inertial
     from limo_driver.physics import Payload, Simulation
 
 _POSES: Final = 5

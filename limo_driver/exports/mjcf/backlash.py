@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from limo_driver.descriptions.description import JointDynamics
     from limo_driver.exports.xml_edits import Element, XmlText
+    from limo_driver.model.descriptions.description import JointDynamics
 
 _STEPS: Final = 2.0  # of the simulation, in which a flank answers: the least that MuJoCo takes
 _FIRM: Final = "0.99 0.999 0.0001"  # else a flank gives way by as much as a gap is wide

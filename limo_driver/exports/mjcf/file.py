@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING, Any, Final
 import mujoco
 import numpy as np
 
-from limo_driver.descriptions.description import JointDynamics
-from limo_driver.descriptions.inertial import Inertial
-from limo_driver.descriptions.mjcf import check_includes
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.loads import write_added
 from limo_driver.exports.changes.origin import alike, write_origin
@@ -20,6 +17,9 @@ from limo_driver.exports.mjcf.backlash import write_play
 from limo_driver.exports.mjcf.motors import append_motors, write_motors
 from limo_driver.exports.mjcf.servos import write_servos
 from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
+from limo_driver.model.descriptions.description import JointDynamics
+from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.mjcf import check_includes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

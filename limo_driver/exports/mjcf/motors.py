@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from limo_driver.descriptions.description import JointDynamics
     from limo_driver.exports.xml_edits import Element, XmlText
+    from limo_driver.model.descriptions.description import JointDynamics
 
 _TAG: Final = "dcmotor"
 _SECTION: Final = "actuator"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.descriptions.description import StatedMotor, StatedServo
 from limo_driver.errors import ConfigError
 from limo_driver.exports.xml_edits import differ
+from limo_driver.model.descriptions.description import StatedMotor, StatedServo
 from limo_driver.physics.drives import as_described
 from limo_driver.quoting import in_xml
 

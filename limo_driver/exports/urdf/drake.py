@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.descriptions.description import JointDynamics
+from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.quoting import in_xml
 
 if TYPE_CHECKING:

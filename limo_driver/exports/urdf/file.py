@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from limo_driver.descriptions.description import JointDynamics
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.loads import write_added
 from limo_driver.exports.changes.origin import write_origin
 from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
 from limo_driver.exports.urdf.drake import write_rotors
 from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
+from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.quoting import in_xml
 
 if TYPE_CHECKING:
-    from limo_driver.descriptions.inertial import Inertial
     from limo_driver.exports.changes.target import Target
+    from limo_driver.model.descriptions.inertial import Inertial
 
 _KEYS: Final = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 

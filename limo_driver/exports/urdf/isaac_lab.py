@@ -19,7 +19,7 @@ from limo_driver.quoting import in_docstring
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from limo_driver.descriptions.description import JointDynamics
+    from limo_driver.model.descriptions.description import JointDynamics
     from limo_driver.physics import JointDrive
 
 _ESCAPED: Final = re.compile(r"\\(.)", re.DOTALL)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from limo_driver.errors import ConfigError
 from limo_driver.network.trust.roles import ROLES, access_control
-from limo_driver.outputs import reason, require_folder
+from limo_driver.runtime.outputs import reason, require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Mapping

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     FARTHEST,
@@ -27,6 +25,8 @@ from limo_driver.physics.effects.friction import (
     sign_width,
     sign_width_at,
 )
+from limo_driver.runtime.compiled import compiled
+from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

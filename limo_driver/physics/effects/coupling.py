@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from limo_driver.parameters import JOINT, parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     MOST_INERTIA,
@@ -18,6 +17,7 @@ from limo_driver.physics.effect import (
     State,
 )
 from limo_driver.physics.effects.friction import sign_width
+from limo_driver.runtime.parameters import JOINT, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from limo_driver.compiled import compiled
-from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import Hypothesis, SensorEffect, State
+from limo_driver.runtime.compiled import compiled
+from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

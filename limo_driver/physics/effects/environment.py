@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import MOST_STIFFNESS, ArmEffect, Hypothesis, State, TorqueEffect
 from limo_driver.physics.effects.sensing import TorqueOffset
+from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

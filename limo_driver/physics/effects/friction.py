@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import MOST_SLOPE, MOST_TORQUE, Friction, Hypothesis, State
 from limo_driver.physics.effects import friction_laws
+from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     FARTHEST,
@@ -22,6 +21,7 @@ from limo_driver.physics.effect import (
     TorqueEffect,
 )
 from limo_driver.physics.effects import hysteresis_laws
+from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

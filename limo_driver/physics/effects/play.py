@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from limo_driver.compiled import compiled
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import MOST_TORQUE, Hypothesis, MotionEffect, State
 from limo_driver.physics.effects.friction import SIGN_WIDTH, dry_at, sign_width_at
+from limo_driver.runtime.compiled import compiled
+from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import JOINT, Declared, parameter
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     MOST_TORQUE,
@@ -18,6 +17,7 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
+from limo_driver.runtime.parameters import JOINT, Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

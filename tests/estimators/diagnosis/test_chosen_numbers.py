@@ -11,7 +11,9 @@ ROOT = Path(setting.__file__).parents[1]
 FILES = [
     file
     for file in sorted(ROOT.rglob("*.py"))
-    if file.parent.name != "settings" and file.name != "figures.py"  # which is colours and sizes
+    if file.parent.name != "settings"
+    and file.name != "figures.py"  # which is colours and sizes
+    and "from_motion" not in file.parts  # whose numbers stand where they are used
 ]
 PLAIN = {0.0, 0.5, 1.0, 2.0, 10.0, 100.0, 1e3}  # of arithmetic, decades and units
 NUMERICAL = 1e-6  # up to which a number only keeps others from being nothing

@@ -35,7 +35,7 @@ from estimators.reproduction.trial import (
     TrialStore,
 )
 from estimators.reproduction.writing import write
-from limo_driver.cli import main
+from limo_driver.app.cli import main
 from limo_driver.model import RobotModel
 
 if TYPE_CHECKING:
@@ -254,7 +254,7 @@ def test_beside_another_arm_stand_only_the_papers_factors(
 def command_line(*arguments: object) -> list[str]:
     # what a shell runs in the background is born with SIGINT ignored, and so are its children
     listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    code = f"{listen}; from limo_driver.cli import main; main()"
+    code = f"{listen}; from limo_driver.app.cli import main; main()"
     return [sys.executable, "-c", code, *map(str, arguments)]
 
 

@@ -10,8 +10,8 @@ import pytest
 from estimators.rigid_body.dynamics.regressor import parameters_of
 from estimators.rigid_body.fitting.consistent import nearest_body, pseudo_inertia
 from estimators.rigid_body.fitting.extent import Extent, Extents
-from limo_driver.descriptions.inertial import Inertial
 from limo_driver.model import RobotModel
+from limo_driver.model.descriptions.inertial import Inertial
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from estimators.rigid_body.dynamics.newton_euler import inverse_dynamics, link_p
 from estimators.rigid_body.dynamics.regressor import RegressorChain, parameters_of
 from estimators.rigid_body.fitting.consistent import inertial_of, pseudo_inertia, thickened
 from estimators.rigid_body.fitting.normal_equations import accumulate
-from limo_driver.descriptions.inertial import Inertial
 from limo_driver.errors import ConfigError, NotFittedError, RecordingError, ShapeError
 from limo_driver.model import RobotModel
+from limo_driver.model.descriptions.inertial import Inertial
 from limo_driver.physics import (
     Armature,
     CoulombFriction,

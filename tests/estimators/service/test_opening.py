@@ -24,7 +24,7 @@ from types import SimpleNamespace
 import numpy as np
 from estimators.service.opening import Opening
 from estimators.service.settings import ServiceSettings
-from limo_driver.compiled import signatures
+from limo_driver.runtime.compiled import signatures
 from limo_driver.network.messages import Attachment, JointStateCodec
 from limo_driver.physics import Simulation
 

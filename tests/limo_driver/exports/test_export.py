@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mjcf_arms import arm_of, plain, torques
 
 import limo_driver as limo
-from limo_driver.cli import main
+from limo_driver.app.cli import main
 from limo_driver.errors import ConfigError
 from limo_driver.exports.export import Export, write
 from limo_driver.physics import (

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from sessions import PATIENCE, configurations_of_two, wait_until
 
 from limo_driver.errors import ConfigError, ConnectionLostError
-from limo_driver.latency import LatencyHistogram
 from limo_driver.network.messages import Attachment, decode_joint_state
 from limo_driver.network.streaming import (
     Arrivals,
@@ -26,6 +25,7 @@ from limo_driver.network.streaming import (
     is_alive,
     open_session,
 )
+from limo_driver.runtime.latency import LatencyHistogram
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from one_file import arm_of, check_page, drawn
 
-from limo_driver.kinematics import KinematicChain
 from limo_driver.model import RobotModel
+from limo_driver.model.kinematics import KinematicChain
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import rounded_ticks
 from limo_driver.pages.markup import columns, header, listed, next_steps

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.differentiation import smooth
-from limo_driver.recordings.filtered_samples import LIVELIER
+from limo_driver.recordings.filters.differentiation import smooth
+from limo_driver.recordings.filters.filtered_samples import LIVELIER
 from limo_driver.recordings.recording import Recording
 
 BANDWIDTH = 8.0  # [Hz]

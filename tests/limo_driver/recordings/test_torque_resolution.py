@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from limo_driver.recordings.recorder import Recorder
+from limo_driver.recordings.files.recorder import Recorder
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import JointState
 

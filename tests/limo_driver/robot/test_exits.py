@@ -15,7 +15,7 @@ from lanes import sampled
 from robot_commands import START, smooth_move
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.recorder import Recorder
+from limo_driver.recordings.files.recorder import Recorder
 from limo_driver.robot import exits
 from limo_driver.robot import robot as robot_module
 from limo_driver.robot.playback import Playback

@@ -1,8 +1,8 @@
 import pytest
 
 from limo_driver.errors import BackendNotFoundError
-from limo_driver.plugins import ESTIMATORS, ROBOTS, find
 from limo_driver.robot.registry import open_robot
+from limo_driver.runtime.plugins import ESTIMATORS, ROBOTS, find
 
 
 def test_an_unknown_backend_lists_the_known_ones():

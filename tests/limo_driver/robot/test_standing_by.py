@@ -11,9 +11,10 @@ import pytest
 
 from limo_driver.errors import ConfigError, HoldingError
 from limo_driver.physics import ExternalContact
-from limo_driver.plugins import ROBOTS, find
-from limo_driver.recordings.recorder import partial_path
-from limo_driver.robot.playback import NotBegunError, Playback, open_for
+from limo_driver.recordings.files.recorder import partial_path
+from limo_driver.robot.playback import NotBegunError, Playback
+from limo_driver.robot.registry import open_for
+from limo_driver.runtime.plugins import ROBOTS, find
 from limo_driver.trajectory import Trajectory
 
 START = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])

@@ -11,11 +11,12 @@ import pytest
 from matplotlib.image import imread
 
 from estimators.rigid_body.dynamics.conditioning import Conditioning
-from limo_driver.cli.excite import command
-from limo_driver.descriptions.inertial import Inertial
+from limo_driver.app.cli.excite import command
 from limo_driver.errors import ConfigError, InfeasiblePathError, LimoError
 from limo_driver.model import RobotModel
-from limo_driver.robot.playback import Playback, open_for
+from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.robot.playback import Playback
+from limo_driver.robot.registry import open_for
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import Motion
 from limopa import ExcitationRequest, Feasibility, Surroundings, Workspace, excite

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from one_file import check_page
 
-from limo_driver.cli.excite import command as excite
+from limo_driver.app.cli.excite import command as excite
 from limo_driver.errors import ConfigError, InfeasiblePathError
-from limo_driver.foreign.formats.reading import read_table
+from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.model import RobotModel
 from limopa import ServoRequest, Surroundings, excite_servos
 from limopa.excitation.servo_page import servo_page

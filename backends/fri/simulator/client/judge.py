@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from backends.fri.codec.messages import JOINTS, WRENCH, CommandMode
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from backends.fri.codec.messages import CommandData

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from typing import Any, Final
 
-from limo_driver.latency import LatencyHistogram
+from limo_driver.runtime.latency import LatencyHistogram
 
 REMEMBERED: Final = 4096  # packets that can still be answered
 _MODULUS: Final = 1 << 32  # of the counters

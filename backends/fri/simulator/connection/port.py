@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from backends.fri.codec.messages import MAX_DATAGRAM
 from limo_driver.errors import BackendError, ConfigError
-from limo_driver.processes.closing import Closing
+from limo_driver.runtime.processes.closing import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

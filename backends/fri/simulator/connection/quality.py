@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from backends.fri.codec.messages import Quality
 from limo_driver.errors import ConfigError
-from limo_driver.parameters import Declared, parameter
+from limo_driver.runtime.parameters import Declared, parameter
 
 
 @dataclass(frozen=True)

@@ -252,7 +252,7 @@ def test_a_trajectory_of_another_robot_is_refused(arm, limo, tmp_path):
 
 
 def test_the_command_says_that_it_is_ready_and_what_happened(arm, commanded):
-    from limo_driver.cli.drives import command
+    from limo_driver.app.cli.drives import command
 
     said = commanded(command)("--config", arm("cia402"), "--duration", "0.1", "--json")
     ready, summary = map(json.loads, said.stdout.splitlines())

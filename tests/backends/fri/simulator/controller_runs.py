@@ -26,7 +26,7 @@ from limo_driver.robot.realtime import Pace
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-LIMO = (sys.executable, "-c", "from limo_driver.cli import main; main()")
+LIMO = (sys.executable, "-c", "from limo_driver.app.cli import main; main()")
 CLIENT = Path(__file__).parent / "bare_client.py"
 PATIENCE = 120  # [s]
 # Other work on this machine may set either side aside for long; that is not what is tested.

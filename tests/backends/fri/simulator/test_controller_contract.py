@@ -142,7 +142,7 @@ def test_nobody_answers_and_the_controller_goes_on_until_it_is_interrupted() -> 
 def test_bad_options_are_one_clear_line(
     options: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from limo_driver import cli
+    from limo_driver.app import cli
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sys.argv", ["limo", "controller", "--duration", "0.1", *options])

@@ -127,7 +127,7 @@ def told(file: Path, kind: str) -> list[dict[str, object]]:
 
 def limo(*arguments: object) -> list[str]:
     """Return the command line of a limo command."""
-    call = "from limo_driver.cli import main; main()"
+    call = "from limo_driver.app.cli import main; main()"
     return [sys.executable, "-c", call, *map(str, arguments)]
 
 

@@ -10,9 +10,9 @@ import typer
 from processes import ARM, Answers, driven, served, wait_for
 from typer.testing import CliRunner
 
-from limo_driver.cli import serve
-from limo_driver.cli.models import command
-from limo_driver.console.arguments import in_options
+from limo_driver.app.cli import serve
+from limo_driver.app.cli.models import command
+from limo_driver.app.console.arguments import in_options
 from limo_driver.errors import ConfigError, ConnectionLostError, LimoError, ModelStoreError
 from limo_driver.network.streaming import open_session
 

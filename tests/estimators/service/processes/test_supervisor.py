@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from processes import PATIENCE, Answers, Network, driven, served, told, wait_for
 
+from limo_driver.app.library.live.supervising import listens
 from limo_driver.network.streaming import open_session
-from limo_driver.workflow.live.supervising import listens
 
 if TYPE_CHECKING:
     from pathlib import Path

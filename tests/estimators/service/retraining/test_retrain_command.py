@@ -10,7 +10,7 @@ from test_trainer import write_keys, write_log
 from typer.testing import CliRunner
 
 from estimators.service.store.store import ModelStore
-from limo_driver.cli.models import command
+from limo_driver.app.cli.models import command
 from limo_driver.errors import ConfigError, ModelStoreError
 
 if TYPE_CHECKING:

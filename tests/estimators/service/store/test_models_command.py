@@ -14,7 +14,7 @@ from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.service.store.store import ModelStore
-from limo_driver.cli.models import command
+from limo_driver.app.cli.models import command
 from limo_driver.errors import ModelStoreError, RecordingError
 
 if TYPE_CHECKING:

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from limo_driver.descriptions.inertial import Inertial
 from limo_driver.exports.changes.bodies import (
     BodyPart,
     inertial_of,
@@ -9,6 +8,7 @@ from limo_driver.exports.changes.bodies import (
     rescaled_lines,
     shared,
 )
+from limo_driver.model.descriptions.inertial import Inertial
 
 HAND = Inertial(2.0, (0.1, 0.0, 0.05), (0.02, 0.001, 0.0, 0.03, 0.002, 0.025))
 TOOL = Inertial(0.5, (0.0, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.001))

@@ -12,7 +12,7 @@ from ports import free_port
 from sessions import wait_until
 from typer.testing import CliRunner
 
-from limo_driver.cli.secure import command
+from limo_driver.app.cli.secure import command
 from limo_driver.errors import ConfigError, ConnectionLostError
 from limo_driver.network.claims import Witness, claim
 from limo_driver.network.config import read_config, require_passage

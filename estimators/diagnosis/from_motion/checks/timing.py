@@ -1,0 +1,212 @@
+"""Whether commands stand at the rows from which on they act: fits that may look ahead tell."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.from_motion.fitting.constants import DAMPING, value_in, with_values
+from estimators.diagnosis.from_motion.fitting.joint import errors, fit_joint
+from estimators.diagnosis.from_motion.fitting.limits import most_of
+from estimators.diagnosis.from_motion.fitting.starts import nearer_start, regressed, typical_start
+from estimators.diagnosis.from_motion.simulation.columns import GAIN
+from estimators.diagnosis.from_motion.simulation.commanded import busiest
+from estimators.diagnosis.from_motion.simulation.free_run import commands_of
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from limo_driver.errors import RecordingError
+from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.from_motion.fitting.joint import JointFit
+    from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+_MOVES: Final = 0.05  # [rad], range of a joint that can be judged
+_GLANCE: Final = 8  # evaluations
+_FARTHEST: Final = 0.5  # [s] of looking ahead
+_BETTER: Final = 0.7  # of the error, which looking ahead has to get below
+_ALIKE: Final = 0.4  # correlation of the paces of command and position, below which none shows
+_SMOOTHED: Final = 5  # rows
+_JUDGED: Final = 3  # recordings at most
+_TRIED: Final = 50  # delays, of torques
+_REACHED: Final = 0.7  # of the torque that a servo without limit would have, tried as its limit
+_HELD: Final = 0.1  # dry friction by load, tried with it
+_OF_ONE_SIZE: Final = 2.0  # times the least, that lags of joints differ if they have one cause
+_OF_THAT: Final = 0.1  # of such a lag, a delay that is none beside it
+_NONE: Final = 1e-3  # [s], a delay that is none
+
+
+def check_timing(simulation: Simulation, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Refuse commands that come later than what they cause; tell where all delay is missing.
+
+    A servo lags by its delay and by damping over gain. Where a fit takes no delay, and gets better
+    as it looks ahead, no servo has made the motion from these rows. The recording
+    of most motion is judged, and others in which positions seem to come before commands: a soft
+    servo under a weight swings ahead of its commands at times, so that this alone proves nothing.
+
+    Args:
+        simulation: With a position servo for each joint.
+        recordings: With commands.
+
+    Returns:
+        A sentence, if no joint of that recording has a delay although one is stated, or lags by as
+        much as its stated damping makes it.
+
+    Raises:
+        RecordingError: Joints follow commands of later rows.
+    """
+    first = busiest(recordings)
+    others = (each for each in recordings if each is not first and _seems_early(each))
+    judged = [first, *others][:_JUDGED]
+    (delays, short), *_ = [_judge(simulation, each) for each in judged]
+    believed = float(np.median([value_in(row, "delay") for row in rows_of(simulation)]))
+    if delays and max(delays) <= _NONE < believed:
+        return (
+            f"No joint has a delay, although {believed:.3g} s are stated: commands may be recorded "
+            "later than they came into force, and damping found here is then too small.",
+        )
+    return _about_lags(delays, short, 1.0 / first.rate)
+
+
+def _about_lags(delays: Sequence[float], short: Sequence[float], period: float) -> tuple[str, ...]:
+    """Say by how much commands came late that damping over gain hides.
+
+    It lets each joint lag as a delay does, and less of it looks like a delay below zero.
+
+    Args:
+        delays: Of each joint [s].
+        short: By how much each lags less than stated, by damping over gain [s].
+        period: Of the rows [s].
+    """
+    least = min(short, default=0.0)
+    if least <= period or max(short) > _OF_ONE_SIZE * least or max(delays) > _OF_THAT * least:
+        return ()
+    return (
+        f"No joint has a delay, and all follow their commands {np.median(short):.2g} s sooner than "
+        "damping over gain, as stated, lets them: commands may be recorded so much later than they "
+        "came into force, and damping found here is then too small.",
+    )
+
+
+def _judge(simulation: Simulation, recording: Recording) -> tuple[list[float], list[float]]:
+    """Return the delay of each joint that moves and has a servo, or refuse the recording.
+
+    Returns:
+        The delays [s]; and by how much joints lag less than stated, by damping over gain [s].
+    """
+    stated, load = rows_of(simulation), ArmLoads(simulation.body, [recording])
+    parts = load.parts(ArmChange.none(load.n))
+    period = 1.0 / recording.rate
+    ahead = (-period * np.arange(round(_FARTHEST / period) + 1)).tolist()
+    leads, gains = list[float](), list[float]()
+    delays, short = list[float](), list[float]()
+    for j in np.flatnonzero(np.ptp(recording.position, axis=0) > _MOVES).tolist():
+        if stated[j, GAIN] > 0.0:
+            lead, gain = _lead(parts[j], stated[j], ahead[:: max(1, len(ahead) // _TRIED)])
+            leads.append(lead)
+            gains.append(gain)
+            continue
+        begun = nearer_start(parts[j], typical_start(stated[j]))
+        fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
+        delays.append(fit.value("delay"))
+        short.append(_damped(stated[j]) - _damped(fit.row))
+        if delays[-1] > _NONE:
+            leads.append(0.0)
+            gains.append(1.0)
+            continue
+        scores = [
+            float(np.abs(errors(parts[j], with_values(fit.row, {"delay": delay}))).mean())
+            for delay in ahead
+        ]
+        best = int(np.argmin(scores))
+        if scores[best] < _BETTER * fit.mean_error:
+            fit = min(fit, _limited(parts[j], fit), key=lambda own: own.mean_error)
+        leads.append(-ahead[best])
+        gains.append(scores[best] / max(fit.mean_error, 1e-9))
+    if leads and np.median(leads) > 0.0 and np.median(gains) < _BETTER:
+        raise RecordingError(
+            f"commands come {float(np.median(leads)):.3g} s or more later than the positions that "
+            "follow them; expected the set-point in force at each row",
+            path=recording.source or None,
+        )
+    return delays, short
+
+
+def _damped(row: FloatArray) -> float:
+    """Return the lag of a servo by damping over gain [s]; one of velocity has none."""
+    gain = value_in(row, "kp")
+    return (value_in(row, "kd") + value_in(row, DAMPING)) / gain if gain > 0.0 else 0.0
+
+
+def _lead(
+    parts: Sequence[LoadedJoint], row: FloatArray, ahead: Sequence[float]
+) -> tuple[float, float]:
+    """Return by how much torques seem to come late [s], and what is left of the load by that.
+
+    What a joint needs is known of its motion, without a simulation that drifts: of what it is told,
+    this follows the torque that was in force.
+
+    Args:
+        parts: Recorded stretches of a joint that is told torques.
+        row: The constants of the joint.
+        ahead: Delays that are tried, from 0 down [s].
+
+    Returns:
+        The lead, and the unexplained torque there, over the least of those that were no lead.
+    """
+    scores = [regressed(parts, row, delay)[0] for delay in ahead]
+    behind = min(regressed(parts, row, -delay)[0] for delay in ahead)
+    best = int(np.argmin(scores))
+    if not np.isfinite(behind):
+        return 0.0, 1.0
+    return -ahead[best], scores[best] / max(behind, 1e-9)
+
+
+def _limited(parts: Sequence[LoadedJoint], fit: JointFit) -> JointFit:
+    """Return the fit of a servo that is driven beyond its torque, behind a gear that load holds.
+
+    What these do is no look ahead, and is explained by one in part.
+    """
+    limit = _REACHED * most_of("torque_limit", parts, fit.row)
+    begun = with_values(fit.row, {"torque_limit": limit, "by_load": _HELD})
+    names = (*fit.names, "torque_limit", "by_load")
+    return fit_joint(parts, begun, names)
+
+
+def _seems_early(recording: Recording) -> bool:
+    """Say whether most joints that move seem to do so before their commands.
+
+    Nobody sees that of torques: those that hold a joint back come before it turns, too.
+    """
+    command, position = commands_of(recording), recording.position
+    period = np.diff(recording.time, append=recording.time[-1])[:, None]
+    told = np.cumsum(command * period, axis=0)  # where velocities would lead
+    command = np.where(led_by(VELOCITY, recording.channels), told, command)
+    moves = np.minimum(np.ptp(position, axis=0), np.ptp(command, axis=0)) > _MOVES
+    moving = np.flatnonzero(moves & ~led_by(TORQUE, recording.channels))
+    shifts = [_shift(command[:, j], position[:, j], recording.rate) for j in moving.tolist()]
+    return bool(shifts) and float(np.median(shifts)) < -1.0 / recording.rate
+
+
+def _shift(command: FloatArray, position: FloatArray, rate: float) -> float:
+    """Return by how much a position seems later than its command [s]."""
+    reach = max(1, round(_FARTHEST * rate))
+    mean = np.ones(_SMOOTHED) / _SMOOTHED
+    told, did = (np.convolve(np.diff(x), mean, "same") for x in (command, position))
+    if told.size < 4 * reach:
+        return 0.0
+    ahead = told[reach:-reach]
+    scores = [
+        float(np.corrcoef(ahead, did[reach + k : did.size - reach + k])[0, 1])
+        if np.ptp(ahead) and np.ptp(did[reach + k : did.size - reach + k])
+        else 0.0
+        for k in range(-reach, reach + 1)
+    ]
+    best = int(np.argmax(scores))
+    return (best - reach) / rate if scores[best] > _ALIKE else 0.0

@@ -1,0 +1,181 @@
+"""What is wrong with velocities that were commanded: units, joints, signs; joints that do not obey.
+
+What a servo of velocity follows is not where its joint is, but how fast that changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.from_motion.checks.likeness import correlation
+from estimators.diagnosis.from_motion.checks.stuck import AT_REST
+from estimators.diagnosis.from_motion.simulation.free_run import commands_of
+from limo_driver.errors import RecordingError
+from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.channels import POSITION, VELOCITY, led_by
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+_MOVES: Final = 0.05  # [rad, rad/s], range of a joint that can be judged
+_LATE: Final = 0.3  # [s], by which a joint may follow
+_ALIKE, _UNLIKE = 0.8, 0.4  # correlations
+_BETTER: Final = 0.2  # of correlation, by which commands are like a position rather
+_SAME: Final = 1e-6  # of the velocity, by which commands are the velocity itself
+_LESS, _MORE = 1 / 8, 1.3  # times as fast as told, that a servo moves its joint
+_UNITS: Final = {"deg/s": 180.0 / np.pi, "revolutions per minute": 30.0 / np.pi}  # in 1 rad/s
+_NEAR: Final = (0.75, 1.6)  # of such a number, that a servo may lack or friction take
+_LASTING: Final = 1.0  # [s] in which a joint does not obey
+_TOLD: Final = 0.2  # [rad/s], told to a joint that rests
+_LOOSE: Final = 0.3  # [rad/s], of a joint that is told to rest
+
+
+@dataclass(frozen=True)
+class _Told:
+    """Joints of a recording that are told velocities."""
+
+    recording: Recording
+    joints: tuple[int, ...]  # 0-based
+    command: FloatArray  # (T, n) [rad/s]
+    velocity: FloatArray  # (T, n) [rad/s], zero-phase
+
+    def follows(self, j: int, k: int, late: bool = True) -> float:
+        """Return how much the velocity of a joint is like a command, as it may follow later."""
+        most = round(_LATE * self.recording.rate) if late else 0
+        told, does = self.command[:, k], self.velocity[:, j]
+        every = range(min(most, len(told) // 2) + 1)
+        found = [correlation(told[: len(told) - m], does[m:]) for m in every]
+        return max(found, key=abs)
+
+    def moves(self, j: int) -> bool:
+        """Say whether a joint moves enough to be judged."""
+        return bool(np.ptp(self.recording.position[:, j]) > _MOVES)
+
+    def slope(self, j: int) -> float:
+        """Return how fast a joint moves for each unit of its command: of the larger ones."""
+        size = [float(np.quantile(np.abs(x[:, j]), 0.95)) for x in (self.velocity, self.command)]
+        return size[0] / size[1] if size[1] > 0.0 else np.inf
+
+
+def check_velocities(recording: Recording, number: int) -> tuple[str, ...]:
+    """Refuse commands that are not the velocities of their joints in rad/s; tell what else is odd.
+
+    Args:
+        recording: With commands, of velocity or not.
+        number: Of it among those given, by which it is told if it has no file.
+
+    Returns:
+        One sentence for each joint that stalled, or moved while it was told to rest.
+
+    Raises:
+        RecordingError: Names what the commands seem to be.
+    """
+    joints = tuple(np.flatnonzero(led_by(VELOCITY, recording.channels)).tolist())
+    if not joints:
+        return ()
+    velocity = recording.motion(bandwidth_for([recording])).velocity
+    told = _Told(recording, joints, commands_of(recording), velocity)
+    for j in joints:
+        if told.moves(j) and (mistake := _mistake(told, j)):
+            raise RecordingError(mistake, path=recording.source or None)
+    name = recording.source or f"recording {number}"
+    return tuple(text for j in joints for text in _odd(told, j, name))
+
+
+def set_points_alone(recording: Recording) -> Recording:
+    """Return a recording in which joints that are told velocities rest at 0, as do their commands.
+
+    Args:
+        recording: With commands.
+    """
+    own = led_by(POSITION, recording.channels)
+    if own.all():
+        return recording
+    position, command = (
+        np.where(own, x, 0.0) for x in (recording.position, commands_of(recording))
+    )
+    return replace(recording, position=position, command=command)
+
+
+def _mistake(told: _Told, j: int) -> str:
+    """Say what is wrong with the commands of a joint that moves."""
+    name, command = f"{VELOCITY.name}_{j + 1}", told.command[:, j]
+    if not command.any():
+        return (
+            f"{name} is always 0 while joint {j + 1} moves; expected the velocity in force at "
+            "each row; was the arm led by hand, or its torque disabled?"
+        )
+    if _is_measured(told, j):
+        return (
+            f"{name} is the velocity of joint {j + 1} itself; expected the one that was commanded; "
+            "was what was measured recorded as command?"
+        )
+    own = told.follows(j, j)
+    others = [k for k in told.joints if k != j and abs(own) < _UNLIKE]
+    if (k := next((k for k in others if told.follows(j, k) > _ALIKE), None)) is not None:
+        return f"joint {j + 1} follows {VELOCITY.name}_{k + 1}, not {name}; are joints exchanged?"
+    position = told.recording.position[:, j]
+    if correlation(command, position) > max(_ALIKE, abs(own) + _BETTER):
+        return (
+            f"{name} follows position_{j + 1}, not its velocity; expected rad/s; are these "
+            f"set-points of positions, {POSITION.name}_{j + 1}?"
+        )
+    if own < -_ALIKE:
+        return f"joint {j + 1} moves against {name}; has one of them the other sign?"
+    return _unit_mistake(told, j) if own > _ALIKE else ""
+
+
+def _is_measured(told: _Told, j: int) -> bool:
+    """Say whether commands are what was measured, as the log has it or as positions change."""
+    recording, command = told.recording, told.command[:, j]
+    position, time = recording.position[:, j], recording.time
+    known = [np.gradient(position, time), np.append(np.diff(position) / np.diff(time), command[-1])]
+    if recording.velocity is not None:
+        known.append(recording.velocity[:, j])
+    size = float(np.abs(command).mean())
+    return any(float(np.abs(own - command).mean()) < _SAME * size for own in known)
+
+
+def _unit_mistake(told: _Told, j: int) -> str:
+    """Say which unit commands seem to have that a joint follows, if it is not rad/s."""
+    slope, name = told.slope(j), f"{VELOCITY.name}_{j + 1}"
+    if _LESS < slope < _MORE:
+        return ""
+    by_row = told.recording.rate  # rad/s that a change of 1 rad by row is
+    if slope > _MORE and 1.0 / _NEAR[1] < slope / by_row < 1.0 / _NEAR[0]:
+        what = "changes of the position by row"
+    else:
+        near = [unit for unit, many in _UNITS.items() if _NEAR[0] < 1.0 / slope / many < _NEAR[1]]
+        what = f"in {near[0]}" if near else "in another unit, or normalised"
+    return (
+        f"joint {j + 1} moves by {slope:.3g} rad/s where {name} is 1; expected rad/s; are the "
+        f"commands {what}?"
+    )
+
+
+def _odd(told: _Told, j: int, name: str) -> Iterator[str]:
+    """Yield what a joint did that no servo of velocity in order does."""
+    recording = told.recording
+    rows = max(2, round(_LASTING * recording.rate))
+    for start in range(0, len(recording) - rows, rows):
+        part, before = slice(start, start + rows), slice(max(0, start - rows), start + rows)
+        command, moved = told.command[part, j], float(np.ptp(recording.position[part, j]))
+        where = f"{name}, {recording.time[start]:.1f} s"
+        slowest = float(np.abs(command).min())
+        if moved < AT_REST and slowest > _TOLD and abs(float(np.sign(command).sum())) == rows:
+            yield (
+                f"joint {j + 1} is stalled: it rests while it is told {slowest:.2f} rad/s ({where})"
+            )
+            return
+        if not told.command[before, j].any() and moved > _LOOSE * _LASTING:
+            yield (
+                f"joint {j + 1} moves by {moved:.2f} rad while it is told to rest; was its torque "
+                f"disabled? ({where})"
+            )
+            return

@@ -1,0 +1,150 @@
+"""Where fits of a joint begin: a hobby servo's constants, or what its own motion says at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.optimize import nnls
+
+from estimators.diagnosis.from_motion.fitting.constants import (
+    COULOMB,
+    DAMPING,
+    gain_of,
+    value_in,
+    with_values,
+)
+from estimators.diagnosis.from_motion.fitting.joint import errors
+from estimators.diagnosis.from_motion.simulation.one_joint import lag
+from limo_driver.types import FloatArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
+
+_USUAL: Final = {COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
+TYPICAL: Final = {  # by gain: of servos of position, of velocity, and of no servo
+    "kp": {"kp": 15.0, DAMPING: 1.0, **_USUAL},
+    "kv": {"kv": 3.0, DAMPING: 0.3, **_USUAL},
+    "gain": {"gain": 1.0, DAMPING: 0.1, **_USUAL},
+}
+# A lag is a delay or damping over gain: what a fit finds depends on which of them it begins with.
+# With a servo of velocity, it is inertia over gain, and damping over gain is how much is lacking.
+LAGS: Final = {
+    "kp": ({"delay": 0.004, DAMPING: 1.0 / 15.0}, {"delay": 0.04, DAMPING: 0.4 / 15.0}),
+    "kv": ({"delay": 0.004, "inertia": 0.02}, {"delay": 0.04, "inertia": 0.005}),
+    "gain": ({"delay": 0.002}, {"delay": 0.02}),
+}
+_DELAYS: Final = (0.0, 0.02, 0.06)  # [s], tried
+_MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the motion
+_ENOUGH: Final = 50  # moving rows
+_LEAST_GAIN: Final = 1e-3  # [N m/rad]
+_NONE_AT_FIRST: Final = ("kd", "stribeck", "by_load", "offset", "dead_band", "play")
+_LOST: Final = 10.0  # [rad], of a joint that constants tried make unstable
+
+
+def typical_start(row: FloatArray) -> FloatArray:
+    """Return constants to start from: a hobby servo's, with the limits that were stated.
+
+    Args:
+        row: The stated constants of a joint.
+    """
+    none = dict.fromkeys(_NONE_AT_FIRST, 0.0)
+    return with_values(row, {**none, **TYPICAL[gain_of(row)], "speed": np.inf})
+
+
+def with_gain(row: FloatArray, gain: float) -> FloatArray:
+    """Return constants to start from with another gain.
+
+    Gain, damping, dry friction and inertia times one factor move a joint alike where nothing but
+    the drive acts on it: so all of them are scaled.
+
+    Args:
+        row: The constants of a joint.
+        gain: Another one [N m/rad], of velocity [N m s/rad], or of torque.
+    """
+    own = gain_of(row)
+    factor = gain / value_in(row, own)
+    scaled = {name: factor * value_in(row, name) for name in (own, DAMPING, COULOMB, "inertia")}
+    return with_values(row, scaled)
+
+
+def lagging(row: FloatArray, lag: dict[str, float]) -> FloatArray:
+    """Return constants to start from with one of `LAGS`.
+
+    Args:
+        row: The constants of a joint.
+        lag: Delay [s], and damping or inertia over gain [s].
+    """
+    gain = value_in(row, gain_of(row))
+    own = {name: part * gain for name, part in lag.items() if name != "delay"}
+    return with_values(row, {"delay": lag["delay"], **own})
+
+
+def nearer_start(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
+    """Return constants to start from: typical ones, or those of the joint's own motion.
+
+    A servo far from typical, of a tenth of the torque or of ten times as much, is lost from a
+    typical start: the joint does not move there, or follows at once, and slopes say nothing.
+
+    Args:
+        parts: Recorded stretches of a joint that gravity loads.
+        row: Typical constants.
+
+    Returns:
+        Those that, simulated forward, stay nearer to the recorded joint.
+    """
+    gain = _gain(parts, row)
+    if gain is None:
+        return row
+    other = with_gain(row, gain)
+    return other if away(parts, other) < away(parts, row) else row
+
+
+def away(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
+    """Return how far a simulated joint is from the recorded one in the mean [rad].
+
+    Args:
+        parts: Recorded stretches.
+        row: The constants of the joint.
+    """
+    error = np.nan_to_num(errors(parts, row), nan=_LOST).clip(-_LOST, _LOST)
+    return float(np.abs(error).mean())
+
+
+def _gain(parts: Sequence[LoadedJoint], row: FloatArray) -> float | None:
+    """Return the gain by which the lag of moving rows explains their load best."""
+    found = [regressed(parts, row, delay) for delay in _DELAYS]
+    left, gain = min(found)
+    return gain if np.isfinite(left) and gain > _LEAST_GAIN else None
+
+
+def regressed(parts: Sequence[LoadedJoint], row: FloatArray, delay: float) -> tuple[float, float]:
+    """Return what is left of the load of moving rows, and the gain, of a drive of some delay.
+
+    Args:
+        parts: Recorded stretches.
+        row: The constants of the joint; they say what its drive acts on.
+        delay: From a command to its effect [s]; below 0, of a command that is recorded too late.
+
+    Returns:
+        Norm of the torque that gain, friction and inertia do not explain [N m], infinite where too
+        few rows move; and the gain.
+    """
+    columns, loads = list[FloatArray](), list[FloatArray]()
+    for part in parts:
+        at = np.maximum(np.searchsorted(part.time, part.time - delay, side="right") - 1, 0)
+        moving = np.abs(part.velocity) > _MOVING
+        pace = part.velocity[moving]
+        change = np.gradient(part.velocity, part.time)[moving]
+        late = replace(part, command=part.command[at])
+        error, one = lag(late, row)[moving], np.ones_like(pace)
+        columns.append(np.stack([error, -pace, -np.sign(pace), -change, one, -one], axis=1))
+        loads.append((part.load + part.inertia * np.gradient(part.velocity, part.time))[moving])
+    load = np.concatenate(loads)
+    if load.size < _ENOUGH:
+        return np.inf, 0.0
+    gains, left = nnls(np.concatenate(columns), load)
+    return float(left), float(gains[0])

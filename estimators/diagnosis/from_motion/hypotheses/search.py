@@ -1,0 +1,362 @@
+"""The search for what an arm has beyond what is stated, without torque.
+
+Beginning with the stated drives and friction, whatever explains most joins the fit, one after the
+other, as long as it is worth it. Until then stated values stay within their tolerances: many of
+them, bent a little, would take the place of the one thing that is there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.from_motion.fitting.arm import (
+    ArmFit,
+    ArmGuess,
+    ArmProblem,
+    Weights,
+    at_bound,
+    fit_arm,
+    glance_at,
+)
+from estimators.diagnosis.from_motion.fitting.constants import (
+    COULOMB,
+    DAMPING,
+    BelievedValue,
+    base_of,
+    gain_of,
+    value_in,
+    with_values,
+)
+from estimators.diagnosis.from_motion.hypotheses.suspects import (
+    COUNTED,
+    Suspect,
+    stated_beside,
+    suspects_of,
+)
+from estimators.diagnosis.from_motion.simulation.commanded import MOVED, commanded_range
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
+    from limo_driver.types import FloatArray
+
+FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
+OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
+_SMALL: Final = 2e-3  # in the unit of each
+_UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
+_FADES: Final = BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
+# Friction by load where the load drives the joint, over that where it resists: alike in most gears,
+# less where it goes by the motor's torque, which friction raises one way and lowers the other.
+_DRIVEN: Final = BelievedValue(1.0, 0.35)
+_COM: Final = 0.1  # [m], likewise of a payload's centre of mass
+_ZERO: Final = 0.3  # [rad]
+_SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
+_MASS: Final = 1.0  # of the arm's own
+_WORTH: Final = 16.0  # [nat], that a suspect has to explain
+_EACH: Final = 2.0  # [nat], for each of its constants
+_MOST: Final = 4
+_FIRST, _GLANCE, _TRY, _THEN, _LAST = 12, 2, 4, 8, 25  # steps of fits
+# Slopes over larger steps lead past what friction makes rough, those over smaller ones along
+# valleys in which gains and a body change together.
+_FINE: Final = 1e-3
+_LIKELY: Final = 2  # suspects that are looked at longer, of either kind
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What was found in the recordings, with the fit that has it."""
+
+    problem: ArmProblem
+    fit: ArmFit
+    suspects: tuple[Suspect, ...]
+
+
+def stated_guess(stated: FloatArray) -> ArmGuess:
+    """Return a guess that begins with the stated constants, damping of servos beyond their limits.
+
+    A stated motor has its servo's damping within its own limits, as it is simulated forward.
+
+    Args:
+        stated: Constants of each joint, (n, columns).
+    """
+    rows = np.stack(
+        [
+            with_values(
+                row,
+                {
+                    DAMPING: value_in(row, DAMPING) + value_in(row, "kd"),
+                    "kd": 0.0,
+                    "inside": _share(row) if _has_motor(row) else 0.0,
+                },
+            )
+            for row in stated
+        ]
+    )
+    names = tuple((*base_of(row), *stated_beside(row)) for row in rows)
+    return ArmGuess(rows, names, ArmChange.none(len(rows)))
+
+
+def _share(row: FloatArray) -> float:
+    """Return which part of a joint's damping is its servo's, as stated."""
+    damping = value_in(row, "kd") + value_in(row, DAMPING)
+    return value_in(row, "kd") / damping if damping > 0.0 else 0.0
+
+
+def _has_motor(row: FloatArray) -> bool:
+    return bool(np.isfinite(value_in(row, "stall")))
+
+
+def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str, BelievedValue]]:
+    """Return what is believed of each joint: the stated values, within their tolerances.
+
+    Args:
+        rows: Stated constants of each joint, (n, columns).
+        tolerance: Deviations of their logarithms, likewise, or one of all.
+    """
+    own = (DAMPING, COULOMB, "delay", "inertia")
+    return [
+        {
+            **{
+                name: _belief(value_in(row, name), value_in(reach, name))
+                for name in (gain_of(row), *own, *stated_beside(row))
+            },
+            "offset": BelievedValue(value_in(row, "offset"), OFFSET),
+            "v_s": _FADES,
+            "assisted": _DRIVEN,
+        }
+        for row, reach in zip(rows, np.broadcast_to(tolerance, rows.shape), strict=True)
+    ]
+
+
+def _belief(value: float, tolerance: float) -> BelievedValue:
+    """Return what is believed of a stated value; one that is stated as none may be small."""
+    if value > _SMALL:
+        return BelievedValue(value, tolerance)
+    return BelievedValue(_SMALL, _UNSTATED)
+
+
+def search(
+    loads: ArmLoads, stated: FloatArray, tolerance: FloatArray | float, tick: float
+) -> Searched:
+    """Look for what an arm has beyond what is stated.
+
+    Args:
+        loads: Of the recordings.
+        stated: Constants of each joint, (n, columns).
+        tolerance: Deviations of their logarithms, likewise, or one of all.
+        tick: Step of the encoders [rad].
+    """
+    guess = _of_moved(stated_guess(stated), loads)
+    mass = sum(own.mass for own in loads.body.inertials.values())
+    shared = {
+        "mass": BelievedValue(0.0, _MASS * mass),
+        "sag": BelievedValue(0.0, _SAG),
+        **{f"com_{axis}": BelievedValue(0.0, _COM) for axis in "xyz"},
+        **{f"zero_{j + 1}": BelievedValue(0.0, _ZERO) for j in range(loads.n)},
+    }
+    weights = _weights(loads, guess, tick)
+    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=FOUND)
+    fit = glance_at(problem, guess, _FIRST)
+    other = _limited(guess, stated)
+    if not _alike(problem, guess, other):
+        fit = min(fit, glance_at(problem, other, _FIRST), key=lambda own: own.cost)
+    found = _searched(problem, fit, guess.rows, tick)
+    other = _limited(found.fit.guess, stated)
+    if not _alike(found.problem, found.fit.guess, other):
+        moved = glance_at(found.problem, other, _THEN)
+        if moved.cost < found.fit.cost - _WORTH:
+            again = glance_at(problem, _limited(fit.guess, stated), _FIRST)
+            return _searched(problem, again, guess.rows, tick)
+    return found
+
+
+def _of_moved(guess: ArmGuess, loads: ArmLoads) -> ArmGuess:
+    """Return a guess in which nothing is fitted of a joint that no command moves."""
+    moved = commanded_range(loads.recordings) > MOVED
+    names = tuple(own if did else () for own, did in zip(guess.names, moved, strict=True))
+    return replace(guess, names=names)
+
+
+def _limited(guess: ArmGuess, stated: FloatArray) -> ArmGuess:
+    """Return a guess in which servos limit what their damping asks for, too, if they did not.
+
+    A servo that limits its motor's current does; one that limits its voltage leaves out what the
+    motor brakes by itself. It is of one kind in all servos of an arm.
+
+    Args:
+        guess: Which is of the other kind.
+        stated: Constants of each joint, (n, columns), which tell the servos' own damping.
+    """
+    rows = guess.rows.copy()
+    asked = [
+        j
+        for j, row in enumerate(stated)
+        if np.isfinite(value_in(row, "torque_limit")) and not _has_motor(row)
+    ]
+    within = any(value_in(rows[j], "inside") for j in asked)
+    for j in asked:
+        rows[j] = with_values(rows[j], {"inside": 0.0 if within else _share(stated[j])})
+    return replace(guess, rows=rows)
+
+
+def _alike(problem: ArmProblem, one: ArmGuess, other: ArmGuess) -> bool:
+    """Say whether two guesses move the arm alike, as where no limit is reached."""
+    pairs = zip(problem.errors(one), problem.errors(other), strict=True)
+    return all(np.array_equal(a, b) for a, b in pairs)
+
+
+def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float) -> Searched:
+    """Add what explains most, one after the other, as long as it is worth it.
+
+    Args:
+        problem: In which stated values stay within their tolerances.
+        fit: Of these alone.
+        stated: Constants of each joint that fits began with, (n, columns).
+        tick: Step of the encoders [rad].
+    """
+    problem, fit = reweighted(problem, fit, tick)
+    chosen = list[Suspect]()
+    while len(chosen) < _MOST:
+        every = suspects_of(problem.loads, fit.guess, stated)
+        waiting = [one for one in every if not any(known.excludes(one) for known in chosen)]
+        glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
+        likely = _likely(problem, fit, waiting, glances)
+        looks = [_Look.at(problem, fit, waiting[k], glances[k], tick) for k in likely]
+        if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
+            break
+        chosen.append(best.one)
+        if best.one.effect in COUNTED:
+            problem, fit = reweighted(best.problem, best.fit, tick)
+            break  # all else is better looked for where joints count as described
+        problem, fit = _settled(best.problem, best.fit, tick)
+    problem, fit, kept = _still_worth(problem, fit, chosen, tick)
+    problem = replace(problem, within=np.inf, over=_FINE)
+    problem, fit = reweighted(problem, glance_at(problem, fit.guess, _LAST), tick)
+    return Searched(problem, fit, tuple(kept))
+
+
+def _likely(
+    problem: ArmProblem, fit: ArmFit, waiting: Sequence[Suspect], glances: Sequence[ArmFit]
+) -> list[int]:
+    """Return which suspects to look at: that explain most, or most of a joint's own errors.
+
+    A joint that is far away errs slowly and its few independent rows say little, so that a small
+    error of another joint outweighs it in nats.
+    """
+    worth = [_worth(problem, fit, one, new) for one, new in zip(waiting, glances, strict=True)]
+    every = range(problem.loads.n)
+    before = [problem.cost(fit.guess, fit.errors, one.affects or every) for one in waiting]
+    part = [
+        (old - new.cost) / max(old, 1.0) if np.isfinite(own) else -np.inf
+        for own, old, new in zip(worth, before, glances, strict=True)
+    ]
+    ranked = [
+        np.argsort(-np.array(score), kind="stable")[:_LIKELY].tolist() for score in (worth, part)
+    ]
+    return [k for k in dict.fromkeys(ranked[0] + ranked[1]) if np.isfinite(worth[k])]
+
+
+def leaving_out(found: Searched, one: Suspect, tick: float) -> Searched:
+    """Return what was found, fitted again without one suspect.
+
+    Args:
+        found: With it.
+        one: The suspect.
+        tick: Step of the encoders [rad].
+    """
+    less = glance_at(found.problem, one.removed(found.fit.guess), _THEN)
+    problem, fit = reweighted(found.problem, less, tick)
+    return Searched(problem, fit, tuple(other for other in found.suspects if other != one))
+
+
+def _weights(loads: ArmLoads, guess: ArmGuess, tick: float) -> Weights:
+    """Return how much rows say, by the errors of a fit whose stated values may be anything.
+
+    A joint that a wrong value keeps far away errs slowly: its rows, few independent ones among
+    them, would not outweigh what is believed of that value.
+    """
+    free = frozenset((j, name) for j, names in enumerate(guess.names) for name in names)
+    even = Weights(np.ones(loads.n), np.ones(loads.n))
+    start = ArmProblem(loads, even, [{} for _ in range(loads.n)])
+    problem = replace(start, weights=Weights.of(start.errors(guess), tick))
+    fit = glance_at(problem, replace(guess, free=free), _FIRST)
+    return Weights.of(fit.errors, tick)
+
+
+def _still_worth(
+    problem: ArmProblem, fit: ArmFit, chosen: Sequence[Suspect], tick: float
+) -> tuple[ArmProblem, ArmFit, list[Suspect]]:
+    """Leave out what others that joined later explain."""
+    kept = list(chosen)
+    for one in chosen[:-1]:
+        less = glance_at(problem, one.removed(fit.guess), _THEN)
+        if less.cost - fit.cost < _WORTH + _EACH * len(one.names):
+            kept.remove(one)
+            problem, fit = reweighted(problem, less, tick)
+    return problem, fit, kept
+
+
+def reweighted(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
+    """Return problem and fit with weights that the errors of the fit ask for."""
+    problem = replace(problem, weights=Weights.of(fit.errors, tick))
+    return problem, fit_arm(problem, fit.guess, _TRY, errors=fit.errors)
+
+
+def _settled(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
+    """Return a fit that has come to its end, along valleys too: what it leaves is asked about next.
+
+    Args:
+        problem: That it is of.
+        fit: With a suspect that has just joined.
+        tick: Step of the encoders [rad].
+    """
+    problem, fit = reweighted(problem, fit, tick)
+    fine = glance_at(replace(problem, over=_FINE), fit.guess, _LAST, errors=fit.errors)
+    return reweighted(problem, fine, tick)
+
+
+def _tried(problem: ArmProblem, fit: ArmFit, one: Suspect, steps: int) -> ArmFit:
+    """Return a short fit that has a suspect."""
+    begun = one.added(fit.guess)
+    return glance_at(problem, begun, steps, one.affects)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """A suspect looked at for longer.
+
+    Errors that it explains are no noise: how much rows say is taken from those that it leaves, and
+    the fit without it is judged by the same.
+    """
+
+    one: Suspect
+    problem: ArmProblem
+    fit: ArmFit
+    worth: float
+
+    @classmethod
+    def at(
+        cls, problem: ArmProblem, fit: ArmFit, one: Suspect, glance: ArmFit, tick: float
+    ) -> _Look:
+        new = glance_at(problem, glance.guess, _TRY, one.affects, glance.errors)
+        problem = replace(problem, weights=Weights.of(new.errors, tick))
+        new = glance_at(problem, new.guess, _THEN, errors=new.errors)
+        old = glance_at(problem, fit.guess, _THEN, errors=fit.errors)
+        worth = _worth(problem, old, replace(one, shared=True), new)
+        return cls(one, problem, new, worth)
+
+
+def _worth(problem: ArmProblem, fit: ArmFit, one: Suspect, new: ArmFit) -> float:
+    """Return what a suspect explains beyond its constants [nat]."""
+    change = new.guess.change
+    if one.effect == "payload" and change.mass <= 0.0:
+        return -np.inf
+    if any(at_bound(name, change.value(name)) for name in new.guess.shared):
+        return -np.inf
+    before = problem.cost(fit.guess, fit.errors, one.affects or range(problem.loads.n))
+    return before - new.cost - _EACH * (len(one.names) + bool(one.freed))

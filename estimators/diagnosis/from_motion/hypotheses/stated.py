@@ -1,0 +1,226 @@
+"""Arms whose drives are stated: values within their tolerance, and what is there beyond them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.from_motion.checks.conventions import conventions_of, likeliest_order
+from estimators.diagnosis.from_motion.fitting.arm import ArmFit, glance_at
+from estimators.diagnosis.from_motion.fitting.constants import GAINS, gain_of, value_in, with_values
+from estimators.diagnosis.from_motion.fitting.identification import (
+    DriveIdentification,
+    gives_scale,
+    largest_load,
+    typical_start,
+    with_rows,
+)
+from estimators.diagnosis.from_motion.fitting.joint import NORMAL, JointFit, fit_joint
+from estimators.diagnosis.from_motion.hypotheses.search import FOUND, Searched, reweighted
+from estimators.diagnosis.from_motion.hypotheses.suspects import COUNTED, Suspect
+from estimators.diagnosis.from_motion.simulation.columns import SAG
+from estimators.diagnosis.from_motion.simulation.commanded import MOVED, busiest, commanded_range
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from limo_driver.physics import EncoderOffset, Payload
+from limo_driver.recordings.channels import TORQUE, led_by
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from estimators.diagnosis.from_motion.fitting.arm import ArmGuess
+    from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+# Of the arm's largest load, from which on a glance tells a joint's gain. More than gives a scale: a
+# short fit takes friction of a joint of little load for gain. Much more leaves one joint to judge.
+_WELL_LOADED: Final = 0.2
+_LEAST: Final = 1e-6  # [N m/rad, N m s/rad]
+_AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
+_GLANCE: Final = 8  # evaluations
+_REFITTED: Final = 8  # steps
+
+
+@dataclass(frozen=True)
+class StatedArm:
+    """What differs from a stated arm, and the fit that has it."""
+
+    identified: DriveIdentification
+    change: ArmChange
+    shared: Mapping[str, float]  # deviations of what all joints share
+    suspects: tuple[Suspect, ...]
+
+    @property
+    def doubtful(self) -> Suspect | None:
+        """What is within its own interval of nothing, or a body or gear within tolerances.
+
+        What it explains may be another thing.
+        """
+        for one in self.suspects:
+            if one.effect == "gear_ratio" and one.joint is not None:
+                fit = self.identified.fits[one.joint]
+                tolerance = self.identified.simulation.tolerances.drive
+                reach = FOUND * float(np.hypot(fit.deviation["gear"], tolerance))
+                if abs(np.log(fit.value("gear"))) < reach:
+                    return one
+            name = "mass" if one.effect == "payload" else next(iter(one.names), "")
+            if one.shared and name in self.shared:
+                value, reach = abs(self.change.value(name)), NORMAL * self.shared[name]
+                if value < reach or (name == "mass" and value < self._mass_tolerance()):
+                    return one
+        return None
+
+    def _mass_tolerance(self) -> float:
+        """Return the least mass that no tolerance of the stated ones explains [kg]."""
+        simulation = self.identified.simulation
+        mass = sum(own.mass for own in simulation.model.inertials.values())
+        return FOUND * simulation.tolerances.inertia * mass
+
+    @property
+    def counted_otherwise(self) -> tuple[Suspect, ...]:
+        """Joints that count against the description, or are exchanged."""
+        return tuple(one for one in self.suspects if one.effect in COUNTED)
+
+
+def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
+    """Say whether the stated drives are those of the arm, but for what may be wrong with a few.
+
+    Descriptions of hobby arms often state gains that keep a simulation stiff, and mean no servo.
+    What a drive makes of a torque is near what is stated: `check_torques` has looked at it.
+
+    Args:
+        simulation: What is stated.
+        recordings: Of the arm.
+    """
+    if None in simulation.channels:
+        return False
+    served = ~led_by(TORQUE, recordings[0].channels)
+    if not (gives_scale(largest_load(simulation.body, recordings)) & served).any():
+        return True  # what is stated is the only scale there is, and nothing speaks against it
+    told = tuple(range(simulation.model.n))
+    order = likeliest_order(simulation.body, recordings)
+    return any(_near(simulation, recordings, own) for own in dict.fromkeys((told, order)))
+
+
+def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[int, ...]) -> bool:
+    """Say whether most gains are near the stated ones, of joints told in another order."""
+    body, stated = simulation.body, rows_of(simulation)
+    change = ArmChange((0.0,) * len(order), (1,) * len(order), order=order)
+    told = as_described(busiest(recordings), change)
+    signs = dict.fromkeys((change.sign, conventions_of(body, [told]).best.sign))
+    weight = np.abs(body.gravity_torque(told.position)).max(axis=0)
+    weight[commanded_range([told]) < MOVED] = 0.0
+    weight[led_by(TORQUE, told.channels)] = 0.0
+    loaded = (
+        np.flatnonzero(weight > _WELL_LOADED * weight.max()) if weight.max() > 0 else np.array([])
+    )
+    if not loaded.size:
+        return False
+    loads = ArmLoads(body, [told])
+    return any(
+        _apart(loads.parts(replace(change, sign=sign, order=())), stated, loaded.tolist()) < _AFAR
+        for sign in signs
+    )
+
+
+def _apart(
+    parts: Sequence[Sequence[LoadedJoint]], stated: FloatArray, joints: Sequence[int]
+) -> float:
+    """Return how far the gains of most joints are from those stated, as a logarithm."""
+    found = list[float]()
+    for j in joints:
+        fit = fit_joint(parts[j], typical_start(stated[j]), evaluations=_GLANCE)
+        gain = gain_of(stated[j])
+        found.append(abs(np.log(fit.value(gain) / max(value_in(stated[j], gain), _LEAST))))
+    return float(np.median(found))
+
+
+def proven(
+    simulation: Simulation,
+    recordings: Sequence[Recording],
+    found: Searched,
+    tick: float,
+    *,
+    held: bool = False,
+) -> StatedArm:
+    """Fit what was found to some of the recordings alone.
+
+    Args:
+        simulation: What is stated.
+        recordings: Of the arm, with commands.
+        found: In all of them.
+        tick: Step of the encoders [rad].
+        held: Whether what was found keeps its values, and all else is fitted anew. An error that
+            has many hollows along an amount has others in a part of the motion.
+    """
+    problem = replace(
+        found.problem, loads=ArmLoads(simulation.body, recordings, rows_of(simulation))
+    )
+    guess = _holding(found) if held else found.fit.guess
+    fit = glance_at(problem, guess, _REFITTED)
+    return stated_arm(simulation, found, reweighted(problem, fit, tick)[1])
+
+
+def _holding(found: Searched) -> ArmGuess:
+    """Return the guess of which all is fitted but the values of what was found."""
+    guess = found.fit.guess
+    own = [one for one in found.suspects if not one.shared]
+    known = {(one.joint, name) for one in own for name in (*one.names, one.freed)}
+    names = tuple(
+        tuple(name for name in names if (j, name) not in known)
+        for j, names in enumerate(guess.names)
+    )
+    common = {name for one in found.suspects if one.shared for name in one.names}
+    shared = tuple(name for name in guess.shared if name not in common)
+    return replace(guess, names=names, shared=shared)
+
+
+def _about_rest(row: FloatArray, stated: FloatArray) -> FloatArray:
+    """Return constants in which what a spring pulls at zero is where it rests, and no offset."""
+    pull, stiffness = value_in(row, "offset") - value_in(stated, "offset"), value_in(row, "spring")
+    rest = value_in(row, "rest") - pull / stiffness
+    return with_values(row, {"offset": value_in(stated, "offset"), "rest": rest})
+
+
+def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedArm:
+    """Return what a fit says of an arm.
+
+    Of a joint that gravity does not load, it says no gain; of one that no command moves, nothing.
+
+    Args:
+        simulation: What is stated.
+        found: Beyond it.
+        fit: That has it.
+    """
+    rows, change, stated = fit.guess.rows.copy(), fit.guess.change, rows_of(simulation)
+    told = [as_described(recording, change) for recording in found.problem.loads.recordings]
+    scaled, moved = gives_scale(largest_load(simulation.body, told)), commanded_range(told) > MOVED
+    rows[~moved] = stated[~moved]
+    if change.sag:
+        rows[:, SAG] = change.sag
+    for one in found.suspects:
+        if one.effect == "spring_load" and one.joint is not None:
+            rows[one.joint] = _about_rest(rows[one.joint], stated[one.joint])
+    fits = list[JointFit]()
+    told_by_stated = scaled | ~scaled.any()  # where gravity tells no joint's, stated values do
+    for j, known in enumerate(fit.own):
+        deviation = {n: x for n, x in known.items() if n not in GAINS or told_by_stated[j]}
+        fits.append(JointFit(rows[j], tuple(deviation), deviation, fit.errors[j]))
+    own = tuple(
+        tuple(x.effect for x in found.suspects if x.joint == j and not (x.shared or x.freed))
+        for j in range(len(rows))
+    )
+    improved = with_rows(simulation, list(rows))
+    more = tuple(
+        EncoderOffset(joint=j, offset=zero) for j, zero in enumerate(change.zero, start=1) if zero
+    )
+    if change.mass > 0.0:
+        more = (*more, Payload(mass=change.mass, com=change.com))
+    improved = replace(improved, effects=(*improved.effects, *more))
+    shows = tuple(scaled.tolist()), tuple(moved.tolist())
+    identified = DriveIdentification(improved, tuple(fits), own, *shows)
+    return StatedArm(identified, change, fit.shared, found.suspects)

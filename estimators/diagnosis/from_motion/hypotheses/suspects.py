@@ -1,0 +1,246 @@
+"""What an arm may have beyond what is stated: suspects, each with where its fit begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.from_motion.checks.conventions import likeliest_order
+from estimators.diagnosis.from_motion.fitting.constants import (
+    COULOMB,
+    DAMPING,
+    gain_of,
+    value_in,
+    with_values,
+)
+from estimators.diagnosis.from_motion.fitting.limits import LIMITS, begun_at, motor_begun_at
+from estimators.diagnosis.from_motion.fitting.starts import away
+from estimators.diagnosis.from_motion.fitting.stiction import SHAPES, stiction_begun_at
+from estimators.diagnosis.from_motion.simulation.columns import UNLIMITED
+from estimators.diagnosis.from_motion.simulation.plant import most_torque
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from estimators.diagnosis.from_motion.fitting.arm import ArmGuess
+    from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
+    from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
+    from limo_driver.types import FloatArray
+
+COUNTED: Final = ("joint_sign", "swapped_joints")  # how recordings count, and no physics
+NEUTRAL: Final = {
+    **dict.fromkeys(UNLIMITED, np.inf),
+    **dict.fromkeys(("v_s", "gear", "delta", "heating", "resisted", "assisted"), 1.0),
+}  # constants that are not 0 where there is nothing
+_START_MASS: Final = 0.05  # of the arm's own
+_FREED: Final = {
+    "kp": "position_servo",
+    "kv": "velocity_servo",
+    "gain": "torque_drive",
+    DAMPING: "viscous_friction",
+    COULOMB: "coulomb_friction",
+    "delay": "drive_delay",
+    "inertia": "armature",
+    "offset": "torque_offset",
+}
+_BESIDE: Final = {  # constants that a drive may be stated to have, and what each is
+    "dead_band": "dead_band",
+    "punch": "punch",
+    "ki": "integral_gain",
+    "play": "backlash",
+    "speed": "profile_speed",
+    "acceleration": "profile_acceleration",
+    "torque_limit": "torque_limit",
+    "stall": "voltage_limit",
+    "free_speed": "voltage_limit",
+}
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """Something that may be there."""
+
+    effect: str
+    joint: int | None  # 0-based; None: the whole arm
+    start: tuple[tuple[str, float], ...]  # constants, and where their fit begins
+    shared: bool = False  # whether these are of the arm
+    freed: str = ""  # a stated constant that is another
+    other: int | None = None  # the second of two joints, 0-based
+    shape: tuple[tuple[str, float], ...] = ()  # constants of its law that are not fitted
+    bent: tuple[tuple[str, float], ...] = ()  # others, which a fit without it bends: from anew
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its constants."""
+        return tuple(name for name, _ in self.start)
+
+    @property
+    def affects(self) -> tuple[int, ...] | None:
+        """Joints that it acts on, 0-based; None: all."""
+        return None if self.shared or self.joint is None else (self.joint,)
+
+    def excludes(self, other: Suspect) -> bool:
+        """Say whether another cannot be there beside it: itself, or another shape of it."""
+        return (self.effect, self.joint, self.other, self.freed) == (
+            other.effect,
+            other.joint,
+            other.other,
+            other.freed,
+        )
+
+    def counted(self, change: ArmChange) -> ArmChange:
+        """Return an arm in which a joint counts the other way, or two are exchanged."""
+        j = self.joint or 0
+        if self.other is None:
+            sign = list(change.sign)
+            sign[j] *= -1
+            return replace(change, sign=tuple(sign))
+        order = list(change.order or range(len(change.sign)))
+        order[j], order[self.other] = order[self.other], order[j]
+        return replace(change, order=() if order == sorted(order) else tuple(order))
+
+    def added(self, guess: ArmGuess) -> ArmGuess:
+        """Return a guess that has it."""
+        if self.effect in COUNTED:
+            return replace(guess, change=self.counted(guess.change))
+        if self.shared:
+            change = guess.change
+            for name, value in self.start:
+                change = change.with_value(name, value)
+            return replace(guess, change=change, shared=(*guess.shared, *self.names))
+        rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
+        rows[j] = with_values(rows[j], dict((*self.bent, *self.shape, *self.start)))
+        if self.freed:
+            return replace(guess, rows=rows, free=guess.free | {(j, self.freed)})
+        names[j] = (*names[j], *self.names)
+        return replace(guess, rows=rows, names=tuple(names))
+
+    def removed(self, guess: ArmGuess) -> ArmGuess:
+        """Return a guess that has it no longer."""
+        if self.freed:
+            return replace(guess, free=guess.free - {(self.joint or 0, self.freed)})
+        if self.effect in COUNTED:
+            return self.added(guess)  # twice is not at all
+        if self.shared:
+            change = guess.change
+            for name in self.names:
+                change = change.with_value(name, 0.0)
+            shared = tuple(name for name in guess.shared if name not in self.names)
+            return replace(guess, change=change, shared=shared)
+        rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
+        own = (*self.names, *(name for name, _ in self.shape))
+        rows[j] = with_values(rows[j], {name: NEUTRAL.get(name, 0.0) for name in own})
+        names[j] = tuple(name for name in names[j] if name not in self.names)
+        return replace(guess, rows=rows, names=tuple(names))
+
+
+def stated_beside(row: FloatArray) -> tuple[str, ...]:
+    """Return which constants a drive is stated to have beyond the usual ones.
+
+    Args:
+        row: The stated constants of a joint.
+    """
+    return tuple(name for name in _BESIDE if value_in(row, name) != NEUTRAL.get(name, 0.0))
+
+
+def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterator[Suspect]:
+    """Yield what may be there in any arm.
+
+    Args:
+        loads: Of the recordings.
+        guess: What is known of the arm; limits are suspects where one beyond it comes nearer.
+        stated: Constants of each joint that fits began with, (n, columns).
+    """
+    mass = sum(own.mass for own in loads.body.inertials.values())
+    com = tuple((f"com_{axis}", 0.0) for axis in "xyz")
+    yield Suspect("payload", None, (("mass", _START_MASS * mass), *com), shared=True)
+    if loads.shows_supply:
+        yield Suspect("supply_sag", None, (("sag", 0.2),), shared=True)
+    # There are many pairs of joints, and a right one is likelier before any constant is fitted.
+    order = likeliest_order(loads.body, loads.recordings)
+    if pair := [j for j in range(loads.n) if order[j] != j]:
+        yield Suspect("swapped_joints", pair[0], (), shared=True, other=pair[1])
+    parts, most = loads.parts(guess.change), most_torque(guess.rows)
+    for j in range(loads.n):
+        yield Suspect("encoder_offset", j, ((f"zero_{j + 1}", 0.0),), shared=True)
+        if not guess.names[j]:
+            continue  # no command moves it: nothing of its drive shows
+        yield Suspect("joint_sign", j, (), shared=True)
+        for name, effect in _FREED.items():
+            if name in guess.names[j]:
+                yield Suspect(effect, j, (), freed=name)
+        for name in guess.names[j]:
+            if name in _BESIDE:
+                yield Suspect(_BESIDE[name], j, (), freed=name)
+        for one in (
+            *_stiction(parts[j], guess.rows[j], guess.names[j]),
+            *_of_joints(guess.rows[j]),
+            *_limits(parts[j], guess, j, stated[j]),
+        ):
+            own = replace(one, joint=j)
+            if not set(own.names) & set(guess.names[j]):
+                yield own
+        if (
+            np.isfinite(most[j]) and gain_of(guess.rows[j]) == "kp"
+        ):  # how warm a motor gets is in units of its stall
+            start = (("derating", 1.0), ("heating", 15.0))
+            yield Suspect("thermal_derating", j, start)
+
+
+def _stiction(
+    parts: Sequence[LoadedJoint], row: FloatArray, names: Sequence[str]
+) -> Iterator[Suspect]:
+    """Yield stiction of either shape, at no joint yet; none where it is fitted already."""
+    if "stribeck" in names:
+        return
+    for delta in SHAPES:
+        start = dict(stiction_begun_at(parts, row, delta))
+        bent = ((COULOMB, start.pop(COULOMB)),)
+        own = tuple(start.items())
+        yield Suspect("stribeck_friction", None, own, shape=(("delta", delta),), bent=bent)
+
+
+def _of_joints(row: FloatArray) -> Iterator[Suspect]:
+    """Yield what else any joint may have, at no joint yet; some of it behind position servos."""
+    of_position = gain_of(row) == "kp"
+    start = (("by_load", 0.1), ("assisted", 1.0))
+    yield Suspect("load_dependent_friction", None, start)
+    if of_position:
+        yield Suspect("dead_band", None, (("dead_band", 0.01),))
+        yield Suspect("punch", None, (("punch", 0.05),))
+    yield Suspect("spring_load", None, (("spring", 0.1),))
+    if of_position:
+        yield Suspect("backlash", None, (("play", 0.01),))
+    yield Suspect("gear_ratio", None, (("gear", 1.0),))
+    if gain_of(row) != "gain":
+        yield Suspect("integral_gain", None, (("ki", 1.0),))
+
+
+def _limits(
+    parts: Sequence[LoadedJoint], guess: ArmGuess, j: int, stated: FloatArray
+) -> Iterator[Suspect]:
+    """Yield the limits that come nearer to the recorded motion of a joint than what is known.
+
+    A fit without a limit has bent gain and damping towards it: so each is tried beside the stated
+    ones, too.
+    """
+    row, names = guess.rows[j], guess.names[j]
+    known = away(parts, row)
+    as_stated = with_values(row, {name: value_in(stated, name) for name in names})
+    limits = LIMITS if gain_of(row) == "kp" else ("torque_limit",)
+    for limit in (*limits, "voltage_limit"):
+        tried = [
+            (begun_at(limit, parts, own) if limit in LIMITS else motor_begun_at(parts, own), own)
+            for own in (row, as_stated)
+        ]
+        start, base = min(tried, key=lambda one: one[0].away)
+        if start.away >= known:
+            continue
+        other = () if base is row else tuple((n, value_in(base, n)) for n in names if n != limit)
+        other = (*other, *start.bent.items())
+        one = Suspect(_BESIDE.get(limit, limit), j, tuple(start.values.items()), bent=other)
+        if limit in names:
+            one = replace(one, start=(), bent=(*other, *start.values.items()), freed=limit)
+        yield one

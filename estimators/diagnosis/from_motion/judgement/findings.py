@@ -1,0 +1,259 @@
+"""Findings of single joints: what differs from what is stated, or is there beyond it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.from_motion.fitting.constants import (
+    COULOMB,
+    DAMPING,
+    value_in,
+    with_values,
+)
+from estimators.diagnosis.from_motion.fitting.identification import SURE
+from estimators.diagnosis.from_motion.fitting.joint import errors
+from estimators.diagnosis.from_motion.hypotheses.search import FOUND, OFFSET
+from estimators.diagnosis.from_motion.judgement.held_out import CONFIDENT, LEAST, removes
+from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
+from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
+
+if TYPE_CHECKING:
+    from estimators.diagnosis.from_motion.fitting.joint import JointFit
+    from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence
+    from limo_driver.physics import Simulation
+    from limo_driver.types import FloatArray
+
+# What is said of each: the effect, the constants that are its values, with their units.
+KINDS: Final[dict[str, dict[str, str]]] = {
+    "position_servo": {"kp": "N m/rad"},
+    "velocity_servo": {"kv": "N m s/rad"},
+    "torque_drive": {"gain": "1"},
+    "drive_delay": {"delay": "s"},
+    "coulomb_friction": {COULOMB: "N m"},
+    "viscous_friction": {DAMPING: "N m s/rad"},
+    "armature": {"inertia": "kg m^2"},
+    "torque_offset": {"offset": "N m"},
+    "stribeck_friction": {"stribeck": "N m", "v_s": "rad/s"},
+    "load_dependent_friction": {"by_load": "1", "assisted": "1"},
+    "dead_band": {"dead_band": "rad"},
+    "profile_speed": {"speed": "rad/s"},
+    "profile_acceleration": {"acceleration": "rad/s^2"},
+    "torque_limit": {"torque_limit": "N m"},
+    "spring_load": {"spring": "N m/rad"},
+    "backlash": {"play": "rad"},
+    "gear_ratio": {"gear": "1"},
+    "integral_gain": {"ki": "N m/(rad s)"},
+    "punch": {"punch": "N m"},
+    "thermal_derating": {"derating": "1", "heating": "s"},
+    "voltage_limit": {"free_speed": "rad/s", "stall": "N m"},
+}
+USUAL: Final = (  # what every joint has
+    "position_servo",
+    "velocity_servo",
+    "torque_drive",
+    "drive_delay",
+    "coulomb_friction",
+    "viscous_friction",
+    "armature",
+    "torque_offset",
+)
+_NAMES: Final = {
+    COULOMB: "tau_c",
+    DAMPING: "f_v",
+    "by_load": "coefficient",
+    "stribeck": "tau_s",
+    "spring": "stiffness",
+    "play": "gap",
+    "gear": "ratio",
+}
+
+
+_SPOKEN: Final = {  # of what is stated; the others are spoken as they are written
+    "kp": "a P gain",
+    "kv": "a velocity gain",
+    "gain": "a gain",
+    "ki": "an I gain",
+    "delay": "a delay",
+    COULOMB: "dry friction",
+    DAMPING: "damping",
+    "inertia": "armature",
+    "offset": "an offset",
+    "stribeck": "stiction",
+    "by_load": "friction by load",
+    "dead_band": "a dead band",
+    "speed": "a profile's speed",
+    "acceleration": "a profile's acceleration",
+    "torque_limit": "a torque limit",
+    "spring": "a spring",
+    "play": "play",
+    "gear": "a gear's ratio",
+    "punch": "punch",
+    "derating": "derating",
+    "free_speed": "a speed without load",
+}
+
+
+def findings_of(
+    stated: Simulation,
+    given: Simulation,
+    evidence: DriveEvidence,
+    reducible: float,
+) -> tuple[Finding, ...]:
+    """Return what differs from what is stated, and what each takes of the held-out error."""
+    proof, final = evidence.proof, evidence.final
+    folds, nominal, tolerances = evidence.folds, rows_of(given), tolerances_of(given)
+    parts = [fold.parts(given) for fold in folds]
+    served = {drive.joint for drive in stated.drives}
+    period = max(1.0 / r.rate for r in evidence.recordings)
+    found = [*evidence.of_the_arm(given)]
+    for j, fit in enumerate(final.fits):
+        held_out = [
+            (own[j], fold.identified.fits[j].row) for own, fold in zip(parts, folds, strict=True)
+        ]
+        squared = np.concatenate([errors(own, row) ** 2 for own, row in held_out])
+        full = float(squared.mean())
+        for effect, units in KINDS.items():
+            extra = effect in final.extras[j]
+            wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, tolerances[j], period)
+            size = next(iter(units))  # others give its shape, which matters less
+            shown = effect in proof.extras[j] and is_known(fit, {size: ""})
+            if not (shown if extra else wrong):
+                continue
+            less = [(own, _without(row, nominal[j], effect, units)) for own, row in held_out]
+            without = np.concatenate([errors(own, row) ** 2 for own, row in less])
+            lost = float(without.mean()) - full
+            confidence = removes(squared, without, len(folds))
+            if confidence < CONFIDENT:
+                continue
+            n = given.model.n
+            rmse = np.zeros((2, n))
+            rmse[:, j] = np.sqrt([full + lost, full])
+            finding = Finding(
+                effect=effect,
+                kind="missing" if extra else "wrong_parameter",
+                joints=(j + 1,),
+                equivalent=("asymmetric_friction",) if effect == "torque_offset" else (),
+                confidence=confidence,
+                parameters=_beside_stated(
+                    parameters_of(fit, units), stated_value(effect, nominal[j], units, extra=extra)
+                ),
+                where=Where(),
+                share=lost,
+                heldout_rmse=BeforeAfter(tuple(rmse[0].tolist()), tuple(rmse[1].tolist())),
+                evidence=(
+                    f"{as_stated(effect, nominal[j], units, extra=extra)}, the held-out error of "
+                    f"joint {j + 1} is {np.sqrt(full + lost):.4f} rad "
+                    f"({np.rad2deg(np.sqrt(full + lost)):.2f} deg), with it {np.sqrt(full):.4f} rad"
+                ),
+            )
+            found.append((lost, finding))
+    total = max(sum(lost for lost, _ in found), reducible, LEAST)
+    ranked = sorted(found, key=lambda item: -item[0])
+    return tuple(replace(finding, share=lost / total) for lost, finding in ranked)
+
+
+def _is_wrong(
+    fit: JointFit,
+    nominal: FloatArray,
+    units: dict[str, str],
+    tolerance: FloatArray,
+    period: float,
+) -> bool:
+    """Say whether stated values are beyond their tolerance."""
+    for name in units:
+        if not is_known(fit, {name: ""}):
+            return False
+        value, believed = fit.value(name), value_in(nominal, name)
+        if name == DAMPING:
+            believed += value_in(nominal, "kd")
+        lag = {"delay": 1.0, "inertia": value_in(nominal, "kv")}  # that of servos of velocity
+        if abs(value - believed) < period * lag.get(name, 0.0):
+            return False  # no recording tells lags within a sample
+        if not np.isfinite(believed):  # stated to be without limit
+            return True
+        deviation = fit.deviation[name]
+        if name == "offset":
+            if abs(value - believed) > FOUND * float(np.hypot(deviation, OFFSET)):
+                return True
+        else:
+            apart = abs(np.log(max(value, LEAST) / max(believed, 1e-3 * value, LEAST)))
+            if apart > FOUND * float(np.hypot(deviation, value_in(tolerance, name))):
+                return True
+    return False
+
+
+def stated_value(
+    effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool
+) -> float | None:
+    """Return what is stated of the first of an effect's values; None where nobody has stated one.
+
+    Args:
+        effect: Its name.
+        nominal: The stated constants of its joint.
+        units: Of the constants that are its values.
+        extra: Whether it is beyond what every joint has.
+    """
+    value = value_in(_without(nominal, nominal, effect, units), next(iter(units)))
+    return None if extra or value == 0.0 or not np.isfinite(value) else value
+
+
+def _beside_stated(known: dict[str, Interval], stated: float | None) -> dict[str, Interval]:
+    """Return values of an effect with what is stated of the first."""
+    if stated is None:
+        return known
+    first = next(iter(known))
+    return known | {first: replace(known[first], stated=stated)}
+
+
+def as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool) -> str:
+    """Say what a finding is compared with; nobody has stated what is none.
+
+    Args:
+        effect: Its name.
+        nominal: The stated constants of its joint.
+        units: Of the constants that are its values.
+        extra: Whether it is beyond what every joint has.
+    """
+    name, unit = next(iter(units.items()))
+    value = stated_value(effect, nominal, units, extra=extra)
+    if value is None:
+        return "without it"
+    size = f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
+    return f"with {_SPOKEN[name]} of {size}{_parts(nominal, name)}, as stated"
+
+
+def _parts(nominal: FloatArray, name: str) -> str:
+    """Say which part of a stated damping is the servo's: no file has their sum."""
+    servo, joint = value_in(nominal, "kd"), value_in(nominal, DAMPING)
+    if name != DAMPING or not (servo and joint):
+        return ""
+    return f" ({servo:.3g} of the servo, {joint:.3g} of the joint)"
+
+
+def is_known(fit: JointFit, units: dict[str, str]) -> bool:
+    """Say whether values were fitted, and the motion shows them."""
+    return all(0.0 < fit.deviation.get(name, 0.0) < SURE for name in units)
+
+
+def _without(
+    row: FloatArray, nominal: FloatArray, effect: str, units: dict[str, str]
+) -> FloatArray:
+    """Return the constants with those of one effect as they are stated."""
+    values = {name: value_in(nominal, name) for name in units}
+    if effect == "viscous_friction":
+        values[DAMPING] += value_in(nominal, "kd")
+    if effect == "stribeck_friction":
+        values["v_s"] = 1.0
+    return with_values(row, values)
+
+
+def parameters_of(fit: JointFit, units: dict[str, str]) -> dict[str, Interval]:
+    """Return fitted values with their intervals, as a verdict names them."""
+    return {
+        _NAMES.get(name, name): Interval(fit.value(name), unit, fit.interval(name))
+        for name, unit in units.items()
+        if name in fit.deviation
+    }

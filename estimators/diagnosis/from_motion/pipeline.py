@@ -1,0 +1,251 @@
+"""Identification and diagnosis of an arm that tells no torque: its drives and its friction.
+
+The score is what users see: the position error of the closed loop simulated forward from the
+commands alone, on motion that nothing was fitted to.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from estimators.diagnosis.drive_result import DriveReplay
+from estimators.diagnosis.from_motion.checks.conventions import confirmed, conventions_of
+from estimators.diagnosis.from_motion.checks.recorded import check_commanded
+from estimators.diagnosis.from_motion.diagnosis import DriveDiagnosis
+from estimators.diagnosis.from_motion.fitting.identification import fit_drives, with_servos
+from estimators.diagnosis.from_motion.hypotheses.intervals import with_intervals
+from estimators.diagnosis.from_motion.hypotheses.search import leaving_out, search
+from estimators.diagnosis.from_motion.hypotheses.stated import is_stated, proven, stated_arm
+from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence, Fold
+from estimators.diagnosis.from_motion.judgement.held_out import (
+    position_errors,
+    resolution_of,
+    split,
+)
+from estimators.diagnosis.from_motion.judgement.verdict import verdict_of
+from estimators.diagnosis.from_motion.judgement.wording import (
+    about_counting,
+    about_drift,
+    about_motors,
+    about_scale,
+    not_shown,
+    plays,
+    sags,
+)
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
+from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
+from estimators.diagnosis.from_motion.simulation.zeros import (
+    as_counted,
+    from_zeros,
+    with_zeros,
+    without_zeros,
+    zeros_of,
+)
+from estimators.diagnosis.stages import quiet
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
+    from estimators.diagnosis.stages import Progress
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+_TURNS: Final = 2  # findings of how joints count, after each of which all is looked for anew
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
+def identify_drives(
+    simulation: Simulation, recordings: Sequence[Recording], *, intervals: bool = True
+) -> DriveIdentification:
+    """Identify drives and friction of an arm, from commands and positions alone.
+
+    Args:
+        simulation: The rigid body, and what is believed of the drives; a joint without one gets a
+            position servo.
+        recordings: With commands, of that robot.
+        intervals: Whether fits that leave motion out tell how sure values are; a third of the time.
+            Without, deviations are those of a model that explains all of the motion.
+
+    Returns:
+        A simulation that can be run forward, how sure its values are, and what makes one doubt the
+        recordings.
+
+    Raises:
+        ConfigError: The simulation has an effect that cannot be run forward.
+        RecordingError: A recording is of another robot, given twice, or its commands are not
+            set-points of its joints in rad.
+    """
+    odd = check_commanded(simulation, recordings)
+    given, led = with_servos(simulation, recordings)
+    zero = zeros_of(given)
+    told = [from_zeros(recording, zero) for recording in led]
+    found = fit_drives(without_zeros(given), told, intervals=intervals)
+    return replace(found, simulation=with_zeros(found.simulation, zero), warnings=odd)
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
+def diagnose_drives(
+    simulation: Simulation, recordings: Sequence[Recording], progress: Progress = quiet
+) -> DriveDiagnosis:
+    """Find which drives and which friction an arm has, from commands and positions alone.
+
+    Args:
+        simulation: The rigid body, and what is believed of the drives.
+        recordings: One or more of that arm, with commands.
+        progress: Told the stage and the part that is done.
+
+    Returns:
+        The verdict, and a simulation that can be run forward from commands.
+
+    Raises:
+        ConfigError: The simulation has an effect that cannot be run forward.
+        RecordingError: A recording is of another robot, given twice, or its commands are not
+            set-points of its joints in rad.
+    """
+    progress("reading motion", 0.0)
+    odd = check_commanded(simulation, recordings)
+    simulation = simulation.with_motors(recordings[0].channels)
+    given, led = with_servos(simulation, recordings)
+    zero, given = zeros_of(given), without_zeros(given)
+    recordings = [from_zeros(recording, zero) for recording in led]
+    seen, unseen = split(recordings)
+    progress("fitting drives and friction", 0.05)
+    stated = is_stated(simulation, seen)
+    evidence = (
+        _beside_stated(given, seen, unseen, recordings, progress)
+        if stated
+        else _identified(given, seen, unseen, recordings, progress)
+    )
+    evidence = _with_zeros(evidence, zero)
+    proof, final = evidence.proof, evidence.final
+    before = position_errors(given, unseen)
+    after = position_errors(proof.simulation, evidence.unseen)
+    progress("comparing", 0.9)
+    delay = float(np.median([fit.value("delay") for fit in final.fits]))
+    likeliest = conventions_of(given.body, evidence.recordings, delay)
+    conventions = confirmed(given, evidence.recordings, likeliest)
+    notes = (
+        *odd,
+        conventions.sentence(),
+        *(about_counting(one) for one in evidence.turned),
+        *about_scale(final, stated=stated),
+        *about_drift(given),
+        *(about_motors(simulation) if stated else ()),
+        *sags(final),
+        *plays(final.fits),
+    )
+    hidden = not_shown(given, conventions.told, stated=stated)
+    verdict = verdict_of(simulation, given, evidence, before, after, notes, hidden)
+    progress("done", 1.0)
+    return DriveDiagnosis(
+        verdict,
+        simulation,
+        with_zeros(final.simulation, np.array(evidence.zeros)),
+        tuple(led),
+        held_out_error=(
+            tuple(np.abs(before).mean(axis=0).tolist()),
+            tuple(np.abs(after).mean(axis=0).tolist()),
+        ),
+        replay=_replay(evidence, unseen[0], before, after),
+    )
+
+
+def _with_zeros(evidence: DriveEvidence, zero: FloatArray) -> DriveEvidence:
+    """Return evidence with the stated zeros, (n,) [rad], of joints as the description counts."""
+    for one in reversed(evidence.turned):  # that which was found first is the last
+        zero = as_counted(zero, one.counted(ArmChange.none(zero.size)))
+    return replace(evidence, zeros=tuple(zero.tolist()))
+
+
+def _replay(
+    evidence: DriveEvidence, told: Recording, before: FloatArray, after: FloatArray
+) -> DriveReplay:
+    """Return the first recording that was held out, beside what both simulations made of it.
+
+    Args:
+        evidence: With that recording as the description counts.
+        told: The same as it came.
+        before: Errors of the given simulation on all rows held out, (K, n) [rad].
+        after: The same of the improved one.
+    """
+    counted, rows = evidence.unseen[0], slice(len(told))
+    given = told.position + before[rows]
+    # where joints count against the description, positions of both are as it counts
+    other = counted.position - told.position
+    return DriveReplay(counted, given + other, counted.position + after[rows])
+
+
+def _identified(
+    given: Simulation,
+    seen: Sequence[Recording],
+    unseen: Sequence[Recording],
+    recordings: Sequence[Recording],
+    progress: Progress,
+) -> DriveEvidence:
+    """Identify drives of which nothing is believed, from a part of the recordings and from all.
+
+    Both at once: each of them ends with one joint that takes longest, and one processor alone.
+    """
+    with ThreadPoolExecutor() as pool:
+        whole = pool.submit(fit_drives, given, recordings)
+        proof = fit_drives(given, seen, intervals=False)
+        progress("fitting to all motion", 0.4)
+        final = whole.result()
+    return DriveEvidence(proof, final, tuple(recordings), tuple(unseen))
+
+
+def _beside_stated(
+    given: Simulation,
+    seen: Sequence[Recording],
+    unseen: Sequence[Recording],
+    recordings: Sequence[Recording],
+    progress: Progress,
+    turns: int = 0,
+) -> DriveEvidence:
+    """Look for what the arm has beyond what is stated, and prove it on a part of the recordings."""
+    ticks = np.array([resolution_of(recordings, j) for j in range(given.model.n)])
+    tick = float(ticks.max())
+    loads = ArmLoads(given.body, recordings, rows_of(given))
+    searched = search(loads, rows_of(given), tolerances_of(given), tick)
+    arm = stated_arm(given, searched, searched.fit)
+    if (other := arm.counted_otherwise) and turns < _TURNS:
+        as_recorded = tuple(unseen)
+        seen, unseen, every = (
+            [as_described(r, arm.change) for r in x] for x in (seen, unseen, recordings)
+        )
+        evidence = _beside_stated(given, seen, unseen, every, progress, turns + 1)
+        counted = DriveEvidence(
+            arm.identified,
+            arm.identified,
+            tuple(recordings),
+            as_recorded,
+            shared=(arm, arm),
+            counted=evidence.counted,
+        )
+        return replace(evidence, turned=(*evidence.turned, *other), counted=counted)
+    progress("proving on held-out motion", 0.6)
+    final = with_intervals(given, searched, ticks)
+    while (doubtful := final.doubtful) is not None:
+        searched = leaving_out(searched, doubtful, tick)
+        final = with_intervals(given, searched, ticks)
+    proof = proven(given, seen, searched, tick)
+    pairs = ((seen, unseen), (unseen, seen))
+    arms = [proven(given, own, searched, tick, held=True) for own, _ in pairs]
+    return DriveEvidence(
+        proof.identified,
+        final.identified,
+        tuple(recordings),
+        tuple(unseen),
+        shared=(proof, final),
+        exchanged=tuple(
+            Fold(arm.identified, tuple(other), arm)
+            for arm, (_, other) in zip(arms, pairs, strict=True)
+        ),
+    )

@@ -1,0 +1,394 @@
+"""One step of one joint behind its drive, compiled.
+
+Implicit in all that is linear in velocity (gains, damping, inertia), and exact in dry
+friction, which holds the joint still as long as it can: a joint at rest does not creep.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from estimators.diagnosis.from_motion.simulation.columns import (
+    ACCELERATION,
+    ASSISTED,
+    BY_LOAD,
+    CUBIC,
+    DEAD_BAND,
+    DELTA,
+    DERATING,
+    DRAG,
+    FREE_SPEED,
+    GAIN,
+    HEATING,
+    INERTIA,
+    INSIDE,
+    INTEGRAL_LIMIT,
+    KD,
+    KI,
+    KP,
+    KV,
+    MINUS,
+    OFFSET,
+    PLAY,
+    PLUS,
+    PUNCH,
+    RESISTED,
+    RESOLUTION,
+    REST,
+    RESTART,
+    SPEED,
+    SPRING,
+    STALL,
+    STRAIGHT,
+    STRIBECK,
+    TORQUE_LIMIT,
+    V_S,
+    VISCOUS_MINUS,
+    VISCOUS_PLUS,
+)
+from limo_driver.runtime.compiled import compiled
+
+if TYPE_CHECKING:
+    from limo_driver.types import FloatArray
+
+_PRESSED: Final = 0.01  # [N m], from which on a flank is touched
+# [s]; inertia over the gain of a servo of velocity, in which it follows, is 10 ms or so
+_QUICK_STEP: Final = 0.002
+
+
+@compiled(nogil=True)
+def commanded(
+    time: FloatArray, command: FloatArray, at: int, begin: float, end: float
+) -> tuple[float, int]:
+    """Return the mean command [rad] from `begin` to `end` [s], and the row in force then.
+
+    The mean, so that what is simulated is smooth in a delay.
+
+    Args:
+        time: (T,) [s].
+        command: (T,) [rad], each in force until the next one.
+        at: Row in force at `begin`.
+        begin: [s].
+        end: [s].
+    """
+    total, since = 0.0, begin
+    while at + 1 < time.size and time[at + 1] < end:
+        until = max(time[at + 1], since)
+        total += command[at] * (until - since)
+        since = until
+        at += 1
+    return (total + command[at] * (end - since)) / (end - begin), at
+
+
+@compiled(nogil=True)
+def sent_again(command: FloatArray, before: int, at: int) -> bool:
+    """Say whether a row came into force that has the command of the one before it.
+
+    Args:
+        command: (T,) [rad].
+        before: Row in force until now.
+        at: Row in force from now on.
+    """
+    for k in range(before + 1, at + 1):  # noqa: SIM110  # compiled
+        if command[k] == command[k - 1]:
+            return True
+    return False
+
+
+@compiled(nogil=True)
+def led(
+    row: FloatArray, target: float, again: bool, at: float, speed: float, h: float
+) -> tuple[float, float]:
+    """Return set-point [rad] and speed [rad/s] of the profile, a step later.
+
+    Args:
+        row: The constants of the joint.
+        target: Command [rad].
+        again: Whether it was sent once more.
+        at: Set-point [rad].
+        speed: Of the set-point [rad/s].
+        h: Step [s].
+    """
+    away = target - at
+    most, rate = row[SPEED], row[ACCELERATION]
+    if (most == math.inf and rate == math.inf) or (again and row[STRAIGHT] > 0.0):
+        return target, 0.0
+    wanted = min(most, abs(away) / h)
+    if rate < math.inf:
+        wanted = min(wanted, math.sqrt(2.0 * rate * abs(away)))
+        change = math.copysign(wanted, away) - speed
+        speed += min(max(change, -rate * h), rate * h)
+    else:
+        speed = math.copysign(wanted, away)
+    return at + speed * h, speed
+
+
+@compiled(nogil=True)
+def error_of(row: FloatArray, target: float, position: float) -> float:
+    """Return the error that the servo acts on [rad].
+
+    Of a servo of velocity, what it is told [rad/s]: the rest of its error is damping. Of a drive
+    that is told torques, these [N m].
+    """
+    if row[KV] > 0.0 or row[GAIN] > 0.0:
+        return target
+    step, band = row[RESOLUTION], row[DEAD_BAND]
+    if step > 0.0:
+        position = step * math.floor(position / step + 0.5)
+    error = target - position
+    if error > band:
+        return error - band
+    return error + band if error < -band else 0.0
+
+
+@compiled(nogil=True)
+def integrated(row: FloatArray, integral: float, error: float, h: float) -> float:
+    """Return the torque of the integral [N m] a step later; of a servo of velocity, as it is."""
+    if row[KV] > 0.0:
+        return integral
+    most = row[INTEGRAL_LIMIT]
+    return min(max(integral + row[KI] * error * h, -most), most)
+
+
+@compiled(nogil=True)
+def caught_up(row: FloatArray, integral: float, told: float, mean: float, h: float) -> float:
+    """Return the torque of the integral [N m] of a servo of velocity behind a step.
+
+    Args:
+        row: The constants of the joint.
+        integral: Before the step [N m].
+        told: Velocity [rad/s].
+        mean: That of the joint within the step [rad/s].
+        h: Step [s].
+    """
+    if row[KV] == 0.0:
+        return integral
+    most = row[INTEGRAL_LIMIT]
+    return min(max(integral + row[KI] * (told - mean) * h, -most), most)
+
+
+@compiled(nogil=True)
+def longest_step(row: FloatArray, usual: float) -> float:
+    """Return the longest step [s] in which a joint is simulated.
+
+    Args:
+        row: The constants of the joint.
+        usual: That behind a servo of position [s].
+    """
+    return min(usual, _QUICK_STEP) if row[KV] > 0.0 else usual
+
+
+@compiled(nogil=True)
+def begins_anew(row: FloatArray, begun: float, now: float) -> bool:
+    """Say whether errors of a joint begin anew, as those of what drifts do from time to time.
+
+    Args:
+        row: The constants of the joint.
+        begun: When they began [s]; -inf where they have not yet.
+        now: [s].
+    """
+    return row[RESTART] < math.inf and now - begun >= row[RESTART]
+
+
+@compiled(nogil=True)
+def keeps_pace(row: FloatArray) -> bool:
+    """Say whether a joint whose errors begin anew goes on as fast as it is simulated.
+
+    Behind a drive that closes no loop its velocity drifts as its position does.
+
+    Args:
+        row: The constants of the joint.
+    """
+    return row[GAIN] == 0.0
+
+
+@compiled(nogil=True)
+def held(row: FloatArray, position: float, load: float) -> float:
+    """Return the torque of an integral [N m] that holds a joint at rest.
+
+    That of a servo of position begins with none: its error holds the joint.
+
+    Args:
+        row: The constants of the joint.
+        position: [rad].
+        load: Torque that the rigid body needs [N m].
+    """
+    if row[KV] == 0.0 or row[KI] == 0.0:
+        return 0.0
+    away = position - row[REST]
+    pull = load + row[OFFSET] + (row[SPRING] + row[CUBIC] * away * away) * away
+    most = min(row[INTEGRAL_LIMIT], row[TORQUE_LIMIT], row[STALL])
+    return min(max(pull, -most), most)
+
+
+@compiled(nogil=True)
+def slack(row: FloatArray, force: float) -> float:
+    """Return by how much the drive leads its joint within the play of the gear [rad].
+
+    The force [N m] that the joint needs presses it on one flank; around none it is in between.
+    """
+    half = 0.5 * row[PLAY]
+    return half * min(max(force / _PRESSED, -1.0), 1.0)
+
+
+@compiled(nogil=True)
+def _fading(row: FloatArray) -> float:
+    """Return what a motor loses with speed, as its voltage is limited [N m s/rad]."""
+    return row[STALL] / row[FREE_SPEED] if row[FREE_SPEED] < math.inf else 0.0
+
+
+@compiled(nogil=True)
+def driven(row: FloatArray, error: float, velocity: float) -> tuple[float, float]:
+    """Return what a servo draws from its supply, over what it draws stalled and fully driven.
+
+    A duty d of the voltage u, with back-EMF e, draws d (d u - e): the factor of u, and the rest.
+
+    Args:
+        row: The constants of the joint.
+        error: That the servo acts on [rad].
+        velocity: [rad/s].
+    """
+    most = min(row[TORQUE_LIMIT], row[STALL])
+    duty = min(max(row[KP] * error / most, -1.0), 1.0)
+    slope = row[KD] + _fading(row) + 0.5 * (row[VISCOUS_PLUS] + row[VISCOUS_MINUS])
+    return duty * duty, duty * slope * velocity / most
+
+
+@compiled(nogil=True)
+def draws(row: FloatArray, error: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return `driven` of errors [rad] and velocities [rad/s] of T samples, (2, T)."""
+    found = np.empty((2, error.size))
+    for i in range(error.size):
+        found[0, i], found[1, i] = driven(row, error[i], velocity[i])
+    return found
+
+
+@compiled(nogil=True)
+def sagged(sag: float, drawn: float, returned: float) -> float:
+    """Return the voltage over that of a supply without load.
+
+    Args:
+        sag: Resistance of the supply over that of a motor's winding.
+        drawn: Sum of what all servos draw by voltage, as `driven` has it.
+        returned: Of what their back-EMF saves.
+    """
+    return min((1.0 + sag * max(returned, 0.0)) / (1.0 + sag * drawn), 1.0)
+
+
+@compiled(nogil=True)
+def heated(row: FloatArray, heat: float, error: float, velocity: float, h: float) -> float:
+    """Return how warm a motor is a step `h` [s] later, over what it is stalled for long.
+
+    Args:
+        row: The constants of the joint.
+        heat: How warm it is.
+        error: That the servo acts on [rad].
+        velocity: [rad/s].
+        h: Step [s].
+    """
+    duty, _ = driven(row, error, velocity)
+    return heat + (duty - heat) * (1.0 - math.exp(-h / row[HEATING]))
+
+
+@compiled(nogil=True)
+def derated(row: FloatArray, supply: float, heat: float) -> float:
+    """Return the voltage that drives a warm motor as it would a cold one.
+
+    Args:
+        row: The constants of the joint.
+        supply: Voltage over that of a supply without load.
+        heat: How warm the motor is, over what it is stalled for long.
+    """
+    return supply / (1.0 + row[DERATING] * heat)
+
+
+# a call of its own would take the constants of the joint, one by one, as long as the step itself
+@compiled(nogil=True, inline="always")
+def next_velocity(
+    row: FloatArray,
+    position: float,
+    velocity: float,
+    error: float,
+    integral: float,
+    inertia: float,
+    load: float,
+    supply: float,
+    h: float,
+) -> tuple[float, float]:
+    """Return the velocity of a joint after a step, and its mean within the step [rad/s].
+
+    Args:
+        row: The constants of the joint.
+        position: [rad].
+        velocity: [rad/s].
+        error: That the servo acts on [rad]; what one of velocity is told [rad/s], or a drive that
+            closes no loop [N m].
+        integral: Torque of the servo's integral [N m].
+        inertia: Of the rigid body about the joint [kg m²].
+        load: Torque that the rigid body needs at no acceleration of this joint [N m].
+        supply: Voltage over that of a supply without load, to which a servo's torque is in
+            proportion.
+        h: Step [s].
+    """
+    heavy = (inertia + row[INERTIA]) / h
+    away = position - row[REST]
+    spring = row[SPRING] + row[CUBIC] * away * away
+    slope = row[VISCOUS_PLUS] if velocity > 0.0 else row[VISCOUS_MINUS]
+    braked = row[INSIDE] * slope
+    soft = slope - braked + row[DRAG] * abs(velocity) + 0.5 * spring * h
+    passive = heavy * velocity - load - row[OFFSET] - spring * away
+    push, stiff = integral, row[KD] + braked
+    if row[KV] > 0.0:
+        gain = row[KV] + 0.5 * row[KI] * h
+        push += gain * error
+        stiff += gain
+    elif row[GAIN] > 0.0:
+        push += row[GAIN] * error
+    elif error != 0.0:
+        push += row[KP] * error + math.copysign(row[PUNCH], error)
+        stiff += 0.5 * row[KP] * h
+    push, stiff = supply * push, supply * stiff
+    after, mean = _moved(row, velocity, load, heavy, passive + push, soft + stiff)
+    torque = push - stiff * mean
+    if abs(torque) > supply * row[TORQUE_LIMIT]:
+        torque = math.copysign(supply * row[TORQUE_LIMIT], torque)
+        after, mean = _moved(row, velocity, load, heavy, passive + torque, soft)
+    fading = _fading(row)
+    if abs(torque + fading * mean) > supply * row[STALL]:
+        torque = math.copysign(supply * row[STALL], torque + fading * mean)
+        after, mean = _moved(row, velocity, load, heavy, passive + torque, soft + fading)
+    return after, mean
+
+
+@compiled(nogil=True)
+def _moved(
+    row: FloatArray, velocity: float, load: float, heavy: float, torque: float, damping: float
+) -> tuple[float, float]:
+    """Return the velocity after a step and its mean [rad/s]: by trapezia, which are exact to h³.
+
+    What is damped too fast for the step would ring so, and is taken as it is at the end.
+    """
+    late = 0.5 if damping < 2.0 * heavy else 1.0
+    early = 1.0 - late
+    after = _sliding(row, torque - early * damping * velocity, velocity, load)
+    after /= heavy + late * damping
+    return after, early * velocity + late * after
+
+
+@compiled(nogil=True)
+def _sliding(row: FloatArray, torque: float, velocity: float, load: float) -> float:
+    """Return what dry friction leaves of the torque that would move a joint [N m]."""
+    friction = row[PLUS] if torque > 0.0 else row[MINUS]
+    pressed = row[RESISTED] if torque * load > 0.0 else row[ASSISTED]
+    friction += row[BY_LOAD] * pressed * abs(load)
+    if row[STRIBECK] > 0.0:
+        pace = abs(velocity) / row[V_S]
+        if row[DELTA] != 1.0:  # a power takes as long as the rest of the step
+            pace = pace ** row[DELTA]
+        friction += row[STRIBECK] * math.exp(-pace)
+    if abs(torque) <= friction:
+        return 0.0
+    return torque - math.copysign(friction, torque)

@@ -1,0 +1,231 @@
+"""Contribution: the held-out error that each member of a set removes, and its least size."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.from_torque.fitting.problem import fitted
+from estimators.diagnosis.held_out import rmse, surely_positive
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import JUDGEMENT
+from estimators.diagnosis.settings.residuals import HELD_OUT
+from estimators.diagnosis.wording import is_of_bodies
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
+    from estimators.regression.evidence import Posterior
+    from limo_driver.types import FloatArray
+
+TINY = 1e-12  # [N m], that nothing is divided by less than
+
+
+def without(problem: RegressionProblem, solution: Solution, member: int) -> Posterior:
+    """Fit the set without one of its members."""
+    return solution.having(problem.less(solution.members, (member,))).fitted
+
+
+def coefficients(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
+    """Return the fitted coefficients (c,) of a member of a set."""
+    return solution.fitted.mean[own_coefficients(problem, solution, member)]
+
+
+def own_coefficients(problem: RegressionProblem, solution: Solution, member: int) -> slice:
+    """Return where the coefficients of a member of a set stand among all that are fitted."""
+    at = problem.nuisance.prior.index.size
+    for i in solution.members:
+        size = problem.candidates[i].prior.index.size
+        if i == member:
+            return slice(at, at + size)
+        at += size
+    raise KeyError(member)
+
+
+def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return the residual (K, n) of values moved within their tolerances, and of no effect [N m].
+
+    Joints of which the simulation states no friction have Coulomb and viscous friction.
+    """
+    first, base = _of_base(problem, solution)
+    return first.left(base.fitted)
+
+
+def left_by_base(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return the same of a simulation, which has nothing of what sensors add [N m]."""
+    first, base = _of_base(problem, solution)
+    return first.left_without_sensors(base.fitted)
+
+
+def _of_base(problem: RegressionProblem, solution: Solution) -> tuple[RegressionProblem, Solution]:
+    first = problem.first or problem  # columns around what was found say nothing of a set without
+    if first is not problem:
+        solution = fitted(first, (), solution.noise)
+    return first, solution.having(first.base)
+
+
+def own_joints(problem: RegressionProblem, member: int) -> list[int]:
+    """Return the joints (0-based) on which a member acts.
+
+    Without it, what is fitted beside it would change elsewhere, too.
+    """
+    candidate = problem.candidates[member]
+    everywhere = is_of_bodies(candidate.effect) or not candidate.joints
+    return list(range(problem.observed.n) if everywhere else candidate.joints)
+
+
+def contribution(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
+    """Return the held-out mean square that a member removes at each joint, (n,) [N² m²]."""
+    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    return taken_off(left, bare, problem.split.held_out)
+
+
+def contribution_of_all(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return the held-out mean square that a set removes beyond its base, (n,) [N² m²]."""
+    base = solution.search.evidence.posterior(solution.search.prior(problem.base))
+    left = problem.left(solution.fitted)
+    return taken_off(left, problem.left(base), problem.split.held_out)
+
+
+def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+    """Return by how much the mean square of one residual is below another's, (n,) [N² m²]."""
+    return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
+
+
+def material(
+    problem: RegressionProblem, solution: Solution, member: int, joints: Sequence[int] | None = None
+) -> float:
+    """Return the error that a member removes at the joint where it does most [errors left].
+
+    Counted on rows held out, each block in turn: a few blocks may hold but one reversal. What fades
+    within the first minute, or happens but now and then, may miss most of those: then over all
+    rows, but nothing where it makes those held out clearly worse.
+
+    Args:
+        problem: What is compared.
+        solution: The set.
+        member: Of it.
+        joints: That count (0-based); by default those that it acts on.
+    """
+    less = problem.less(solution.members, (member,))
+    (ahead, behind), rows = in_turn(problem, solution, solution.members, less)
+    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    moving = problem.observed.moving
+    gained, proven = taken_off(left, bare, moving), taken_off(ahead, behind, rows)
+    shown = proven >= -CONTRIBUTION.slight * gained
+    part = np.where(
+        _misses(left, bare, rows, moving),
+        shown * gained / _square(left, moving),
+        proven / _square(ahead, rows),
+    )
+    counted = own_joints(problem, member) if joints is None else list(joints)
+    return float(np.sqrt(max(part[counted].max(), 0.0)))
+
+
+def sure(
+    problem: RegressionProblem, solution: Solution, member: int, joints: Sequence[int] | None = None
+) -> bool:
+    """Say whether a member lowers errors of some joints, whichever blocks had been recorded.
+
+    Nor may those get worse that are held out for good, and that a report shows. Of what misses most
+    of the rows that are held out, those cannot say.
+
+    Args:
+        problem: What is compared.
+        solution: The set.
+        member: Of it.
+        joints: That count (0-based), together; by default those that it acts on.
+    """
+    own, less = own_joints(problem, member), problem.less(solution.members, (member,))
+    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    rows = problem.rotation(solution.noise, (*solution.members, *less)).held_out
+    if _misses(left, bare, rows, problem.observed.moving)[own].any():
+        return True
+    counted = own if joints is None else list(joints)
+    shown = problem.split.held_out
+    gained = np.sum((taken_off(left, bare, shown) / _square(left, shown))[counted])
+    if gained <= HELD_OUT.rounding:
+        return False
+    return surely_better(problem, solution, solution.members, less, counted)
+
+
+def relieves(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether several stated values would have to be as far off as they may without a member.
+
+    Few rows show little more error then, since those values stand in for it. But that several are
+    so far off at once is far less likely than the member.
+    """
+    return strains(problem, solution, without(problem, solution, member))
+
+
+def strains(problem: RegressionProblem, solution: Solution, other: Posterior) -> bool:
+    """Say whether another fit has several more stated values as far off as they may be.
+
+    Args:
+        problem: What is fitted.
+        solution: This.
+        other: Fit of another set.
+    """
+    count = problem.nuisance.prior.index.size
+    ahead, behind = (
+        ~np.isnan(solution.search.evidence.at_limit(fit)[:count]) & problem.nuisance.entered
+        for fit in (solution.fitted, other)
+    )
+    return int(behind.sum()) - int(ahead.sum()) >= CONTRIBUTION.relieved
+
+
+def convincing(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member removes enough error where it acts, and surely so, to be a finding.
+
+    What is small, and next to nothing of what the set explains there, is imprecision of the others.
+    """
+    if relieves(problem, solution, member):
+        return True
+    size = material(problem, solution, member)
+    if size < CONTRIBUTION.material or not sure(problem, solution, member):
+        return False
+    if size >= JUDGEMENT.small:
+        return True
+    least = (1.0 - JUDGEMENT.precise) * contribution_of_all(problem, solution)
+    own = own_joints(problem, member)
+    return bool((contribution(problem, solution, member) >= least)[own].any())
+
+
+def surely_better(
+    problem: RegressionProblem,
+    solution: Solution,
+    ahead: tuple[int, ...],
+    behind: tuple[int, ...],
+    joints: Sequence[int],
+) -> bool:
+    """Say whether one set surely predicts rows of some joints (0-based) better than another.
+
+    Each block is held out in turn, and whichever of them had been recorded.
+    """
+    (left, bare), rows = in_turn(problem, solution, ahead, behind)
+    scaled = (bare**2 - left**2) / _square(left, rows)
+    return surely_positive(scaled[:, joints], problem.observed, rows[:, joints])
+
+
+def in_turn(
+    problem: RegressionProblem, solution: Solution, *sets: tuple[int, ...]
+) -> tuple[list[FloatArray], NDArray[np.bool_]]:
+    """Return what sets leave (K, n) where each block is held out once [N m], and those rows."""
+    rotation = problem.rotation(solution.noise, [member for some in sets for member in some])
+    return [rotation.left(solution.search.prior(some)) for some in sets], rotation.held_out
+
+
+def _misses(
+    left: FloatArray, bare: FloatArray, held_out: NDArray[np.bool_], moving: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mark the joints (n,) on which rows held out have little of what a member adds."""
+    added = bare - left
+    return np.asarray(rmse(added, held_out) ** 2 < CONTRIBUTION.seen * rmse(added, moving) ** 2)
+
+
+def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+    return np.maximum(rmse(left, rows) ** 2, TINY**2)

@@ -1,0 +1,341 @@
+"""Settling: prune, refine and simplify the set that was found, and search again around it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.from_torque.fitting.contribution import (
+    TINY,
+    material,
+    own_coefficients,
+    relieves,
+    sure,
+    without,
+)
+from estimators.diagnosis.from_torque.fitting.laws import confused, likeliest
+from estimators.diagnosis.from_torque.fitting.problem import (
+    RegressionProblem,
+    Solution,
+    fitted,
+    impossible,
+    simulated,
+)
+from estimators.diagnosis.from_torque.fitting.refinement import Setting, replaced
+from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplified
+from estimators.diagnosis.from_torque.fitting.solving import solve
+from estimators.diagnosis.from_torque.fitting.widths import merely_sharper
+from estimators.diagnosis.from_torque.selection.base_friction import rubs
+from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
+from estimators.regression.evidence import REACH, joined, posterior
+from estimators.regression.ties import ranked
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.stages import Progress
+    from limo_driver.types import FloatArray
+
+
+def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
+    """Take out members that matter little or harm: precise, perhaps, but not physics to name.
+
+    First those that cannot be as they are fitted: a competitor out of range ends no diagnosis.
+    """
+    while refused := impossible(problem, solution):
+        solution = _less(problem, solution, refused)
+    while (runaway := _runaway(problem, solution)) is not None:
+        solution = _less(problem, solution, (runaway,))
+    everywhere = range(problem.observed.n)  # what one joint lacks, bodies fit in part at all
+    while idle := [member for member in solution.members if not _helps(problem, solution, member)]:
+        size = {member: material(problem, solution, member, everywhere) for member in idle}
+        solution = _less(problem, solution, (min(idle, key=lambda member: size[member]),))
+    return solution
+
+
+def _helps(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member lowers errors: much, and whichever blocks of time had been recorded.
+
+    Every joint rubs, and which law of friction it follows is a choice that has to be made: for the
+    likelier law either will do, where it is felt at all: some sensors see no friction. Whether a
+    member is a finding is another question.
+    """
+    if _relieves_sensors(problem, solution, member) or relieves(problem, solution, member):
+        return True
+    everywhere = range(problem.observed.n)
+    size = material(problem, solution, member, everywhere)
+    if rubs(problem.candidates[member].effect) and size >= CONTRIBUTION.felt:
+        return size >= CONTRIBUTION.material or sure(problem, solution, member, everywhere)
+    return size >= CONTRIBUTION.material and sure(problem, solution, member, everywhere)
+
+
+def _relieves_sensors(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether sensors would have to add as much as they may without a member.
+
+    What they add is in no simulation, which then errs by it: so much, at least, as is worth naming.
+    """
+    of_sensors = ~problem.nuisance.entered
+    fits = solution.fitted, without(problem, solution, member)
+    ahead, behind = (
+        ~np.isnan(solution.search.evidence.at_limit(fit)[: of_sensors.size]) & of_sensors
+        for fit in fits
+    )
+    if not (behind & ~ahead).any():
+        return False
+    left, bare = (rmse(problem.left_without_sensors(fit), problem.observed.moving) for fit in fits)
+    return bool((bare**2 - left**2 >= CONTRIBUTION.material**2 * left**2).any())
+
+
+def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
+    """Return the member to blame where a simulation errs more than the given one; else None.
+
+    A fit is linear in what it adds. The simulation need not follow it: a joint that is so soft that
+    it turns by a radian under its load carries everything beyond it along. To blame is what takes
+    most of the deviation with it, all else as it is fitted: what is added as it stands, such as an
+    offset, is not. Of two that deviate together, the one that is missed least. Nor is one without
+    which the simulation errs more: friction by load deviates with a payload, which is no runaway.
+    Where none is to blame by itself, a search around the set mends it.
+    """
+    if not solution.members:
+        return None
+    left = simulated(problem, solution)
+    if not _errs_too_much(problem, solution, left):
+        return None
+    most = (1.0 - SOLVING.blamed) * _deviation(problem, solution, solution, left)
+    gain = {
+        member: _less(problem, solution, (member,)).gain
+        for member in solution.members
+        if _deviation_without(problem, solution, member) < most
+    }
+    errs = _in_errors(problem, solution, left)
+    for member in ranked(gain, gain.__getitem__):
+        fewer = simulated(problem, _less(problem, solution, (member,)))
+        if _in_errors(problem, solution, fewer) < errs:
+            return member
+    return None
+
+
+def _in_errors(problem: RegressionProblem, whole: Solution, torque: FloatArray) -> float:
+    """Return how large torques (K, n) are [errors that a fit leaves], joints summed up."""
+    rows = problem.split.fitted
+    scale = np.maximum(rmse(problem.left(whole.fitted), rows), TINY)
+    return float(np.sum((rmse(torque, rows) / scale) ** 2))
+
+
+def _errs_too_much(problem: RegressionProblem, solution: Solution, left: FloatArray) -> bool:
+    """Say whether the simulation of a fit errs more at some joint than it may.
+
+    It may err as the given one does, or somewhat more than the fit says.
+    """
+    rows = problem.split.fitted
+    given = np.maximum(rmse(problem.observed.residual, rows), TINY)
+    linear = rmse(problem.left(solution.fitted), rows)
+    return bool((rmse(left, rows) > np.maximum(given, SOLVING.followed * linear)).any())
+
+
+def _deviation(
+    problem: RegressionProblem, whole: Solution, solution: Solution, left: FloatArray
+) -> float:
+    """Return how far a simulation is from its fit [errors that the whole set leaves, summed up].
+
+    Args:
+        problem: What is fitted.
+        whole: The set that the errors are of.
+        solution: The fit.
+        left: What the simulation of it leaves, (K, n) [N m].
+    """
+    fit = solution.fitted
+    return _in_errors(problem, whole, left - problem.left(fit) - problem.sensed(fit))
+
+
+def _deviation_without(problem: RegressionProblem, solution: Solution, member: int) -> float:
+    """Return the deviation of a fit with a member at zero, and the others as they are."""
+    mean = solution.fitted.mean.copy()
+    mean[own_coefficients(problem, solution, member)] = 0.0
+    bare = replace(solution, fitted=replace(solution.fitted, mean=mean))
+    return _deviation(problem, solution, bare, simulated(problem, bare))
+
+
+def _less(problem: RegressionProblem, solution: Solution, some: Collection[int]) -> Solution:
+    """Return a solution without some of its members, fitted again."""
+    return solution.having(problem.less(solution.members, some))
+
+
+def refined(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, Solution]:
+    """Refine what is not linear in every member, one after the other.
+
+    What is confused with a member is refined beside it, and takes its place where that makes it
+    likelier: which of them is best on a grid of settings may be no more than the grid's chance.
+
+    Returns:
+        The problem with the refined candidates, and the solution with them for members.
+    """
+    members, candidates = list(solution.members), list(problem.candidates)
+    for place, member in enumerate(members):
+        progress("refining parameters", 0.65 + 0.1 * place / len(members))
+        candidate = candidates[member]
+        if candidate.hypothesis is None:
+            continue
+        others = joined(*(candidates[m].prior for m in members if m != member))
+        around = Setting(
+            problem.observed,
+            problem.columns,
+            problem.nuisance.prior,
+            others,
+            problem.target,
+            solution.noise,
+            problem.split.fitted,
+            problem.level,
+        )
+        most = -np.inf
+        for other in (member, *confused(problem, solution, member)):
+            best = likeliest(problem, solution, member, other, around)
+            candidates[other] = candidate = replace(candidates[other], laws=best.laws)
+            at = other
+            if best.hypothesis is not candidate.hypothesis:
+                new = replaced(candidate, best.hypothesis, around)
+                if new is None:
+                    continue
+                candidates.append(new)
+                at = len(candidates) - 1
+            if best.evidence > most:
+                most, members[place] = best.evidence, at
+    more = len(candidates) > len(problem.candidates)
+    problem = problem.with_candidates(candidates)
+    if not more:
+        return problem, solution
+    return problem, fitted(problem, tuple(members), solution.noise)
+
+
+def settled(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, Solution]:
+    """Prune, refine and simplify a set; return it with the problem that has its candidates."""
+    problem, solution = refined(problem, pruned(problem, solution), progress)
+    simple = simplified(problem, pruned(problem, solution))
+    problem, simple = _of_one_width(problem, simple, progress)
+    return problem, pruned(problem, loaded(problem, simple))
+
+
+def _of_one_width(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, Solution]:
+    """Return a solution without stated friction over another width that found friction can have.
+
+    Where friction along the range is found beside stated friction that is sharper, one takes from
+    the other what it adds, and the widths of both were sought with the other there. So the rest is
+    refined without the sharper one, which stays if it fits what the rest cannot. How well either
+    foretells positions that only one block of time passed is chance, and says nothing of that.
+    """
+    for member in solution.members:
+        candidates = problem.candidates
+        if not candidates[member].other_width:
+            continue
+        rest = tuple(other for other in solution.members if other != member)
+        beside = [other for other in rest if candidates[other].joints == candidates[member].joints]
+        if not any(
+            candidates[other].kind == "missing" and rubs(candidates[other].effect)
+            for other in beside
+        ):
+            continue
+        less, bare = refined(problem, fitted(problem, rest, solution.noise), progress)
+        again = fitted(less, (*bare.members, member), solution.noise)
+        left, lacking = (rmse(less.left(one.fitted), less.split.fitted) for one in (again, bare))
+        if (lacking**2 - left**2 < CONTRIBUTION.material**2 * left**2).all():
+            problem, solution = less, bare
+    return problem, solution
+
+
+def settled_around(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, Solution]:
+    """Search again around a set, and settle the one that is found there.
+
+    A gain acts on the friction that was found beside it, too, and an offset of an encoder on the
+    load of a heavier link. Around the given simulation, what such a pair makes of one another looks
+    like one effect more, or hides one.
+    """
+    problem, near = relinearised(problem, solution, progress)
+    return settled(*solve(problem, progress, near), progress)
+
+
+def suspects(
+    problem: RegressionProblem, solution: Solution, joints: Collection[int]
+) -> set[tuple[str, tuple[int, ...]]]:
+    """Return the effects of which a fit has a value at its limit, and which may be wrong by it.
+
+    At some joints (0-based) any of them; anywhere those whose value surely lies beyond its limit.
+    None is of friction that is but sharper: there, a limit is no value that friction has.
+    """
+    limited = ~np.isnan(solution.search.evidence.at_limit(solution.fitted))
+    if not limited.any():
+        return set()
+    turned = {
+        problem.candidates[member].place
+        for member in solution.members
+        if merely_sharper(problem, solution, member)
+    }
+    limited &= ~problem.nuisance.of(turned)
+    far = limited & _surely_beyond(problem, solution, limited)
+    return {
+        item.place
+        for item, limit, beyond in zip(problem.nuisance.parameters, limited, far, strict=True)
+        if item.of_effect
+        and limit
+        and (beyond or not item.place[1] or set(item.place[1]) & set(joints))
+    }
+
+
+def _surely_beyond(
+    problem: RegressionProblem, solution: Solution, some: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mark those of some nuisance coefficients (c,) that data put surely beyond their limits."""
+    nuisance, search = problem.nuisance.prior, solution.search
+    free = np.where(some, SOLVING.unbound * nuisance.deviation, nuisance.deviation)
+    fit = posterior(
+        search.evidence.products, replace(nuisance, deviation=free), search.prior(solution.members)
+    )
+    count = nuisance.index.size
+    off, sure = fit.mean[:count], fit.deviation[:count]
+    return np.abs(off) - SOLVING.surely * sure > REACH * nuisance.deviation
+
+
+def curved(problem: RegressionProblem, solution: Solution) -> bool:
+    """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
+    linear = problem.left_without_sensors(solution.fitted)
+    moving = problem.observed.moving
+    off, rest = rmse(simulated(problem, solution) - linear, moving), rmse(linear, moving)
+    return bool((off > SOLVING.curved * rest).any())
+
+
+def relinearised(
+    problem: RegressionProblem, solution: Solution, progress: Progress
+) -> tuple[RegressionProblem, tuple[int, ...]]:
+    """Lay everything out again, with columns around the simulation of a solution.
+
+    They hold near it, so that a set without what it has would be judged wrongly: beside a friction
+    that is in, the gain of a sensor looks as that friction does.
+
+    Returns:
+        The problem, and the members of the solution on it.
+    """
+    improved = problem.beside(solution).simulation
+    new = RegressionProblem.of(
+        problem.observed.beside(problem.observed.simulation, around=improved), progress
+    )
+    new = new.as_stated(problem.nuisance.prior.deviation == 0)
+    observed, mean = new.observed, solution.fitted.mean
+    index = new.nuisance.prior.index
+    torque = new.columns.apply(index, np.where(new.nuisance.entered, mean[: index.size], 0.0))
+    members = tuple(new.again(problem.candidates[member], member) for member in solution.members)
+    own = joined(*(new.candidates[member].prior for member in members)).index
+    torque += new.columns.apply(own, mean[index.size :])
+    left = observed.measured - observed.filter(observed.predicted)
+    return replace(new, target=left + torque, first=problem.first or problem), members

@@ -1,0 +1,323 @@
+"""Scans: hypotheses that have to be looked for in the residual, since no grid can hold them.
+
+A ripple has any number of cycles in a revolution, and a push can come at any time. Both are
+sought in what a fit of the nuisance parameters alone leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from estimators.diagnosis.from_torque.hypotheses.line_sums import line_sums
+from estimators.diagnosis.settings.hypotheses import RIPPLE
+from limo_driver.physics import TorqueRipple
+from limo_driver.recordings.filters.differentiation import ORDER
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from limo_driver.physics import Hypothesis
+    from limo_driver.types import FloatArray
+
+
+def ripples(
+    observed: Observations,
+    residual: FloatArray,
+    known: Mapping[int, tuple[float, ...]] | None = None,
+) -> list[Hypothesis]:
+    """Look for lines over the joint angle.
+
+    Args:
+        observed: Recordings and simulation, K slow rows of n joints.
+        residual: What the nuisance parameters leave, (K, n) [N m].
+        known: Lines of each joint (0-based) that the residual is already without [1/rev]; those
+            found are hypotheses together with them.
+
+    Returns:
+        For each joint with lines one hypothesis of the strongest line, one of the two strongest,
+        and so on, and the same beside a line of so few periods that the first scan takes it for a
+        shape; they are one effect at one place and exclude each other.
+
+    Source: Scargle, "Studies in astronomical time series analysis II", ApJ 263, 1982; the lines
+    are taken out one by one as in Högbom, "Aperture synthesis with a non-regular distribution of
+    interferometer baselines", A&A Suppl. 15, 1974.
+    """
+    found: list[Hypothesis] = []
+    for joint in range(observed.n):
+        before = (known or {}).get(joint, ())
+        lines = _lines(_Angle.of(observed, residual, joint), RIPPLE.lines - len(before), observed.n)
+        lines = tuple(N for N in lines if not any(_is_same(N, other) for other in before))
+        some = [(*before, *lines[: k + 1]) for k in range(len(lines))]
+        slow = _slow_line(_Angle.of(observed, residual, joint, RIPPLE.flat))
+        if slow and not any(_is_same(slow, N) for N in (*before, *lines)):
+            some += [(slow, *more) for more in ((), *some)]
+        found += [TorqueRipple.of_lines(joint + 1, cycles) for cycles in some]
+    return found
+
+
+def with_fewer_lines(hypothesis: Hypothesis, observed: Observations) -> Iterator[Hypothesis]:
+    """Yield a ripple with one of each bunch of lines that the range of its joint does not resolve.
+
+    Beside something at that joint that was not known yet, a line comes out a little off its place,
+    and what it leaves there makes others.
+
+    Args:
+        hypothesis: A ripple; others have no lines.
+        observed: The recordings that it was found in.
+    """
+    if hypothesis.effect != TorqueRipple.name:
+        return
+    lines = np.sort(hypothesis.settings)
+    turned = float(np.ptp(observed.slow.position[:, hypothesis.joints[0]]))
+    bunches = np.split(lines, np.flatnonzero(np.diff(lines) * turned >= 2 * np.pi) + 1)
+    for bunch in bunches:
+        if bunch.size > 1:
+            others = [N for N in lines.tolist() if N not in bunch]
+            for N in bunch.tolist():
+                yield TorqueRipple.of_lines(hypothesis.joints[0] + 1, (N, *others))
+
+
+def _is_same(line: float, other: float) -> bool:
+    return abs(line / other - 1.0) < RIPPLE.same
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Power of a residual in lines over the joint angle; each array (F,)."""
+
+    cycles: FloatArray  # [1/rev]
+    amount: FloatArray  # squared sum
+    noise: FloatArray  # what it would be in white noise of the same size
+
+    @property
+    def normalised(self) -> FloatArray:
+        """Amount over that of white noise."""
+        return self.amount / self.noise
+
+    @property
+    def above(self) -> FloatArray:
+        """Power over its neighbourhood's level, exponential of mean 1 for noise of any colour.
+
+        Half of an exponential variable lies below log 2 of its mean.
+        """
+        level = median_filter(self.normalised, RIPPLE.neighbours, mode="nearest") / np.log(2)
+        return self.normalised / np.maximum(level, 1.0)
+
+
+@dataclass(frozen=True)
+class _Angle:
+    """Residual of one joint over its angle, on R rows that move."""
+
+    position: FloatArray  # (R,) [rad]
+    speed: FloatArray  # (R,) [rad/s]
+    residual: FloatArray  # (R,) less what `known` explains [N m]
+    known: FloatArray  # (R, c) orthonormal: dependence on position, lines found before
+    bandwidth: float  # [Hz]
+
+    @classmethod
+    def of(
+        cls, observed: Observations, residual: FloatArray, joint: int, knots: int = RIPPLE.shape
+    ) -> _Angle:
+        """Take the rows of one joint (0-based)."""
+        rows = observed.moving[:, joint]
+        q, v = observed.slow.position[rows, joint], observed.slow.velocity[rows, joint]
+        shape = _shape(q, v, knots)
+        known = _orthonormal(shape, np.linalg.norm(shape, axis=0))
+        y = residual[rows, joint]
+        if y.size:  # a short burst is no line, yet would have power in all of them
+            middle = float(np.median(y))
+            most = RIPPLE.burst * float(np.median(np.abs(y - middle)))
+            y = np.clip(y, middle - most, middle + most)
+        return cls(q, np.abs(v), _rest(y, known), known, observed.bandwidth)
+
+    @property
+    def range(self) -> float:
+        """Angle that nearly all rows lie in [rad]."""
+        if self.position.size < RIPPLE.shape:
+            return 0.0
+        low, high = np.quantile(self.position, RIPPLE.bulk)
+        return float(high - low)
+
+    def passed(self, cycles: float) -> FloatArray:
+        """Return what the filter leaves of a line at each row, (R,)."""
+        ratio = self.speed * (cycles / (2 * np.pi * self.bandwidth))
+        gain = 1.0 / (1.0 + (ratio * ratio) ** ORDER)
+        gain[gain < RIPPLE.passed] = 0.0
+        return gain
+
+    def power(self, first: float, step: float, count: int) -> Spectrum:
+        """Return how much of the residual is in evenly spaced lines, and of even noise."""
+        cosine, sine, noise, rows = line_sums(
+            self.position,
+            self.speed,
+            self.residual,
+            first,
+            step,
+            count,
+            self.bandwidth,
+            RIPPLE.passed,
+            RIPPLE.block,
+        )
+        enough = rows > RIPPLE.least_share * self.position.size
+        amount = np.where(enough, cosine**2 + sine**2, 0.0)
+        cycles = first + step * np.arange(count, dtype=np.float64)
+        return Spectrum(cycles, amount, np.maximum(noise, RIPPLE.tiny))
+
+    def _waves(self, cycles: float) -> FloatArray:
+        """Return what one line adds to all that is known, orthonormal, (R, at most 2)."""
+        gain = self.passed(cycles)
+        angle = cycles * self.position
+        waves = np.stack([gain * np.sin(angle), gain * np.cos(angle)], axis=1)
+        return _orthonormal(_rest(waves, self.known), np.linalg.norm(waves, axis=0))
+
+    def without(self, *lines: float) -> _Angle:
+        """Take lines out, one after the other [1/rev]."""
+        less = self
+        for cycles in lines:
+            waves = less._waves(cycles)
+            known = np.concatenate([less.known, waves], axis=1)
+            less = replace(less, residual=_rest(less.residual, waves), known=known)
+        return less
+
+    def left(self, cycles: float) -> float:
+        """Return the energy without one line more."""
+        waves = self._waves(cycles)
+        return self.energy - float(np.sum((waves.T @ self.residual) ** 2))
+
+    @property
+    def energy(self) -> float:
+        """Sum of squares of the residual."""
+        return float(self.residual @ self.residual)
+
+
+def _rest(values: FloatArray, known: FloatArray) -> FloatArray:
+    """Return what orthonormal columns do not explain."""
+    return values - known @ (known.T @ values)
+
+
+def _orthonormal(columns: FloatArray, size: FloatArray) -> FloatArray:
+    """Return orthonormal columns of the same span, without what is but rounding of a size (c,)."""
+    if not columns.size or not size.any():
+        return columns[:, :0]
+    basis, values, _ = np.linalg.svd(columns, full_matrices=False)
+    return basis[:, values > RIPPLE.dependent * size.max()]
+
+
+def _shape(q: FloatArray, v: FloatArray, knots: int) -> FloatArray:
+    """Return hats of the position, alone and times the sign of motion, (R, 2 knots)."""
+    if not q.size:
+        return np.zeros((0, 2 * knots))
+    at = np.linspace(q.min(), max(q.max(), q.min() + 1e-6), knots)
+    hats = np.maximum(0.0, 1.0 - np.abs(q[:, None] - at) / (at[1] - at[0]))
+    return np.concatenate([hats, np.sign(v)[:, None] * hats], axis=1)
+
+
+def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
+    """Return the cycles per revolution of the significant lines, strongest first.
+
+    Over a range of few revolutions lines overlap. The first one found is blurred by all others, and
+    what it leaves of itself would look like a line beside it; so with each new one all are refined.
+    """
+    if angle.range <= 0 or RIPPLE.least_periods * 2 * np.pi / angle.range > RIPPLE.most_cycles:
+        return ()
+    step = 2 * np.pi / angle.range / RIPPLE.oversampling
+    first = RIPPLE.least_periods * RIPPLE.oversampling * step
+    count = int((RIPPLE.most_cycles - first) / step)
+    threshold = float(np.log(joints * count / RIPPLE.false_lines))
+    found: tuple[float, ...] = ()
+    rest = angle
+    while len(found) < limit:
+        tried = (
+            _together(angle, (*found, _refined(rest, peak, step)), step)
+            for peak in _peaks(rest.power(first, step, count), found)
+        )
+        more = next(
+            (some for some in tried if _last_stands_out(angle, some, step) > threshold), None
+        )
+        if more is None:
+            break
+        found, rest = more, angle.without(*more)
+    return found
+
+
+def _peaks(spectrum: Spectrum, found: Sequence[float]) -> Iterator[float]:
+    """Yield the cycles per revolution of the highest peaks above their neighbourhood.
+
+    The highest one may be what lines not found yet leave beside it. Of those below, a peak near a
+    line that was found may be what that one leaves, if it is not quite where it is.
+    """
+    above, cycles = spectrum.above.copy(), spectrum.cycles
+    resolution = RIPPLE.oversampling * float(cycles[1] - cycles[0])
+    best = float(cycles[np.argmax(above)])
+    yield best
+    for line in found:
+        above[np.abs(cycles - line) < RIPPLE.apart * resolution] = 0.0
+    for _ in range(RIPPLE.peaks - 1):
+        above[np.abs(cycles - best) < resolution] = 0.0
+        if not above.any():
+            return
+        best = float(cycles[np.argmax(above)])
+        yield best
+
+
+def _last_stands_out(angle: _Angle, lines: Sequence[float], step: float) -> float:
+    """Return the power of the last of some lines over the level around it, beside the others."""
+    before = angle.without(*lines[:-1])
+    return _stands_out(before, before.without(lines[-1]), lines[-1], step)
+
+
+def _together(angle: _Angle, lines: tuple[float, ...], step: float) -> tuple[float, ...]:
+    """Refine lines beside one another, in turn, until they stay.
+
+    Source: Li and Stoica, "Efficient mixed-spectrum estimation with applications to target feature
+    extraction", IEEE Trans. Signal Processing 44(2), 1996 (RELAX).
+    """
+    for _ in range(RIPPLE.sweeps if lines[1:] else 0):
+        before = lines
+        for k, line in enumerate(lines):
+            others = (*lines[:k], *lines[k + 1 :])
+            refined = _refined(angle.without(*others), line, 0.5 * step)
+            lines = (*lines[:k], refined, *lines[k + 1 :])
+        if max(abs(a - b) for a, b in zip(lines, before, strict=True)) < RIPPLE.stays * step:
+            break
+    return lines
+
+
+def _slow_line(angle: _Angle) -> float | None:
+    """Return the cycles per revolution of the line of few periods that leaves least, if any."""
+    if angle.range <= 0:
+        return None
+    step = 2 * np.pi / angle.range / RIPPLE.oversampling
+    near = step * np.arange(*(RIPPLE.oversampling * np.array(RIPPLE.few_periods)))
+    energy = [angle.left(float(cycles)) for cycles in near]
+    line = _refined(angle, float(near[int(np.argmin(energy))]), step)
+    return line if angle.left(line) < (1.0 - RIPPLE.least_part) * angle.energy else None
+
+
+def _refined(angle: _Angle, cycles: float, step: float) -> float:
+    """Return the line near grid point `cycles` that leaves least; in the end by a parabola."""
+    for width in (step, step / RIPPLE.finer):
+        near = cycles + width * np.linspace(-1.0, 1.0, RIPPLE.around)
+        energy = np.array([angle.left(float(N)) for N in near])
+        middle = int(np.clip(np.argmin(energy), 1, near.size - 2))
+        a, b, c = energy[middle - 1 : middle + 2]
+        curvature = a - 2 * b + c
+        shift = float(np.clip(0.5 * (a - c) / curvature, -1.0, 1.0)) if curvature > 0 else 0.0
+        cycles = float(near[middle] + shift * (near[1] - near[0]))
+    return cycles
+
+
+def _stands_out(angle: _Angle, rest: _Angle, line: float, step: float) -> float:
+    """Return a line's power over the level around it once it is taken out.
+
+    A strong line raises its own neighbourhood, since no joint covers its range evenly.
+    """
+    around = rest.power(line - RIPPLE.neighbours // 2 * step, step, RIPPLE.neighbours)
+    level = max(1.0, float(np.median(around.normalised)) / np.log(2))
+    own = 0.5 * (angle.energy - rest.energy) / (rest.energy / rest.residual.size)
+    return own / level

@@ -1,0 +1,190 @@
+"""Tree of nested tests: the variables that the residual of a joint depends on.
+
+Does it remember where the joint turned? If not only that, does it change with speed, with load,
+with position, with time? Each question adds a generic family of columns to those that said yes
+before it. They name no effect; they show on what ground the names stand.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.from_torque.hypotheses.responses import over_joint
+from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
+from estimators.diagnosis.result import Test
+from estimators.diagnosis.settings.judgement import QUESTIONS
+from estimators.regression.evidence import Evidence, Prior, joined, posterior
+from limo_driver.physics import PreslidingHysteresis
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
+    from estimators.diagnosis.from_torque.residuals.noise import Noise
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from estimators.regression.evidence import Posterior
+    from estimators.regression.normal_equations import NormalEquations
+    from limo_driver.types import FloatArray
+
+
+def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]:
+    """Ask every question of every joint whose error is above its noise floor.
+
+    A joint that moves in no stretch held out has nothing to judge an answer by, and is not asked.
+
+    Args:
+        problem: Observations, nuisance columns and rows held out.
+        solution: The chosen set; what it leaves is the noise floor, and its noise counts.
+    """
+    empty = solution.search.prior(())
+    before = problem.left(solution.search.evidence.posterior(empty))
+    after = problem.left(solution.fitted)
+    tests: list[Test] = []
+    for joint in range(problem.observed.n):
+        rows = problem.observed.moving[:, joint]
+        if not problem.split.held_out[:, joint].any():
+            continue
+        energy, floor = (float(np.sum(left[rows, joint] ** 2)) for left in (before, after))
+        if energy > QUESTIONS.affected**2 * floor:
+            floor /= max(1, int(rows.sum()))
+            tests += _Questions.of(problem, solution.noise, joint, floor).asked()
+    return tuple(tests)
+
+
+_Family = tuple[str, "Callable[[Observations, int], FloatArray]"]
+
+
+@dataclass(frozen=True)
+class _Questions:
+    """One joint's residual, with nuisance columns and those of every question in a table."""
+
+    problem: RegressionProblem
+    joint: int  # 0-based
+    columns: ColumnTable  # of one joint
+    nuisance: Prior
+    families: tuple[tuple[str, Prior], ...]
+    products: NormalEquations
+    floor: float  # mean square of the noise [N² m²]
+
+    @classmethod
+    def of(cls, problem: RegressionProblem, noise: Noise, joint: int, floor: float) -> _Questions:
+        """Lay out the columns of all questions at a joint (0-based)."""
+        residual = problem.target[:, joint : joint + 1]
+        columns = ColumnTable(residual.shape[0], 1)
+        nuisance = _nuisance(problem, columns, joint)
+        level = float(problem.level[joint])
+        sharp = [family(problem.observed, joint) for _, family in _FAMILIES]
+        ends = np.cumsum([part.shape[1] for part in sharp])[:-1]
+        made = np.split(problem.observed.filter(np.concatenate(sharp, axis=1)), ends, axis=1)
+        families: list[tuple[str, Prior]] = []
+        for (question, _), part in zip(_FAMILIES, made, strict=True):
+            strength = np.maximum(np.sqrt(np.mean(part**2, axis=0)), 1e-12)
+            index = columns.add((0,), np.ascontiguousarray(part / strength)[None])
+            families.append((question, Prior.free(index, np.full(index.size, level))))
+        return cls(
+            problem,
+            joint,
+            columns,
+            nuisance,
+            tuple(families),
+            normal_equations(
+                columns, residual, _own(noise, joint), problem.split.fitted[:, [joint]]
+            ),
+            floor,
+        )
+
+    def asked(self) -> list[Test]:
+        """Ask one question after the other; a yes stays for those that follow."""
+        evidence = Evidence(self.products, self.nuisance)
+        known = joined()
+        gain, error = 0.0, self._error(known)
+        reducible = max(error - self.floor, QUESTIONS.least_reducible * self.floor, 1e-12)
+        tests: list[Test] = []
+        for question, family in self.families:
+            both = joined(known, family)
+            more, less = evidence.gain(both), self._error(both)
+            share = float(np.clip((error - less) / reducible, 0.0, 1.0))
+            yes = more - gain > QUESTIONS.least_evidence and share > QUESTIONS.least_share
+            tests.append(Test(self.joint + 1, question, share, yes))
+            if yes:
+                known, gain, error = both, more, less
+        return tests
+
+    def _error(self, prior: Prior) -> float:
+        """Return the mean square on rows held out after a fit to the others [N² m²]."""
+        fit: Posterior = posterior(self.products, self.nuisance, prior)
+        left = self.problem.target[:, self.joint] - self.columns.apply(fit.index, fit.mean)[:, 0]
+        return float(np.mean(left[self.problem.split.held_out[:, self.joint]] ** 2))
+
+
+def _nuisance(problem: RegressionProblem, columns: ColumnTable, joint: int) -> Prior:
+    """Copy the nuisance columns that act on a joint."""
+    values, at = problem.columns.of_joint(joint)
+    prior = problem.nuisance.prior
+    place = {int(index): k for k, index in enumerate(prior.index)}
+    own = np.array([k for k, index in enumerate(at) if int(index) in place], dtype=np.int64)
+    index = columns.add((0,), np.ascontiguousarray(values[:, own])[None])
+    known = np.array([place[int(at[k])] for k in own], dtype=np.int64)
+    return replace(prior.of(known), index=index)
+
+
+def _own(noise: Noise, joint: int) -> Noise:
+    """Return the noise of one joint as that of an arm of one joint."""
+    return replace(
+        noise,
+        weight=noise.weight[[joint]],
+        white=noise.white[[joint]],
+        known=noise.known[:, [joint]],
+    )
+
+
+def _sign(observed: Observations, j: int) -> FloatArray:
+    return np.tanh(observed.motion.velocity[:, j] / QUESTIONS.sharp)
+
+
+def _memory(observed: Observations, j: int) -> FloatArray:
+    stops = [PreslidingHysteresis.stop(j + 1, width) for width in QUESTIONS.distances]
+    return np.stack([over_joint(stop, observed) for stop in stops], axis=1)
+
+
+def _rate(observed: Observations, j: int) -> FloatArray:
+    v = observed.motion.velocity[:, j]
+    sign = _sign(observed, j)
+    fading = [sign * np.exp(-np.abs(v) / speed) for speed in QUESTIONS.speeds]
+    return np.stack([sign, v, v * np.abs(v), *fading], axis=1)
+
+
+def _load(observed: Observations, j: int) -> FloatArray:
+    load = observed.load[:, j]
+    load = load / max(float(np.abs(load).max()), 1e-9)
+    sign = _sign(observed, j)
+    return np.stack([load, sign * np.abs(load), sign * load], axis=1)
+
+
+def _position(observed: Observations, j: int) -> FloatArray:
+    return _with_sign(_hats(observed.motion.position[:, j]), _sign(observed, j))
+
+
+def _time(observed: Observations, j: int) -> FloatArray:
+    return _with_sign(_hats(observed.motion.time), _sign(observed, j))
+
+
+def _with_sign(hats: FloatArray, sign: FloatArray) -> FloatArray:
+    return np.concatenate([hats, sign[:, None] * hats], axis=1)
+
+
+def _hats(values: FloatArray) -> FloatArray:
+    knots = np.linspace(values.min(), max(values.max(), values.min() + 1e-6), QUESTIONS.hats)
+    return np.maximum(0.0, 1.0 - np.abs(values[:, None] - knots) / (knots[1] - knots[0]))
+
+
+_FAMILIES: tuple[_Family, ...] = (
+    ("Does the residual depend on the distance since the last reversal?", _memory),
+    ("Does it change with speed?", _rate),
+    ("Does it change with the load on the joint?", _load),
+    ("Does it change with the position of the joint?", _position),
+    ("Does it change with time, at the same position and speed?", _time),
+)

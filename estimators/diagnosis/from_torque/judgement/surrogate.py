@@ -1,0 +1,115 @@
+"""Surrogate: a black box that tells unknown physics from noise in the remaining residual.
+
+What no effect of the catalogue explains is either noise or unknown physics. Unknown physics is a
+function of the motion, so a black box can predict it on rows that it has not seen; noise it
+cannot. The black box is a ridge regression on many features of the joint's own motion, the loads
+and speeds of the others, and time.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.from_torque.hypotheses.responses import over_joint
+from estimators.diagnosis.held_out import block_of
+from estimators.diagnosis.settings.judgement import BLACK_BOX
+from estimators.regression.definite import inverse_root
+from limo_driver.physics import PreslidingHysteresis
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from limo_driver.types import FloatArray
+
+
+def predictable_part(observed: Observations, residual: FloatArray, joint: int) -> FloatArray:
+    """Return the part of one joint's residual that a black box predicts, each row from others.
+
+    Args:
+        observed: Recordings and simulation.
+        residual: (K,) [N m].
+        joint: 0-based.
+
+    Returns:
+        Predicted residual, (K,) [N m]; zero where nothing can be predicted.
+    """
+    features = _features(observed, joint) * observed.moving[:, joint, None]
+    residual = residual * observed.moving[:, joint]
+    X = features / np.maximum(np.sqrt(np.mean(features**2, axis=0)), 1e-12)
+    fold = _folds(observed)
+    grams = [X[fold == k].T @ X[fold == k] for k in range(BLACK_BOX.folds)]
+    products = [X[fold == k].T @ residual[fold == k] for k in range(BLACK_BOX.folds)]
+    gram, product = np.sum(grams, axis=0), np.sum(products, axis=0)
+    best = np.zeros_like(residual)
+    least = float(np.sum(residual**2))
+    for ridge in BLACK_BOX.ridges:
+        guess = np.empty_like(residual)
+        for k in range(BLACK_BOX.folds):
+            M = gram - grams[k] + ridge * len(residual) * np.eye(X.shape[1])
+            root = inverse_root(M)
+            found = root.T @ (root @ (product - products[k]))
+            guess[fold == k] = X[fold == k] @ found
+        error = float(np.sum((residual - guess) ** 2))
+        if error < least:
+            best, least = guess, error
+    return best
+
+
+def _folds(observed: Observations) -> NDArray[np.int64]:
+    """Cut every recording into blocks of time and deal them out, (K,)."""
+    since = observed.slow.time - observed.slow.time[0]
+    block = np.floor(since / block_of(observed, BLACK_BOX.block)).astype(np.int64)
+    return (block + 2 * observed.recording) % BLACK_BOX.folds
+
+
+def _features(observed: Observations, j: int) -> FloatArray:
+    motion, load = observed.motion, observed.load
+    q, v = motion.position[:, j], motion.velocity[:, j]
+    sign = np.tanh(v / BLACK_BOX.speeds[0])
+    size = np.abs(load) / np.maximum(np.abs(load).max(axis=0), 1e-9)
+    own = [np.tanh(v / speed) for speed in BLACK_BOX.speeds]
+    own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
+    stops = [PreslidingHysteresis.stop(j + 1, width) for width in BLACK_BOX.widths]
+    own += [over_joint(stop, observed) for stop in stops]
+    waves = [f(k * q) for k in range(1, BLACK_BOX.waves + 1) for f in (np.sin, np.cos)]
+    own += waves + [sign * wave for wave in waves]
+    own += [sign * size[:, k] for k in range(observed.n)]
+    own += [load[:, k] for k in range(observed.n)]
+    for k in range(observed.n):
+        if k != j:
+            other = motion.velocity[:, k]
+            alone, on_own = (np.tanh(other / speed) for speed in BLACK_BOX.of_others)
+            own += [other, alone, sign * np.abs(on_own)]
+    filtered = observed.filter(np.stack(own, axis=1))
+    hats = _hats(observed)
+    slow_sign = filtered[:, :1]
+    return np.concatenate([filtered, hats, slow_sign * hats], axis=1)
+
+
+def _rested(observed: Observations, j: int) -> FloatArray:
+    """Return the friction of stiction: the sign of motion, decaying since the joint last rested."""
+    result = np.zeros(len(observed.motion))
+    for rows in observed.segments:
+        v, time = observed.motion.velocity[rows, j], observed.motion.time[rows]
+        still = np.abs(v) < BLACK_BOX.at_rest
+        last = np.where(still, np.arange(v.size), -1)
+        last = np.maximum.accumulate(last)
+        since = np.where(last >= 0, time - time[np.maximum(last, 0)], np.inf)
+        result[rows] = np.sign(v) * np.exp(-since / BLACK_BOX.fades)
+    return result
+
+
+def _hats(observed: Observations) -> FloatArray:
+    """Return hat functions of time over each recording, (K, hats)."""
+    parts: list[FloatArray] = []
+    for recording in range(len(observed.recordings)):
+        rows = observed.recording == recording
+        time = observed.slow.time
+        knots = np.linspace(time[rows].min(), time[rows].max(), BLACK_BOX.hats)
+        width = knots[1] - knots[0]
+        hats = np.maximum(0.0, 1.0 - np.abs(time[:, None] - knots) / width)
+        parts.append(hats * rows[:, None])
+    return np.concatenate(parts, axis=1)

@@ -1,0 +1,243 @@
+"""The pipeline: from recordings and a simulation to a diagnosis, one stage after the other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial, reduce
+from typing import TYPE_CHECKING
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from estimators.diagnosis.from_torque.contact import contact_of
+from estimators.diagnosis.from_torque.diagnosis import Diagnosis
+from estimators.diagnosis.from_torque.events import Events, apart_from_events
+from estimators.diagnosis.from_torque.fitting.contribution import left_by_tolerances
+from estimators.diagnosis.from_torque.fitting.intervals import with_parameters
+from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem
+from estimators.diagnosis.from_torque.judgement.conclusion import (
+    conclude,
+    explanations_of,
+    shifts_of,
+)
+from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
+from estimators.diagnosis.from_torque.judgement.questions import tests_of
+from estimators.diagnosis.from_torque.judgement.sizes import unsure
+from estimators.diagnosis.from_torque.reconsidering import beyond_tolerances
+from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
+from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible
+from estimators.diagnosis.from_torque.residuals.usable_joints import left_out
+from estimators.diagnosis.result import Traces
+from estimators.diagnosis.stages import Attempts, Budget, Progress, forward, quiet
+from estimators.diagnosis.verdict import Finding, Identified
+from estimators.recordings import check_different
+from limo_driver.errors import RecordingError
+from limo_driver.physics import spoken
+from limo_driver.recordings.bandwidth import BANDWIDTH
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
+    from estimators.diagnosis.verdict import Verdict
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+
+def observe(
+    simulation: Simulation, recordings: Sequence[Recording], bandwidth: float
+) -> Observations:
+    """Check that the recordings can be of the simulation's robot, and filter them."""
+    if not recordings:
+        raise RecordingError("no recording to diagnose")
+    for recording in recordings:
+        recording.check_robot(simulation.model)
+    check_different(recordings)
+    every = [recording.by_joint() for recording in recordings]  # one bad channel costs its joint
+    observed = Observations.of(simulation, every, bandwidth)
+    check_plausible(observed)
+    return observed.without_torque_of(left_out(observed))
+
+
+@threadpool_limits.wrap(limits=1, user_api="blas")  # more collapse on busy cores, and gain nothing
+def diagnose(
+    simulation: Simulation,
+    recordings: Sequence[Recording],
+    bandwidth: float = BANDWIDTH,
+    progress: Progress = quiet,
+    budget: Budget | None = None,
+) -> Diagnosis:
+    """Find where a simulation and recordings differ, and which physics is missing.
+
+    Args:
+        simulation: What is believed of the arm, with its tolerances.
+        recordings: One or more of that arm.
+        bandwidth: Of the zero-phase filter on motion and torque [Hz].
+        progress: Told the stage and the part that is done, which never goes back, and ends at 1.
+        budget: Time for it; without end if not given. It keeps what there was no time for.
+
+    Returns:
+        The verdict with its evidence. Where a stage fails without which there is still a verdict,
+        that says so, and `failures` has the error.
+
+    Raises:
+        RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
+    """
+    budget = budget or Budget()
+    progress = budget.watched(forward(progress))
+    progress("reading motion", 0.0)
+    given = observe(simulation, recordings, bandwidth)
+    problem = RegressionProblem.of(as_mounted(given), progress)
+    judged, events = apart_from_events(problem, progress, budget)
+    judged = budget.within(
+        "values beyond their tolerances",
+        lambda: beyond_tolerances(judged, progress, budget),
+        judged,
+    )
+    judged, harmful = judged.harmless()
+    judged = judged.beyond_ordinary()
+    progress("fitting to all rows", 0.95)
+    found = _told(given, judged, events, budget, harmful=harmful)
+    progress("done", 1.0)
+    return found
+
+
+def _told(
+    given: Observations,
+    judged: JudgedSet,
+    events: Events,
+    budget: Budget,
+    *,
+    harmful: bool,
+) -> Diagnosis:
+    """Fit a judged set to all rows, and return what is to be said of it.
+
+    Args:
+        given: The recordings beside the given simulation.
+        judged: The set, its proof, and what it leaves.
+        events: Stretches that nothing was fitted to.
+        budget: Time for it.
+        harmful: Whether nothing is left of the set, since all of it harms.
+    """
+    problem, solution, remaining = judged.problem, judged.solution, judged.remaining
+    observed, attempts = problem.observed, Attempts(list(remaining.failures))
+    mounted = (problem.first or problem).observed.simulation
+    simulation, improved = given.simulation, observed.beside(mounted)
+    if not harmful:
+        improved = attempts.at(
+            "fit to all rows, so the written simulation is the given one",
+            lambda: budget.within("a fit to all rows", judged.to_the_end, judged.beside),
+            improved,
+        )
+    contact: tuple[Finding, ...] = ()
+    if events.pushes:
+        contact = attempts.at(
+            "force of pushes",
+            lambda: contact_of(events.pushes, observed, judged.proven, remaining),
+            contact,
+        )
+    say = partial(_verdict, given, judged, improved, contact, attempts)
+    verdict = say(judged.named)
+    if doubtful := unsure(verdict.findings, simulation):
+        verdict = say([i for i in judged.named if _said(problem, i) not in doubtful])
+    shifts = shifts_of(problem, solution)
+    said = remarks(
+        shifts,
+        members=problem.beyond_base(solution.members),
+        harmful=harmful,
+        passing=sorted({spoken(e.name) for e in improved.simulation.effects if not e.lasts}),
+        recordings=len(observed.recordings),
+    )
+    of_gains = attempts.at(
+        "side of the gear",
+        lambda: tuple(trusted_gains(verdict.findings, improved.simulation, observed.recordings)),
+        (),
+    )
+    tolerances = left_by_tolerances(problem, solution)
+    found = Diagnosis(
+        verdict=replace(
+            verdict,
+            notes=(*verdict.notes, *said, *of_gains, *events.notes(len(observed.recordings))),
+        ),
+        before=simulation,
+        after=_lasting(improved.simulation, simulation),
+        recordings=observed.recordings,
+        traces=replace(_traces(problem, tolerances, improved.simulated), before=given.simulated),
+        explanations=attempts.at(
+            "what competed", lambda: explanations_of(problem, solution, remaining.floor), ()
+        ),
+        tests=attempts.at("nested tests", lambda: tests_of(problem, solution), ()),
+        shifts=shifts,
+        bandwidth=observed.bandwidth,
+    )
+    return reduce(Diagnosis.failed, attempts.failures, found)
+
+
+def _verdict(
+    given: Observations,
+    judged: JudgedSet,
+    improved: Observations,
+    contact: tuple[Finding, ...],
+    attempts: Attempts,
+    named: Sequence[int],
+) -> Verdict:
+    """Return the verdict on a judged set; members that are not named stand in for others."""
+    problem, solution = judged.problem, judged.solution
+    mounted = (problem.first or problem).observed.simulation
+    verdict = conclude(
+        problem,
+        solution,
+        judged.remaining,
+        named,
+        judged.unknown,
+        judged.proven,
+        left_by_tolerances(problem, solution),
+        contact,
+    )
+    if given.simulation.body.gravity != mounted.body.gravity:
+        verdict = with_mounting(verdict, given, given.beside(mounted))
+    values = attempts.at(
+        "values of parameters and their intervals",
+        lambda: with_parameters((*verdict.findings, *verdict.identified), improved),
+        (*verdict.findings, *verdict.identified),
+    )
+    return replace(
+        verdict,
+        findings=tuple(item for item in values if isinstance(item, Finding)),
+        identified=tuple(item for item in values if isinstance(item, Identified)),
+    )
+
+
+def _said(problem: RegressionProblem, member: int) -> tuple[str, tuple[int, ...]]:
+    """Return effect and joints (1-based) of a candidate, as a finding of it has them."""
+    effect, joints = problem.candidates[member].place
+    return effect, tuple(j + 1 for j in joints or range(problem.observed.n))
+
+
+def _lasting(improved: Simulation, given: Simulation) -> Simulation:
+    """Return the improved simulation without found effects that other recordings do not share."""
+    stated = {effect.place for effect in given.effects}
+    kept = tuple(item for item in improved.effects if item.lasts or item.place in stated)
+    # what was stated exactly, to prove a set, is tolerated as before
+    return replace(improved, effects=kept, tolerances=given.tolerances)
+
+
+def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArray) -> Traces:
+    observed = problem.observed
+    slow, kept = observed.slow, observed.kept
+    return Traces(
+        time=slow.time,
+        recording=observed.recording,
+        position=slow.position,
+        velocity=slow.velocity,
+        load=observed.load[kept],
+        since_reversal=observed.since_reversal[kept],
+        measured=observed.measured,
+        before=observed.simulated,
+        tolerances=observed.measured - tolerances,
+        after=after,
+        held_out=np.asarray(problem.split.held_out.any(axis=1)),
+        moving=observed.undisturbed(None).moving,
+    )

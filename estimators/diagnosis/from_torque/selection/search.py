@@ -1,0 +1,125 @@
+"""Search for the set of effects of most evidence.
+
+Greedy addition fails: two effects together can explain what neither does alone, and the first one
+chosen is often a blend of both. So a beam of the best sets is grown, then every member is tried
+out of it and every member is swapped for every other candidate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimators.diagnosis.settings.selection import SEARCH
+from estimators.regression.evidence import Evidence, Prior, Priors
+from estimators.regression.ties import best_first, first_best, is_more, ranked
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.from_torque.selection.candidates import Candidate
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A set of candidates, by index, and its log evidence against none, less its rarity."""
+
+    members: tuple[int, ...]
+    gain: float
+
+
+class Search:
+    """Finds the best set.
+
+    Args:
+        candidates: What competes.
+        evidence: How sets compare.
+        base: Candidates, by index, of the set that is grown; what brings nothing is taken out.
+    """
+
+    def __init__(
+        self, candidates: Sequence[Candidate], evidence: Evidence, base: tuple[int, ...] = ()
+    ) -> None:
+        self.candidates, self.evidence, self.base = candidates, evidence, base
+        self._known: dict[tuple[int, ...], float] = {(): 0.0}
+        self._priors = Priors.of_each([item.prior for item in candidates])
+        self._prices = np.array([item.price for item in candidates])
+        slots = {item.slot: i for i, item in enumerate(candidates)}  # one effect has each of them
+        self._slots = np.array([slots[item.slot] for item in candidates], dtype=np.int64)
+
+    def gain(self, members: Iterable[int]) -> float:
+        """Return the log evidence of a set, less its rarity."""
+        key = tuple(sorted(members))
+        if key not in self._known:
+            price = float(self._prices[list(key)].sum())
+            self._known[key] = self.evidence.gain(self.prior(key)) - price
+        return self._known[key]
+
+    def prior(self, members: Sequence[int]) -> Prior:
+        """Return the columns of a set, in the order of its members."""
+        return self._priors.together.of(self._priors.rows(members))
+
+    def best(self) -> Explained:
+        """Return the best set."""
+        return self._settled(self._grown_from(self._needed(self.base)))
+
+    def around(self, members: Iterable[int]) -> Explained:
+        """Return the best set near a given one: others may be added, and idle members removed."""
+        return self._needed(self._grown_from(self._needed(tuple(members))).members)
+
+    def _grown_from(self, best: Explained) -> Explained:
+        beam = [best.members]
+        for _ in range(SEARCH.largest + len(self.base) - len(best.members)):
+            grown = self._grown(beam, SEARCH.width)
+            if not grown or not is_more(grown[0].gain, best.gain):
+                break
+            best = grown[0]
+            beam = [item.members for item in grown]
+        return best
+
+    def _needed(self, members: tuple[int, ...]) -> Explained:
+        """Take out of a set what the recordings do not speak for, one after the other."""
+        best = Explained(tuple(sorted(members)), self.gain(members))
+        while best.members:
+            options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
+            smaller = first_best(options, self.gain)
+            if not is_more(self.gain(smaller), best.gain):
+                break
+            best = Explained(smaller, self.gain(smaller))
+        return best
+
+    def ranked(self, base: Sequence[int], limit: int) -> list[Explained]:
+        """Return the best single additions to a set."""
+        return self._grown([tuple(base)], limit)
+
+    def _grown(self, beam: Sequence[tuple[int, ...]], width: int) -> list[Explained]:
+        found: set[tuple[int, ...]] = set()
+        for members in beam:
+            some, gains = self._with_one_more(members)
+            most = some[best_first(gains)[:width]].tolist()
+            found |= {tuple(sorted((*members, i))) for i in most}
+        return [Explained(key, self.gain(key)) for key in ranked(sorted(found), self.gain)[:width]]
+
+    def _with_one_more(self, members: tuple[int, ...]) -> tuple[NDArray[np.int64], FloatArray]:
+        """Return the candidates that fit beside a set, (p,), and the gain with each of them."""
+        taken = np.isin(self._slots, self._slots[list(members)])
+        taken[list(members)] = True
+        some = np.flatnonzero(~taken)
+        gains = self.evidence.gains(self._priors, members, some)
+        return some, gains - self._prices[list(members)].sum() - self._prices[some]
+
+    def _settled(self, best: Explained) -> Explained:
+        """Take members out and swap them while that helps: each time the set is likelier."""
+        while True:
+            options = [best.members[:k] + best.members[k + 1 :] for k in range(len(best.members))]
+            trials = [Explained(option, self.gain(option)) for option in options]
+            trials += self._grown(options, SEARCH.width) if options else []
+            better = first_best([best, *trials], lambda item: item.gain)
+            if better is best:
+                return best
+            best = better

@@ -1,0 +1,186 @@
+"""Proof: how much of the error is gone on rows that nothing was fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from estimators.diagnosis.settings.residuals import HELD_OUT
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray, Motion
+
+
+class Observed(Protocol):
+    """Rows of recordings, K on a slow grid, as far as what is held out of them has to be known."""
+
+    @property
+    def recordings(self) -> Sequence[Recording]:
+        """All of them."""
+        ...
+
+    @cached_property
+    def recording(self) -> NDArray[np.int64]:
+        """Which of them each row is of, (K,), 0-based."""
+        ...
+
+    @property
+    def slow(self) -> Motion:
+        """Motion on the slow grid, K rows."""
+        ...
+
+    @property
+    def kept(self) -> NDArray[np.int64]:
+        """Samples that are rows of the slow grid, (K,)."""
+        ...
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """Not near rest, (K, n)."""
+        ...
+
+    @property
+    def bandwidth(self) -> float:
+        """Of the filter [Hz]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Split:
+    """Rows that are fitted to and rows held out; none is both, some near an edge neither."""
+
+    fitted: NDArray[np.bool_]  # (K, n)
+    held_out: NDArray[np.bool_]  # (K, n)
+    apart: NDArray[np.bool_]  # (K,) rows in the blocks held out, whether they count or not
+
+    @classmethod
+    def of(cls, observed: Observed, which: Sequence[int] = HELD_OUT.which) -> Split:
+        """Hold out blocks of each recording, counted from 0."""
+        held_out = np.zeros(observed.kept.size, dtype=bool)
+        near = np.zeros(observed.kept.size, dtype=bool)
+        for recording in range(len(observed.recordings)):
+            rows = np.flatnonzero(observed.recording == recording)
+            if not rows.size:
+                continue
+            time = observed.slow.time[rows]
+            edges = np.linspace(time[0], time[-1], HELD_OUT.blocks + 1)
+            guard = guard_of(float(edges[-1] - edges[0]), observed.bandwidth)
+            for block in which:
+                low, high = edges[block], edges[block + 1]
+                held_out[rows] |= (time >= low) & (time < high)
+                near[rows] |= (time >= low - guard) & (time < high + guard)
+        moving = observed.moving
+        return cls(~near[:, None] & moving, held_out[:, None] & moving, held_out)
+
+
+def guard_of(duration: float, bandwidth: float) -> float:
+    """Return how far apart rows fitted and rows held out are [s].
+
+    Args:
+        duration: Of the recording [s]; a short one cannot spare as much as a long one.
+        bandwidth: Of the filter, which must not reach across [Hz].
+    """
+    return max(min(HELD_OUT.guard, HELD_OUT.guard_part * duration), HELD_OUT.reach / bandwidth)
+
+
+def block_of(observed: Observed, longest: float) -> FloatArray:
+    """Return the length of the blocks of time that are taken as a whole, of each row (K,) [s].
+
+    Args:
+        observed: Where time comes from.
+        longest: Of a block [s]; those of a recording too short for many are shorter.
+    """
+    duration = np.array([recording.duration for recording in observed.recordings])
+    return np.minimum(longest, duration / HELD_OUT.fewest)[observed.recording]
+
+
+def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+    """Return the RMSE of each joint over its rows in `rows` (K, n), (n,) [N m]."""
+    return np.sqrt(np.sum(np.where(rows, residual, 0.0) ** 2, axis=0) / np.maximum(rows.sum(0), 1))
+
+
+def reducible_removed(before: FloatArray, after: FloatArray, floor: FloatArray) -> float:
+    """Return the part of the reducible error Σ (RMSE² - floor²) that is gone."""
+    reducible = float(np.sum(np.maximum(before**2 - floor**2, 0.0)))
+    if reducible <= HELD_OUT.nothing * float(np.sum(floor**2)):
+        return 0.0
+    gone = np.maximum(before, floor) ** 2 - np.maximum(after, floor) ** 2
+    return float(np.clip(np.sum(gone) / reducible, -1.0, 1.0))
+
+
+def surely_positive(gained: FloatArray, observed: Observed, rows: NDArray[np.bool_]) -> bool:
+    """Say whether a sum over rows stays positive whichever blocks of time had been recorded.
+
+    Args:
+        gained: What each row of each joint adds to it, in squares of an error, (K, n).
+        observed: Where time comes from.
+        rows: Those that count, (K, n).
+
+    Returns:
+        Whether the 2.5 % quantile over resampled blocks is above 0, and above rounding: of two
+        residuals that are one, either is the smaller by the last bit.
+    """
+    nothing = HELD_OUT.rounding * float(rows.sum())
+    of_row = _blocks(observed)
+    sums = np.zeros((2, int(of_row.max(initial=-1)) + 1))
+    np.add.at(sums[0], of_row, np.where(rows, gained, 0.0).sum(axis=1))
+    np.add.at(sums[1], of_row, rows.any(axis=1).astype(float))
+    of_block = sums[0, sums[1] > 0]
+    if of_block.size < 2:  # noqa: PLR2004  # nothing to resample
+        return bool(of_block.sum() > nothing)
+    drawn = np.random.default_rng(0).integers(0, of_block.size, (HELD_OUT.resamples, of_block.size))
+    return bool(np.quantile(of_block[drawn].sum(axis=1), HELD_OUT.chance) > nothing)
+
+
+def _blocks(observed: Observed) -> NDArray[np.int64]:
+    """Number the block of time of each row, (K,)."""
+    of_time = np.floor(observed.slow.time / block_of(observed, HELD_OUT.block)).astype(np.int64)
+    both = np.stack([observed.recording, of_time], axis=1)
+    return np.unique(both, axis=0, return_inverse=True)[1].ravel()
+
+
+def bootstrap(
+    before: FloatArray,
+    after: FloatArray,
+    floor: FloatArray,
+    observed: Observed,
+    rows: NDArray[np.bool_],
+) -> tuple[float, float]:
+    """Return the 95 % interval of `reducible_removed` by resampling blocks of time.
+
+    Args:
+        before: Residuals (K, n) of the given simulation [N m].
+        after: Residuals (K, n) of the improved simulation [N m].
+        floor: Noise floor (n,) [N m].
+        observed: Where time comes from.
+        rows: Held-out rows (K, n).
+
+    Source: Künsch, "The jackknife and the bootstrap for general stationary observations", 1989.
+    """
+    of_row = _blocks(observed)
+    sums = np.zeros((3, int(of_row.max(initial=-1)) + 1, before.shape[1]))
+    np.add.at(sums[0], of_row, np.where(rows, before, 0.0) ** 2)
+    np.add.at(sums[1], of_row, np.where(rows, after, 0.0) ** 2)
+    np.add.at(sums[2], of_row, rows.astype(float))
+    sums = sums[:, sums[2].any(axis=1)]
+    count = sums.shape[1]
+    if count < 2:  # noqa: PLR2004  # nothing to resample
+        return (-1.0, 1.0)
+    random = np.random.default_rng(0)
+    found = np.empty(HELD_OUT.resamples)
+    for k in range(HELD_OUT.resamples):
+        drawn = sums[:, random.integers(0, count, count)].sum(axis=1)
+        drawn[2] = np.maximum(drawn[2], 1.0)
+        found[k] = reducible_removed(
+            np.sqrt(drawn[0] / drawn[2]), np.sqrt(drawn[1] / drawn[2]), floor
+        )
+    low, high = np.quantile(found, (HELD_OUT.chance, 1.0 - HELD_OUT.chance))
+    return float(low), float(high)

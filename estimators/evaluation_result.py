@@ -1,0 +1,155 @@
+"""EvaluationResult: the torques that were measured and predicted over a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.base import DEVIATIONS
+from limo_driver.runtime.display import Displayed
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.base import Estimate
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray, Motion
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of one predictor, of each joint."""
+
+    rmse: FloatArray  # (n,) [N m]; NaN for joints whose torque was not measured
+
+    @property
+    def mse(self) -> FloatArray:
+        """Mean squared error, (n,) [(N m)²]."""
+        return self.rmse**2
+
+    @property
+    def mean_mse(self) -> float:
+        """Mean squared error over the joints whose torque was measured [(N m)²]."""
+        return float(np.nanmean(self.mse))
+
+
+@dataclass(frozen=True, repr=False)
+class EvaluationResult(Displayed):
+    """Torques measured and predicted over a recording, and their errors.
+
+    All torques went through the zero-phase low-pass that the measured one went through in training:
+    what only the filter makes of a torque is no error of who predicts it. Rows near the end of a
+    stretch, whose derivatives are unsure, are not scored.
+    """
+
+    model: str  # name of the estimator
+    recording: Recording
+    motion: Motion
+    measured: FloatArray  # (T, n) [N m], filtered; NaN for joints whose torque was not measured
+    estimate: Estimate  # filtered
+    frictionless: FloatArray  # (T, n) [N m], of the simulation without its joint physics, filtered
+    scored: NDArray[np.bool_]  # (T,)
+    bandwidth: float  # [Hz]
+    robot: RobotModel
+    joint_names: tuple[str, ...]
+    noise_floor: FloatArray  # (n,) [N m], of the noise left in `measured`; NaN where unknown
+    trained_on: bool  # the model, on this very file; its errors elsewhere are larger
+
+    @property
+    def rigid_body(self) -> Errors:
+        """Errors of the simulation alone."""
+        return self._errors(self.estimate.simulation)
+
+    @property
+    def contribution(self) -> FloatArray:
+        """RMS of the torque that the network adds, (n,) [N m]."""
+        return np.sqrt(np.mean(self.estimate.learned[self.scored] ** 2, axis=0))
+
+    @property
+    def hybrid(self) -> Errors:
+        """Errors of the hybrid."""
+        return self._errors(self.estimate.torque)
+
+    @property
+    def coverage(self) -> FloatArray:
+        """Part of the rows within 1.96 standard deviations, (n,); NaN where these are unknown."""
+        error = np.abs(self.measured - self.estimate.torque)[self.scored]
+        std = self.estimate.std[self.scored]
+        within = np.mean(error <= DEVIATIONS * std, axis=0)
+        known = np.isfinite(std).all(axis=0) & self.recording.measured_joints
+        return np.where(known, within, np.nan)
+
+    @property
+    def outside(self) -> FloatArray:
+        """Part of the rows whose motion is unlike what was learned, (n,)."""
+        return np.asarray(self.estimate.outside[self.scored].mean(axis=0), dtype=np.float64)
+
+    @property
+    def mse_ratio(self) -> FloatArray:
+        """MSE of the rigid body over that of the hybrid, (n,)."""
+        return self.rigid_body.mse / self.hybrid.mse
+
+    @property
+    def mean_mse_ratio(self) -> float:
+        """The same with both MSE averaged over the joints first, as in the paper's table."""
+        return self.rigid_body.mean_mse / self.hybrid.mean_mse
+
+    def _errors(self, predicted: FloatArray) -> Errors:
+        residual = (self.measured - predicted)[self.scored]
+        return Errors(np.sqrt(np.mean(residual**2, axis=0)))
+
+    def headline(self) -> str:
+        """Say how much less the error is than that of the rigid body."""
+        return (
+            f"{self.model}: mean MSE {self.hybrid.mean_mse:.3g} (N m)², rigid body "
+            f"{self.rigid_body.mean_mse:.3g} (N m)², over {int(self.scored.sum())} samples"
+            + (f" of {self.recording.source}" if self.recording.source else "")
+            + (", which it was trained on" if self.trained_on else "")
+        )
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the errors of each joint beside the noise floor."""
+        return {
+            "joint": self.joint_names,
+            "RMSE of the rigid body [N m]": self.rigid_body.rmse.tolist(),
+            "of the model [N m]": self.hybrid.rmse.tolist(),
+            "noise floor [N m]": self.noise_floor.tolist(),
+            "within the 95 % interval": [
+                "-" if np.isnan(part) else f"{part:.0%}" for part in self.coverage
+            ],
+        }
+
+    def as_values(self) -> dict[str, Any]:
+        """Return the figures as JSON values."""
+        per_joint = {
+            "rmse_rigid_body": self.rigid_body.rmse,
+            "rms_network": self.contribution,
+            "rmse_hybrid": self.hybrid.rmse,
+            "mse_rigid_body": self.rigid_body.mse,
+            "mse_hybrid": self.hybrid.mse,
+            "mse_ratio": self.mse_ratio,
+            "noise_floor": self.noise_floor,
+            "coverage_of_95_percent": self.coverage,
+            "outside": self.outside,
+        }
+        return {
+            "schema": 1,
+            "model": self.model,
+            "recording": self.recording.source,
+            "trained_on": self.trained_on,
+            "bandwidth": self.bandwidth,
+            "samples": int(self.scored.sum()),
+            "joints": list(self.joint_names),
+            **{
+                name: [float(v) if np.isfinite(v) else None for v in values]
+                for name, values in per_joint.items()
+            },
+            "mean_mse_rigid_body": self.rigid_body.mean_mse,
+            "mean_mse_hybrid": self.hybrid.mean_mse,
+            "mean_mse_ratio": self.mean_mse_ratio,
+        }

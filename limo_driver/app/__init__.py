@@ -1,0 +1,1 @@
+"""The roof: commands and functions, the one place that imports all packages."""

@@ -1,0 +1,153 @@
+"""`limo controller`: an FRI controller without a robot."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import Annotated
+
+import typer
+
+from limo_driver.app.console.terminal import say
+
+
+class CommandOption(StrEnum):
+    """Quantity that the client may command."""
+
+    POSITION = "position"
+    TORQUE = "torque"
+    WRENCH = "wrench"
+
+
+def command(
+    client: Annotated[
+        str, typer.Option(help="Where the client listens, HOST:PORT; the controller speaks first.")
+    ] = "127.0.0.1:30200",
+    fri: Annotated[str, typer.Option(help="Version: 1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.")] = "1.15",
+    bind: Annotated[
+        str | None, typer.Option(help="Own address, HOST or HOST:PORT; else any free port.")
+    ] = None,
+    mode: Annotated[
+        CommandOption, typer.Option(help="What the client commands.")
+    ] = CommandOption.POSITION,
+    period_ms: Annotated[int, typer.Option(help="Send period, 1 to 100 [ms].")] = 2,
+    multiplier: Annotated[
+        int, typer.Option(help="Receive multiplier: the client answers every that many packets.")
+    ] = 1,
+    duration: Annotated[
+        float | None, typer.Option(help="End the session after this time [s]; else at Ctrl-C.")
+    ] = None,
+    sim: Annotated[
+        Path | None, typer.Option(help="A sim.yaml for the arm; else the iiwa's rigid body alone.")
+    ] = None,
+    scenario: Annotated[
+        Path | None, typer.Option(help="What goes wrong when (YAML, see docs/fri_controller.md).")
+    ] = None,
+    position: Annotated[
+        str | None, typer.Option(help="Where the arm stands at first, seven angles [rad].")
+    ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(help="The arm stands where this trajectory starts.")
+    ] = None,
+    late_ms: Annotated[
+        float | None, typer.Option(min=0.0, help="Count answers slower than this [ms].")
+    ] = None,
+    io: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME:TYPE:DIRECTION[:VALUE] that the application names; repeatable."),
+    ] = None,
+    transformation: Annotated[
+        list[str] | None,
+        typer.Option(help="Name of a frame that the client shall send; repeatable."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
+    fifo: Annotated[
+        bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Say that it is ready, and the report, as JSON.")
+    ] = False,
+) -> None:
+    r"""Be an FRI controller with a simulated iiwa, for any FRI client.
+
+    It says on standard output when it is ready, and at its end what was sent and answered, how the
+    session went, and what the client did wrong. A client that never answers is waited for; the
+    robot speaks first.
+
+    Examples:
+        limo controller --fri 1.15 --client 127.0.0.1:30200 \
+            --trajectory limo.traj.parquet
+        limo controller --fri 2.7 --mode torque --period-ms 1 --duration 10 --json
+        limo controller --client 192.168.1.5:30200 --sim sim.yaml \
+            --scenario lossy.yaml
+        limo controller --io FRI.Clock:bool:input:1 --transformation PickPos
+    """
+    from backends.fri.codec.version import FriVersion
+    from backends.fri.simulator.client.signals import check_signal_name, parse_io
+    from backends.fri.simulator.connection.port import Address
+    from backends.fri.simulator.controller import SimulatedController
+    from backends.fri.simulator.scenario import ControllerScenario
+    from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
+    from limo_driver.physics import Simulation
+    from limo_driver.robot.interrupts import interrupts
+
+    for name in transformation or ():
+        check_signal_name(name)
+    settings = ControllerSettings(
+        client=Address.parse(client, "--client"),
+        version=FriVersion.named(fri),
+        bind=ANYWHERE if bind is None else Address.parse(bind, "--bind", port=ANYWHERE.port),
+        mode=MODES[mode.value],
+        period_ms=period_ms,
+        multiplier=multiplier,
+        duration=duration,
+        late_after=None if late_ms is None else 1e-3 * late_ms,
+        position=_start(position, trajectory),
+        seed=seed,
+        fifo=fifo,
+        ios=tuple(parse_io(text) for text in io or ()),
+        transformations=tuple(transformation or ()),
+    )
+    simulation = None if sim is None else Simulation.load(sim)
+    played = None if scenario is None else ControllerScenario.load(scenario)
+    with SimulatedController(settings, simulation, played) as controller:
+        if as_json:
+            ends = {"from": controller.address, "to": str(settings.client)}
+            typer.echo(json.dumps({"ready": True, "fri": fri, **ends}))
+        else:
+            told = f"FRI {fri} from {controller.address} to {settings.client}, {settings.note}"
+            say(f"ready: {told}; end it with Ctrl-C")
+        with interrupts(controller.stop):
+            report = controller.run()
+    say(json.dumps(report.as_json()) if as_json else report.as_text())
+
+
+def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
+    """Return where the arm stands at first [rad]."""
+    from backends.fri.codec.messages import JOINTS
+    from backends.fri.simulator.settings import POSE
+    from limo_driver.errors import ConfigError
+    from limo_driver.model import BUILT_IN
+    from limo_driver.trajectory import Trajectory
+
+    if trajectory is None:
+        return POSE if position is None else _angles(position)
+    if position is not None:
+        raise ConfigError("give --position or --trajectory, not both")
+    motion = Trajectory.load(trajectory)
+    motion.check_robot(JOINTS, BUILT_IN[0])
+    return tuple(motion.position[0].tolist())
+
+
+def _angles(text: str) -> tuple[float, ...]:
+    from backends.fri.codec.messages import JOINTS
+    from limo_driver.errors import ConfigError
+
+    try:
+        angles = tuple(float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        angles = ()
+    if len(angles) != JOINTS:
+        raise ConfigError(f"--position {text!r} has to be {JOINTS} angles in rad, with commas")
+    return angles

@@ -1,0 +1,38 @@
+"""`limo demo`: a first report, from data that the command makes itself."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import Annotated
+
+import typer
+
+
+def command(
+    out: Annotated[Path, typer.Option(help="Folder for recording, simulations and report.")],
+) -> None:
+    """Conceal a payload and hysteresis in a simulated arm, and see whether they are found.
+
+    Takes a minute or two. Needs no data: it plans motion, records it on a simulated KUKA iiwa 14 in
+    which something is concealed, and diagnoses the recording with a simulation that knows nothing
+    of it. Writes report.html, and all that the report came from: believed.yaml, true.yaml,
+    run.parquet, verdict.json and sim.yaml.
+
+    Examples:
+        limo demo --out demo
+        limo diagnose demo/run.parquet --sim demo/believed.yaml --out again
+    """
+    from estimators.diagnosis.from_torque.diagnosis import FILES as FOUND
+    from limo_driver.app.console.progress import progress_bar
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.library.demonstrating import FILES, demonstrate
+    from limo_driver.runtime.outputs import require_place
+
+    require_place(out, "the demonstration", (*FILES, *FOUND), [])
+    with progress_bar(terminal(stderr=True, soft_wrap=True)) as tell:
+        shown = demonstrate(tell)
+        shown.save(out)
+    console = terminal()
+    for line in str(shown).splitlines():
+        console.print(line)
+    console.print(f"open {out / 'report.html'}")

@@ -1,0 +1,205 @@
+"""`limo diagnose`: what physics a simulation leaves out of recordings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.app.console.options import ROBOTS, MappingOption, refuse_options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from estimators.diagnosis.from_motion.diagnosis import DriveDiagnosis
+    from estimators.diagnosis.from_torque.diagnosis import Diagnosis
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+
+_DIAGNOSED = 0.97  # of the work; the rest is writing
+_OF_TORQUE = frozenset(("bandwidth", "budget", "gain_tolerance"))
+
+
+def command(
+    context: typer.Context,
+    recordings: Annotated[list[Path], typer.Argument(help="Recordings of one arm.")],
+    out: Annotated[Path, typer.Option(help="Folder for verdict, improved simulation and report.")],
+    sim: Annotated[
+        Path | None, typer.Option(help="What is believed of that arm, a sim.yaml.")
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(help=f"Or the arm alone, inertias trusted, friction unknown: {ROBOTS}."),
+    ] = None,
+    inertia_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="How far inertias may be off, relative; what --sim says, or 0.05 with --robot."
+        ),
+    ] = None,
+    gain_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="The same of the scale of each joint's torque, as of currents; what --sim says, "
+            "or 0 with --robot."
+        ),
+    ] = None,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write what was found into a copy of the robot's file, too: .xml, .urdf, .usda, "
+            "or a folder."
+        ),
+    ] = None,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
+            "recordings sampled below 25 Hz or with noisy positions."
+        ),
+    ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="End the search after this time, with what is proven by then.",
+        ),
+    ] = None,
+    mapping: MappingOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
+) -> None:
+    r"""Find where a simulation and recordings differ, which physics is missing, and add it.
+
+    Writes verdict.json, sim.yaml (the improved simulation), report.html, and next_motion.parquet
+    where one more motion would decide between explanations. A finished diagnosis ends with exit
+    status 0, whatever it finds; where one of its stages failed, the verdict says so, and the status
+    is 1.
+
+    Recordings of commands and positions without torque identify drives and friction; errors are
+    then those of the closed loop simulated forward from the commands, in rad.
+
+    Without a sim.yaml, --robot will do: friction is identified beside everything else, and the
+    inertias of the description are trusted to --inertia-tolerance, so that a payload or a wrong
+    link shows. With a sim.yaml, both tolerances take the place of those that it states.
+
+    Examples:
+        limo diagnose log.csv --robot model.xml --out diagnosis --export new.xml
+        limo diagnose monday.parquet tuesday.parquet --sim sim.yaml \
+            --out diagnosis
+        limo run --backend mujoco --trajectory diagnosis/next_motion.parquet \
+            --record next.parquet
+    """
+    import json
+    import sys
+
+    from estimators.diagnosis.from_torque.diagnosis import FILES, Diagnosis, save
+    from estimators.telemetry import telemetry_in
+    from limo_driver.app.console.progress import progress_bar
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.library.diagnosing import diagnose
+    from limo_driver.app.library.exporting import format_for
+    from limo_driver.runtime.outputs import require_place
+
+    notes = terminal(stderr=True, soft_wrap=True)
+    given = [sim] if sim is not None else []
+    require_place(out, "the diagnosis", FILES, [*given, *recordings])
+    asked = {"inertia": inertia_tolerance, "gain": gain_tolerance}
+    tolerances = {name: value for name, value in asked.items() if value is not None}
+    simulation, measured = _start(recordings, sim, robot, tolerances, mapping, notes)
+    if not any(recording.has_torque for recording in measured):
+        known = frozenset(context.params) - _OF_TORQUE
+        refuse_options(context, known, "is for recordings with torque; these have none")
+    kind = "" if export is None else format_for(export, simulation.model.description.kind)
+    with progress_bar(notes) as progress:
+        found = diagnose(
+            simulation,
+            measured,
+            bandwidth=bandwidth,
+            budget=budget,
+            progress=lambda stage, part: progress(stage, _DIAGNOSED * part),
+        )
+        progress("writing", _DIAGNOSED)
+        if isinstance(found, Diagnosis):
+            found, written = save(found, out)
+        else:
+            written = found.save(out)
+        progress("done", 1.0)
+    if as_json:
+        sys.stdout.write(json.dumps(found.verdict.as_values(), indent=1) + "\n")
+    else:
+        for recording in measured:
+            for item in (*recording.warnings, *recording.left_out):
+                notes.print(f"{recording.source}: {item}")
+            if robot is not None and recording.has_torque:
+                for item in telemetry_in(found.simulation, recording):
+                    notes.print(f"{recording.source}: {item}")
+        _show(found, written)
+    if export is not None:
+        _export(found, export, kind, as_json=as_json)
+    for failure in found.failures:
+        notes.print(f"limo: a stage of the diagnosis failed: {failure}")
+    if found.failures:
+        raise typer.Exit(1)
+
+
+def _start(
+    recordings: list[Path],
+    sim: Path | None,
+    robot: str | None,
+    tolerances: dict[str, float],
+    mapping: Path | None,
+    notes: Console,
+) -> tuple[Simulation, list[Recording]]:
+    """Return the simulation to start from, and the recordings.
+
+    Raises:
+        ConfigError: Both or none of simulation and robot are given.
+    """
+    from limo_driver.app.library.inputs import model_for
+    from limo_driver.app.library.learning import described, nominal
+    from limo_driver.app.library.reading import read
+    from limo_driver.errors import ConfigError
+    from limo_driver.model import RobotModel
+    from limo_driver.physics import Simulation
+
+    if (sim is None) == (robot is None):
+        given = "neither" if sim is None else "both"
+        raise ConfigError(f"{given} of --sim and --robot given, expected one of them")
+    if sim is not None:
+        simulation = Simulation.load(sim)
+        measured = [read(path, simulation.model, mapping) for path in recordings]
+    else:
+        model = RobotModel.load(str(robot))
+        measured = [read(path, model, mapping) for path in recordings]
+        model = model_for(model, measured)
+        for note in model.notes:
+            notes.print(f"{robot}: {note}")
+        has_torque = any(recording.has_torque for recording in measured)
+        simulation = nominal(model) if has_torque else described(model)
+    known = replace(simulation.tolerances, **tolerances)
+    return replace(simulation, tolerances=known), measured
+
+
+def _export(found: Diagnosis | DriveDiagnosis, to: Path, kind: str, *, as_json: bool) -> None:
+    """Write the improved simulation into a copy of the robot's own file."""
+    from limo_driver.app.cli.export import show
+    from limo_driver.app.library.exporting import export
+
+    written = export(found.simulation, kind, to)
+    if not as_json:
+        show(written)
+
+
+def _show(found: Diagnosis | DriveDiagnosis, written: Sequence[Path]) -> None:
+    from limo_driver.app.console.terminal import terminal
+
+    console = terminal()
+    verdict, *rest = str(found).splitlines()
+    console.print(verdict, style="bold")
+    for line in rest:
+        console.print(line)
+    console.print(f"wrote {', '.join(map(str, written))}")

@@ -1,0 +1,98 @@
+"""`limo drives`: simulated drives as participants of a real bus."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.app.console.terminal import say
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from backends.can.config import ArmConfig
+    from limo_driver.types import FloatArray
+
+
+def command(
+    config: Annotated[Path, typer.Option(help="The arm (arm.yaml): its bus, its drives.")],
+    sim: Annotated[
+        Path | None, typer.Option(help="A sim.yaml of the arm; else its rigid body alone.")
+    ] = None,
+    scenario: Annotated[Path | None, typer.Option(help="What goes wrong, and when (YAML).")] = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(help="The arm stands where it starts; else in the middle of its range."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
+    ] = None,
+    fifo: Annotated[
+        bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Say that they are ready, and the summary, as JSON.")
+    ] = False,
+) -> None:
+    r"""Be the drives of an arm on its CAN bus, with a simulated arm behind them.
+
+    One MuJoCo simulation moves all joints. Standard output says when they are ready. The other end
+    of the bus is `limo run --backend can` with the same configuration, in another process, or any
+    other master.
+
+    Examples:
+        limo drives --config arm.yaml --trajectory limo.traj.parquet
+        limo drives --config arm.yaml --sim sim.yaml --scenario lost_frames.yaml \
+            --duration 60
+    """
+    from backends.can.config import ArmConfig
+    from backends.can.simulator.scenario import BusScenario
+    from backends.can.simulator.session import run_drives
+    from limo_driver.physics import Simulation
+
+    arm = ArmConfig.load(config)
+    faults = None if scenario is None else BusScenario.load(scenario, arm.joints)
+    simulation = Simulation(robot=arm.robot) if sim is None else Simulation.load(sim)
+    position = None if trajectory is None else _start_of(trajectory, arm)
+
+    def ready(refused: Sequence[str]) -> None:
+        for each in refused:
+            say(f"not permitted: {each}", stderr=True)
+        nodes = [joint.node for joint in arm.joints]
+        where = f"{arm.bus.interface} {arm.bus.channel}"
+        if as_json:
+            typer.echo(json.dumps({"ready": True, "bus": where, "nodes": nodes}))
+        else:
+            say(f"ready: {len(nodes)} {arm.convention} drives on {where}, nodes {nodes}")
+
+    counts = run_drives(
+        arm,
+        simulation,
+        ready,
+        fifo=fifo,
+        position=position,
+        seed=seed,
+        scenario=faults,
+        duration=duration,
+    )
+    if as_json:
+        typer.echo(json.dumps(counts.as_json()))
+        return
+    faults_begun = ", ".join(counts.faults) or "none"
+    say(
+        f"{counts.heard} frames heard, {counts.sent} sent, {counts.syncs} cycles, "
+        f"{counts.lost} lost, {counts.babbled} babbled; faults: {faults_begun}"
+    )
+
+
+def _start_of(path: Path, arm: ArmConfig) -> FloatArray:
+    """Return where a trajectory starts, (n,) [rad], if it is one of this arm."""
+    from limo_driver.trajectory import Trajectory
+
+    motion = Trajectory.load(path)
+    motion.check_robot(arm.model.n, arm.model.name)
+    return motion.position[0]

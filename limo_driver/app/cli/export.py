@@ -1,0 +1,155 @@
+"""`limo export`: what was found, in a copy of the user's own MJCF or URDF."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.app.console.terminal import say
+
+if TYPE_CHECKING:
+    from limo_driver.exports.export import Export
+
+
+def command(
+    sim: Annotated[
+        Path,
+        typer.Argument(
+            help="The simulation, a sim.yaml; for C also a model/, for ONNX a model/ only."
+        ),
+    ],
+    to: Annotated[
+        str, typer.Option(help="Format: mjcf, urdf, drake, isaaclab or usd; or c, onnx.")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder for the copy, or the copy (.xml, .urdf); for C and ONNX a folder."
+        ),
+    ],
+    into: Annotated[
+        Path | None,
+        typer.Option(help="File to write into a copy of; the robot's own if not given."),
+    ] = None,
+    on: Annotated[
+        Path | None,
+        typer.Option(help="Recording on which what cannot be expressed is counted."),
+    ] = None,
+    rate: Annotated[float, typer.Option(help="C: rate of the positions [Hz].")] = 1000.0,
+    delay: Annotated[float, typer.Option(help="C: by which estimates are late [s].")] = 0.1,
+    false_alarms: Annotated[
+        float, typer.Option(help="C: false alarms of contact that are bearable [1/h].")
+    ] = 1.0,
+    free: Annotated[
+        list[Path] | None,
+        typer.Option(help="C: recording of motion that nothing touched; several times."),
+    ] = None,
+    name: Annotated[
+        str, typer.Option(help="C, ONNX: of the files; in C all names in them begin with it.")
+    ] = "limo",
+    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+) -> None:
+    """Write a simulation into a copy of a MuJoCo or URDF file; only what was found changes.
+
+    For Drake, a URDF has rotor inertias; for Isaac Lab, friction and armature stand in a file of
+    Python beside it; of USD, a layer over the file is written.
+
+    Inertias, a payload as a body, dry friction, damping, armature, springs and gravity are written
+    where the format has them. The difference is shown, and the size of what the format has no
+    number for. MuJoCo, or pinocchio for a URDF, then reads the copy alone: its torque on a minute
+    of motion is compared with the prediction.
+
+    With `--to c`, the estimator of a model or simulation is written as a C11 file and its header,
+    for a control loop of your own; with `--to onnx`, the network of a model by itself.
+
+    Examples:
+        limo export sim.yaml --to mjcf --into model.xml --out improved/
+        limo export diagnosis/sim.yaml --to urdf --out improved/
+        limo export model/ --to c --free calm.parquet --out firmware/
+    """
+    if to == "onnx":
+        from limo_driver.app.library.embedding import export_onnx
+
+        file = export_onnx(sim, out, name)
+        say(json.dumps({"files": [str(file)]}) if as_json else str(file))
+        return
+    if to == "c":
+        _write_c(sim, out, rate, delay, false_alarms, name, free or [], as_json=as_json)
+        return
+    from limo_driver.app.library.exporting import export
+
+    found = export(sim, to, out, into, on)
+    if as_json:
+        _print_json(found)
+    else:
+        show(found)
+
+
+def _write_c(
+    model: Path,
+    out: Path,
+    rate: float,
+    delay: float,
+    false_alarms: float,
+    name: str,
+    free: list[Path],
+    *,
+    as_json: bool,
+) -> None:
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.library.embedding import export_c
+
+    found = export_c(model, out, rate, delay, false_alarms, name, free)
+    if as_json:
+        values = {
+            "files": [str(found.header), str(found.source)],
+            "rate": found.rate,
+            "delay": found.delay,
+            "threshold": list(found.threshold),
+            "false_alarms": found.false_alarms,
+        }
+        terminal().print_json(json.dumps(values))
+    else:
+        console = terminal(soft_wrap=True)
+        for line in str(found).splitlines():
+            console.print(line)
+
+
+def _print_json(found: Export) -> None:
+    from limo_driver.app.console.terminal import terminal
+
+    values = {
+        "file": str(found.file),
+        "files": [str(path) for path in found.files],
+        "diff": found.diff,
+        "not_expressed": {item.place: list(item.rms) for item in found.remainder},
+        "kept": list(found.kept),
+        "dropped": list(found.dropped),
+        "unwritten": list(found.unwritten),
+        "difference": list(found.error),
+        "torque": list(found.torque),
+        "share": found.share,
+    }
+    terminal().print_json(json.dumps(values))
+
+
+def show(found: Export) -> None:
+    """Print what an export wrote."""
+    from limo_driver.app.console.terminal import terminal
+
+    console = terminal(soft_wrap=True)
+    for line in found.diff.splitlines():
+        console.print(line)
+    for line in found.kept:
+        console.print(f"kept: {line}")
+    for line in found.dropped:
+        console.print(f"dropped: {line}")
+    for line in found.unwritten:
+        console.print(f"not written: {line}")
+    for item in found.remainder:
+        console.print(f"left: {item}")
+    for line in str(found).splitlines():
+        console.print(line)

@@ -1,0 +1,215 @@
+"""`limo identify`: a simulation from recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.app.console.options import ROBOTS, MappingOption, refuse_options
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from estimators.rigid_body import Identification, JointTerms, Rows
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
+
+_WITHOUT_TORQUE = frozenset(("recordings", "robot", "out", "mapping", "as_json"))
+
+
+def command(  # one argument for each option
+    context: typer.Context,
+    recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
+    robot: Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Where to write the simulation (sim.yaml), and beside it its page (sim.html)."
+        ),
+    ],
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
+            "recordings sampled below 25 Hz."
+        ),
+    ] = None,
+    sign_width: Annotated[
+        float | None,
+        typer.Option(help="Width of Coulomb friction's sign, rad/s; fitted if not given."),
+    ] = None,
+    offset: Annotated[bool, typer.Option(help="Model an offset of each torque sensor.")] = True,
+    armature: Annotated[
+        bool, typer.Option(help="Model the drives' inertia, where the motion reveals it.")
+    ] = True,
+    moving_only: Annotated[
+        bool,
+        typer.Option(help="Leave out rows of a joint at rest; for torques from currents."),
+    ] = False,
+    weighting: Annotated[
+        str, typer.Option(help="Weigh joints by the inverse variance of: error, torque.")
+    ] = "error",
+    inertia_tolerance: Annotated[
+        float | None,
+        typer.Option(
+            help="How well the robot's inertias are known, relative, 1 sigma; "
+            "found from the data if not given."
+        ),
+    ] = None,
+    base: Annotated[
+        bool, typer.Option("--base", help="Print every base parameter with its uncertainty.")
+    ] = False,
+    mapping: MappingOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    r"""Identify inertias and friction, and write them as a simulation.
+
+    Least squares estimates the base parameters. A convex fit then estimates physically consistent
+    inertias of all links, which keep the values of the robot description where the motion does not
+    excite them.
+
+    Recordings of commands and positions without torque identify drives and friction instead, beside
+    the inertias of the description, whose weight gives the scale.
+
+    Examples:
+        limo identify run.parquet --robot iiwa14 --out sim.yaml
+        limo identify a.csv b.csv --robot arm.urdf --moving-only --bandwidth 8 \
+            --out sim.yaml --json
+    """
+    import json
+
+    from estimators.rigid_body import JointTerms, Rows
+    from estimators.rigid_body.report.page import identification_page
+    from estimators.rigid_body.report.tables import as_values
+    from estimators.rigid_body.terms import SIGN_WIDTHS
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.library.inputs import model_for
+    from limo_driver.app.library.reading import read
+    from limo_driver.model import RobotModel
+    from limo_driver.recordings.bandwidth import bandwidth_for
+    from limo_driver.runtime.outputs import page_of, require_file
+
+    notes = terminal(stderr=True, soft_wrap=True)
+    require_file(out, recordings)
+    if (page := page_of(out)) is not None:
+        require_file(page, recordings)
+    model = RobotModel.load(robot)
+    terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
+    measured = [read(path, model, mapping) for path in recordings]
+    model = model_for(model, measured)
+    rows = Rows(bandwidth_for(measured, bandwidth), moving_only, weighting)
+    if not any(recording.has_torque for recording in measured):
+        refuse_options(context, _WITHOUT_TORQUE, "is for recordings with torque; these have none")
+        _identify_drives(model, measured, out, page, as_json=as_json)
+        return
+    found = _identify(model, measured, terms, rows, inertia_tolerance, notes)
+    found.simulation.save(out)
+    if page is not None:
+        identification_page(found, out.name).save(page)
+    if as_json:
+        terminal().print_json(json.dumps(as_values(found) | {"rows": _rows(measured)}))
+        return
+    _say_what_was_left_out(measured, notes)
+    _show(found, out, page, base=base)
+
+
+def _identify(
+    model: RobotModel,
+    measured: list[Recording],
+    terms: JointTerms,
+    rows: Rows,
+    tolerance: float | None,
+    console: Console,
+) -> Identification:
+    from rich.progress import Progress
+
+    from limo_driver.app.library.learning import identify
+
+    # where nobody watches, the bar would leave an empty line before the message of an error
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("identify", total=sum(map(len, measured)))
+        return identify(
+            model,
+            measured,
+            terms,
+            rows,
+            tolerance,
+            progress=lambda samples: progress.advance(task, samples),
+        )
+
+
+def _identify_drives(
+    model: RobotModel, measured: list[Recording], out: Path, page: Path | None, *, as_json: bool
+) -> None:
+    """Identify drives and friction of an arm that tells no torque."""
+    import json
+
+    from estimators.diagnosis.from_motion.page import drives_page
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.library.learning import identify_drives
+
+    found = identify_drives(model, measured)
+    found.simulation.save(out)
+    if page is not None:
+        drives_page(found, out.name).save(page)
+    if as_json:
+        terminal().print_json(json.dumps(found.as_values() | {"rows": _rows(measured)}))
+        return
+    _say_what_was_left_out(measured, terminal(stderr=True, soft_wrap=True))
+    notes = [f"note: {warning}" for warning in found.warnings]
+    terminal(soft_wrap=True).print("\n".join([str(found), *notes, _wrote(out, page)]))
+
+
+def _rows(measured: list[Recording]) -> list[dict[str, object]]:
+    """Return which rows of each recording were used and left out, for JSON."""
+    return [
+        {
+            "recording": recording.source,
+            "used": len(recording),
+            "left_out": {item.reason: item.rows for item in recording.left_out},
+            "warnings": list(recording.warnings),
+        }
+        for recording in measured
+    ]
+
+
+def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
+    for recording in measured:
+        for warning in recording.warnings:
+            console.print(f"{recording.source}: {warning}")
+        for item in recording.left_out:
+            console.print(f"{recording.source}: {item}")
+
+
+def _wrote(out: Path, page: Path | None) -> str:
+    return f"wrote {out}" + (f" and {page}" if page else "")
+
+
+def _show(found: Identification, out: Path, page: Path | None, *, base: bool) -> None:
+    from estimators.rigid_body.report.base_estimates import known_of, notes_of
+    from estimators.rigid_body.report.tables import base_table, joint_table, link_table
+    from limo_driver.app.console.terminal import terminal
+
+    console = terminal()
+    console.print(
+        f"{found.samples} samples; {known_of(found)}; condition {found.fit.condition:.3g}",
+    )
+    fewest = int(found.fit.effective.min())
+    console.print(
+        f"effective number of independent samples: at least {fewest} for each joint (errors are "
+        f"correlated in time); prior of the described inertias: {found.tolerance:.0%} (1 sigma)",
+    )
+    known = found.simulation.tolerances
+    console.print(
+        f"tolerances in sim.yaml (relative, 1 sigma, for the torque of such motion): "
+        f"inertias {known.inertia:.1%}, friction {known.friction:.0%}",
+    )
+    console.print(joint_table(found))
+    console.print(link_table(found))
+    if base:
+        console.print(base_table(found))
+    for note in notes_of(found):
+        console.print(f"note: {note}")
+    console.print(_wrote(out, page), soft_wrap=True)

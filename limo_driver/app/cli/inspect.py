@@ -1,0 +1,123 @@
+"""`limo inspect`: what a log of any format holds, and the mapping that reads it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.app.console.options import ROBOTS
+
+if TYPE_CHECKING:
+    from limo_driver.logs.readers.inspection import Inspection
+    from limo_driver.logs.readers.kept_mappings import Settled
+
+_MAPPING = Path("mapping.yaml")
+
+
+def command(
+    log: Annotated[Path, typer.Argument(help="The log: a file, or the folder of a bag.")],
+    robot: Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")],
+    out: Annotated[Path, typer.Option(help="Where to write the mapping.")] = _MAPPING,
+    topic: Annotated[
+        str | None, typer.Option(help="Topic of the joint states of a bag, if there are several.")
+    ] = None,
+    episode: Annotated[
+        int | None, typer.Option(help="Episode of a LeRobotDataset; all if not given.")
+    ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            help="Patterns of the columns that count beside the time, with commas between: of two "
+            "arms in one log, 'left_*'."
+        ),
+    ] = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(help="Say what the log is worth as this mapping reads it, and write none."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """Say what a log holds, and write how to read it.
+
+    Columns or topics are matched to the robot's joints by name, else by number; units are read
+    from names, limits, velocities and gravity. Where two readings fit, the question stands under
+    `undecided:` in the mapping, which cannot be used before it is answered: state what is meant,
+    and delete the question. A mapping that is there and reads otherwise is not written over. With
+    --mapping, an answered one is tried.
+
+    Then it says what the recording is worth: sampling, quantisation, dropouts, on which side of the
+    gear the torque was measured, and which parameters the motion says nothing about.
+
+    Every command that takes a recording takes the log itself, too, with `--mapping`, or without
+    one where nothing is left to be decided.
+
+    Examples:
+        limo inspect log.csv --robot iiwa14
+        limo inspect log.csv --robot iiwa14 --mapping mapping.yaml
+        limo convert log.csv --mapping mapping.yaml --out run.parquet
+    """
+    from limo_driver.app.library.inspecting import inspect
+    from limo_driver.logs.readers.kept_mappings import Settled, settle
+    from limo_driver.runtime.outputs import require_file
+
+    require_file(out, [log] if log.is_file() else [])
+    found = inspect(log, robot, topic=topic, episode=episode, columns=columns, mapping=mapping)
+    if mapping is not None:
+        settled = Settled(mapping, found.mapping, True, (f"read as {mapping} says",))
+    else:
+        settled = settle(found, out, log.name.partition(".")[0])
+    if as_json:
+        _print_json(found, settled)
+    else:
+        _show(found, settled)
+        _show_next(found, log, robot, settled)
+
+
+def _print_json(found: Inspection, settled: Settled) -> None:
+    import json
+
+    from limo_driver.app.console.terminal import terminal
+
+    taken = {
+        item.quantity: {"columns": item.columns, "unit": item.unit, "because": item.why}
+        for item in found.proposal.taken
+    }
+    values = {
+        "mapping": str(settled.path),
+        "kept": settled.is_kept,
+        "kind": found.table.kind,
+        "rows": found.table.rows,
+        "taken": taken,
+        "telemetry": list(found.telemetry),
+        "undecided": list(found.questions),
+        "notes": list(found.notes()),
+    }
+    terminal().print_json(json.dumps(values))
+
+
+def _show(found: Inspection, settled: Settled) -> None:
+    from limo_driver.app.console.arguments import in_options
+    from limo_driver.app.console.terminal import terminal
+
+    console = terminal(soft_wrap=True)
+    for line in (*str(found).splitlines(), *settled.told):
+        console.print(in_options(line))
+
+
+def _show_next(found: Inspection, log: Path, robot: str, settled: Settled) -> None:
+    """Say what to do with the mapping."""
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.quoting import in_shell
+
+    console = terminal(soft_wrap=True)
+    if open_ones := len(settled.mapping.undecided):
+        what = "the question" if open_ones == 1 else f"each of the {open_ones} questions"
+        where = f"in {settled.path}" if settled.is_kept else "there"
+        console.print(
+            f"next: answer {what} under `undecided:` {where}, and delete it", style="bold"
+        )
+    elif settled.is_kept or found.recording is not None:
+        words = ("limo", "diagnose", log, "--robot", robot, "--mapping", settled.path)
+        console.print(f"next: {in_shell(*words)} --out diagnosis", style="bold")

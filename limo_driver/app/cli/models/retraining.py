@@ -1,0 +1,126 @@
+"""`limo models retrain`: a challenger from logs, by the service that wrote them or without it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from limo_driver.app.cli.models.options import (
+    JsonOption,
+    ReasonOption,
+    VersionSource,
+    print_found,
+    with_place,
+)
+
+if TYPE_CHECKING:
+    from estimators.service.store.store import ModelStore
+
+_NAME = re.compile(r"(.+)_\d{8}T\d{6}\.\d{6}Z")
+
+
+@with_place
+def retrain(
+    place: VersionSource,
+    reason: ReasonOption = "by hand",
+    log: Annotated[
+        Path | None, typer.Option(help="Folder of a service's logs to learn from, without --arm.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Of the arm in the logs, if they are of several.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Of the newest motion.")] = 300.0,
+    kind: Annotated[
+        str,
+        typer.Option(
+            help="Same as the champion, joint-physics, or a network, for example lstm-fcl."
+        ),
+    ] = "same",
+    delay: Annotated[float, typer.Option(help="Delay of the live estimate [s].")] = 0.1,
+    sign: Annotated[
+        Path | None, typer.Option(help="Private key (PEM), with which the version is signed.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Train a challenger from the newest motion in logs, outside of contact.
+
+    With --arm, the running service does it: it judges the challenger on live states, and promotes
+    it if it is better. With --log, the version is added to a store and compared with its champion
+    on the last part of the motion; nothing serves by that.
+
+    Examples:
+        limo models retrain --arm iiwa14 --reason "the tool was changed"
+        limo models retrain --store models/ --log logs/ --seconds 600
+    """
+    from limo_driver.errors import ConfigError
+
+    if (place.arm is None) == (log is None):
+        raise ConfigError("give --arm to ask a running service, or --log to learn without one")
+    if place.arm is not None:
+        _refuse_options_of_logs(name, sign, kind)
+        with place.asked() as client:
+            stage = client.retrain(reason)
+        print_found(stage, f"a challenger will be trained: {reason}", as_json=as_json)
+        return
+    assert log is not None  # noqa: S101  # checked above
+    found = _trained(place.opened(), log, name, seconds, kind, delay, sign)
+    print_found(found, _told(found), as_json=as_json)
+
+
+def _refuse_options_of_logs(name: str | None, sign: Path | None, kind: str) -> None:
+    from limo_driver.errors import ConfigError
+
+    if name is not None or sign is not None or kind != "same":
+        raise ConfigError(
+            "--name, --sign and --kind are for training from --log; the service has its own"
+        )
+
+
+def _trained(
+    store: ModelStore,
+    log: Path,
+    name: str | None,
+    seconds: float,
+    kind: str,
+    delay: float,
+    sign: Path | None,
+) -> dict[str, Any]:
+    from estimators.service.store.signature import check_signing
+    from estimators.service.store.store import ModelStore
+    from estimators.service.training.learning import check_kind
+    from estimators.service.training.logged_motion import Span, newest_motion
+    from estimators.service.training.trainer import train
+
+    check_kind(kind)
+    if sign is not None:
+        check_signing(sign, store.trusted_keys)
+    joints = store.open("champion").joints
+    motion = newest_motion(log, name or _only_arm(log), joints, Span(seconds))
+    signing = ModelStore(store.root, store.robot, store.trusted_keys, sign)
+    return train(signing, motion, delay, kind)
+
+
+def _only_arm(folder: Path) -> str:
+    """Return the arm that the logs of a folder are of.
+
+    Raises:
+        ConfigError: There are none, or of several arms.
+    """
+    from limo_driver.errors import ConfigError
+
+    found = sorted({m[1] for path in folder.glob("*.mcap") if (m := _NAME.fullmatch(path.stem))})
+    if len(found) != 1:
+        told = f"of {', '.join(found)}; say which with --name" if found else "of no arm"
+        raise ConfigError(f"holds logs {told}", path=folder)
+    return found[0]
+
+
+def _told(found: dict[str, Any]) -> str:
+    against = found["metrics"]["against_champion"]
+    return (
+        f"version {found['version']}, trained on {found['data']['samples']} states: "
+        f"{against['reason']}, beside version {found['parent']}"
+    )

@@ -1,0 +1,42 @@
+"""`limo report`: two diagnoses side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import Annotated
+
+import typer
+
+
+def command(
+    first: Annotated[Path, typer.Argument(help="Folder of a diagnosis.")],
+    second: Annotated[Path, typer.Argument(help="Folder of another one, of the same kind of arm.")],
+    out: Annotated[Path, typer.Option(help="The page to write (.html).")],
+) -> None:
+    """Put two diagnoses side by side: two days, before and after a repair, two units.
+
+    Says which findings are new, gone or changed, where their 95 % intervals do not overlap, and
+    the errors of each joint in both.
+
+    Example:
+        limo report monday/ tuesday/ --out comparison.html
+    """
+    from estimators.diagnosis.reading import verdict_in
+    from estimators.diagnosis.report.comparison import comparison
+    from estimators.diagnosis.verdict import IMPROVED
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.physics import Simulation
+
+    verdicts = [verdict_in(folder) for folder in (first, second)]
+    model = Simulation.load(first / IMPROVED).model
+    page = comparison(model, _names(first, second), verdicts)
+    page.save(out)
+    console = terminal()
+    console.print(page.title)
+    console.print(f"wrote {out}")
+
+
+def _names(first: Path, second: Path) -> list[str]:
+    """Return names of two folders, as short as tells them apart."""
+    short = [first.resolve().name, second.resolve().name]
+    return short if short[0] != short[1] else [str(first), str(second)]

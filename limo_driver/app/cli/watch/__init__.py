@@ -1,0 +1,213 @@
+"""`limo watch`: show the services on the network, live."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.app.console.terminal import say
+from limo_driver.network.options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import zenoh
+
+    from limo_driver.app.cli.watch.watched import Watched
+    from limo_driver.network.streaming import Keys
+
+_PORT = 8642  # of the page of --web
+
+
+def command(
+    arm: Annotated[str, typer.Option(help="Name of the arm; * for all.")] = "*",
+    connect: Connect = None,
+    listen: Listen = None,
+    config: ConfigFile = None,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
+    ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PHASE",
+            help="Show nothing, and end as soon as a service is as far as loading, compiling, "
+            "waiting (for joint states), preparing or serving.",
+        ),
+    ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="With --until: wait no longer, then end with exit status 1. 60 if not given.",
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print every status and event as JSON, one a line.")
+    ] = False,
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve a page to this machine: the arm, torques, events.")
+    ] = False,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="With --web: of the page; 0 for any. 8642 if not given."
+        ),
+    ] = None,
+    rerun: Annotated[
+        str | None,
+        typer.Option(
+            metavar="viewer|FILE.rrd|ADDRESS",
+            help="Log the arm, torques and events to Rerun: open its viewer, write a file, or "
+            "send to an address such as rerun+http://127.0.0.1:9876/proxy.",
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="With --web or --rerun: the robot drawn, built in, URDF or MJCF; else iiwa14."
+        ),
+    ] = None,
+) -> None:
+    """Show rates, latency, external torque, models, contacts and losses of arms on the network.
+
+    With --until, wait for a service instead: exit status 0 once it is that far, or further.
+
+    Examples:
+        limo watch
+        limo watch --arm iiwa14 --connect tcp/192.168.1.2:7447 --json
+        limo watch --arm iiwa14 --until serving --timeout 60
+        limo watch --arm iiwa14 --web
+        limo watch --arm iiwa14 --rerun monday.rrd --duration 60
+    """
+    from limo_driver.app.cli.watch.screen import show
+    from limo_driver.app.cli.watch.watched import Watched
+    from limo_driver.app.console.shortening import shortened
+    from limo_driver.errors import ConfigError
+    from limo_driver.network.streaming import Keys, follow_history, open_session
+
+    drawn = "--web" if web else "" if rerun is None else "--rerun"
+    if not web and port is not None:
+        raise ConfigError("--port is of the page that --web serves")
+    if not drawn and robot is not None:
+        raise ConfigError("--robot is of what --web or --rerun draws")
+    if web and rerun is not None:
+        raise ConfigError("--web and --rerun are two programs' work: give one of them")
+    if until is not None:
+        if drawn:
+            raise ConfigError(f"{drawn} is for watching; --until only waits")
+        if duration is not None:
+            raise ConfigError("--duration is for watching; --until ends after --timeout")
+        _wait(arm, until, timeout, (connect or (), listen or (), config), as_json=as_json)
+        return
+    if timeout is not None:
+        raise ConfigError("--timeout is for --until; watching ends after --duration")
+    if drawn and arm == "*":
+        raise ConfigError(f"{drawn} shows one arm: name it with --arm")
+    watched = Watched(as_json=as_json)
+    keys = Keys.of_any() if arm == "*" else Keys(arm)
+    with open_session(connect or (), listen or (), config) as session:
+        followed = [
+            follow_history(session, keys.status("service"), watched.take_status),
+            follow_history(session, keys.event, watched.take_event),
+        ]
+        with suppress(KeyboardInterrupt):
+            seconds = shortened("--duration", duration, 5.0)
+            if web:
+                page = _PORT if port is None else port
+                _serve(watched, session, keys, robot, page, seconds)
+            elif rerun is not None:
+                _log_to_rerun(watched, session, keys, robot, rerun, seconds)
+            else:
+                show(watched, seconds)
+        for subscriber in followed:
+            subscriber.undeclare()
+
+
+def _serve(
+    watched: Watched,
+    session: zenoh.Session,
+    keys: Keys,
+    robot: str | None,
+    port: int,
+    duration: float | None,
+) -> None:
+    """Serve the page of an arm until the time is over."""
+    from limo_driver.app.live.feed import ArmFeed
+    from limo_driver.app.live.web import LiveServer
+    from limo_driver.model import BUILT_IN, RobotModel
+
+    model = RobotModel.load(robot or BUILT_IN[0])
+    with (
+        ArmFeed(session, keys, model, lambda: watched.of(keys.arm)) as feed,
+        LiveServer(keys.arm, model, feed.snapshot, port) as server,
+    ):
+        say(f"open {server.address}")
+        threading.Event().wait(duration)
+
+
+def _log_to_rerun(
+    watched: Watched,
+    session: zenoh.Session,
+    keys: Keys,
+    robot: str | None,
+    target: str,
+    duration: float | None,
+) -> None:
+    """Log an arm to Rerun until the time is over."""
+    from limo_driver.app.live.feed import ArmFeed
+    from limo_driver.app.live.rerun_log import RATE, RerunLog
+    from limo_driver.model import BUILT_IN, RobotModel
+    from limo_driver.network.streaming import follow_history
+
+    model = RobotModel.load(robot or BUILT_IN[0])
+    ends, pause = math.inf if duration is None else time.monotonic() + duration, threading.Event()
+    with (
+        RerunLog(keys.arm, model, target) as log,
+        ArmFeed(session, keys, model, lambda: watched.of(keys.arm)) as feed,
+    ):
+        followed = follow_history(session, keys.event, log.take_event)
+        problem = ""
+        try:
+            while time.monotonic() < ends:
+                log.take(shown := feed.snapshot())
+                if shown.get("problem", "") != problem:
+                    problem = shown.get("problem", "")
+                    say(problem or "the arm is drawn again", stderr=True)
+                pause.wait(min(1.0 / RATE, max(ends - time.monotonic(), 0.0)))
+        finally:
+            followed.undeclare()
+
+
+def _wait(
+    arm: str,
+    until: str,
+    timeout: float | None,
+    ends: tuple[Sequence[str], Sequence[str], Path | None],
+    *,
+    as_json: bool,
+) -> None:
+    """Wait for a service, and say how far it is."""
+    from limo_driver.network.readiness import (
+        PATIENCE,
+        ServicePhase,
+        require_wait,
+        wait_until_serving,
+    )
+    from limo_driver.network.streaming import open_session
+
+    phase, seconds = ServicePhase.named(until), PATIENCE if timeout is None else timeout
+    require_wait("--timeout", seconds)
+    with open_session(*ends) as session:
+        heard = wait_until_serving(session, arm, until=phase, timeout=seconds)
+    if as_json:
+        typer.echo(json.dumps({"arm": heard.arm, "phase": heard.phase, "state": heard.state}))
+    else:
+        say(f"{heard.arm}: {heard.state}")

@@ -1,0 +1,118 @@
+"""The command line as typer sees it: every command of the folder `cli`, found by its name.
+
+Imported by `limo_driver.app.cli.main`, which listens for Ctrl-C before it imports anything else.
+"""
+
+from __future__ import annotations
+
+from collections import UserDict
+from functools import cache
+from importlib import import_module
+from importlib.metadata import version
+from inspect import cleandoc, getdoc
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command, get_group
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_COMMANDS = "limo_driver.app.cli"  # imported by name, as each command is: it imports this module
+_UNWRAPPED = "\b\n"  # before a paragraph that keeps its lines
+
+# Without markup: it would take a unit in brackets for a style, and wraps examples within a word.
+app = typer.Typer(
+    name="limo",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+
+def _show_version(wanted: bool) -> None:  # typer's callback
+    if wanted:
+        typer.echo(f"limo {version('limo')}")
+        raise typer.Exit
+
+
+@app.callback()
+def limo(
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")
+    ] = False,
+) -> None:
+    r"""Drive, simulate and learn slow, force-sensitive robot arms.
+
+    Workflow: plan a motion, run it, identify the arm, train on the residual, evaluate on
+    another motion; predict says what an identified arm's torque should be.
+
+    Example:
+        limo plan --robot iiwa14 --scaffolds 12 --out limo.traj.parquet
+        limo run --backend mujoco --trajectory limo.traj.parquet \
+            --record run.parquet
+        limo identify run.parquet --robot iiwa14 --out sim.yaml
+    """
+
+
+@cache  # a program may call `main` again
+def command_line() -> TyperGroup:
+    """Return `limo` with every command of the folder."""
+    _describe(app)
+    line = get_command(app)
+    assert isinstance(line, TyperGroup)  # noqa: S101  # `app` has a callback
+    line.commands = _Commands()
+    return line
+
+
+class _Commands(UserDict[str, Any]):
+    """Commands by name, each imported when it is first asked for.
+
+    What typer makes of the signatures of all takes longer than all else that a command begins with.
+    """
+
+    def __init__(self) -> None:
+        folder = import_module(_COMMANDS).__path__
+        modules = sorted(module.name for module in iter_modules(folder))
+        super().__init__({name.replace("_", "-"): None for name in modules})
+
+    def __getitem__(self, name: str) -> Any:  # noqa: ANN401  # click's, which typer keeps private
+        if super().__getitem__(name) is None:
+            self[name] = _command(name)
+        return super().__getitem__(name)
+
+
+def _command(name: str) -> object:
+    """Return a command of the folder, with the help that its docstring is."""
+    found = import_module(f"{_COMMANDS}.{name.replace('-', '_')}").command
+    alone = typer.Typer(rich_markup_mode=None)
+    if isinstance(found, typer.Typer):
+        alone.add_typer(found, name=name)
+    else:
+        alone.command(name=name)(found)
+    _describe(alone)
+    return get_group(alone).commands[name]
+
+
+def _describe(group: typer.Typer) -> None:
+    """Give a group and its commands their help: whole in a list, and examples as they stand."""
+    infos = [*group.registered_commands, group.registered_callback]
+    for info in infos:
+        if info is not None and info.callback is not None:
+            info.help, info.short_help = help_of(info.callback)
+    for inner in group.registered_groups:
+        if inner.typer_instance is not None:
+            _describe(inner.typer_instance)
+
+
+def help_of(command: Callable[..., Any]) -> tuple[str, str]:
+    """Return the help of a command and its first sentence, from its docstring.
+
+    Paragraphs are wrapped to the terminal; the lines of the examples stay as they are, so that
+    they can be copied.
+    """
+    text = cleandoc(getdoc(command) or "")
+    first = text.split("\n\n")[0].replace("\n", " ")
+    return text.replace("\n\nExample", f"\n\n{_UNWRAPPED}Example"), first

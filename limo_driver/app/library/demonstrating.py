@@ -1,0 +1,122 @@
+"""Demonstration: an arm with something concealed, recorded and diagnosed without given data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, cast
+
+from limo_driver.physics import (
+    CoulombFriction,
+    Payload,
+    PreslidingHysteresis,
+    Sensors,
+    Simulation,
+    ViscousFriction,
+    spoken,
+)
+from limo_driver.runtime.outputs import require_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from estimators.diagnosis.from_torque.diagnosis import Diagnosis
+    from limo_driver.physics import Effect
+    from limo_driver.recordings.recording import Recording
+
+COULOMB: Final = (2.2, 2.4, 1.6, 1.7, 0.9, 0.45, 0.35)  # [N m]
+VISCOUS: Final = (4.0, 4.2, 2.4, 2.6, 1.2, 0.7, 0.6)  # [N m s/rad]
+NOISE: Final = (0.05, 0.05, 0.04, 0.04, 0.03, 0.02, 0.02)  # [N m]
+BELIEVED: Final = Simulation(
+    "iiwa14",
+    effects=(
+        *(CoulombFriction(joint=j, tau_c=c, v_eps=0.002) for j, c in enumerate(COULOMB, start=1)),
+        *(ViscousFriction(joint=j, f_v=v) for j, v in enumerate(VISCOUS, start=1)),
+    ),
+    sensors=Sensors(torque_noise=NOISE),
+)
+CONCEALED: Final = (
+    PreslidingHysteresis(joint=4, law="maxwell_slip", stiffness=(120.0, 40.0), width=(0.004, 0.02)),
+    Payload(mass=0.8, com=(0.0, 0.02, 0.08), inertia=(2e-3, 0.0, 0.0, 2e-3, 0.0, 1e-3)),
+)
+SCAFFOLDS: Final = 3  # poses of the motion, which takes a minute
+SEED: Final = 5
+FILES: Final = ("believed.yaml", "true.yaml", "run.parquet")
+
+
+@dataclass(frozen=True)
+class Demonstration:
+    """What was concealed, what was recorded of it, and what was found."""
+
+    believed: Simulation
+    true: Simulation
+    recording: Recording
+    found: Diagnosis
+
+    def save(self, folder: Path | str) -> None:
+        """Write believed and true simulation, recording, and the diagnosis.
+
+        The report says what was concealed, too.
+
+        Raises:
+            ConfigError: The folder cannot be written to.
+        """
+        from estimators.diagnosis.report import write_report
+        from estimators.diagnosis.verdict import REPORT
+
+        out = Path(folder)
+        require_folder(out, "the demonstration", FILES)
+        for name, simulation in zip(FILES, (self.believed, self.true), strict=False):
+            simulation.save(out / name)
+        replace(self.recording, source="").save(out / FILES[-1])
+        self.found.save(out)
+        write_report(self.found, out / REPORT, self.concealed)
+
+    @property
+    def concealed(self) -> tuple[Effect, ...]:
+        """What the arm has in it beyond what is believed of it."""
+        return tuple(effect for effect in self.true.effects if effect not in self.believed.effects)
+
+    def __str__(self) -> str:
+        said = [_said(effect) for effect in self.concealed]
+        return f"concealed: {'; '.join(said)}\nfound:     {self.found.headline()}"
+
+
+def demonstrate(progress: Callable[[str, float], None] | None = None) -> Demonstration:
+    """Conceal a payload and hysteresis in a simulated iiwa 14, record it, and diagnose it.
+
+    Args:
+        progress: Told the stage and the part of the work that is done.
+
+    Returns:
+        All that was made on the way, and what was found.
+    """
+    from estimators.diagnosis.stages import quiet
+    from limo_driver.app.library.diagnosing import diagnose
+    from limo_driver.app.library.live.running import run
+    from limo_driver.app.library.planning import plan
+    from limopa import PlanRequest
+
+    tell = progress or quiet
+    true = replace(BELIEVED, effects=(*BELIEVED.effects, *CONCEALED))
+    tell("planning motion", 0.0)
+    motion = plan("iiwa14", PlanRequest(scaffolds=SCAFFOLDS), seed=SEED)
+    tell("moving the simulated arm", _PLANNED)
+    recording = run("mujoco", motion, simulation=true)
+    tell("diagnosing", _RECORDED)
+    found = diagnose(
+        BELIEVED,
+        recording,
+        progress=lambda stage, part: tell(stage, _RECORDED + (1.0 - _RECORDED) * part),
+    )
+    return Demonstration(BELIEVED, true, recording, cast("Diagnosis", found))  # it tells torques
+
+
+_PLANNED, _RECORDED = 0.05, 0.25  # of the work
+
+
+def _said(effect: object) -> str:
+    if isinstance(effect, Payload):
+        return f"payload of {effect.mass:g} kg at the flange"
+    name, joints = spoken(getattr(effect, "name", "")), getattr(effect, "joints", ())
+    return f"{name} at joint {', '.join(map(str, joints))}"

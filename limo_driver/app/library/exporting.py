@@ -1,0 +1,118 @@
+"""Export: what was found, in the file of the user's own simulator."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Final
+
+from limo_driver.app.library.inputs import recording_of, simulation_of
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from limo_driver.exports.export import Export
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
+
+_FILES: Final = {".xml": "mjcf", ".urdf": "urdf", ".usda": "usd"}  # by ending
+
+
+def format_for(out: Path | str, own: str) -> str:
+    """Return the target that the name of a file to be written means: one of `mjcf`, `urdf`, `usd`.
+
+    Args:
+        out: A file, or a folder, into which a copy of the robot's own file goes.
+        own: Kind of the robot's description, in capitals.
+
+    Raises:
+        ConfigError: Its ending is that of no format, or of one that only lies over a file.
+    """
+    path = Path(out)
+    found = _FILES.get(path.suffix, own.lower())
+    if path.suffix and path.suffix not in _FILES and not path.is_dir():
+        raise ConfigError(
+            f"cannot be written: its ending is {path.suffix}, expected {', '.join(_FILES)} or a "
+            "folder",
+            path=path,
+        )
+    if found == "usd" != own.lower():
+        raise ConfigError(f"an export to USD is a layer over a USD file; the robot is {own}")
+    return found
+
+
+def export(
+    simulation: Simulation | Path | str,
+    to: str,
+    out: Path | str,
+    into: Path | str | None = None,
+    on: Recording | Path | str | None = None,
+) -> Export:
+    """Write a simulation into a copy of a MuJoCo or URDF file, and prove that it is in it.
+
+    Only what was found changes: inertias, a payload as a body, dry friction, damping, armature,
+    springs and gravity, as far as the format has them. Comments, names and order stay. The copy is
+    then read by MuJoCo or pinocchio alone, whose torque on a minute of motion is compared with the
+    prediction.
+
+    Args:
+        simulation: What was found, or its sim.yaml.
+        to: `mjcf`, `urdf`, `drake` (a URDF with rotor inertias) or `isaaclab` (a URDF, and
+            actuators in Python beside it), or `usd` (a layer over the file).
+        out: Folder for the copy, and for meshes and files that it includes; or the copy itself, if
+            its name ends in .xml or .urdf.
+        into: The file; that of the simulation's robot if not given, where it is of that format,
+            else a bare one is made.
+        on: Recording on whose motion the size of what cannot be expressed is counted; a minute
+            through most of the joints' range if not given.
+
+    Returns:
+        The files, a diff, what is not expressed with its size, and the proof.
+
+    Raises:
+        ConfigError: No such format, the file is of another arm, or cannot be written.
+
+    Example:
+        >>> sim = limo.Simulation.load("sim.yaml")
+        >>> print(limo.export(sim, "mjcf", "exported/"))
+    """
+    from limo_driver.exports.export import write
+    from limo_driver.exports.formats import KINDS, MJCF, USD, edited_format
+    from limo_driver.recordings.bandwidth import bandwidth_for
+
+    if to not in KINDS:
+        raise ConfigError(f"there is no export to {to!r}, expected one of {', '.join(KINDS)}")
+    found = simulation_of(simulation)
+    recorded = None if on is None else recording_of(on)
+    motion = None if recorded is None else recorded.motion(bandwidth_for([recorded]))
+    folder, name = Path(out), ""
+    if folder.suffix in _FILES:
+        if _FILES[folder.suffix] != edited_format(to):
+            raise ConfigError(
+                f"ends in {folder.suffix}, but an export to {to} is {edited_format(to).upper()}",
+                path=folder,
+            )
+        folder, name = folder.parent, folder.name
+    own = found.model.description
+    if into is None and own.kind.lower() == edited_format(to):
+        into = found.model.urdf
+    if into is not None:
+        return write(found, Path(into), to, folder, motion, name)
+    if to == USD:
+        raise ConfigError("an export to usd is a layer over a USD file: give it with `into`")
+    with TemporaryDirectory() as bare_folder:
+        bare = Path(bare_folder) / f"{found.model.urdf.stem}.{'xml' if to == MJCF else 'urdf'}"
+        bare.write_text(_bare(found, to), encoding="utf-8")
+        written = write(found, bare, to, folder, motion, name)
+        return replace(written, diff=f"{written.file.name} is new\n")
+
+
+def _bare(simulation: Simulation, to: str) -> str:
+    """Return the robot as a file of a format that its own is not of."""
+    from limo_driver.exports.formats import MJCF
+
+    if to != MJCF:
+        return simulation.model.description.text
+    from backends.mujoco_sim.scene import bare_mjcf
+
+    return bare_mjcf(simulation.model)

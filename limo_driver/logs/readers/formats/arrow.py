@@ -1,0 +1,214 @@
+"""Tables of pyarrow as tables of numbers: lists become columns, dates stay dates."""
+
+# pyarrow ships no type stubs, so its tables are unknown to the checker.
+# pyright: reportUnknownParameterType=false
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+
+from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.columns.names import TIME, read_name
+from limo_driver.logs.readers.formats.clock import clock_times, is_clock
+from limo_driver.logs.readers.table import LogTable
+from limo_driver.recordings.files.batches import FEW, Kept, kept_of
+from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+
+def numbers_of(
+    table: pa.Table, source: str, kind: str, names: Mapping[str, Sequence[str]] | None = None
+) -> LogTable:
+    """Return the columns of numbers; `state.position` is the field of a structure.
+
+    Args:
+        table: Of pyarrow. Lists of texts that are the same in each row name the entries of lists
+            of numbers as long beside them.
+        source: File that it is from.
+        kind: What that is, in words.
+        names: Of the entries of columns of lists, by column.
+
+    Raises:
+        RecordingError: A column of numbers has text in a few of its cells: the file is damaged.
+    """
+    columns, unread = dict[str, "NDArray[Any]"](), dict[str, str]()
+    table = _without_structures(table)
+    labels = _labels_in(table)
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        kind_of = column.type
+        if name in labels.columns:
+            continue
+        if _is_list(kind_of):
+            found = _entries(column)
+            if found is None:
+                unread[name] = _said_of_list(column)
+                continue
+            own = (names or {}).get(name) or labels.entries.get((_parent(name), found.shape[1]), ())
+            named = own if len(own) == found.shape[1] else range(found.shape[1])
+            columns |= {
+                (f"{name}.{each}" if isinstance(each, str) else f"{name}[{each}]"): found[:, k]
+                for k, each in enumerate(named)
+            }
+        elif (values := _values(column)) is not None:
+            columns[name] = values
+        elif read_name(name).quantity == TIME and (times := clock_times(column)) is not None:
+            columns[name] = times
+        else:
+            _refuse_few_texts(name, column, source)
+            unread[name] = str(kind_of)
+    return LogTable(columns, source, kind, unread)
+
+
+def kept_numbers(kept: Kept, source: str, kind: str) -> LogTable:
+    """Return the columns of numbers of the rows that are kept of a file."""
+    table = numbers_of(kept.table, source, kind)
+    notes, unread = (kept.note,) if kept.note else (), {**table.unread, **kept.aside}
+    return replace(table, spread=kept.spread, notes=notes, unread=unread)
+
+
+def read_parquet(path: Path) -> Kept:
+    """Read a Parquet file, or stretches of one that is long.
+
+    Raises:
+        RecordingError: It is none, or damaged.
+    """
+    try:
+        rows = parquet_rows(path)
+        return replace(kept_of(rows.batches, rows.schema, rows.width), aside=rows.aside)
+    except DAMAGE as error:
+        raise RecordingError(
+            f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path
+        ) from None
+
+
+def _is_fixed(kind: Any) -> bool:  # noqa: ANN401  # pyarrow has no types
+    return bool(pa.types.is_fixed_size_list(kind))
+
+
+def _is_list(kind: Any) -> bool:  # noqa: ANN401
+    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or _is_fixed(kind))
+
+
+def _without_structures(table: pa.Table) -> pa.Table:
+    """Return the fields of structures as columns, and lists of structures as lists of fields."""
+    while True:
+        if any(pa.types.is_struct(kind) for kind in table.schema.types):
+            table = table.flatten()
+            continue
+        kinds = zip(table.column_names, table.schema.types, strict=True)
+        listed = [n for n, kind in kinds if _is_list(kind) and pa.types.is_struct(kind.value_type)]
+        if not listed:
+            return table
+        for name in listed:
+            index = table.column_names.index(name)
+            column = table.column(index).combine_chunks()
+            ends = np.cumsum(np.append(0, column.value_lengths().fill_null(0).to_numpy()))
+            inner = column.flatten()
+            table = table.remove_column(index)
+            for field in inner.type:
+                own = pa.LargeListArray.from_arrays(ends.astype(np.int64), inner.field(field.name))
+                table = table.append_column(f"{name}.{field.name}", own)
+
+
+def _parent(name: str) -> str:
+    return name.rpartition(".")[0]
+
+
+class _Labels(NamedTuple):
+    """Texts that name the entries of lists, and the columns that hold them."""
+
+    columns: frozenset[str]
+    entries: dict[tuple[str, int], tuple[str, ...]]  # by what they are fields of, and their number
+
+
+def _labels_in(table: pa.Table) -> _Labels:
+    """Return the texts of lists that are the same in each row; none where two are as long."""
+    columns, entries = set[str](), dict[tuple[str, int], tuple[str, ...]]()
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        if not (_is_list(column.type) and pa.types.is_string(column.type.value_type)):
+            continue
+        first = (column[0].as_py() if len(column) else None) or []
+        if not first or len(set(first)) < len(first) or not all(first):
+            continue
+        flat = pa.chunked_array([chunk.flatten() for chunk in column.chunks]).combine_chunks()
+        codes = flat.dictionary_encode().indices.fill_null(-1).to_numpy().astype(np.int64)
+        if np.array_equal(codes, np.tile(np.arange(len(first)), len(column))):
+            place = (_parent(name), len(first))
+            entries[place] = () if place in entries else tuple(first)
+            columns.add(name)
+    return _Labels(frozenset(columns), entries)
+
+
+def _said_of_list(column: pa.ChunkedArray) -> str:
+    """Say what lists hold that are no numbers of one length."""
+    if not any(len(chunk.flatten()) for chunk in column.chunks):
+        return "empty lists"
+    numbers = pa.types.is_floating(column.type.value_type) or pa.types.is_integer(
+        column.type.value_type
+    )
+    return f"{column.type} of different lengths" if numbers else f"{column.type}, not one each row"
+
+
+def _values(column: pa.ChunkedArray) -> NDArray[Any] | None:
+    kind = column.type
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
+        return column.to_numpy()
+    if pa.types.is_integer(kind) and not column.null_count:
+        return column.to_numpy()  # whole numbers may be nanoseconds, of more digits than a float's
+    plain = (pa.types.is_integer, pa.types.is_floating, pa.types.is_null, pa.types.is_decimal)
+    texts = (pa.types.is_string, pa.types.is_large_string)  # of numbers, it may be
+    if not any(of_kind(kind) for of_kind in (*plain, *texts)):
+        return None
+    try:
+        return column.cast(pa.float64()).to_numpy().astype(np.float64)
+    except pa.ArrowInvalid:
+        return None
+
+
+def _entries(column: pa.ChunkedArray) -> NDArray[Any] | None:
+    """Return lists of one length as a matrix (T, k); None where they are something else."""
+    flat = pa.chunked_array([chunk.flatten() for chunk in column.chunks]).combine_chunks()
+    if column.null_count or not len(column) or len(flat) % len(column):
+        return None
+    if not (pa.types.is_floating(flat.type) or pa.types.is_integer(flat.type)):
+        return None
+    if not _is_fixed(column.type):
+        lengths = {len(item) for item in (column[0], column[len(column) // 2], column[-1])}
+        if lengths != {len(flat) // len(column)}:
+            return None
+    return flat.cast(pa.float64()).to_numpy(zero_copy_only=False).reshape(len(column), -1)
+
+
+def _refuse_few_texts(name: str, column: pa.ChunkedArray, source: str) -> None:
+    if not (pa.types.is_string(column.type) or pa.types.is_large_string(column.type)):
+        return
+    texts = [
+        (row, cell)
+        for row, cell in enumerate(column.to_pylist())
+        if cell is not None and not (_is_number(cell) or is_clock(cell))
+    ]
+    if texts and len(texts) <= max(1, FEW * len(column)):
+        row, cell = texts[0]
+        raise RecordingError(
+            f"column {name} holds text in {len(texts)} of {len(column)} cells; row {row} is "
+            f"{cell!r}, expected a number",
+            path=source,
+            rows=[row for row, _ in texts],
+        )
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

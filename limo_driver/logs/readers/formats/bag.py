@@ -1,0 +1,342 @@
+"""The joint states of a ROS 2 bag as a table: one column for each quantity of each joint."""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.logs.readers.columns.families import families_of
+from limo_driver.logs.readers.columns.names import (
+    POSITION,
+    TORQUE,
+    VELOCITY,
+    is_commanded,
+    read_name,
+    words_of,
+)
+from limo_driver.logs.readers.formats.dynamic_joint_state import DYNAMIC_JOINT_STATE, decode_dynamic
+from limo_driver.logs.readers.table import LogTable
+from limo_driver.logs.ros.joint_state_log import bag_files, read_bag
+from limo_driver.logs.ros.known_layouts import layout_for
+from limo_driver.network.messages import JOINT_STATE, JointStateCodec
+from limo_driver.recordings.files.stretches import STRETCH, Stretches
+from limo_driver.recordings.gate import SYSTEMATIC
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from limo_driver.logs.mcap_file import LoggedMessage
+    from limo_driver.network.messages import JointStateMessage
+    from limo_driver.types import FloatArray
+
+_LISTED = 8  # topics that a message names
+_PEEKED = 5000  # messages that show which topic has which joints
+_QUANTITIES: Final = ("position", "velocity", "effort")
+# Types that hold states of joints, read by the definition in the bag; others are if asked for.
+_STATES: Final = (
+    "control_msgs/msg/JointTrajectoryControllerState",
+    "franka_msgs/msg/FrankaRobotState",
+    "franka_msgs/msg/FrankaState",
+    "iiwa_msgs/msg/JointPosition",
+    "iiwa_msgs/msg/JointTorque",
+    "iiwa_msgs/msg/JointVelocity",
+)
+# by schema; of two that fit alike, the first is meant, as ros2_control publishes both
+_DECODERS: Final = {JOINT_STATE: JointStateCodec(()).decode, DYNAMIC_JOINT_STATE: decode_dynamic}
+_ORDER: Final = (*_DECODERS, *_STATES)
+
+
+def read_bags(
+    paths: Sequence[Path], topic: str | None = None, joints: Sequence[str] = ()
+) -> LogTable:
+    """Read the joint states of one topic.
+
+    Joints may come in any order, and in several messages (an arm and its gripper): each set of
+    names is a table of its own, and the one with the most of the robot's joints is meant. Where
+    that has no torque and another topic has nothing else, as those of iiwa_stack do, the torque of
+    the nearest stamp stands beside each position.
+
+    Args:
+        paths: MCAP or .db3 files, or folders of them.
+        topic: The topic; may be left out where one alone has the robot's joints. Messages of any
+            type that the bag defines are read of it.
+        joints: Names of the robot's joints.
+
+    Raises:
+        RecordingError: No joint states, several topics that could be meant, or stamps that run
+            backwards more than now and then.
+    """
+    found, notes = _Found(topic), list[str]()
+    for path in bag_files(paths):
+        told: list[str] = []
+        for message in read_bag(path, told.append):
+            found.add(message)
+        notes += [f"{path} {text}" for text in told]
+    source = ", ".join(map(str, paths))
+    kept = found.meant(joints, source, notes)
+    columns, more = kept.columns(source)
+    beside = found.beside(kept, joints)
+    if beside is not None:
+        columns, said = _joined(columns, beside.columns(source)[0], beside)
+        more.append(said)
+    others = [str(group) for group in found.groups.values() if group not in (kept, beside)]
+    if others:
+        more.append(f"left aside: {'; '.join(others[:_LISTED])}")
+    if found.malformed:
+        more.append(f"{found.malformed} messages could not be decoded")
+    kind = f"ROS 2 bag, topic {kept.topic}"
+    spread = kept.stretches.spread
+    return LogTable(columns, source, kind, {}, (*notes, *more), spread=spread, is_si=True)
+
+
+def topic_with(
+    paths: Sequence[Path], joints: Sequence[str], topic: str | None = None
+) -> str | None:
+    """Return the topic whose joint states name all joints, letter by letter; None if none does.
+
+    Args:
+        paths: MCAP or .db3 files, or folders of them, whose first messages are looked at.
+        joints: Names of the robot's joints.
+        topic: That is asked for.
+
+    Raises:
+        RecordingError: Several topics do.
+    """
+    found = _Found(topic)
+    messages = (m for path in bag_files(paths) for m in read_bag(path) if m.schema == JOINT_STATE)
+    for message in islice(messages, _PEEKED):
+        found.add(message)
+    groups = [g for g in found.groups.values() if set(joints) <= set(g.names)]
+    topics = list(dict.fromkeys(g.topic for g in groups if topic in {None, g.topic}))
+    if len(topics) > 1:
+        raise RecordingError(
+            f"joint states of several topics: {', '.join(topics)}; say which is meant"
+        )
+    return topics[0] if topics else None
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Messages one after the other."""
+
+    stamps: NDArray[np.int64]  # (T,) [ns]
+    values: FloatArray  # (T, k)
+
+    def cut(self, start: int, stop: int) -> _Rows:
+        return _Rows(self.stamps[start:stop], self.values[start:stop])
+
+
+@dataclass(eq=False)
+class _Group:
+    """The messages of one topic with one set of joints."""
+
+    topic: str
+    schema: str
+    names: tuple[str, ...]  # of the joints, or of the columns where no joints are named
+    held: tuple[str, ...]  # columns
+    stamps: array[int] = field(default_factory=lambda: array("q"))  # since the last stretch
+    values: array[float] = field(default_factory=lambda: array("d"))
+    stretches: Stretches[_Rows] = field(default_factory=lambda: Stretches(_Rows.cut))
+
+    def __str__(self) -> str:
+        """Say what it holds."""
+        return f"{self.many} messages of {', '.join(self.names)} on {self.topic}"
+
+    @property
+    def many(self) -> int:
+        """Number of messages."""
+        return self.stretches.total + len(self.stamps)
+
+    def add(self, stamp: int, values: FloatArray) -> None:
+        """Add the values of one message, (k,)."""
+        self.stamps.append(stamp)
+        self.values.frombytes(values.tobytes())
+        if len(self.stamps) == STRETCH:
+            self._flush()
+
+    def _flush(self) -> None:
+        if rows := len(self.stamps):
+            values = np.array(self.values).reshape(rows, len(self.held))
+            self.stretches.add(_Rows(np.array(self.stamps, dtype=np.int64), values), rows)
+            self.stamps, self.values = array("q"), array("d")
+
+    def joints_of(self, quantity: str, joints: Sequence[str]) -> tuple[int, int]:
+        """Return how many of the robot's joints have a quantity by name, and by name or number."""
+        families = [f for f in families_of(self.held, joints) if f.quantity == quantity]
+        counts = [
+            (len(f.names) * any(isinstance(name.joint, str) for name in f.names), len(f.names))
+            for f in families
+            if joints and not (f.by_order and len(f.names) != len(joints))
+        ]
+        return max(counts, default=(0, 0))
+
+    def columns(self, source: str) -> tuple[dict[str, NDArray[Any]], list[str]]:
+        """Return time and quantities in order of the stamps, and what was odd about these."""
+        self._flush()
+        pieces = self.stretches.pieces()
+        stamps = np.concatenate([piece.stamps for piece in pieces])
+        late = np.append(False, stamps[1:] < np.maximum.accumulate(stamps)[:-1])
+        if late.mean() > SYSTEMATIC:
+            raise RecordingError(
+                f"the stamps of {self.topic} run backwards at message {int(late.argmax())}, and "
+                f"{late.mean():.0%} of them do; are these two recordings, or two publishers?",
+                path=source,
+                rows=[int(late.argmax())],
+            )
+        order = np.argsort(stamps, kind="stable")
+        values = np.concatenate([piece.values for piece in pieces])[order]
+        columns: dict[str, NDArray[Any]] = {"time": stamps[order]}
+        for quantity in dict.fromkeys(name.partition(".")[0] for name in self.held):
+            own = [k for k, name in enumerate(self.held) if name.partition(".")[0] == quantity]
+            if not np.isnan(values[:, own]).all():
+                columns |= {self.held[k]: values[:, k] for k in own}
+        told = [f"{late.sum()} messages were logged after one with a later stamp"]
+        notes = [self.stretches.note()] if self.stretches.spread else []
+        return columns, notes + (told if late.any() else [])
+
+
+@dataclass
+class _Found:
+    """All joint states of a bag, by topic and joints."""
+
+    topic: str | None = None  # that is asked for
+    groups: dict[tuple[str, tuple[str, ...]], _Group] = field(default_factory=dict)
+    topics: dict[str, str] = field(default_factory=dict)
+    unread: dict[str, str] = field(default_factory=dict)  # topic → why its type cannot be read
+    malformed: int = 0
+
+    def add(self, message: LoggedMessage) -> None:
+        """Add a message, if it is a joint state."""
+        self.topics.setdefault(message.topic, message.schema)
+        try:
+            if message.schema in _DECODERS:
+                self._add_state(message, _DECODERS[message.schema](message.payload))
+            elif message.schema in _STATES or message.topic == self.topic:
+                self._add_any(message)
+        except WireFormatError:
+            self.malformed += 1
+
+    def _add_state(self, message: LoggedMessage, state: JointStateMessage) -> None:
+        key = (message.topic, tuple(sorted(state.names)))
+        group = self.groups.get(key)
+        if group is None:
+            held = tuple(f"{quantity}.{name}" for quantity in _QUANTITIES for name in state.names)
+            group = self.groups[key] = _Group(message.topic, message.schema, state.names, held)
+        n, columns = len(state.names), slice(None)
+        if group.names != state.names:
+            columns = [state.names.index(name) for name in group.names]
+        values = np.full(3 * n, np.nan)
+        for k, own in enumerate((state.position, state.velocity, state.torque)):
+            if own.size:
+                values[k * n : (k + 1) * n] = own[columns]
+        group.add(state.stamp_ns, values)
+
+    def _add_any(self, message: LoggedMessage) -> None:
+        """Add what a message of another type says of joints, by its definition."""
+        layout = layout_for(message.schema, message.definition)
+        if isinstance(layout, str):
+            self.unread[message.topic] = layout
+            return
+        found = layout.decode(message.payload)
+        key = (message.topic, tuple(found.values))
+        group = self.groups.get(key)
+        if group is None:
+            held = tuple(filter(_is_of_joints, found.values))
+            if not held:
+                return
+            names = found.labels or held
+            group = self.groups[key] = _Group(message.topic, message.schema, names, held)
+        stamp = message.log_time_ns if found.stamp_ns is None else found.stamp_ns
+        group.add(stamp, np.array([found.values[name] for name in group.held]))
+
+    def meant(self, joints: Sequence[str], source: str, notes: Sequence[str] = ()) -> _Group:
+        """Return the group that has the robot's joints; notes say what was wrong with the files."""
+        groups = [g for g in self.groups.values() if self.topic in {None, g.topic}]
+        if not groups:
+            raise RecordingError("; ".join((self._nothing(), *notes)), path=source)
+        counts = {id(group): group.joints_of(POSITION, joints) for group in groups}
+        best = max(counts.values())
+        alike = [group for group in groups if counts[id(group)] == best]
+        if joints and not best[1]:  # whoever reads on says what the joints are
+            return max(groups, key=lambda group: group.many)
+        known = [group for group in alike if group.schema in _ORDER]
+        if known:
+            first = min(_ORDER.index(group.schema) for group in known)
+            alike = [group for group in known if _ORDER.index(group.schema) == first]
+        alike = [group for group in alike if not is_commanded(words_of(group.topic))] or alike
+        by_topic: dict[str, _Group] = {}  # of one topic with fields that come and go, the longest
+        for group in alike:
+            if group.schema not in _DECODERS:
+                other = by_topic.setdefault(group.topic, group)
+                by_topic[group.topic] = max(other, group, key=lambda item: item.many)
+        alike = list(by_topic.values()) or alike
+        if len(alike) > 1:
+            raise RecordingError(
+                f"joint states of several topics could be meant: {'; '.join(map(str, alike))}; "
+                "choose one by `topic` where it is inspected or converted",
+                path=source,
+            )
+        return alike[0]
+
+    def beside(self, kept: _Group, joints: Sequence[str]) -> _Group | None:
+        """Return the group that has the torques of a topic that has none, if there is one alone."""
+        if kept.schema in _DECODERS or kept.joints_of(TORQUE, joints)[1]:
+            return None
+        found = [
+            group
+            for group in self.groups.values()
+            if group.joints_of(TORQUE, joints)[1] == len(joints)
+            and not group.joints_of(POSITION, joints)[1]
+            and not is_commanded(words_of(group.topic))
+        ]
+        return found[0] if len(found) == 1 else None
+
+    def _nothing(self) -> str:
+        named = [f"{name} ({kind})" for name, kind in self.topics.items()][:_LISTED]
+        unread = f"; {self.malformed} are malformed" if self.malformed else ""
+        why = "".join(f"; {topic} cannot be read: {text}" for topic, text in self.unread.items())
+        return (
+            f"no joint states{f' of topic {self.topic}' if self.topic else ''}{unread}; it holds "
+            f"{', '.join(named) or 'nothing'}{why}"
+        )
+
+
+_MEASURED: Final = (POSITION, VELOCITY, TORQUE)
+_OF_MOTOR: Final = frozenset({"motor", "theta", "dtheta"})  # before the gear, in Franka's messages
+
+
+def _is_of_joints(column: str) -> bool:
+    """Say whether a number of a message may be motion or torque of a joint, behind its gear."""
+    return read_name(column).quantity in _MEASURED and _OF_MOTOR.isdisjoint(words_of(column))
+
+
+def _joined(
+    columns: dict[str, NDArray[Any]], more: dict[str, NDArray[Any]], group: _Group
+) -> tuple[dict[str, NDArray[Any]], str]:
+    """Return columns with those of another topic at the nearest stamp, and what that left.
+
+    Rows without one within half a period have NaN there, which is no measurement.
+    """
+    stamps, others = columns["time"], more["time"]
+    period = int(np.median(np.diff(stamps))) if stamps.size > 1 else 0
+    after = np.searchsorted(others, stamps).clip(1, max(others.size - 1, 1))
+    before = after - 1
+    after = np.minimum(after, others.size - 1)
+    nearest = np.where(stamps - others[before] <= others[after] - stamps, before, after)
+    missing = np.abs(others[nearest] - stamps) > period / 2
+    found = dict(columns)
+    for name, values in more.items():
+        if name != "time":
+            found[name] = np.where(missing, np.nan, values[nearest])
+    said = f"torques are those of {group.topic} at the nearest stamp"
+    if missing.any():
+        said += f"; {missing.sum()} rows have none within half a period"
+    return found, said

@@ -1,0 +1,108 @@
+"""Any file of a log as a table; its ending, or what a folder holds, says what it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from limo_driver.errors import RecordingError
+from limo_driver.runtime.given_files import check_file
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from limo_driver.logs.readers.table import LogTable
+
+BAGS: Final = (".mcap", ".db3", ".zstd")
+_PLAIN: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
+_PACKED: Final = ".gz"
+TEXTS: Final = (*_PLAIN, *(f"{ending}{_PACKED}" for ending in _PLAIN))
+PARQUET: Final = (".parquet", ".pq")
+ARRAYS: Final = (".npz",)
+OBJECTS: Final = (".json", ".jsonl", ".ndjson", ".mat")
+_EXPECTED: Final = (
+    f"expected delimited text ({', '.join(_PLAIN)}, also as .gz), Parquet, NumPy's .npz, JSON "
+    "(.json, .jsonl), MATLAB's .mat, a ROS 2 bag (.mcap, .db3) or the folder of a bag or of a "
+    "LeRobotDataset; what Python reads of it, a "
+    "DataFrame or arrays by name, limo.read takes"
+)
+
+
+def ending_of(path: Path) -> str:
+    """Return the ending of a file by which its format is known, `.csv.gz` for one."""
+    ending = path.suffix.lower()
+    return "".join(path.suffixes[-2:]).lower() if ending == _PACKED else ending
+
+
+def read_table(
+    path: Path,
+    topic: str | None = None,
+    episode: int | None = None,
+    joints: Sequence[str] = (),
+) -> LogTable:
+    """Read what a log holds, without judging it.
+
+    Args:
+        path: File or folder.
+        topic: Of the joint states of a bag.
+        episode: Of a LeRobotDataset.
+        joints: Names of the robot's joints, by which one of several topics is found.
+
+    Raises:
+        RecordingError: No such file, or it cannot be read as what its ending says.
+    """
+    if not path.exists():
+        raise RecordingError("no such file", path=path)
+    check_file(path, RecordingError)
+    if path.is_dir():
+        return _read_folder(path, topic, episode, joints)
+    ending = ending_of(path)
+    if ending in BAGS:
+        from limo_driver.logs.readers.formats.bag import read_bags
+
+        return read_bags([path], topic, joints)
+    if ending in ARRAYS:
+        from limo_driver.logs.readers.formats.npz import read_npz
+
+        return read_npz(path)
+    if ending in OBJECTS:
+        return _read_objects(path, ending)
+    from limo_driver.logs.readers.formats.arrow import kept_numbers, read_parquet
+
+    if ending in TEXTS:
+        from limo_driver.logs.readers.formats.delimited import read_delimited
+
+        text, notes = read_delimited(path)
+        found = kept_numbers(text, str(path), "delimited text")
+        return replace(found, notes=(*notes, *found.notes))
+    if ending in PARQUET:
+        return kept_numbers(read_parquet(path), str(path), "Parquet")
+    raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
+
+
+def _read_objects(path: Path, ending: str) -> LogTable:
+    if ending == ".mat":
+        from limo_driver.logs.readers.formats.matlab import read_mat
+
+        return read_mat(path)
+    from limo_driver.logs.readers.formats.json_log import read_json
+
+    return read_json(path)
+
+
+def _read_folder(
+    path: Path, topic: str | None, episode: int | None, joints: Sequence[str]
+) -> LogTable:
+    from limo_driver.logs.readers.formats.lerobot import is_dataset, read_dataset
+
+    if is_dataset(path):
+        return read_dataset(path, episode)
+    if any(file.suffix in BAGS for file in path.iterdir()):
+        from limo_driver.logs.readers.formats.bag import read_bags
+
+        return read_bags([path], topic, joints)
+    raise RecordingError(
+        "is a folder that holds neither a bag (.mcap, .db3) nor a LeRobotDataset (meta/info.json)",
+        path=path,
+    )

@@ -1,0 +1,145 @@
+"""What the gravity of an arm explains of measured torques, whatever unit the positions are in."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.logs.readers.columns.units import UNITS
+
+if TYPE_CHECKING:
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
+WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
+_ROWS: Final = 1500  # that are looked at
+_FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
+_MOST: Final = 0.5  # of the variance of a current beside its friction
+_LEAST: Final = 1e-3  # of the largest deviation of a gravity torque; less is rounding
+_OF_TORQUE: Final = 0.3  # of a joint's torque, that gravity has to make to say something of it
+
+
+class Gravity:
+    """How well the gravity of an arm explains measured torques, for any reading of positions."""
+
+    def __init__(
+        self, model: RobotModel, torque: FloatArray | None, unit: float | None = None
+    ) -> None:
+        self.model, self.torque, self._unit = model, torque, unit
+        # loads may add to what gravity makes of a torque in a known unit, though not tenfold; it
+        # may well be less, where it was measured before the gear
+        self._most = math.inf if unit is None else WITHIN / unit
+
+    def of(self, position: FloatArray, units: tuple[str, ...]) -> float:
+        """Return the sum over joints of log(torque that gravity leaves / torque)."""
+        if self.torque is None:
+            return 0.0
+        slides = self.model.sliding
+        scale = np.where(slides, 1.0, [UNITS["position"][unit] for unit in units])
+        load = self.model.gravity_torque(position * scale)
+        left = 0.0
+        for own, gravity, angle in zip(self.torque.T, load.T, position.T, strict=True):
+            total = float(np.var(own))
+            if total > 0 and np.isfinite(own).all():
+                rest = own - _fit(own, gravity, angle, self._most)
+                left += 0.5 * math.log(max(float(np.var(rest)) / total, 1e-6))
+        return left
+
+    def as_mounted(self, position: FloatArray, units: tuple[str, ...]) -> Gravity:
+        """Return this, or that of the base on its side, which explains torques decidedly better.
+
+        Descriptions stand upright; the arms of many hang on a wall, or beside a body.
+        """
+        if self.torque is None:
+            return self
+        size = float(np.linalg.norm(self.model.gravity))
+        turned = [  # the other direction is the same with the other sign, which is fitted
+            Gravity(self.model.with_gravity((size * axis).tolist()), self.torque, self._unit)
+            for axis in np.eye(3)
+        ]
+        best = min(turned, key=lambda item: item.of(position, units))
+        is_better = best.of(position, units) < self.of(position, units) - DECISIVE
+        return best if is_better else self
+
+    def slopes(self, position: FloatArray) -> FloatArray:
+        """Return torque over gravity of the joints whose torque is gravity for the most part."""
+        if self.torque is None:
+            return np.zeros(0)
+        found: list[float] = []
+        for own, load in zip(self.torque.T, self.model.gravity_torque(position).T, strict=True):
+            energy = float(np.var(load))
+            if energy <= 0 or not np.var(own) > 0:
+                continue
+            slope = float(np.mean((own - own.mean()) * (load - load.mean()))) / energy
+            if slope**2 * energy > _OF_TORQUE**2 * float(np.var(own)):
+                found.append(abs(slope))
+        return np.array(found)
+
+    def factors(self, position: FloatArray) -> FloatArray:
+        """Return how many N m one unit makes at each joint, (n,); NaN where gravity does not say.
+
+        Beside an offset and dry friction, gravity has to make most of what is left.
+
+        Args:
+            position: (T, n) [rad, m].
+        """
+        found = np.full(self.model.n, math.nan)
+        if self.torque is None:
+            return found
+        load = self.model.gravity_torque(position)
+        least = _LEAST**2 * float(np.var(load, axis=0).max())
+        every = zip(self.torque.T, load.T, position.T, strict=True)
+        for j, (own, gravity, angle) in enumerate(every):
+            if not np.isfinite(own).all():
+                continue
+            A = np.column_stack([np.ones(own.size), np.sign(np.gradient(angle))])
+            torque, weight = (x - A @ np.linalg.lstsq(A, x)[0] for x in (own, gravity))
+            energy, together = float(weight @ weight), float(weight @ torque)
+            if energy < least * own.size:
+                continue
+            if together**2 > _MOST * energy * float(torque @ torque):
+                found[j] = energy / together
+        return found
+
+
+def _fit(
+    torque: FloatArray, gravity: FloatArray, position: FloatArray, most: float = math.inf
+) -> FloatArray:
+    """Return what gravity, an offset and dry friction make of a torque, (T,).
+
+    Args:
+        torque: In any unit, (T,).
+        gravity: [N m], (T,).
+        position: In any unit, (T,).
+        most: By which gravity may be scaled.
+    """
+    A = np.column_stack([np.ones(torque.size), np.sign(np.gradient(position)), gravity])
+    x = np.linalg.lstsq(A, torque)[0]
+    if abs(x[2]) <= most:
+        return A @ x
+    own = math.copysign(most, x[2]) * gravity
+    return own + A[:, :2] @ np.linalg.lstsq(A[:, :2], torque - own)[0]
+
+
+def usual(values: FloatArray) -> np.ndarray:
+    """Mark rows whose values are numbers, and none far beyond those of the others, (T,).
+
+    Columns without any number say nothing of a row.
+    """
+    values = np.where(np.isfinite(values), values, np.nan)
+    values = values[:, np.isfinite(values).any(axis=0)]
+    low, high = np.nanquantile(values, (0.01, 0.99), axis=0)
+    reach = _FAR * (high - low) + 1e-9
+    return ((values >= low - reach) & (values <= high + reach)).all(axis=1)
+
+
+def some_rows(position: FloatArray, torque: FloatArray | None) -> np.ndarray:
+    """Return some of the usual rows, spread over the log, (k,)."""
+    known = usual(position)
+    if torque is not None and (known & (whole := usual(torque))).any():
+        known &= whole
+    rows = np.flatnonzero(known)
+    return rows[:: max(1, rows.size // _ROWS)]

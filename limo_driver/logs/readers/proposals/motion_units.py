@@ -1,0 +1,272 @@
+"""Units that no name says: what limits, gravity and velocities of an arm make of each reading."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from limo_driver.logs.readers.columns.units import UNITS
+from limo_driver.logs.readers.proposals.gravity import DECISIVE, Gravity, some_rows, usual
+from limo_driver.logs.readers.proposals.odd_columns import maybe_in_radians
+from limo_driver.recordings.gate import velocity_factor
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+_ROOM: Final = 0.1  # [m] beyond the limits, likewise of a joint that slides
+_MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
+_REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
+_FEWEST_ROWS: Final = 10
+ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
+_SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
+_FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A unit for each joint, why, and what is open."""
+
+    units: tuple[str, ...]
+    why: str
+    question: str = ""  # empty where one reading alone fits
+    fits_both: bool = False  # all in rad as well as all in deg
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What a log has beside positions of which it does not say the unit.
+
+    Args:
+        torque: (T, n), where it is measured.
+        torque_unit: In N m; None where that is not known.
+        time: (T,) [s], where its unit is known.
+        velocity: (T, n) [rad/s], where their unit is stated.
+    """
+
+    torque: FloatArray | None = None
+    torque_unit: float | None = None
+    time: FloatArray | None = None
+    velocity: FloatArray | None = None
+
+
+def position_reading(position: FloatArray, beside: Beside, model: RobotModel) -> Reading:
+    """Say whether positions are in radians or degrees, joint by joint; or in m or mm, of slides.
+
+    Args:
+        position: (T, n) as the log has them, each with sign and zero of the robot.
+        beside: What else the log has.
+        model: The robot.
+    """
+    torque, by_speed = beside.torque, _unit_by_speed(position, beside, model)
+    rests_at_zero = _is_noise_about_zero(position[:, ~np.array(model.sliding)])
+    rows = some_rows(position, torque)
+    position = position[rows]
+    torque = None if torque is None else torque[rows]
+    slides = _slides(position, model)
+    # as if in rad: nothing else is open of joints that slide
+    position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
+    cost = Gravity(model, torque, beside.torque_unit)
+    found = _turns(position, cost, by_speed)
+    if found.fits_both and (mounted := cost.as_mounted(position, found.units)) is not cost:
+        found = _turns(position, mounted, by_speed)
+    if found.question and rests_at_zero:  # the same pose in either unit
+        found = Reading(("rad",) * model.n, "taken for rad: noise about zero says nothing of it")
+    units = tuple(own or unit for own, unit in zip(slides, found.units, strict=True))
+    return replace(found, units=units)
+
+
+def _is_noise_about_zero(position: FloatArray) -> bool:
+    """Say whether positions (T, k) stay at zero, but for noise from one row to the next."""
+    known = position[np.isfinite(position).all(axis=1)]
+    if len(known) < _FEWEST_ROWS or np.abs(known).max(initial=0.0) > _REST:
+        return False
+    spread = known.std(axis=0)
+    noise = np.diff(known, axis=0).std(axis=0) / math.sqrt(2.0)
+    return bool((spread <= 2.0 * noise).all() and (np.abs(known.mean(axis=0)) <= spread).all())
+
+
+def _slides(position: FloatArray, model: RobotModel) -> tuple[str, ...]:
+    """Return the units of the joints that slide; nothing for the others."""
+    limits = model.limits
+    furthest = np.maximum(np.abs(limits.position_min), np.abs(limits.position_max)) + _ROOM
+    metres = np.nanquantile(np.abs(position), 0.998, axis=0) < furthest
+    return tuple(
+        ("m" if small else "mm") if slides else ""
+        for slides, small in zip(model.sliding, metres.tolist(), strict=True)
+    )
+
+
+def _unit_by_speed(
+    position: FloatArray, beside: Beside, model: RobotModel
+) -> tuple[str, str] | None:
+    """Return the unit that velocities, or limits of them, leave for positions (T, n), and why.
+
+    A joint whose velocity limit would be far exceeded in rad is in deg. No slow motion says the
+    opposite: the speed of a joint has no lower limit.
+    """
+    turns = np.flatnonzero(~np.array(model.sliding))
+    if beside.time is None or not turns.size:
+        return None
+    rows = np.append(True, np.diff(beside.time) > 0) & usual(position) & np.isfinite(beside.time)
+    time, position = beside.time[rows], position[rows][:, turns]
+    if time.size < _FEWEST_ROWS:
+        return None
+    found = None
+    if beside.velocity is not None:
+        found = _unit_of_velocities(time, position, beside.velocity[rows][:, turns])
+    if found is None and model.description.kind != "MJCF":  # which has no limits of velocity
+        found = _too_fast_in_rad(time, position, turns, model)
+    return found
+
+
+def _unit_of_velocities(
+    time: FloatArray, position: FloatArray, velocity: FloatArray
+) -> tuple[str, str] | None:
+    """Return the unit of positions (T, k) whose rate of change velocities [rad/s] are."""
+    factors = [velocity_factor(time, *own) for own in zip(position.T, velocity.T, strict=True)]
+    usual = float(np.median(np.abs([factor for factor in factors if factor] or [0.0])))
+    for unit in ("rad", "deg"):
+        ratio = usual / UNITS["position"][unit]
+        if ALIKE[0] < ratio < ALIKE[1]:
+            return unit, f"the velocities are {ratio:.3g} times their rate of change in {unit}"
+    return None
+
+
+def _too_fast_in_rad(
+    time: FloatArray, position: FloatArray, turns: NDArray[np.intp], model: RobotModel
+) -> tuple[str, str] | None:
+    """Return degrees where positions (T, k) of joints `turns` move too fast for radians."""
+    every = max(1, round(_SWEEP / float(np.median(np.diff(time)))))
+    time, position = time[::every], position[::every]
+    if time.size < _FEWEST_ROWS:
+        return None
+    speeds = np.abs(np.diff(position, axis=0)) / np.diff(time)[:, None]
+    for j, speed in zip(turns.tolist(), np.quantile(speeds, 0.98, axis=0).tolist(), strict=True):
+        limit = float(model.limits.velocity[j])
+        if 0 < _FASTER * limit < speed:
+            return "deg", f"in rad, joint {j + 1} would move at {speed:.3g} of {limit:.3g} rad/s"
+    return None
+
+
+def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None) -> Reading:
+    """Say whether positions (T, n) of the joints that turn are in radians or degrees."""
+    model = cost.model
+    n, slides = model.n, np.array(model.sliding)
+    possible = {
+        unit: _possible(position * UNITS["position"][unit], model) | slides
+        for unit in ("rad", "deg")
+    }
+    uniform = [unit for unit, fits in possible.items() if fits.all()]
+    if len(uniform) == 1:
+        unit = uniform[0]
+        other = "deg" if unit == "rad" else "rad"
+        j = int(np.flatnonzero(~possible[other])[0])
+        why = f"beyond the limits of joint {j + 1} in {other}, within all limits in {unit}"
+        return _unless_mixed(position, (unit,) * n, why, possible, cost)
+    if len(uniform) > 1:
+        rad, deg = (cost.of(position, (unit,) * n) for unit in ("rad", "deg"))
+        decided = abs(rad - deg) >= DECISIVE
+        unit, other = ("rad", "deg") if rad < deg else ("deg", "rad")
+        if by_speed is not None and not (decided and by_speed[0] == other):
+            return _unless_mixed(position, (by_speed[0],) * n, by_speed[1], possible, cost)
+        if by_speed is not None:
+            why = f"the torques are those of positions in {unit}"
+            asked = f"the torques fit {unit}, but {by_speed[1]}"
+            return Reading((unit,) * n, why, f"position: are the columns in rad or deg? {asked}")
+        if not decided:
+            told, fitted = "the torques fit both", "limits and torques"
+            if cost.torque is None:
+                told, fitted = "no torque says which", "the limits, and no torque says which"
+            return Reading(
+                ("rad",) * n,
+                f"in rad and in deg within the limits, and {told}",
+                f"position: are the columns in rad or deg? both fit {fitted}",
+                fits_both=True,
+            )
+        return _unless_mixed(
+            position, (unit,) * n, f"the torques are those of positions in {unit}", possible, cost
+        )
+    units = tuple("rad" if possible["rad"][j] else "deg" for j in range(n))
+    return _unless_mixed(position, units, "within the limits one by one only", possible, cost)
+
+
+def _unless_mixed(
+    position: FloatArray,
+    units: tuple[str, ...],
+    why: str,
+    possible: dict[str, np.ndarray],
+    cost: Gravity,
+) -> Reading:
+    """Return a reading; with a question where single joints decidedly fit other units."""
+    apart = tuple("rad" if fits else "deg" for fits in possible["rad"])
+    best, least = _flipped(position, units, possible, cost)
+    other, its = _flipped(position, apart, possible, cost)
+    mixed = _differ(best, cost.model)  # then those of which nothing tells are as likely in rad
+    if its < least + (DECISIVE if mixed else -DECISIVE):
+        best = other
+    if not _differ(best, cost.model):
+        return Reading(best, why, _about_narrow(position, best, possible["rad"], cost))
+    slides = cost.model.sliding
+    in_degrees = [j + 1 for j, unit in enumerate(best) if unit == "deg" and not slides[j]]
+    listed = ", ".join(map(str, in_degrees))
+    return Reading(
+        best,
+        f"joints {listed} read as degrees, the others as radians",
+        f"position: the columns of joints {listed} fit degrees only, others radians: is that so?",
+    )
+
+
+def _about_narrow(
+    position: FloatArray, units: tuple[str, ...], fits: np.ndarray, cost: Gravity
+) -> str:
+    """Return a question about joints that may be in radians where all others are in degrees."""
+    if "deg" not in units:
+        return ""
+    narrow = maybe_in_radians(position, ~np.array(cost.model.sliding), fits)
+    least = cost.of(position, units)
+    open_still = [
+        j + 1
+        for j in narrow
+        if cost.of(position, (*units[:j], "rad", *units[j + 1 :])) < least + DECISIVE
+    ]
+    if not open_still:
+        return ""
+    listed = ", ".join(map(str, open_still))
+    return (
+        f"position: the columns of joints {listed} hardly move in degrees, and move like the "
+        "others in radians: which is it (`unit:`, a list)?"
+    )
+
+
+def _differ(units: tuple[str, ...], model: RobotModel) -> bool:
+    """Say whether the joints that turn are read in more than one unit."""
+    return len({unit for unit, slides in zip(units, model.sliding, strict=True) if not slides}) > 1
+
+
+def _flipped(
+    position: FloatArray, units: tuple[str, ...], possible: dict[str, np.ndarray], cost: Gravity
+) -> tuple[tuple[str, ...], float]:
+    """Return units with single joints changed where that explains the torques decidedly better."""
+    least = cost.of(position, units)
+    for j, unit in enumerate(units):
+        other = "deg" if unit == "rad" else "rad"
+        flipped = (*units[:j], other, *units[j + 1 :])
+        if cost.model.sliding[j] or not possible[other][j]:
+            continue
+        if (left := cost.of(position, flipped)) < least - DECISIVE:
+            units, least = flipped, left
+    return units, least
+
+
+def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:
+    """Say of each joint whether positions (T, n) [rad] are within its limits."""
+    limits = model.limits
+    low, high = np.nanquantile(position, (0.002, 0.998), axis=0)
+    fits = (low > limits.position_min - _MARGIN) & (high < limits.position_max + _MARGIN)
+    return fits | np.array(model.turning)

@@ -1,0 +1,195 @@
+"""The time of a log: which columns, in which unit, read from names and from steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.columns.names import COMMANDED, TIME, read_name
+from limo_driver.logs.readers.columns.units import SECONDS
+from limo_driver.logs.readers.mapping import TimeColumns
+from limo_driver.recordings.recorded_time import RATES, unit_of
+from limo_driver.runtime.display import shortened
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.logs.readers.table import LogTable
+
+_SHORT: Final = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
+_FIRST: Final = ("time", "t", "timestamp")  # names that stand before all others
+_APART: Final = 0.01  # by which the lengths of two clocks differ where they are two clocks
+_FEWEST = 2
+_FEWEST_EVEN: Final = 20  # rows
+_EVEN: Final = 0.05  # of a step, by which others differ
+_SECOND: Final = 1e9  # [ns]
+_PIECES: Final = 20  # of a column, each with steps of its own
+_OTHER_UNIT: Final = 100.0  # between steps of two pieces; units are 1000 apart, rates less
+
+
+@dataclass(frozen=True)
+class TimeFound:
+    """The columns of the time, and how sure that is."""
+
+    columns: TimeColumns
+    why: str
+    questions: tuple[str, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """The units, in words; none of a time that was not found."""
+        return ", ".join(self.columns.unit) if self.columns.columns else ""
+
+
+def time_columns(table: LogTable) -> TimeFound:
+    """Find the time of a log.
+
+    Args:
+        table: What the log holds.
+
+    Raises:
+        RecordingError: A column goes on in another unit.
+    """
+    found = [read_name(name) for name in table.columns]
+    names = [n for n in found if n.quantity == TIME and n.rank != COMMANDED]
+    counters = {n.unit: n.column for n in names}
+    if len(names) == _FEWEST and {"s", "ns"} <= set(counters):
+        pair = TimeColumns(columns=(counters["s"], counters["ns"]), unit=("s", "ns"))
+        rest = np.asarray(table.columns[counters["ns"]], dtype=np.float64)
+        if np.nanmax(rest) < _SECOND:
+            return TimeFound(pair, "seconds, and the nanoseconds of each")
+    running = [n.column for n in names if _runs(table.columns[n.column])]
+    if not running:  # an index of dates, as pandas writes it, says what it is by its type
+        dates = [name for name, values in table.columns.items() if values.dtype.kind in "mM"]
+        running = dates if len(dates) == 1 else []
+    if not running:
+        lost = [
+            f"{name} holds {what}"
+            for name, what in table.unread.items()
+            if read_name(name).quantity == TIME
+        ]
+        lost += [f"{n.column} does not go forward" for n in names]
+        found_none = f"none was found ({'; '.join(lost)})" if lost else "none was found"
+        guess = ""
+        if even := [name for name, values in table.columns.items() if _is_even(values)]:
+            guess = f"; {shortened(even)} goes on in even steps"
+        return TimeFound(
+            TimeColumns(rate=1.0),
+            "; ".join(lost) or "no column is named like a time",
+            (f"time: {found_none}: state `columns:`, or the `rate:` of the rows in Hz{guess}",),
+        )
+    running.sort(key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+    read = {name: _unit(table.columns[name], read_name(name).unit) for name in running}
+    first = running[0]
+    refuse_two_units(table, first)
+    unit, why, question = read[first]
+    questions = [question] if question else []
+    questions += _disagreeing(table, first, read)
+    return TimeFound(TimeColumns(columns=(first,), unit=(unit,)), why, tuple(questions))
+
+
+def time_in(table: LogTable, name: str) -> TimeFound:
+    """Return the time in a column that is known to be it.
+
+    Args:
+        table: What the log holds.
+        name: Of the column.
+
+    Raises:
+        RecordingError: It goes on in another unit.
+    """
+    refuse_two_units(table, name)
+    unit, why, question = _unit(table.columns[name], read_name(name).unit)
+    questions = (question,) if question else ()
+    return TimeFound(TimeColumns(columns=(name,), unit=(unit,)), why, questions)
+
+
+def refuse_two_units(table: LogTable, name: str) -> None:
+    """Refuse a column whose steps become a hundred times another: no unit makes a time of it.
+
+    Args:
+        table: What the log holds.
+        name: Of the column.
+
+    Raises:
+        RecordingError: They do.
+    """
+    values = table.columns[name]
+    if values.dtype.kind in "mM":
+        return
+    pieces = np.array_split(np.diff(values.astype(np.float64)), _PIECES)
+    usual = np.array([np.median(x[x > 0]) if (x > 0).any() else np.nan for x in pieces])
+    apart = np.abs(np.log(usual / usual[0])) > np.log(_OTHER_UNIT)
+    if apart.any():
+        piece = int(apart.argmax())
+        row = sum(len(x) for x in pieces[:piece])
+        raise RecordingError(
+            f"{name} goes in steps of {usual[0]:.3g} at first and of {usual[piece]:.3g} about row "
+            f"{row}; expected a time in one unit",
+            path=table.source or None,
+        )
+
+
+def _disagreeing(table: LogTable, first: str, read: dict[str, tuple[str, str, str]]) -> list[str]:
+    """Return a question where two columns of time tell of different durations."""
+    if first in _FIRST[:1]:
+        return []
+    lengths = {
+        name: float(np.ptp(_known(table.columns[name]))) * SECONDS[unit]
+        for name, (unit, _, _) in read.items()
+        if table.columns[name].dtype.kind not in "mM"
+    }
+    own = lengths.get(first)
+    other = [n for n, x in lengths.items() if own is not None and abs(x - own) > _APART * own]
+    return [f"time: {first} or {other[0]}? their lengths differ"] if other else []
+
+
+def _runs(values: NDArray[Any]) -> bool:
+    """Say whether most of the steps go forward."""
+    if values.dtype.kind in "mM":
+        return True
+    known = _known(values)
+    steps = np.diff(known)
+    return bool(steps.size and np.mean(steps >= 0) > 0.5 and np.ptp(known) > 0)  # noqa: PLR2004
+
+
+def _is_even(values: NDArray[Any]) -> bool:
+    """Say whether a column goes on in steps that are all alike."""
+    if values.dtype.kind not in "iuf" or values.size < _FEWEST_EVEN:
+        return False
+    steps = np.diff(values.astype(np.float64))
+    return bool(steps[0] > 0 and np.allclose(steps, steps[0], rtol=_EVEN, atol=0.0))
+
+
+def _known(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the numbers of a column, without those that are none."""
+    numbers = values.astype(np.float64)
+    return numbers[np.isfinite(numbers)]
+
+
+def _unit(values: NDArray[Any], said: str) -> tuple[str, str, str]:
+    """Return unit, reason and question of a column of time."""
+    if values.dtype.kind in "mM":
+        return "s", "dates", ""
+    steps = np.diff(values.astype(np.float64) if values.dtype.kind == "f" else values)
+    forward = steps[steps > 0]
+    step = float(np.median(forward)) if forward.size else 0.0
+    by_step = "s" if step and RATES[0] <= 1 / step <= RATES[1] else None
+    by_step = by_step or _SHORT.get(unit_of(step) or "")
+    rate = f"{1 / (step * SECONDS[by_step]):.4g} Hz" if by_step else ""
+    if said in SECONDS:
+        if by_step and by_step != said:
+            return (
+                by_step,
+                f"steps of {step:.4g} are {rate} in {by_step}",
+                f"time: the name says {said}, steps of {step:.4g} make {rate} in {by_step}: which?",
+            )
+        return said, f"the name says so; steps of {step:.4g}", ""
+    if by_step is None:
+        return "s", f"steps of {step:.4g}", f"time: steps of {step:.4g} are no rate of a log"
+    if step == 1.0 and values.dtype.kind in "iu":
+        return by_step, "steps of 1", "time: does it count milliseconds, or rows?"
+    return by_step, f"steps of {step:.4g} are {rate}", ""

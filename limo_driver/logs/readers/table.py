@@ -1,0 +1,181 @@
+"""LogTable: what a log of any kind holds, as named columns of numbers, before it is mapped."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from limo_driver.errors import RecordingError
+from limo_driver.runtime.display import shortened
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+_MATRIX: Final = 2  # dimensions
+_MOST_LABELS: Final = 4096  # columns of one array
+
+
+@dataclass(frozen=True)
+class LogTable:
+    """Named columns of T rows.
+
+    Args:
+        columns: Numbers or dates, (T,) each, by name; NaN where a cell is empty.
+        source: File or folder that they are from, for messages.
+        kind: What it is, in words, such as `CSV`.
+        unread: Columns that hold no numbers, by name, and what they hold.
+        notes: What a user should know of how it was read.
+        robot: Name of the robot, where the file says it.
+        spread: Rows of a long log of which these are evenly spread stretches; 0 if they are all.
+        first_row: Row of the log that is the first here, where it is read block by block.
+        is_si: Whether its format is defined in SI units, which count where values fit others, too.
+    """
+
+    columns: Mapping[str, NDArray[Any]]
+    source: str = ""
+    kind: str = "arrays"
+    unread: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    robot: str = ""
+    spread: int = 0
+    first_row: int = 0
+    is_si: bool = False
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return next((values.size for values in self.columns.values()), 0)
+
+    def __post_init__(self) -> None:
+        sizes = {name: values.size for name, values in self.columns.items()}
+        if len(set(sizes.values())) > 1:
+            usual = max(sizes.values(), key=list(sizes.values()).count)
+            odd = next(name for name, size in sizes.items() if size != usual)
+            raise RecordingError(
+                f"{odd} has {sizes[odd]} rows, the others {usual}; expected columns of one length",
+                path=self.source or None,
+            )
+
+    def first(self, rows: int) -> LogTable:
+        """Return the first rows, which share their memory with this table."""
+        return replace(self, columns={name: values[:rows] for name, values in self.columns.items()})
+
+    def cut(self, start: int, stop: int) -> LogTable:
+        """Return a copy of the rows from `start` to `stop`."""
+        own = {name: values[start:stop].copy() for name, values in self.columns.items()}
+        return replace(self, columns=own, first_row=self.first_row + start)
+
+    def only(self, patterns: Sequence[str], beside: Collection[str] = ()) -> LogTable:
+        """Return the table with the columns that match, and those beside them.
+
+        Args:
+            patterns: Such as `left_*`, of the whole name of a column or of a part between dots and
+                brackets.
+            beside: Names of columns that are kept in any case.
+
+        Raises:
+            RecordingError: No column matches one of them.
+        """
+        kept = set(beside)
+        for pattern in patterns:
+            found = {name for name in self.columns if _matches(name, pattern)}
+            if not found:
+                raise RecordingError(
+                    f"`columns`: none matches {pattern!r}; it has {shortened(list(self.columns))}",
+                    path=self.source or None,
+                )
+            kept |= found
+        columns = {name: values for name, values in self.columns.items() if name in kept}
+        return replace(self, columns=columns)
+
+    def without_empty(self) -> LogTable:
+        """Return the table without columns that have no number in any row; they are unread."""
+        empty = [
+            name
+            for name, values in self.columns.items()
+            if values.dtype.kind == "f" and values.size and not np.isfinite(values).any()
+        ]
+        kept = {name: values for name, values in self.columns.items() if name not in empty}
+        unread = {**self.unread, **dict.fromkeys(empty, "no number")}
+        return replace(self, columns=kept, unread=unread) if empty else self
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a column.
+
+        Raises:
+            RecordingError: There is none of this name that holds numbers.
+        """
+        if name in self.columns:
+            return self.columns[name]
+        what = f"has no column {name!r}; it has {shortened(list(self.columns))}"
+        if name in self.unread:
+            what = f"column {name} holds {self.unread[name]}, expected numbers"
+        raise RecordingError(what, path=self.source or None)
+
+
+def _matches(name: str, pattern: str) -> bool:
+    return any(fnmatchcase(part, pattern) for part in (name, *re.split(r"[.\[\]]", name)))
+
+
+def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") -> LogTable:
+    """Make a table of arrays: (T,) is a column, (T, k) columns `name[0]` to `name[k-1]`.
+
+    Where one array is of k texts, those name the k columns instead, as `name[elbow]`.
+
+    Args:
+        arrays: By name. What is no array of numbers, or has another number of rows than most, is
+            named as unread.
+        source: Where they are from, for messages.
+        kind: What that is, in words.
+    """
+    columns, unread, told = dict[str, "NDArray[Any]"](), dict[str, str](), dict[str, str]()
+    given = {name: np.asarray(values) for name, values in arrays.items()}
+    numbers = {name: values for name, values in given.items() if values.dtype.kind in "fiumM"}
+    lengths = [len(values) for values in numbers.values() if values.ndim in {1, 2}]
+    usual = max(lengths, key=lengths.count, default=0)
+    labels = {name: found for name, x in given.items() if (found := _labels(x))}
+    for name, values in given.items():
+        if name not in numbers:
+            unread[name] = f"{values.dtype} values"
+        elif values.ndim not in {1, 2} or len(values) != usual:
+            unread[name] = said_of_shape(values.shape, usual)
+        elif values.ndim == 1:
+            columns[name] = values
+        else:
+            by, named = _names_of(values.shape[1], labels)
+            told |= {by: name} if by else {}
+            columns |= {f"{name}[{label}]": values[:, k] for k, label in enumerate(named)}
+    unread = {name: held for name, held in unread.items() if name not in told}
+    notes = tuple(f"{name} names the columns of arrays as wide" for name in told)
+    return LogTable(columns, source, kind, unread, notes)
+
+
+def said_of_shape(shape: tuple[int, ...], rows: int) -> str:
+    """Say what an array is that has another number of rows than most."""
+    if len(shape) == _MATRIX and shape[1] == rows:
+        return f"an array of shape {shape}, expected {shape[::-1]}: a row is a sample"
+    other = len(shape) in {1, _MATRIX} and shape[0] != rows
+    return f"an array of shape {shape}" + (f" beside {rows} rows" if other else "")
+
+
+def _labels(values: NDArray[Any]) -> tuple[str, ...]:
+    """Return the texts of an array that may name columns; none of any other."""
+    if values.ndim != 1 or values.dtype.kind not in "USO" or not 0 < values.size <= _MOST_LABELS:
+        return ()
+    texts = [x.decode(errors="replace") if isinstance(x, bytes) else x for x in values.tolist()]
+    named = all(isinstance(x, str) and x.strip() for x in texts)
+    return tuple(x.strip() for x in texts) if named and len(set(texts)) == len(texts) else ()
+
+
+def _names_of(
+    width: int, labels: Mapping[str, tuple[str, ...]]
+) -> tuple[str, tuple[str | int, ...]]:
+    """Return names of the columns of an array, and of the one array of texts that has them."""
+    alike = [(name, texts) for name, texts in labels.items() if len(texts) == width]
+    return alike[0] if len(alike) == 1 else ("", tuple(range(width)))

@@ -1,0 +1,191 @@
+"""MJCF as MuJoCo compiles it, written as the URDF of one arm.
+
+Defaults, classes, includes, meshes without inertia and angles in degrees are so what MuJoCo makes
+of them.
+"""
+
+# MuJoCo ships no stubs.
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.model.descriptions.description import RobotDescription
+from limo_driver.model.descriptions.mjcf.files import (
+    check_assets,
+    check_includes,
+    check_numbers,
+    is_plain,
+)
+from limo_driver.model.descriptions.mjcf.joints import (
+    HINGE,
+    actuators,
+    body_name,
+    is_passive_motor,
+    joint_name,
+    loops,
+)
+from limo_driver.model.descriptions.mjcf.stated_drives import motors, servos
+from limo_driver.model.descriptions.mjcf.writer import TURNING, ArmWriter
+from limo_driver.model.descriptions.urdf_checks import LARGEST
+from limo_driver.model.descriptions.xml_text import MOST_JOINTS
+from limo_driver.runtime.given_files import apart
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+_PLACED: Final = (  # what an arm is written from
+    *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
+    *("jnt_pos", "jnt_axis", "jnt_range", "geom_pos", "geom_quat", "geom_size"),
+)
+_FEWEST: Final = 2  # arms, of which one has to be chosen
+
+
+def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
+    """Read the arm of an MJCF file: of its trees of bodies, the one with the most hinges.
+
+    Args:
+        path: The file.
+        joints: Names or patterns of joints, of which the arm has the most, where any are given.
+
+    Raises:
+        ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, a mass or the
+            like is no finite number, its arm floats, or several trees could be the arm.
+    """
+    files = check_includes(path)
+    check_numbers(files)
+    check_assets(files)
+    model = compile_mjcf(path) if is_plain(files) else apart(compile_mjcf, path, ConfigError)
+    if model.njnt > MOST_JOINTS:
+        raise ConfigError(f"has {model.njnt} joints, expected at most {MOST_JOINTS}", path=path)
+    for name in _PLACED:
+        if not (np.abs(getattr(model, name)) <= LARGEST).all():
+            raise ConfigError(f"its {name}, as MuJoCo has it, is no finite number", path=path)
+    root = _arm(model, path, joints)
+    writer = ArmWriter(model, root, path)
+    writer.write(root)
+    coupled = writer.couple()
+    return RobotDescription(
+        writer.robot,
+        path,
+        "MJCF",
+        writer.dynamics,
+        tuple(np.array(model.opt.gravity).tolist()),  # type: ignore[arg-type]  # three
+        writer.shifts,
+        writer.hulls,
+        tuple(_left_aside(model, root, coupled) + writer.notes),
+        servos(model),
+        motors(model),
+        writer.plays,
+        places={
+            joint_name(model, j): (int(model.jnt_qposadr[j]), int(model.jnt_dofadr[j]))
+            for j in range(model.njnt)
+        },
+        widths=(int(model.nq), int(model.nv)),
+        loops=loops(model, root),
+    )
+
+
+def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
+    """Compile an MJCF file.
+
+    Raises:
+        ConfigError: It cannot be; in one line.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+        mujoco.MjData(model)  # which has a size of its own
+        return model
+    except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"MuJoCo cannot compile it: {reason}", path=path) from None
+
+
+def _arm(model: Any, path: Path, joints: Sequence[str]) -> int:  # noqa: ANN401
+    """Return the body at the root of the tree that is the arm."""
+    hinges: dict[int, list[str]] = {}
+    for joint in range(model.njnt):
+        of_tree = hinges.setdefault(int(model.body_rootid[model.jnt_bodyid[joint]]), [])
+        if int(model.jnt_type[joint]) == HINGE:
+            of_tree.append(joint_name(model, joint))
+    patterns = [joint.partition("=")[0].strip() for joint in joints]
+    chosen = {
+        root: sum(any(fnmatchcase(name, pattern) for pattern in patterns) for name in names)
+        for root, names in hinges.items()
+    }
+    counts = chosen if any(chosen.values()) else {root: len(x) for root, x in hinges.items()}
+    most = max(counts.values(), default=0)
+    if not most:
+        raise ConfigError("has no hinge joint", path=path)
+    arms = [root for root, many in counts.items() if many == most]
+    names = ", ".join(body_name(model, root) for root in arms)
+    if len(arms) >= _FEWEST:
+        all_names = [joint_name(model, joint) for joint in range(model.njnt)]
+        one = _pattern_of(hinges[arms[0]], all_names)
+        raise ConfigError(
+            f"holds several arms of {most} hinges, {names}; choose the joints of one, as in "
+            f"{path.name}#{one}",
+            path=path,
+        )
+    free = [
+        j
+        for j in range(model.njnt)
+        if int(model.body_rootid[model.jnt_bodyid[j]]) == arms[0]
+        and int(model.jnt_type[j]) not in TURNING
+    ]
+    if free:
+        kind = "ball" if model.jnt_type[free[0]] == mujoco.mjtJoint.mjJNT_BALL else "free"
+        raise ConfigError(
+            f"{names} has the {kind} joint {joint_name(model, free[0])}; limo's arms stand on a "
+            "fixed base, with one axis a joint",
+            path=path,
+        )
+    return arms[0]
+
+
+def _pattern_of(names: Sequence[str], every: Sequence[str]) -> str:
+    """Return what chooses these joints of all: how they alone begin, else their names."""
+    last = max(names)
+    start = next(last[:k] for k in range(len(last), -1, -1) if min(names).startswith(last[:k]))
+    alone = set(names) == {name for name in every if name.startswith(start)}
+    return f"{start}*" if alone else ",".join(names)
+
+
+def _left_aside(model: Any, root: int, coupled: int) -> list[str]:  # noqa: ANN401
+    """Say what the file holds that is not represented; so many equalities are."""
+    notes: list[str] = []
+    others = {int(model.body_rootid[b]) for b in range(1, model.nbody)} - {root}
+    if others:
+        notes.append(f"left aside: {', '.join(body_name(model, b) for b in sorted(others))}")
+    if left := model.neq - coupled:
+        notes.append(f"not represented: {left} equality constraint{'s' * (left > 1)}")
+    if model.ntendon:
+        notes.append(f"not represented: {model.ntendon} tendon{'s' * (model.ntendon > 1)}")
+    for values, what in (
+        (model.dof_dampingpoly[:, 1:], "damping of higher powers of the speed"),
+        (
+            model.jnt_stiffnesspoly[:, [0, *range(2, model.jnt_stiffnesspoly.shape[1])]],
+            "springs other than linear and cubic",
+        ),
+        (model.body_gravcomp, "gravity compensation"),
+    ):
+        if np.any(values):
+            notes.append(f"not represented: {what}")
+    if np.any(model.actuator_armature) or np.any(model.actuator_damping):
+        notes.append("not represented: armature and damping of actuators")
+    moving = [
+        u
+        for u in range(actuators(model))
+        if int(model.actuator_dyntype[u]) != 0 and not is_passive_motor(model, u)
+    ]
+    if moving:
+        notes.append(f"not represented: the dynamics of {len(moving)} actuators")
+    if np.any(model.actuator_delay):
+        notes.append("not represented: delays of actuators")
+    return notes

@@ -1,0 +1,166 @@
+"""What MuJoCo's model states of joints: physics, actuators, and the play of one joint."""
+
+# MuJoCo ships no stubs.
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import mujoco
+import numpy as np
+
+from limo_driver.model.descriptions.description import JointDynamics, StatedBristles, StatedRipple
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_PAIR: Final = 2  # joints of a body, of which one may be the play of the other
+_WIDEST_PLAY: Final = 0.2  # [rad], as the effect has it
+_ALIKE: Final = 1e-9  # of axes and their places [m]
+
+
+def body_name(model: Any, body: int) -> str:  # noqa: ANN401
+    """Return what a body is called."""
+    return model.body(body).name or f"body_{body}"
+
+
+def joint_name(model: Any, joint: int) -> str:  # noqa: ANN401
+    """Return what a joint is called."""
+    return model.joint(joint).name or f"joint_{joint}"
+
+
+def effort(model: Any, joint: int) -> float:  # noqa: ANN401
+    """Return the torque that joint and actuators can have [N m]; 0 where nothing is stated."""
+    if model.jnt_actfrclimited[joint]:
+        return float(np.abs(model.jnt_actfrcrange[joint]).max())
+    total = 0.0
+    for u in range(actuators(model)):
+        of_joint = int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        if not of_joint or int(model.actuator_trnid[u][0]) != joint:
+            continue
+        gear = abs(float(model.actuator_gear[u][0]))
+        direct = (
+            int(model.actuator_gaintype[u]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+            and int(model.actuator_biastype[u]) == int(mujoco.mjtBias.mjBIAS_NONE)
+            and int(model.actuator_dyntype[u]) == int(mujoco.mjtDyn.mjDYN_NONE)
+        )
+        if model.actuator_forcelimited[u]:
+            total += gear * float(np.abs(model.actuator_forcerange[u]).max())
+        elif direct and model.actuator_ctrllimited[u]:
+            most = float(np.abs(model.actuator_ctrlrange[u]).max())
+            total += gear * abs(float(model.actuator_gainprm[u][0])) * most
+    return total
+
+
+def dynamics(model: Any, joint: int) -> JointDynamics:  # noqa: ANN401
+    """Return what a file states of a joint beside its body."""
+    dof = int(model.jnt_dofadr[joint])
+    return JointDynamics(
+        friction=float(model.dof_frictionloss[dof]),
+        damping=float(model.dof_damping[dof]),
+        armature=float(model.dof_armature[dof]),
+        stiffness=float(model.jnt_stiffness[joint]),
+        rest=float(model.qpos_spring[model.jnt_qposadr[joint]]),
+        cubic=float(model.jnt_stiffnesspoly[joint][1]),
+        drag=float(model.dof_dampingpoly[dof][0]),
+        **_motors(model, joint),
+    )
+
+
+def loops(model: Any, root: int) -> tuple[frozenset[str], ...]:  # noqa: ANN401
+    """Return the joints of each loop that equalities of bodies close in a tree, by name.
+
+    Args:
+        model: MuJoCo's model.
+        root: The body at the root of the tree.
+    """
+    found: list[frozenset[str]] = []
+    kinds = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
+    for k in range(model.neq):
+        if int(model.eq_type[k]) not in kinds or not model.eq_active0[k]:
+            continue
+        ends = [int(model.eq_obj1id[k]), int(model.eq_obj2id[k])]
+        if int(model.eq_objtype[k]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            ends = [int(model.site_bodyid[site]) for site in ends]
+        if any(int(model.body_rootid[body]) != root for body in ends):
+            continue
+        one, other = (_carriers(model, body) for body in ends)
+        joints = [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in one ^ other]
+        found.append(frozenset(joint_name(model, j) for j in joints))
+    return tuple(found)
+
+
+def _carriers(model: Any, body: int) -> set[int]:  # noqa: ANN401
+    """Return a body and all that carry it."""
+    found = set[int]()
+    while body:
+        found.add(body)
+        body = int(model.body_parentid[body])
+    return found
+
+
+def is_passive_motor(model: Any, actuator: int) -> bool:  # noqa: ANN401
+    """Say whether an actuator is a DC motor without inputs: friction and cogging of its joint."""
+    return (
+        int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_DCMOTOR)
+        and int(model.actuator_ctrlnum[actuator]) == 0
+    )
+
+
+def actuators(model: Any) -> int:  # noqa: ANN401
+    """Return how many actuators there are."""
+    return len(model.actuator_trntype)  # `nu` counts their inputs
+
+
+def _motors(model: Any, joint: int) -> dict[str, Any]:  # noqa: ANN401
+    """Return LuGre friction and cogging of the DC motors on a joint."""
+    bristles, ripples = list[StatedBristles](), list[StatedRipple]()
+    for u in range(actuators(model)):
+        of_joint = (
+            int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+            and int(model.actuator_trnid[u][0]) == joint
+        )
+        is_motor = int(model.actuator_biastype[u]) == int(mujoco.mjtBias.mjBIAS_DCMOTOR)
+        if not (of_joint and is_motor and float(model.actuator_gear[u][0]) == 1.0):
+            continue
+        amplitude, cycles, phase, sliding, breakaway, speed, *_ = model.actuator_biasprm[u].tolist()
+        *_, stiffness, damping = model.actuator_dynprm[u].tolist()[:7]
+        if stiffness:
+            bristles.append(StatedBristles(stiffness, damping, sliding, breakaway, speed))
+        if amplitude:
+            ripples.append(StatedRipple(amplitude, cycles, phase))
+    return {"bristles": tuple(bristles), "ripples": tuple(ripples)}
+
+
+def play_of(model: Any, joints: Sequence[int]) -> int | None:  # noqa: ANN401
+    """Return which of the two joints of a body is nothing but the play of the other.
+
+    Both are hinges about the same axis; the play has no actuator, and a range that is narrow beside
+    that of the other.
+
+    Args:
+        model: MuJoCo's model.
+        joints: Of one body, by index.
+    """
+    if len(joints) != _PAIR or any(int(model.jnt_type[j]) != HINGE for j in joints):
+        return None
+    first, second = (np.array(model.jnt_axis[j]) for j in joints)
+    apart = np.ptp(np.array(model.jnt_pos[list(joints)]), axis=0).max()
+    if abs(float(first @ second)) < 1.0 - _ALIKE or apart > _ALIKE:
+        return None
+    moved = {
+        int(model.actuator_trnid[u][0])
+        for u in range(actuators(model))
+        if int(model.actuator_trntype[u]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+    }
+    wide = [_width(model, j) for j in joints]
+    narrow = int(np.argmin(wide))
+    play, other = joints[narrow], 1 - narrow
+    is_play = wide[narrow] <= min(_WIDEST_PLAY, wide[other] / _PAIR) and play not in moved
+    return play if is_play else None
+
+
+def _width(model: Any, joint: int) -> float:  # noqa: ANN401
+    low, high = model.jnt_range[joint].tolist()
+    return high - low if model.jnt_limited[joint] else np.inf

@@ -1,0 +1,173 @@
+"""Collision shapes of an arm: convex each, with a capsule around it and exact distances."""
+
+# pinocchio and coal have no stubs; this file is the adapter to their shapes.
+# pyright: reportMissingImports=false, reportUnknownParameterType=false
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from limo_driver.errors import ConfigError
+from limo_driver.model.descriptions.doubts import lost_meshes
+from limo_driver.model.descriptions.enclosing import box_corners, enclosing_capsule
+from limo_driver.types import readonly
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from limo_driver.model.descriptions.description import RobotDescription
+    from limo_driver.types import FloatArray
+
+_HULL: Final = "Qt"  # what qhull is asked for: triangles
+_TOLERANCE: Final = 1e-10  # [m] of a distance, so that its differences give a derivative
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A collision capsule fixed to a link: all points within `radius` of a segment."""
+
+    link: str
+    joint: int  # 0-based joint that moves it; -1 is the fixed base
+    start: FloatArray  # (3,) [m], in the frame of that joint
+    end: FloatArray  # (3,) [m]
+    radius: float  # [m]
+
+
+@dataclass(frozen=True)
+class ArmShapes:
+    """The collision shapes of an arm; of a mesh, its convex hull."""
+
+    model: pin.Model
+    geometry: pin.GeometryModel
+    capsules: tuple[Capsule, ...]  # each shape, or the smallest that was found around it
+    round: NDArray[np.bool_]  # whether the capsule is the shape itself
+
+
+class ShapeDistances:
+    """Exact distances between pairs of an arm's shapes, and of shapes from the plane z = 0.
+
+    Args:
+        shapes: Of the arm.
+        pairs: Indices of shapes, (c, 2).
+    """
+
+    def __init__(self, shapes: ArmShapes, pairs: NDArray[np.int64]) -> None:
+        self._model, self._data = shapes.model, shapes.model.createData()
+        many = len(shapes.capsules)
+        self._geometry = shapes.geometry.copy()
+        self._geometry.removeAllCollisionPairs()
+        plane = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+        self._geometry.addGeometryObject(pin.GeometryObject("plane", 0, pin.SE3.Identity(), plane))
+        for i, k in pairs.tolist():
+            self._geometry.addCollisionPair(pin.CollisionPair(i, k))
+        for i in range(many):
+            self._geometry.addCollisionPair(pin.CollisionPair(i, many))
+        self._found = self._geometry.createData()
+        for request in self._found.distanceRequests:
+            request.gjk_tolerance = request.epa_tolerance = _TOLERANCE
+        angular = ~shapes.round
+        self._angular = np.concatenate([angular[pairs].any(axis=1), angular])
+
+    def sharpen(
+        self, position: FloatArray, gap: FloatArray, lowest: FloatArray, near: float, low: float
+    ) -> None:
+        """Replace the distances of capsules by those of the shapes in them, where it matters.
+
+        Args:
+            position: (T, n).
+            gap: Between the capsules of each pair, (T, c) [m]; written to.
+            lowest: Height of each capsule, (T, m) [m]; written to.
+            near: Gap from which on that of the capsules is enough [m].
+            low: Height from which on that of the capsules is enough [m].
+        """
+        close = np.concatenate([gap < near, lowest < low], axis=1) & self._angular
+        pairs = gap.shape[1]
+        for t in np.flatnonzero(close.any(axis=1)).tolist():
+            pin.updateGeometryPlacements(
+                self._model, self._data, self._geometry, self._found, position[t]
+            )
+            for k in np.flatnonzero(close[t]).tolist():
+                found = pin.computeDistance(self._geometry, self._found, k).min_distance
+                if k < pairs:
+                    gap[t, k] = max(gap[t, k], found)
+                else:
+                    lowest[t, k - pairs] = max(lowest[t, k - pairs], found)
+
+
+def read_shapes(description: RobotDescription, model: pin.Model) -> ArmShapes:
+    """Read the collision shapes of an arm.
+
+    Args:
+        description: As read.
+        model: Of its joints.
+
+    Raises:
+        ConfigError: A mesh that the description names is not there.
+    """
+    try:
+        geometry = pin.buildGeomFromUrdfString(
+            model,
+            description.text,
+            pin.GeometryType.COLLISION,
+            package_dirs=[str(folder) for folder in description.path.resolve().parents],
+        )
+    except ValueError as error:
+        reason = lost_meshes(description) or " ".join(str(error).split())
+        raise ConfigError(
+            f"its collision shapes cannot be read: {reason}", path=description.path
+        ) from None
+    for item in geometry.geometryObjects:
+        item.geometry = _convex(item.geometry, description.hulls.get(item.name))
+    items = list(geometry.geometryObjects)
+    return ArmShapes(
+        model,
+        geometry,
+        tuple(_capsule(model, item) for item in items),
+        np.array([_is_round(item.geometry) for item in items], dtype=bool),
+    )
+
+
+def _convex(shape: Any, corners: FloatArray | None) -> Any:  # noqa: ANN401  # coal has no types
+    """Return the hull of a mesh, or of the corners that a shape stands for; others as they are."""
+    if corners is None and not hasattr(shape, "vertices"):
+        return shape
+    points = np.array(shape.vertices()) if corners is None else corners
+    several = coal.StdVec_Vec3s()
+    for point in np.unique(points, axis=0):
+        several.append(point)
+    return coal.ConvexBase.convexHull(several, True, _HULL)
+
+
+def _is_round(shape: Any) -> bool:  # noqa: ANN401
+    return isinstance(shape, (coal.Capsule, coal.Sphere))
+
+
+def _capsule(model: pin.Model, item: pin.GeometryObject) -> Capsule:
+    shape, placement = item.geometry, item.placement
+    if isinstance(shape, (coal.Capsule, coal.Cylinder)):
+        axis = np.array([0.0, 0.0, float(shape.halfLength)])
+        start, end, radius = -axis, axis, float(shape.radius)
+    elif isinstance(shape, coal.Sphere):
+        start, end, radius = np.zeros(3), np.zeros(3), float(shape.radius)
+    else:
+        start, end, radius = enclosing_capsule(_corners(shape))
+    return Capsule(
+        link=str(model.frames[item.parentFrame].name),
+        joint=int(item.parentJoint) - 1,
+        start=readonly(placement.act(start)),
+        end=readonly(placement.act(end)),
+        radius=radius,
+    )
+
+
+def _corners(shape: Any) -> FloatArray:  # noqa: ANN401
+    """Return the corners of a hull or of the box around any other shape, (K, 3) [m]."""
+    if isinstance(shape, coal.Convex):
+        return np.array(shape.points())
+    shape.computeLocalAABB()
+    low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
+    return box_corners(high - low) + (low + high) / 2

@@ -1,0 +1,410 @@
+"""Arms in USD: rigid bodies, joints, and what PhysX keeps of them, as a description.
+
+Read are `UsdPhysics` joints, masses and gravity, and the PhysX attributes of an axis of a joint:
+armature, dry and viscous friction, speed, and which joint it mimics. Angles are degrees there, also
+within other units.
+"""
+
+# usd-core ships no usable stubs, and is an extra.
+# pyright: reportMissingImports=false, reportMissingModuleSource=false, reportAttributeAccessIssue=false
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from limo_driver.errors import ConfigError
+from limo_driver.model.descriptions.description import JointDynamics, RobotDescription, StatedServo
+from limo_driver.model.descriptions.geometry import numbers, rpy_of
+from limo_driver.model.descriptions.usd_shapes import write_shapes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from limo_driver.types import FloatArray
+
+DEGREES: Final = 180.0 / math.pi  # [deg/rad]
+_KINDS: Final = {
+    "PhysicsRevoluteJoint": "revolute",
+    "PhysicsPrismaticJoint": "prismatic",
+    "PhysicsFixedJoint": "fixed",
+}
+_AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+_FAST: Final = 1e5  # [deg/s], above which a limit of speed is none
+_STANDARD: Final = 9.81  # [m/s²], where a scene states no gravity
+
+
+_MIMIC: Final = re.compile(r"(physxMimicJoint:\w+):referenceJoint")
+_PLACE: Final = re.compile(r":(\d+):\d+: (.+?)(?: at '| in <|'\s|'$)")  # in what USD says
+_ASSET: Final = re.compile(r"@([^@]+)@")
+
+
+class _Frame(NamedTuple):
+    place: FloatArray  # (3,) [m]
+    R: FloatArray  # (3, 3)
+
+
+def open_stage(path: Path) -> Any:  # noqa: ANN401  # a stage of USD
+    """Open a USD file.
+
+    Raises:
+        ConfigError: usd-core is not installed, it cannot be opened, is not in metres and kilograms,
+            or has layers outside its folder.
+    """
+    try:
+        from pxr import Tf, Usd, UsdGeom, UsdPhysics
+    except ImportError:
+        raise ConfigError("is USD, which needs `pip install limo[usd]`", path=path) from None
+    try:
+        stage = Usd.Stage.Open(str(path))
+    except Tf.ErrorException as error:
+        raise ConfigError(f"cannot be opened as USD: {_reason(error)}", path=path) from None
+    if lacking := _lacking(stage):
+        raise ConfigError(f"uses {lacking}, which cannot be read", path=path)
+    folder = path.resolve().parent
+    for layer in stage.GetUsedLayers():
+        file = layer.realPath
+        if file and not Path(file).resolve().is_relative_to(folder):
+            raise ConfigError(f"uses {file}, which is outside its folder", path=path)
+    for name, unit in (
+        ("metersPerUnit", UsdGeom.GetStageMetersPerUnit(stage)),
+        ("kilogramsPerUnit", UsdPhysics.GetStageKilogramsPerUnit(stage)),
+    ):
+        if unit != 1.0:
+            raise ConfigError(f"has {name} = {unit:g}, expected 1", path=path)
+    return stage
+
+
+def _reason(error: Exception) -> str:
+    """Return why a file cannot be opened, without the library's own places in code."""
+    found = _PLACE.search(str(error))
+    return "it is damaged, or none" if found is None else f"line {found[1]}: {found[2]}"
+
+
+def _lacking(stage: Any) -> str:  # noqa: ANN401
+    """Return the first file that layers or prims refer to and that cannot be read, if any."""
+    for error in stage.GetCompositionErrors():
+        if (found := _ASSET.search(str(error))) is not None:
+            return found[1]
+    return ""
+
+
+def joints_of(stage: Any, path: Path) -> list[Any]:  # noqa: ANN401
+    """Return the prims of joints that are in force.
+
+    Raises:
+        ConfigError: Two have the same name.
+    """
+    from pxr import UsdPhysics
+
+    found = [
+        prim
+        for prim in stage.Traverse()
+        if prim.IsA(UsdPhysics.Joint)
+        and UsdPhysics.Joint(prim).GetJointEnabledAttr().Get()
+        and not UsdPhysics.Joint(prim).GetExcludeFromArticulationAttr().Get()
+    ]
+    names = [prim.GetName() for prim in found]
+    if repeated := sorted({name for name in names if names.count(name) > 1}):
+        raise ConfigError(f"has more than one joint called {', '.join(repeated)}", path=path)
+    return found
+
+
+def bodies_of(stage: Any, path: Path) -> dict[str, Any]:  # noqa: ANN401
+    """Return the prims of the bodies that joints connect, by name.
+
+    Raises:
+        ConfigError: Two have the same name.
+    """
+    found: dict[str, Any] = {}
+    for joint in joints_of(stage, path):
+        for prim in _ends(stage, joint):
+            if prim is None:
+                continue
+            name = prim.GetName()
+            if found.setdefault(name, prim) != prim:
+                raise ConfigError(f"has more than one body called {name}", path=path)
+    return found
+
+
+def axis_of(joint: Any) -> str:  # noqa: ANN401
+    """Return the instance under which PhysX keeps the axis of a joint."""
+    return "linear" if _KINDS.get(joint.GetTypeName()) == "prismatic" else "angular"
+
+
+def scale_of(joint: Any) -> float:  # noqa: ANN401
+    """Return how many units of a joint in USD one of limo's is: degrees, or metres."""
+    return 1.0 if axis_of(joint) == "linear" else DEGREES
+
+
+def read_usd(path: Path) -> RobotDescription:
+    """Read a USD file as a description.
+
+    Raises:
+        ConfigError: It cannot be opened, its base floats, a joint has more than one axis, or a body
+            lacks mass or inertia.
+    """
+    stage = open_stage(path)
+    joints, bodies = joints_of(stage, path), bodies_of(stage, path)
+    if not bodies:
+        raise ConfigError("has no joints of USD physics between bodies", path=path)
+    tree = {str(_ends(stage, joint)[1].GetName()): joint for joint in _upward(stage, joints, path)}
+    root = ET.Element("robot", name=path.stem)
+    ET.SubElement(root, "link", name="world")
+    shifts = {name: _frame(tree[name], 1).place if name in tree else np.zeros(3) for name in bodies}
+    dynamics: dict[str, JointDynamics] = {}
+    servos: dict[str, StatedServo] = {}
+    hulls: dict[str, FloatArray] = {}
+    for name, prim in bodies.items():
+        link = _write_link(root, name, prim, shifts[name], path, is_base=name not in tree)
+        hulls |= write_shapes(link, prim, bodies, shifts[name])
+    _write_base(root, stage, joints, bodies, tree, path)
+    for name, joint in tree.items():
+        _write_joint(root, stage, joint, name, shifts)
+        dynamics[joint.GetName()] = _dynamics(joint)
+        if (servo := _servo(joint)) is not None:
+            servos[joint.GetName()] = servo
+    notes = _couple(root, stage, tree.values())
+    if not any(link.find("collision") is not None for link in root.findall("link")):
+        notes.append("has no collision shapes: motion is planned without, or not at all")
+    if any(_value(joint, "physxJoint:jointFriction") for joint in joints):
+        notes.append("not represented: physxJoint:jointFriction, which goes with the load")
+    return RobotDescription(
+        root, path, "USD", dynamics, _gravity(stage), shifts, hulls, tuple(notes), servos
+    )
+
+
+def _upward(stage: Any, joints: list[Any], path: Path) -> list[Any]:  # noqa: ANN401
+    """Return the joints between two bodies, each of which moves one body alone."""
+    moved = set[str]()
+    found = list[Any]()
+    for joint in joints:
+        parent, child = _ends(stage, joint)
+        if joint.GetTypeName() not in _KINDS:
+            raise ConfigError(
+                f"joint {joint.GetName()} is a {joint.GetTypeName()}; limo's joints have one axis",
+                path=path,
+            )
+        if parent is None or child is None:
+            continue
+        if child.GetName() in moved:
+            raise ConfigError(
+                f"body {child.GetName()} is moved by two joints; expected a tree", path=path
+            )
+        moved.add(child.GetName())
+        found.append(joint)
+    return found
+
+
+def _ends(stage: Any, joint: Any) -> tuple[Any, Any]:  # noqa: ANN401
+    from pxr import UsdPhysics
+
+    of = UsdPhysics.Joint(joint)
+    targets = [of.GetBody0Rel().GetTargets(), of.GetBody1Rel().GetTargets()]
+    first, second = (stage.GetPrimAtPath(each[0]) if each else None for each in targets)
+    return first, second
+
+
+def _frame(joint: Any, end: int) -> _Frame:  # noqa: ANN401
+    from pxr import UsdPhysics
+
+    of = UsdPhysics.Joint(joint)
+    place = (of.GetLocalPos0Attr() if end == 0 else of.GetLocalPos1Attr()).Get()
+    turned = (of.GetLocalRot0Attr() if end == 0 else of.GetLocalRot1Attr()).Get()
+    return _Frame(np.array(place, dtype=np.float64), _matrix(turned))
+
+
+def _matrix(quaternion: Any) -> FloatArray:  # noqa: ANN401
+    from scipy.spatial.transform import Rotation
+
+    xyzw = [*quaternion.GetImaginary(), quaternion.GetReal()]
+    return np.asarray(Rotation.from_quat(xyzw).as_matrix())
+
+
+def _write_link(
+    root: ET.Element,
+    name: str,
+    prim: Any,  # noqa: ANN401
+    shift: FloatArray,
+    path: Path,
+    *,
+    is_base: bool,
+) -> ET.Element:
+    from pxr import UsdPhysics
+
+    link = ET.SubElement(root, "link", name=name)
+    stated = UsdPhysics.MassAPI(prim)
+    mass = float(stated.GetMassAttr().Get() or 0.0)
+    com, moments = stated.GetCenterOfMassAttr().Get(), stated.GetDiagonalInertiaAttr().Get()
+    whole = mass > 0 and np.isfinite(com).all() and np.min(moments) > 0
+    if not whole:
+        if is_base:
+            return link
+        raise ConfigError(
+            f"body {name} states no mass, centerOfMass and diagonalInertia of its own; limo does "
+            "not take them from shapes",
+            path=path,
+        )
+    turned = stated.GetPrincipalAxesAttr().Get()
+    R = _matrix(turned) if turned.GetLength() else np.eye(3)
+    tensor = R @ np.diag(np.array(moments, dtype=np.float64)) @ R.T
+    element = ET.SubElement(link, "inertial")
+    place = np.array(com, dtype=np.float64) - shift
+    ET.SubElement(element, "origin", xyz=numbers(place), rpy="0 0 0")
+    ET.SubElement(element, "mass", value=repr(mass))
+    keys, entries = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), tensor[np.triu_indices(3)].tolist()
+    ET.SubElement(element, "inertia", dict(zip(keys, map(repr, entries), strict=True)))
+    return link
+
+
+def _write_base(
+    root: ET.Element,
+    stage: Any,  # noqa: ANN401
+    joints: list[Any],
+    bodies: dict[str, Any],
+    tree: dict[str, Any],
+    path: Path,
+) -> None:
+    from pxr import UsdGeom
+
+    (base, *others) = [name for name in bodies if name not in tree] or [""]
+    if others or not base:
+        raise ConfigError(
+            f"its bodies are no tree: {', '.join([base, *others]) or 'none'} at the root", path=path
+        )
+    ends = [_ends(stage, joint) for joint in joints]
+    if not any(None in pair and bodies[base] in pair for pair in ends):
+        raise ConfigError(
+            f"its base {base} is fixed to nothing; limo's arms stand on a fixed base, which a "
+            "PhysicsFixedJoint to the world makes it",
+            path=path,
+        )
+    pose = UsdGeom.XformCache().GetLocalToWorldTransform(bodies[base]).RemoveScaleShear()
+    matrix = np.array(pose, dtype=np.float64)  # of rows
+    joint = ET.SubElement(root, "joint", name="world_mount", type="fixed")
+    place, R = matrix[3, :3], matrix[:3, :3].T
+    ET.SubElement(joint, "origin", xyz=numbers(place), rpy=numbers(rpy_of(R)))
+    ET.SubElement(joint, "parent", link="world")
+    ET.SubElement(joint, "child", link=base)
+
+
+def _write_joint(
+    root: ET.Element,
+    stage: Any,  # noqa: ANN401
+    joint: Any,  # noqa: ANN401
+    name: str,
+    shifts: dict[str, FloatArray],
+) -> None:
+    parent = str(_ends(stage, joint)[0].GetName())
+    first, second = _frame(joint, 0), _frame(joint, 1)
+    kind = _KINDS[joint.GetTypeName()]
+    axis = second.R @ np.array(_AXES[str(joint.GetAttribute("physics:axis").Get() or "X")])
+    low, high = (
+        float(_value(joint, f"physics:{which}Limit", default) / scale_of(joint))
+        for which, default in (("lower", -math.inf), ("upper", math.inf))
+    )
+    if kind == "revolute" and not (math.isfinite(low) and math.isfinite(high)):
+        kind = "continuous"
+    element = ET.SubElement(root, "joint", name=joint.GetName(), type=kind)
+    place = first.place - shifts[parent]
+    ET.SubElement(element, "origin", xyz=numbers(place), rpy=numbers(rpy_of(first.R @ second.R.T)))
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=name)
+    if kind == "fixed":
+        return
+    ET.SubElement(element, "axis", xyz=numbers(axis))
+    bounds = {} if kind == "continuous" else {"lower": repr(low), "upper": repr(high)}
+    speed = _physx(joint, "maxJointVelocity")
+    drive = _value(joint, f"drive:{axis_of(joint)}:physics:maxForce", math.inf)
+    ET.SubElement(
+        element,
+        "limit",
+        bounds
+        | {
+            "effort": repr(drive if math.isfinite(drive) else 0.0),
+            "velocity": repr(speed / scale_of(joint) if speed < _FAST else 0.0),
+        },
+    )
+
+
+def _couple(root: ET.Element, stage: Any, joints: Iterable[Any]) -> list[str]:  # noqa: ANN401
+    """Let joints follow those that PhysX has them mimic, q + gearing q_ref + offset = 0.
+
+    Returns:
+        What could not be represented.
+    """
+    notes, written = list[str](), {str(x.get("name")): x for x in root.findall("joint")}
+    for joint in joints:
+        for relation in joint.GetRelationships():
+            if (found := _MIMIC.fullmatch(relation.GetName())) is None:
+                continue
+            targets = relation.GetTargets()
+            leader = stage.GetPrimAtPath(targets[0]) if len(targets) == 1 else None
+            if not leader or axis_of(leader) != axis_of(joint) or leader.GetName() not in written:
+                notes.append(f"not represented: which joint {joint.GetName()} mimics")
+                continue
+            gearing, offset = (_value(joint, f"{found[1]}:{key}") for key in ("gearing", "offset"))
+            law = {
+                "multiplier": repr(-gearing),
+                "offset": repr(-offset / scale_of(joint)),
+            }
+            ET.SubElement(written[joint.GetName()], "mimic", {"joint": leader.GetName(), **law})
+    return notes
+
+
+def _dynamics(joint: Any) -> JointDynamics:  # noqa: ANN401
+    return JointDynamics(
+        friction=_physx(joint, "dynamicFrictionEffort"),
+        damping=_physx(joint, "viscousFrictionCoefficient") * scale_of(joint),
+        armature=_physx(joint, "armature"),
+    )
+
+
+def _servo(joint: Any) -> StatedServo | None:  # noqa: ANN401
+    drive = f"drive:{axis_of(joint)}:physics"
+    kp, kd = (_value(joint, f"{drive}:{name}") for name in ("stiffness", "damping"))
+    if not kp or str(_text(joint, f"{drive}:type")) == "acceleration":
+        return None
+    limit = _value(joint, f"{drive}:maxForce", math.inf)
+    scale = scale_of(joint)
+    return StatedServo(kp * scale, kd * scale, limit if math.isfinite(limit) else None)
+
+
+def _physx(joint: Any, name: str) -> float:  # noqa: ANN401
+    """Return what PhysX keeps of the axis of a joint, or else of the joint."""
+    of_axis = joint.GetAttribute(f"physxJointAxis:{axis_of(joint)}:{name}")
+    stated = of_axis and of_axis.HasAuthoredValue()
+    whole = _value(joint, f"physxJoint:{name}", 1e6 if name == "maxJointVelocity" else 0.0)
+    return float(of_axis.Get()) if stated else whole
+
+
+def _value(prim: Any, name: str, default: float = 0.0) -> float:  # noqa: ANN401
+    found = prim.GetAttribute(name)
+    value = found.Get() if found else None
+    return default if value is None else float(value)
+
+
+def _text(prim: Any, name: str) -> str:  # noqa: ANN401
+    found = prim.GetAttribute(name)
+    return str(found.Get() or "") if found else ""
+
+
+def _gravity(stage: Any) -> tuple[float, float, float]:  # noqa: ANN401
+    """Return the gravity of the scene, or what USD says is meant without one."""
+    from pxr import UsdGeom, UsdPhysics
+
+    down = np.array([0.0, -1.0, 0.0] if UsdGeom.GetStageUpAxis(stage) == "Y" else [0.0, 0.0, -1.0])
+    size = _STANDARD
+    for prim in stage.Traverse():
+        if prim.IsA(UsdPhysics.Scene):
+            scene = UsdPhysics.Scene(prim)
+            stated = np.array(scene.GetGravityDirectionAttr().Get(), dtype=np.float64)
+            down = stated / np.linalg.norm(stated) if stated.any() else down
+            magnitude = float(scene.GetGravityMagnitudeAttr().Get())
+            size = magnitude if math.isfinite(magnitude) and magnitude >= 0 else size
+    x, y, z = (size * down).tolist()
+    return x, y, z

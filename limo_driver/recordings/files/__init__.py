@@ -1,0 +1,1 @@
+"""Recordings in files, read in batches however long they are, and written while they grow."""

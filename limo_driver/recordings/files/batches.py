@@ -1,0 +1,156 @@
+"""Batches: rows of Parquet and of delimited text, a few at a time, however long the file is."""
+
+# pyarrow ships no type stubs, so its tables are unknown to the checker.
+# pyright: reportUnknownParameterType=false
+
+from __future__ import annotations
+
+import gzip
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv
+
+from limo_driver.errors import RecordingError
+from limo_driver.recordings.files.stretches import STRETCH, Stretches, most_rows
+from limo_driver.runtime.given_files import Spent
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+    from pathlib import Path
+
+_PACKED: Final = ".gz"
+BLOCK: Final = 250_000  # rows that are worked on at once
+LONG_TEXT: Final = 1 << 26  # bytes of text that is not read at once
+FEW: Final = 0.02  # of the cells, that hold a text where all others hold numbers
+_NUMBER: Final = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?")
+_EXACT: Final = 2**53  # whole numbers up to here are the same as float64
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Rows of a file that are kept in memory."""
+
+    table: pa.Table
+    spread: int = 0  # rows of which they are evenly spread stretches; 0 if they are all
+    note: str = ""  # that says so
+    aside: Mapping[str, str] = field(default_factory=dict)  # columns left aside, and what they hold
+
+
+def kept_of(batches: Iterable[pa.RecordBatch], schema: pa.Schema, width: int = 0) -> Kept:
+    """Return all rows, or as many as memory should hold, in stretches spread over all of them.
+
+    Args:
+        batches: The rows.
+        schema: Of them.
+        width: Of a row [bytes]; of a number in each column, if not given.
+    """
+    most = most_rows(width or 8 * len(schema))
+    stretches = Stretches[pa.RecordBatch](_cut, most, min(STRETCH, most))
+    for batch in batches:
+        stretches.add(batch, batch.num_rows)
+    table = pa.Table.from_batches(stretches.pieces(), schema)
+    return Kept(table, stretches.spread, stretches.note())
+
+
+def blocks_of(
+    batches: Iterable[pa.RecordBatch], schema: pa.Schema, rows: int = BLOCK
+) -> Iterator[pa.Table]:
+    """Yield tables of so many rows; the last has up to twice as many, and none is a short rest."""
+    waiting, many = list[pa.RecordBatch](), 0
+    for batch in batches:
+        waiting.append(batch)
+        many += batch.num_rows
+        while many >= 2 * rows:
+            table = pa.Table.from_batches(waiting, schema)
+            yield table.slice(0, rows)
+            waiting, many = table.slice(rows).to_batches(), many - rows
+    if many:
+        yield pa.Table.from_batches(waiting, schema)
+
+
+def text_batches(
+    path: Path,
+    read: csv.ReadOptions | None = None,
+    parse: csv.ParseOptions | None = None,
+    convert: csv.ConvertOptions | None = None,
+) -> tuple[Iterator[pa.RecordBatch], pa.Schema]:
+    """Return the rows of delimited text, however long, and their schema.
+
+    What a column holds is judged by the first rows: numbers are floats, so that whole ones may go
+    on as others; only what counts on, as time does, stays whole.
+
+    Args:
+        path: Of the file.
+        read: Options of pyarrow, likewise the others.
+        parse: Of the cells.
+        convert: Of the values.
+
+    Raises:
+        OSError: It cannot be read; ArrowException likewise, also while the rows come.
+    """
+    with csv.open_csv(text_source(path), read, parse, convert) as file:
+        first = next(iter(file), None)
+        if first is None:
+            return iter(()), file.schema
+    types = {
+        field.name: _lasting_type(field.type, column)
+        for field, column in zip(first.schema, first.columns, strict=True)
+    }
+    lasting = convert or csv.ConvertOptions()
+    lasting.column_types = types
+    file = csv.open_csv(text_source(path), read, parse, lasting)
+
+    def batches() -> Iterator[pa.RecordBatch]:
+        with file:
+            yield from file
+
+    return batches(), file.schema
+
+
+def is_packed(path: Path) -> bool:
+    """Say whether a text is packed with gzip, by its ending."""
+    return path.suffix.lower() == _PACKED
+
+
+def text_source(path: Path) -> Path | gzip.GzipFile:
+    """Return what a text is read from: the file, or one that unpacks it within its budget."""
+    return _Unpacked(path) if is_packed(path) else path
+
+
+class _Unpacked(gzip.GzipFile):
+    """A packed text; refuses to unpack to far more than a log does."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "rb")
+        self._spent = Spent(path, RecordingError)
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        self._spent.take(unpacked=len(data))
+        return data
+
+
+def _cut(batch: pa.RecordBatch, start: int, stop: int) -> pa.RecordBatch:
+    return batch.slice(start, stop - start)
+
+
+def _lasting_type(kind: Any, first: pa.Array) -> Any:  # noqa: ANN401  # pyarrow has no types
+    """Return the type of a column, of whose first values it could be narrower."""
+    if pa.types.is_null(kind) or (pa.types.is_string(kind) and _are_numbers(first)):
+        return pa.float64()  # of a text among numbers the reader then says where it stands
+    if not pa.types.is_integer(kind):
+        return kind
+    values = first.drop_null().to_numpy()
+    counts_on = values.size > 1 and bool((np.diff(values) >= 0).all()) and values[-1] > values[0]
+    return kind if counts_on or np.abs(values).max(initial=0) > _EXACT else pa.float64()
+
+
+def _are_numbers(cells: pa.Array) -> bool:
+    """Say whether all but a few cells of text are numbers."""
+    known = cells.drop_null().to_pylist()
+    numbers = sum(bool(_NUMBER.fullmatch(cell.strip())) for cell in known)
+    return numbers > (1 - FEW) * len(known)

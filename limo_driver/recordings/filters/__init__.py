@@ -1,0 +1,1 @@
+"""Filters and derivatives of motion: of what is recorded, without phase, and live."""

@@ -1,0 +1,1 @@
+"""What nobody has to know: compilation, processes, declarations, plug-ins, files."""

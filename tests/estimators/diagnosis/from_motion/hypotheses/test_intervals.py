@@ -1,0 +1,116 @@
+"""How sure values are beside stated drives, and of which joints nothing is said."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from servo_arms import commands, recorded, write_arm
+
+from estimators.diagnosis.from_motion import free_run
+from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fit_arm
+from estimators.diagnosis.from_motion.fitting.constants import inner, value_in
+from estimators.diagnosis.from_motion.fitting.joint import NORMAL
+from estimators.diagnosis.from_motion.hypotheses.intervals import with_intervals
+from estimators.diagnosis.from_motion.hypotheses.search import (
+    Searched,
+    beliefs,
+    search,
+    stated_guess,
+)
+from estimators.diagnosis.from_motion.hypotheses.stated import stated_arm
+from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from limo_driver.physics import GravityDirection, Simulation
+
+NO_STEP = np.zeros(2)  # of encoders that are as fine as numbers
+
+
+@pytest.fixture(scope="module")
+def stated(tmp_path_factory):
+    return Simulation.load(write_arm(tmp_path_factory.mktemp("arm") / "arm.xml", friction=0.3))
+
+
+def found_in(simulation, recordings, steps):
+    """Return the stated constants, fitted, with nothing looked for beyond them."""
+    rows = rows_of(simulation)
+    loads = ArmLoads(simulation.body, recordings, rows)
+    guess = stated_guess(rows)
+    problem = ArmProblem(loads, Weights(np.full(2, 1e-4), np.full(2, 0.1)), beliefs(rows, 0.1))
+    return Searched(problem, fit_arm(problem, guess, steps), ())
+
+
+def test_intervals_hold_what_fits_to_filtered_motion_are_off_by(stated):
+    """Without noise no two parts of the motion disagree, and every fit is off alike."""
+    time, command = commands(20.0, 50.0, 1.5)
+    recording = recorded(time, command, free_run(stated, recorded(time, command, command)))
+    found = found_in(stated, [recording], 20)
+
+    arm = with_intervals(stated, found, NO_STEP)
+
+    true = stated_guess(rows_of(stated)).rows
+    away, curved = list[float](), list[float]()
+    for j, fit in enumerate(arm.identified.fits):
+        for name in fit.names:
+            off = abs(inner(name, fit.value(name)) - inner(name, value_in(true[j], name)))
+            away.append(off / fit.deviation[name])
+            curved.append(off / found.fit.own[j][name])
+    assert max(curved) > 2.0 * NORMAL
+    assert np.mean(np.array(away) < NORMAL) > 0.9
+
+
+def test_a_joint_that_gravity_does_not_load_has_no_gain_beside_one_that_it_does(
+    stated, monkeypatch
+):
+    time, command = commands(4.0, 50.0)
+    found = found_in(stated, [recorded(time, command, command)], 0)
+    monkeypatch.setattr(
+        "estimators.diagnosis.from_motion.hypotheses.stated.gives_scale",
+        lambda _load: np.array([True, False]),
+    )
+
+    loaded, light = stated_arm(stated, found, found.fit).identified.fits
+
+    assert "kp" in loaded.names
+    assert "kp" not in light.deviation
+    assert "damping" in light.names
+
+
+def test_where_gravity_loads_no_joint_gains_are_in_the_scale_of_what_is_stated(stated):
+    weightless = replace(stated, effects=(GravityDirection(gravity=(0.0, 0.0, 0.0)),))
+    time, command = commands(4.0, 50.0)
+    found = found_in(stated, [recorded(time, command, command)], 0)
+
+    loaded, light = (stated_arm(own, found, found.fit).identified for own in (stated, weightless))
+
+    assert (loaded.scaled, light.scaled) == ((True, True), (False, False))
+    assert all("kp" in fit.names for fit in (*loaded.fits, *light.fits))
+
+
+def test_of_a_joint_that_no_command_moves_the_stated_values_are_kept(stated):
+    time, command = commands(6.0, 50.0)
+    command[:, 1] = 0.3
+    recording = recorded(time, command, free_run(stated, recorded(time, command, command)))
+    rows = rows_of(stated)
+    searched = search(ArmLoads(stated.body, [recording], rows), rows, 0.1, 1e-4)
+
+    arm = with_intervals(stated, searched, NO_STEP)
+
+    assert arm.identified.moved == (True, False)
+    assert arm.identified.fits[1].names == ()
+    assert arm.identified.fits[1].row == pytest.approx(rows[1])
+    assert not any(one.joint == 1 and not one.shared for one in arm.suspects)
+
+
+def test_a_gain_that_the_motion_leaves_undecided_is_said_to_be(stated):
+    time, command = commands(4.0, 50.0)
+    recording = recorded(time, command, command)
+    found = found_in(stated, [recording], 0)
+    blind = replace(found.problem, weights=Weights(np.full(2, 1e3), np.full(2, 0.1)))
+
+    arm = with_intervals(
+        stated, replace(found, problem=blind, fit=fit_arm(blind, found.fit.guess, 0)), NO_STEP
+    )
+
+    assert {(1, "kp"), (2, "kp")} <= set(arm.identified.undecided)

@@ -1,0 +1,128 @@
+"""Loads of an arm that differs from its description, against the same arm described so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from servo_arms import commands, recorded, write_arm
+
+from estimators.diagnosis.from_motion import free_run
+from estimators.diagnosis.from_motion.fitting.constants import with_values
+from estimators.diagnosis.from_motion.fitting.identification import with_rows
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
+from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from limo_driver.physics import Payload, Simulation
+
+NONE = ArmChange.none(2)
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory):
+    return Simulation(str(write_arm(tmp_path_factory.mktemp("arm") / "arm.xml")))
+
+
+@pytest.fixture(scope="module")
+def recording():
+    time, command = commands(6.0, 100.0)
+    return recorded(time, command, command - 0.05)
+
+
+def test_an_arm_as_described_is_loaded_as_described(bare, recording):
+    for own, described in zip(
+        ArmLoads(bare.body, [recording]).parts(NONE),
+        loaded_joints(bare.body, [recording]),
+        strict=True,
+    ):
+        np.testing.assert_allclose(own[0].load, described[0].load)
+        np.testing.assert_allclose(own[0].inertia, described[0].inertia)
+
+
+def test_a_body_at_the_last_link_is_a_payload(bare, recording):
+    mass, com = 0.2, (0.1, 0.02, -0.01)
+    held = replace(NONE, mass=mass, com=com)
+    heavy = replace(bare, effects=(Payload(mass=mass, com=com),))
+
+    for own, described in zip(
+        ArmLoads(bare.body, [recording]).parts(held),
+        loaded_joints(heavy.body, [recording]),
+        strict=True,
+    ):
+        np.testing.assert_allclose(own[0].load, described[0].load, atol=1e-9)
+        np.testing.assert_allclose(own[0].inertia, described[0].inertia, atol=1e-9)
+
+
+def test_a_zero_elsewhere_loads_joints_as_if_the_links_stood_there(bare, recording):
+    away = recorded(recording.time, recording.command, recording.position + np.array([0.0, 0.3]))
+
+    (first, second) = ArmLoads(bare.body, [away]).parts(NONE.with_value("zero_2", 0.3))
+
+    described = loaded_joints(bare.body, [recording])
+    still = recording.motion(5.0).acceleration
+    for j, own in enumerate((first, second)):
+        # The inertia is of the described zero, and the load makes up for it.
+        total = own[0].load + own[0].inertia * still[:, j]
+        wanted = described[j][0].load + described[j][0].inertia * still[:, j]
+        np.testing.assert_allclose(total, wanted, atol=0.02 * np.abs(wanted).max())
+
+
+def test_a_turned_joint_is_loaded_the_other_way(bare, recording):
+    against = replace(NONE, sign=(1, -1))
+    other = as_described(recording, against)
+
+    (first, second) = ArmLoads(bare.body, [other]).parts(replace(NONE, sign=(1, -1)))
+
+    described = loaded_joints(bare.body, [recording])
+    np.testing.assert_allclose(first[0].load, described[0][0].load, atol=1e-9)
+    np.testing.assert_allclose(second[0].load, -described[1][0].load, atol=1e-9)
+    np.testing.assert_array_equal(as_described(other, against).position, recording.position)
+
+
+def test_rows_of_fast_recordings_are_thinned(bare):
+    time, command = commands(2.0, 1000.0)
+    (first, _) = ArmLoads(bare.body, [recorded(time, command, command)]).parts(NONE)
+
+    assert first[0].time.size == 400
+
+
+def test_exchanged_columns_are_loaded_as_the_links_that_they_tell(bare, recording):
+    exchanged = replace(NONE, order=(1, 0))
+    other = as_described(recording, exchanged)
+
+    own = ArmLoads(bare.body, [other]).parts(exchanged)
+
+    for part, described in zip(own, loaded_joints(bare.body, [recording]), strict=True):
+        np.testing.assert_allclose(part[0].load, described[0].load, atol=1e-9)
+        np.testing.assert_array_equal(part[0].command, described[0].command)
+
+
+def test_one_joint_has_the_supply_of_the_whole_arm(tmp_path):
+    arm = Simulation.load(write_arm(tmp_path / "arm.xml", limit=6.0))
+    weak = replace(arm, drives=tuple(replace(drive, sag=0.8) for drive in arm.drives))
+    time, command = commands(4.0, 200.0, 2.0)
+    told = recorded(time, command, free_run(weak, recorded(time, command, command)))
+    loads = ArmLoads(arm.body, [told], rows_of(arm))
+
+    for j, row in enumerate(rows_of(arm)):
+        strong, sagging = (
+            np.abs(part.simulate(row) - told.position[:, j]).mean()
+            for part in (loads.parts(NONE)[j][0], loads.parts(replace(NONE, sag=0.8))[j][0])
+        )
+        assert sagging < 0.2 * strong
+
+
+def test_another_gear_is_constants_as_seen_at_the_joint(tmp_path, recording):
+    arm = Simulation.load(write_arm(tmp_path / "arm.xml", limit=6.0))
+    row = rows_of(arm)[1]
+
+    improved = with_rows(arm, [row, with_values(row, {"gear": 0.5})])
+
+    was, now = arm.drives[1], improved.drives[1]
+    assert (now.kp, now.torque_limit) == (0.5 * was.kp, 0.5 * was.torque_limit)
+    assert now.kd == 0.25 * was.kd
+    part = ArmLoads(arm.body, [recording]).parts(NONE)[1][0]
+    np.testing.assert_allclose(
+        part.simulate(with_values(row, {"gear": 0.5})), part.simulate(rows_of(improved)[1])
+    )

@@ -1,0 +1,129 @@
+"""Laws: which equation an effect follows, and how much likelier it is than the next."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lanes import sampled
+
+from estimators.diagnosis import diagnose
+from estimators.diagnosis.from_torque.fitting.laws import sentence_of
+from estimators.diagnosis.from_torque.hypotheses.catalogue import every, rivals
+from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.from_torque.selection.candidates import LawEvidence
+from limo_driver.physics import (
+    Backlash,
+    CoulombFriction,
+    PreslidingHysteresis,
+    Simulation,
+    TimeDelay,
+    Tolerances,
+    ViscousFriction,
+)
+from limo_driver.physics.effects.hysteresis import STOP_WIDTHS
+from limo_driver.physics.effects.play import DRAGGED_GAPS
+
+
+@pytest.fixture(scope="module")
+def given(arm):
+    sizes = {1: (1.0, 0.5), 2: (0.6, 0.3)}
+    dry = [CoulombFriction(joint=j, tau_c=size) for j, (size, _) in sizes.items()]
+    wet = [ViscousFriction(joint=j, f_v=size) for j, (_, size) in sizes.items()]
+    return Simulation(str(arm), (*dry, *wet), tolerances=Tolerances(inertia=0.005, friction=0.15))
+
+
+@pytest.fixture(scope="module")
+def seen(training_recording):
+    """Motion with many reversals of unlike size, and a measurement of any arm on it."""
+
+    def see(true):
+        noise = 0.01 * np.random.default_rng(4).standard_normal(training_recording.torque.shape)
+        torque = true.predict(training_recording) + noise
+        return replace(training_recording, torque=torque)
+
+    return see
+
+
+def slip(**parameters):
+    return PreslidingHysteresis(joint=2, **parameters)
+
+
+LAWS = {
+    "Maxwell slip": slip(stiffness=(30.0, 10.0), width=STOP_WIDTHS[4:8:3]),
+    "Bouc-Wen": slip(law="bouc_wen", sigma_0=60.0, tau_c=0.6, beta_ratio=0.7, exponent=2.5),
+    "Dahl": slip(law="dahl", sigma_0=60.0, tau_c=0.6, exponent=2.5),
+    "a first-order lag": TimeDelay(joint=2, lag=0.02),
+    "a pure delay": TimeDelay(joint=2, delay=0.023),
+}
+
+
+SHIFTS = pytest.mark.slow("searches shifts in time, which takes seconds")
+
+
+@sampled(
+    "law",
+    [
+        pytest.param(law, marks=SHIFTS if isinstance(hidden, TimeDelay) else ())
+        for law, hidden in LAWS.items()
+    ],
+    "a whole diagnosis each",
+)
+def test_the_hidden_law_is_named_with_its_odds(given, seen, law):
+    hidden = LAWS[law]
+    true = replace(given, effects=(*given.effects, hidden))
+    (finding,) = diagnose(given, [seen(true)]).verdict.findings
+    assert finding.effect == hidden.name
+    assert f"Its law is {law}, " in finding.evidence
+    assert "likelier than" in finding.evidence.split("Its law is")[1]
+
+
+@sampled("gap", [0.0025, 0.006, 0.016], "a whole diagnosis each")
+def test_play_of_a_width_between_those_tried_is_not_taken_for_presliding(given, seen, gap):
+    assert gap not in DRAGGED_GAPS
+    hidden = Backlash(joint=2, gap=gap, drag=0.5)
+    true = replace(given, effects=(*given.effects, hidden))
+    (finding,) = diagnose(given, [seen(true)]).verdict.findings
+    assert (finding.effect, finding.joints) == ("backlash", (2,))
+    assert finding.parameters["gap"].value == pytest.approx(gap, rel=0.05)
+    assert finding.parameters["drag"].value == pytest.approx(0.5, rel=0.1)
+
+
+@sampled("exponent", [1.0, 1.5], "a whole diagnosis each")
+def test_friction_that_keeps_acting_after_a_reversal_is_no_play(given, seen, exponent):
+    """Play with twice the joint's friction for a drag would explain most of it in fewer numbers."""
+    slow = slip(law="dahl", sigma_0=300.0, tau_c=0.6, exponent=exponent)
+    sliding = tuple(effect for effect in given.effects if effect != given.effects[1])
+    (finding,) = diagnose(given, [seen(replace(given, effects=(*sliding, slow)))]).verdict.findings
+    assert (finding.effect, finding.joints) == ("presliding_hysteresis", (2,))
+
+
+@pytest.mark.slow("a whole diagnosis")
+def test_laws_that_come_to_the_same_are_not_told_apart(given, seen):
+    """LuGre without an excess at rest is Dahl's law with an exponent of 1."""
+    hidden = slip(law="lugre", sigma_0=60.0, tau_c=0.6)
+    true = replace(given, effects=(*given.effects, hidden))
+    (finding,) = diagnose(given, [seen(true)]).verdict.findings
+    assert "these recordings cannot tell" in finding.evidence
+    assert {"LuGre", "Dahl"} <= set(finding.evidence.split("(")[-1].split(")")[0].split(", "))
+
+
+def test_odds_are_those_of_the_evidence():
+    laws = (LawEvidence("Dahl", 50.0), LawEvidence("LuGre", 50.0 - np.log(120.0)))
+    assert sentence_of(laws) == " Its law is Dahl, 120 times likelier than LuGre."
+    assert sentence_of((laws[0], LawEvidence("LuGre", -50.0))).endswith(
+        "Dahl, beyond doubt likelier than LuGre."
+    )
+    assert sentence_of((laws[0], LawEvidence("LuGre", 49.0))).endswith(
+        "(Dahl, LuGre) these recordings cannot tell."
+    )
+    assert sentence_of(laws[:1]) == sentence_of(()) == ""
+
+
+def test_a_cubic_elasticity_competes_with_a_linear_one(given, training_recording):
+    observed = Observations.of(given, [training_recording], 10.0)
+    linear = next(item for item in every(observed) if item.effect == "joint_elasticity")
+    (cubic,) = rivals(linear)
+    (effect,) = cubic.realise(np.array([100.0, -3.0]))
+    assert (effect.stiffness, effect.cubic) == pytest.approx((1000.0, -3e-9))

@@ -1,0 +1,69 @@
+"""Findings: what stays unknown is told with the figures and the place of every joint."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis.from_torque.judgement.findings import Signs, confidence_of, unknown_of
+from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
+from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.settings.judgement import CONFIDENCE
+
+FLOOR = np.array([0.05, 0.01])
+BEFORE, AFTER = np.array([0.4, 0.3]), np.array([0.2, 0.1])
+
+
+@pytest.fixture(scope="module")
+def observed(rigid, training_recording):
+    return Observations.of(rigid, [training_recording], 10.0)
+
+
+def unknown(observed, joints, stand_ins=()):
+    candidates = [SimpleNamespace(effect=effect, joints=on) for effect, on in stand_ins]
+    problem = SimpleNamespace(observed=observed, candidates=candidates)
+    series = np.tanh(observed.slow.velocity / 0.04)
+    remaining = RemainingResidual(FLOOR, np.array([0.123, 0.045]), series)
+    (found,) = unknown_of(problem, range(len(candidates)), remaining, joints, BEFORE, AFTER)
+    return found
+
+
+def test_every_unknown_joint_has_its_own_figures_and_place(observed):
+    found = unknown(observed, (0, 1))
+    assert found.joints == (1, 2)
+    assert found.evidence == (
+        "No effect of the catalogue explains a part of the remaining residual that a black box "
+        "predicts from the motion: 0.0450 N m RMS at joint 2 (noise floor 0.0100 N m) and "
+        "0.123 N m RMS at joint 1 (noise floor 0.0500 N m)."
+    )
+    assert "joint 1" in found.where.region
+    assert "joint 2" in found.where.region
+    assert found.where.figure == "joint-2"
+    assert len(found.where.time) == len(found.where.recording)
+
+
+def test_one_unknown_joint_is_told_alone(observed):
+    found = unknown(observed, (1,))
+    assert "joint 1" not in found.evidence + found.where.region
+
+
+def test_what_stands_in_is_named_once_with_all_its_joints(observed):
+    one = unknown(observed, (1,), [("presliding_hysteresis", (1,))]).evidence
+    assert "the improved simulation has presliding hysteresis (joint 2) in place of a part" in one
+    several = [("coulomb_friction", (0,)), ("coulomb_friction", (1,)), ("gravity_direction", ())]
+    many = unknown(observed, (1,), several).evidence
+    assert "coulomb friction (joints 1, 2) and gravity direction (whole arm) in place of" in many
+
+
+@pytest.mark.parametrize(
+    ("lead", "material", "counted"),
+    [(5.0, 3.0, (5.0, 3.0)), (-4.0, 3.0, (0.0, 3.0)), (2.0, 0.0, (2.0, CONFIDENCE.least))],
+)
+def test_confidence_is_the_probability_of_a_logistic_regression(lead, material, counted):
+    ever, by_lead, by_material = CONFIDENCE.weights
+    odds = np.exp(ever) * (1.0 + counted[0]) ** by_lead * counted[1] ** by_material
+    expected = min(CONFIDENCE.highest, odds / (1.0 + odds))
+    assert confidence_of(Signs(lead, material)) == pytest.approx(expected)
+    assert confidence_of(Signs(1e9, 1e9)) == CONFIDENCE.highest

@@ -1,0 +1,79 @@
+"""What `limo serve` makes of its options before anything is opened."""
+
+import sys
+from contextlib import contextmanager, suppress
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from limo_driver.app.cli import main
+from limo_driver.app.cli.serve.options import log_limits, per_joint
+from limo_driver.app.library.live import serving
+from limo_driver.errors import ConfigError
+
+pytestmark = pytest.mark.waits
+
+
+class TestLogLimits:
+    def test_are_shared_by_the_arms_and_hold_with_the_file_under_way(self):
+        limits = log_limits(20.0, 30.0, arms=2)
+        assert (limits.total_bytes, limits.total_seconds) == (10e9, 30 * 86400)
+        small = log_limits(0.1, 1.0, arms=1)
+        assert small.file_bytes == pytest.approx(0.01e9)
+
+    def test_can_be_none(self):
+        limits = log_limits(np.inf, np.inf, arms=1)
+        assert (limits.total_bytes, limits.total_seconds) == (np.inf, np.inf)
+        assert limits.file_bytes < np.inf
+
+    @pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+    def test_are_refused_by_the_name_of_their_option(self, value):
+        with pytest.raises(ConfigError, match=rf"--log-size is {value:g} GB, expected above 0"):
+            log_limits(value, 30.0, arms=1)
+        with pytest.raises(ConfigError, match=rf"--log-age is {value:g} days, expected above 0"):
+            log_limits(20.0, value, arms=1)
+
+
+class TestContact:
+    def test_is_one_number_or_one_for_each_joint(self):
+        assert per_joint("--contact", "4", "N m") == (4.0,)
+        assert per_joint("--contact", "8,8, 6,6,4,2,1", "N m")[-1] == 1.0
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            ("4;4", "--contact is '4;4', expected numbers with commas between"),
+            ("", "--contact is '', expected numbers"),
+            ("0", "--contact is 0 N m, expected above 0 and finite"),
+            ("nan", "--contact is nan N m, expected above 0"),
+            ("8,8,6,6,4,2,inf", "--contact is 8,8,6,6,4,2,inf N m, expected above 0"),
+        ],
+    )
+    def test_is_refused_by_the_name_of_its_option(self, text, message):
+        with pytest.raises(ConfigError, match=message):
+            per_joint("--contact", text, "N m")
+
+
+@pytest.mark.parametrize("command", [("serve", "--arm", "a"), ("watch",)])
+def test_a_duration_is_a_number(limo, command):
+    done = limo(*command, "--duration", "nan")
+    assert done.returncode == 2
+    assert "'--duration': Input should be greater than or equal to 0" in done.stderr
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_an_open_network_is_said_at_the_start(monkeypatch, capsys, tmp_path, closed):
+    @contextmanager
+    def opened(*_, **__):
+        yield SimpleNamespace(wait=lambda _: None, lost_logs={})
+
+    monkeypatch.setattr(serving, "serve", opened)
+    (tmp_path / "zenoh.json5").write_text("{}")
+    config = ["--config", str(tmp_path / "zenoh.json5")] if closed else []
+    options = ["--arm", "iiwa14", "--model", "model", "--duration", "0", *config]
+    monkeypatch.setattr(sys, "argv", ["limo", "serve", *options])
+    with suppress(SystemExit):
+        main()
+    said = capsys.readouterr().err
+    assert ("the network is open" in said) == (not closed)

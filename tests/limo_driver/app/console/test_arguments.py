@@ -1,0 +1,94 @@
+"""The library speaks of its arguments, and commands of their options."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import backends
+import estimators
+import limo_driver
+import limopa
+from limo_driver.app.console.arguments import OPTIONS, in_options
+from limo_driver.app.console.command_line import command_line
+
+pytestmark = pytest.mark.waits
+
+COMMAND = re.compile(r"limo [a-z][^`)]*")  # a whole command line, of which options are a part
+SOURCES = [
+    path
+    for package in (backends, estimators, limo_driver, limopa)
+    for path in sorted(Path(package.__path__[0]).rglob("*.py"))
+    if not {"cli", "console"} & set(path.relative_to(package.__path__[0]).parts)
+]
+
+
+def test_arguments_are_called_by_their_options():
+    assert in_options("give `simulation` or `robot`; see `limo run`") == (
+        "give --sim or --robot; see `limo run`"
+    )
+
+
+def test_every_option_exists():
+    found = set()
+    waiting = [command_line()]
+    while waiting:
+        command = waiting.pop()
+        waiting += getattr(command, "commands", {}).values()
+        found |= {name for item in command.params for name in (*item.opts, *item.secondary_opts)}
+    assert set(OPTIONS.values()) <= found
+
+
+OPTION = re.compile(r"--[a-z]")
+
+
+def said_of_options(path):
+    """Return what errors that a file raises say of options."""
+    source = path.read_text()
+    if not OPTION.search(source):
+        return []
+    return [
+        f"{path}:{node.lineno}: {node.value}"
+        for error in ast.walk(ast.parse(source))
+        if isinstance(error, ast.Raise)
+        for node in ast.walk(error)
+        if isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and OPTION.search(COMMAND.sub("", node.value))
+    ]
+
+
+def test_no_error_of_the_library_speaks_of_options():
+    assert len(SOURCES) > 500
+    assert [line for path in SOURCES for line in said_of_options(path)] == []
+
+
+def test_an_error_that_speaks_of_options_is_noticed(tmp_path):
+    path = tmp_path / "any.py"
+    path.write_text("raise ValueError('see `limo run --sim x`')\nraise ValueError('give --sim')")
+    assert said_of_options(path) == [f"{path}:2: give --sim"]
+
+
+@pytest.mark.slow("starts two processes")
+def test_a_command_says_which_of_its_options(tmp_path):
+    """From argument to option on the whole way, in a process of its own."""
+    trajectory = tmp_path / "any.parquet"
+    code = f"""
+import numpy as np, limo_driver as limo
+still = np.zeros((3, 7))
+limo.Trajectory(np.arange(3.0), still, still, still).save({str(trajectory)!r})
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+    given = ["run", "--backend", "virtual", "--trajectory", trajectory, "--record", "x.parquet"]
+    command = [
+        sys.executable,
+        "-c",
+        "from limo_driver.app.cli import main; main()",
+        *map(str, given),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "limo: the trajectory names no robot; give --sim or --robot\n"

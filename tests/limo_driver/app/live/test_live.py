@@ -1,0 +1,195 @@
+"""The live page: what the network says of an arm, in a browser of this machine and no other."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import re
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from audit import violations
+from browser import browser, program
+from sessions import sessions_of_two, wait_until
+
+from limo_driver.app.live.feed import ArmFeed
+from limo_driver.app.live.web import LiveServer
+from limo_driver.model import RobotModel
+from limo_driver.network.messages import JointStateCodec, TorqueEstimateCodec
+from limo_driver.network.streaming import Keys, declare_stream
+
+pytestmark = pytest.mark.waits
+
+N = 7
+KEYS = Keys("arm")
+POSE = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
+FORCE = np.array([0.0, 12.0, -5.0])
+STATUS = {"state": "serving", "model": "7", "rate": 1000.0, "answered": 998, "delay": 0.1,
+          "contact": [False, True, *[False] * 5]}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load("iiwa14")
+
+
+@pytest.fixture
+def followed(tmp_path, model):
+    """A feed, and a function that publishes a state and an estimate to it."""
+    names = model.joint_names
+    with sessions_of_two(tmp_path) as (here, there):
+        feed = ArmFeed(here, KEYS, model, lambda: {"status": STATUS, "events": ["contact: a push"]})
+        states, estimates = (declare_stream(there, key) for key in (KEYS.joints, KEYS.estimate))
+        external = -model.flange_jacobian(POSE)[:3].T @ FORCE
+
+        def publish(k=0, joints=names):
+            n = len(joints)
+            zero = np.zeros(n)
+            stamp = 10**9 + 10**6 * k
+            states.put(JointStateCodec(joints).encode(stamp, np.resize(POSE, n), zero, zero))
+            estimates.put(
+                TorqueEstimateCodec(joints).encode(
+                    stamp, zero + 1.0, zero + 0.1, np.resize(external, n), zero > 0, model="7"
+                )
+            )
+
+        yield feed, publish
+        feed.close()
+
+
+def heard(feed, publish, name, **given):
+    """Publish until the feed has something, which is when the two know each other."""
+    seen = {}
+
+    def has():
+        publish(**given)
+        seen.update(feed.snapshot())
+        return name in seen
+
+    wait_until(has)
+    return seen
+
+
+def test_a_feed_has_state_estimate_interval_and_force(followed):
+    feed, publish = followed
+    assert feed.snapshot()["age"] is None
+    heard(feed, publish, "position")
+    shown = heard(feed, publish, "force")
+    assert shown["position"] == POSE.tolist()
+    assert shown["interval"] == pytest.approx([0.196] * N)
+    assert np.array(shown["measured"]) == pytest.approx(1.0 + np.array(shown["external"]), abs=1e-3)
+    assert shown["force"] == pytest.approx(FORCE, abs=0.3)
+    assert shown["status"]["model"] == "7"
+    json.dumps(shown, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("joints", "said"),
+    [
+        (("a", "b"), "its joints are a, b, those of iiwa14 "),
+        (tuple(f"other_{j}" for j in range(N)), "its joints are other_0, other_1, "),
+        (tuple(f"j{j}" for j in range(12)), r"j7, \.\.\. \(12 in all\)"),
+    ],
+)
+def test_no_robot_of_other_joints_is_drawn_instead(followed, joints, said):
+    feed, publish = followed
+    assert heard(feed, publish, "position")["drawn"]
+    shown = {}
+
+    def is_said():
+        publish(joints=joints)
+        shown.update(now := feed.snapshot())
+        return "problem" in now
+
+    wait_until(is_said)
+    assert re.search(said, shown["problem"])
+    assert "--robot" in shown["problem"]
+    assert not shown["drawn"]
+    assert "position" not in feed.snapshot()
+    assert heard(feed, publish, "position")["drawn"]
+
+
+def test_nothing_is_asked_for_once_the_page_is_closed(model):
+    """A browser may still hang on to it then."""
+    asked, wait, closing = threading.Event(), threading.Event(), threading.Event()
+    after = []
+
+    def snapshot():
+        after.append(closing.is_set())
+        asked.set()
+        wait.wait(60.0)
+        return {}
+
+    server = LiveServer("arm", model, snapshot)
+    port = int(server.address.rstrip("/").rpartition(":")[2])
+    tab = http.client.HTTPConnection("127.0.0.1", port)
+    tab.request("GET", "/live", headers={"Host": f"127.0.0.1:{port}"})
+    assert asked.wait(60.0)
+    ending = threading.Thread(target=server.close)
+    ending.start()
+    assert ending.is_alive()  # it waits for the one that was begun
+    wait.set()
+    ending.join(60.0)
+    assert not ending.is_alive()
+    closing.set()
+    count = len(after)
+    tab.getresponse().read()
+    tab.close()
+    assert len(after) == count
+    assert not any(after)
+
+
+@contextmanager
+def served(model, snapshot):
+    server = LiveServer("arm", model, snapshot)
+    try:
+        yield server
+    finally:
+        server.close()
+
+
+def test_only_this_machine_is_answered_under_its_own_name(model):
+    with served(model, dict) as server:
+        port = int(server.address.rstrip("/").rpartition(":")[2])
+        answers = {}
+        for host in ("127.0.0.1", "localhost", "evil.example"):
+            asked = http.client.HTTPConnection("127.0.0.1", port)
+            asked.request("GET", "/", headers={"Host": f"{host}:{port}"})
+            answers[host] = asked.getresponse().status
+            asked.close()
+    assert answers == {"127.0.0.1": 200, "localhost": 200, "evil.example": 403}
+
+
+@pytest.mark.slow("starts a browser")
+@pytest.mark.skipif(program() is None, reason="no Chromium is installed on this machine")
+def test_a_browser_shows_the_arm_as_it_moves(followed, model):
+    feed, publish = followed
+    heard(feed, publish, "force")
+    stop = threading.Event()
+
+    def stream():
+        k = 0
+        while not stop.wait(0.005):
+            k += 1
+            publish(k)
+
+    source = threading.Thread(target=stream)
+    source.start()
+    try:
+        with served(model, feed.snapshot) as server, browser() as tab:
+            tab.look(server.address)
+            tab.wait("Number(document.body.dataset.frames) > 5")
+            text = tab.value("document.body.innerText")
+            assert tab.errors == []
+            assert tab.value("document.querySelectorAll('canvas.strip').length") == N
+            live = "Number(document.body.dataset.frames) > 5"
+            assert violations(tab, server.address, 390, dark=True, ready=live) == []
+            tab.wait("document.querySelectorAll('canvas.strip.pushed').length")
+            assert tab.value("document.querySelectorAll('canvas.strip.pushed').length") == 1
+    finally:
+        stop.set()
+        source.join()
+    for said in ("model 7", "estimated 1.00 ± 0.20", "contact: a push", "1000 Hz"):
+        assert said in text

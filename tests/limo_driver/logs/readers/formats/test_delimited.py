@@ -1,0 +1,112 @@
+"""Text as people's own tools write it: lines above the names, units below, times of day."""
+
+import numpy as np
+import pytest
+from logged import arm, measured
+
+from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.formats.delimited import dialect_of
+from limo_driver.logs.readers.formats.reading import read_table
+from limo_driver.logs.readers.proposals.proposal import propose
+
+TIME, POSITION, VELOCITY, TORQUE = measured(2.0)
+ABOVE = "Recorder 3.1\nRobot: iiwa, cell 4\n\nOperator: nobody\n"
+
+
+def clock(seconds):
+    """A time of day, with fractions."""
+    whole = 23 * 3600 + 59 * 60 + 59 + seconds
+    hours, rest = divmod(whole, 3600)
+    return f"{int(hours) % 24:02d}:{int(rest // 60):02d}:{rest % 60:06.3f}"
+
+
+def log(path, above="", units=None, separator=",", times=None, decimal="."):
+    """Write a log of an iiwa in degrees."""
+    names = ["time", *(f"q{j}" for j in range(1, 8)), *(f"tau{j}" for j in range(1, 8))]
+    lines = [separator.join(names)]
+    if units is not None:
+        lines.append(separator.join(units))
+    rows = np.column_stack([np.rad2deg(POSITION), TORQUE])
+    for k, row in enumerate(rows):
+        cells = [f"{TIME[k]:.4f}" if times is None else times[k], *(f"{x:.7f}" for x in row)]
+        lines.append(separator.join(cells).replace(".", decimal))
+    path.write_text(above + "\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def read(path):
+    """Table and columns, with nothing left open."""
+    table = read_table(path, joints=arm().joint_names)
+    mapping = propose(table, arm()).mapping
+    assert [q for q in mapping.undecided if "do not name joints" not in q] == []
+    return table, mapping.columns(table, arm())
+
+
+def check(columns):
+    np.testing.assert_allclose(columns.position, POSITION, atol=1e-8)
+    np.testing.assert_allclose(columns.torque, TORQUE, atol=1e-6)
+    np.testing.assert_allclose(columns.time - columns.time[0], TIME - TIME[0], atol=1e-3)
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("above", [ABOVE, "KUKA,iiwa,14\n", "# made by hand\n" + ABOVE])
+def test_lines_above_the_names_are_left_aside_and_said(tmp_path, above, separator):
+    table, columns = read(log(tmp_path / "log.csv", above, separator=separator))
+    check(columns)
+    told = above.count("\n") - above.startswith("#")
+    assert f"{told} line{'s' * (told > 1)} above the names left aside" in table.notes
+
+
+@pytest.mark.parametrize(
+    "units",
+    [
+        ["s", *["deg"] * 7, *["Nm"] * 7],
+        ["[s]", *["[deg]"] * 7, *["[N m]"] * 7],
+        ["(s)", *["(°)"] * 7, *["-"] * 7],
+    ],
+)
+@pytest.mark.parametrize("above", ["", ABOVE])
+def test_units_below_the_names_are_those_of_the_columns(tmp_path, units, above):
+    path = log(tmp_path / "log.csv", above, units)
+    table, columns = read(path)
+    check(columns)
+    assert "the line below the names has their units" in table.notes
+    assert propose(table, arm()).mapping.position.unit == ("deg",)
+
+
+def test_times_of_day_go_on_after_midnight(tmp_path):
+    table, columns = read(log(tmp_path / "log.csv", times=[clock(t) for t in TIME]))
+    check(columns)
+    assert table.columns["time"].dtype.kind == "m"
+
+
+def test_decimal_commas_stand_below_units_too(tmp_path):
+    units = ["s", *["deg"] * 7, *["Nm"] * 7]
+    _, columns = read(log(tmp_path / "log.csv", ABOVE, units, ";", decimal=","))
+    check(columns)
+
+
+def test_a_text_among_times_of_day_is_no_time(tmp_path):
+    times = [clock(t) for t in TIME]
+    times[7] = "soon"
+    with pytest.raises(RecordingError, match="column time holds text in"):
+        read_table(log(tmp_path / "log.csv", times=times), joints=arm().joint_names)
+
+
+@pytest.mark.parametrize(
+    ("text", "told", "named"),
+    [
+        ("a,b,c\n1,2,3\n4,5,6\n", 0, True),
+        ("1,2,3\n4,5,6\n", 0, False),
+        ("a,b\n1,2,3\n4,5,6\n", 0, True),  # a name is missing, which is said later
+        ("title\na,b,c\n1,2,3\n4,5,6\n", 1, True),
+        ("x;y\n1,5;2,5\n", 0, True),
+        ("1.0\n2.0\n3.0\n", 0, False),
+        ("state\nidle\nidle\n", 0, True),
+    ],
+)
+def test_names_are_found(tmp_path, text, told, named):
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8")
+    dialect = dialect_of(path)
+    assert (dialect.told, dialect.named) == (told, named)
