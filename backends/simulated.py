@@ -12,9 +12,9 @@ import numpy as np
 from limo_driver.errors import BackendError, ConfigError, JointLimitError, ShapeError
 from limo_driver.model import BUILT_IN
 from limo_driver.physics import Simulation
+from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.robot.robot import Robot
 from limo_driver.robot.safety import START_TOLERANCE
-from limo_driver.runtime.latency import LatencyHistogram
 from limo_driver.types import RobotSpec
 
 if TYPE_CHECKING:

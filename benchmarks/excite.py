@@ -14,7 +14,7 @@ from time import perf_counter
 
 import numpy as np
 
-from estimators.rigid_body.dynamics.conditioning import Conditioning
+from estimators.rigid_body.base_parameters import Conditioning
 from limo_driver.model import RobotModel
 from limopa import ExcitationRequest, Feasibility, excite
 

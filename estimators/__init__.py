@@ -7,7 +7,7 @@ What functions of the library return can be had from here; it is imported when i
 
 from typing import TYPE_CHECKING
 
-from limo_driver.runtime.lazily import lazily
+from limo_driver.runtime.plugins import lazily
 
 if TYPE_CHECKING:
     from estimators.base import Estimate, InverseDynamics, LiveEstimator

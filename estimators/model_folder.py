@@ -10,6 +10,7 @@ What each estimator keeps in them is its own: it is found by its name, see `esti
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from importlib.metadata import version
@@ -21,10 +22,10 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
-from estimators.manifest import MANIFEST, SCHEMA, as_manifest, read_manifest
 from estimators.registry import estimator_called, known_estimators
 from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
 from limo_driver.physics import Simulation
+from limo_driver.runtime.declarations import read_json
 from limo_driver.runtime.given_files import read_bytes
 from limo_driver.runtime.outputs import replacing
 from limo_driver.types import same_robot
@@ -43,6 +44,9 @@ WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"
 LARGEST_FILE: Final = 1 << 30  # bytes of tensors
 _POSES: Final = 4  # at which two bodies are compared; one could hide a difference by chance
+SCHEMA: Final = 1
+MANIFEST: Final = "manifest.json"
+_DIGEST: Final = "sha256"  # of all the other entries
 
 
 @dataclass(frozen=True)
@@ -266,3 +270,38 @@ def _digest(path: Path) -> str:
 
 def _close(a: dict[str, Any], b: dict[str, Any]) -> bool:
     return all(np.allclose(a[key], b[key], rtol=1e-9, atol=1e-12) for key in a)
+
+
+def read_manifest(folder: Path) -> JsonGiven:
+    """Read the manifest of a folder.
+
+    Raises:
+        ModelStoreError: There is none that can be read, or it was changed since it was written.
+    """
+    path = folder / MANIFEST
+    if not folder.is_dir():
+        raise ModelStoreError(f"{folder}: no such model folder")
+    given = read_json(path, ModelStoreError, SCHEMA)
+    own = given.content.pop(_DIGEST, None)
+    if own is not None and own != _digest_of_entries(given.content):  # the first manifests had none
+        given.fail("was changed since it was written (sha256 differs); train the model again")
+    return given
+
+
+def as_manifest(values: Mapping[str, Any]) -> str:
+    """Return the text of a manifest with these entries, and the digest by which changes show.
+
+    Raises:
+        ModelStoreError: A value is no JSON, or no finite number.
+    """
+    try:
+        sealed = {"schema": SCHEMA, **values}
+        sealed[_DIGEST] = _digest_of_entries({k: v for k, v in sealed.items() if k != _DIGEST})
+        return json.dumps(sealed, indent=1, allow_nan=False) + "\n"
+    except (TypeError, ValueError) as error:
+        raise ModelStoreError(f"the manifest of the model is no JSON: {error}") from None
+
+
+def _digest_of_entries(values: Mapping[str, Any]) -> str:
+    """Return the sha256 of entries, however they are spaced and ordered."""
+    return sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()

@@ -1,13 +1,15 @@
-"""ResidualModel: a simulation, and a learned model of its residual."""
+"""Models on a simulation: ResidualModel, which learns its residual, and the simulation alone."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, TypeVar
 
 from estimators.base import Estimate
 from limo_driver.errors import NotFittedError, ShapeError
+from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -174,3 +176,39 @@ class ResidualModel(ABC, Generic[Fitted]):
     def _check_joints(self, shape: tuple[int, ...]) -> None:
         if shape[-1] != self.n:
             raise ShapeError("position", shape, f"(T, {self.n})")
+
+
+@dataclass(frozen=True)
+class SimulationOnly:
+    """Predict tau_S and add nothing.
+
+    Args:
+        simulation: Gives tau_S.
+        bandwidth: Of the filter on live motion [Hz].
+    """
+
+    simulation: Simulation
+    bandwidth: float = BANDWIDTH
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.simulation.model.n
+
+    @property
+    def memory(self) -> object:
+        """The values besides the motion that determine memory: the simulation."""
+        return self.simulation
+
+    def init(self, rate: float | None = None) -> State:  # noqa: ARG002  # any will do
+        """Return the memory before the first sample."""
+        return self.simulation.init()
+
+    def advance(self, state: State, motion: Motion) -> tuple[Estimate, State]:
+        """Estimate T samples, see `LiveEstimator`; how sure that is, nobody knows.
+
+        Raises:
+            ShapeError: The motion has another number of joints.
+        """
+        torque, after = self.simulation.advance(state, motion)
+        return Estimate.unsure(torque), after

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from estimators.base import Estimate
-from estimators.simulation_only import SimulationOnly
+from estimators.residual_model import SimulationOnly
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.physics import Simulation
 from limo_driver.recordings.filters.causal_differentiation import (

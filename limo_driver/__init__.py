@@ -27,12 +27,9 @@ if TYPE_CHECKING:
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.rigid_body import JointTerms, Rows
     from estimators.service.settings import RetrainingSettings, ServiceSettings
-    from limo_driver.app.library.datasets import simulate_dataset
     from limo_driver.app.library.diagnosing import diagnose
-    from limo_driver.app.library.embedding import export_c, export_onnx
-    from limo_driver.app.library.exporting import export
-    from limo_driver.app.library.fleets.diagnosing import diagnose_fleet
-    from limo_driver.app.library.forward import predict_forward
+    from limo_driver.app.library.exporting import export, export_c, export_onnx
+    from limo_driver.app.library.fleets import diagnose_fleet
     from limo_driver.app.library.inspecting import inspect
     from limo_driver.app.library.learning import (
         evaluate,
@@ -42,11 +39,11 @@ if TYPE_CHECKING:
         predict,
         train,
     )
-    from limo_driver.app.library.live.running import Streaming, run
-    from limo_driver.app.library.live.serving import serve
     from limo_driver.app.library.planning import excite, excite_servos, plan
     from limo_driver.app.library.reading import read
-    from limo_driver.app.library.simulating import simulate
+    from limo_driver.app.library.running import Streaming, run
+    from limo_driver.app.library.serving import serve
+    from limo_driver.app.library.simulating import predict_forward, simulate, simulate_dataset
     from limo_driver.app.library.sweeping import sweep
     from limo_driver.errors import LimoError
     from limo_driver.logs.mcap_log import LogLimits
@@ -102,7 +99,7 @@ _HOME = {
     "ServiceSettings": "estimators.service.settings",
     "ServoRequest": "limopa",
     "Simulation": "limo_driver.physics",
-    "Streaming": "limo_driver.app.library.live.running",
+    "Streaming": "limo_driver.app.library.running",
     "Surroundings": "limopa",
     "TorqueCommand": "limo_driver.types",
     "TrainingSettings": "estimators.hybrid.training.settings",
@@ -110,13 +107,13 @@ _HOME = {
     "Workspace": "limopa",
     "WrenchCommand": "limo_driver.types",
     "diagnose": "limo_driver.app.library.diagnosing",
-    "diagnose_fleet": "limo_driver.app.library.fleets.diagnosing",
+    "diagnose_fleet": "limo_driver.app.library.fleets",
     "evaluate": "limo_driver.app.library.learning",
     "excite": "limo_driver.app.library.planning",
     "excite_servos": "limo_driver.app.library.planning",
     "export": "limo_driver.app.library.exporting",
-    "export_c": "limo_driver.app.library.embedding",
-    "export_onnx": "limo_driver.app.library.embedding",
+    "export_c": "limo_driver.app.library.exporting",
+    "export_onnx": "limo_driver.app.library.exporting",
     "identify": "limo_driver.app.library.learning",
     "inspect": "limo_driver.app.library.inspecting",
     "load_model": "limo_driver.app.library.learning",
@@ -124,12 +121,12 @@ _HOME = {
     "open_robot": "limo_driver.robot.registry",
     "plan": "limo_driver.app.library.planning",
     "predict": "limo_driver.app.library.learning",
-    "predict_forward": "limo_driver.app.library.forward",
+    "predict_forward": "limo_driver.app.library.simulating",
     "read": "limo_driver.app.library.reading",
-    "run": "limo_driver.app.library.live.running",
-    "serve": "limo_driver.app.library.live.serving",
+    "run": "limo_driver.app.library.running",
+    "serve": "limo_driver.app.library.serving",
     "simulate": "limo_driver.app.library.simulating",
-    "simulate_dataset": "limo_driver.app.library.datasets",
+    "simulate_dataset": "limo_driver.app.library.simulating",
     "sweep": "limo_driver.app.library.sweeping",
     "train": "limo_driver.app.library.learning",
 }

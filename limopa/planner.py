@@ -13,12 +13,10 @@ import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.runtime.display import Displayed
-from limopa.exploration import Exploration, draw_exploration
 from limopa.feasibility import Feasibility
-from limopa.path import Line, Path
+from limopa.path import JointBounds, Line, Path, TimedPath, joined, retime
 from limopa.request import PlanRequest
-from limopa.retiming import JointBounds, TimedPath, joined, retime
-from limopa.scaffold import ScaffoldSampler, nearest_first
+from limopa.scaffold import Exploration, ScaffoldSampler, draw_exploration, nearest_first
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

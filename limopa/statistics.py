@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from limo_driver.trajectory import Peaks
-from limopa.exploration import Exploration
 from limopa.planner import EXPLORING, REACHING
+from limopa.scaffold import Exploration
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

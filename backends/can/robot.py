@@ -14,10 +14,10 @@ from backends.can.config import CIA402, ArmConfig
 from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.robot.output import instead
+from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.robot.robot import Robot
 from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
-from limo_driver.runtime.latency import LatencyHistogram
 from limo_driver.types import JointState
 
 if TYPE_CHECKING:

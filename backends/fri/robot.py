@@ -8,18 +8,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from backends.fri.advice import why_not_ready
-from backends.fri.answers import check_taken, sent_as
+from backends.fri.answers import Lead, check_taken, sent_as
 from backends.fri.codec.messages import DEFAULT_PORT, Monitoring, Quality, SessionState
 from backends.fri.codec.template import MonitoringTemplate
 from backends.fri.codec.version import FriVersion
 from backends.fri.connection import Connection, connect, incomplete, pace, unusable
-from backends.fri.lead import Lead
-from backends.fri.outputs import Outputs
-from backends.fri.plausibility import Plausibility, warm_up_plausibility
-from backends.fri.replies import Replies
-from backends.fri.session import LinkFigures, Order, RobotSession, Visit
-from backends.fri.velocity import VelocityFilter
+from backends.fri.plausibility import Plausibility, VelocityFilter, warm_up_plausibility
+from backends.fri.replies import Outputs, Replies
+from backends.fri.session import LinkFigures, Order, RobotSession, Visit, why_not_ready
 from backends.fri.wire_limits import WireLimits, warm_up_wire_limits
 from limo_driver.errors import (
     BackendError,
@@ -37,8 +33,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from backends.fri.codec.version import Generation
-    from backends.fri.endpoint import Datagram
-    from limo_driver.runtime.latency import LatencyHistogram
+    from backends.fri.connection import Datagram
+    from limo_driver.robot.realtime import LatencyHistogram
     from limo_driver.types import FloatArray, JointCommand
 
 WRENCH_LIMITS: Final = WrenchLimits(

@@ -10,12 +10,15 @@ import math
 from typing import TYPE_CHECKING
 
 from backends.mujoco_sim import layout as row
+from limo_driver.physics.effects.laws import friction_torque
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from backends.mujoco_sim.layout import Arrays, Scratch, Servo
     from backends.mujoco_sim.realisation import Plant
     from limo_driver.types import FloatArray
+
+_SMALL_VELOCITY = 1e-9  # [rad/s]
 
 
 @compiled(inline="always")
@@ -142,3 +145,22 @@ def multiply(arrays: Arrays, n: int, vector: FloatArray, product: FloatArray) ->
             product[i] += arrays.inertia[k] * vector[j]
             if j != i:
                 product[j] += arrays.inertia[k] * vector[i]
+
+
+@compiled(inline="always")
+def friction_damping(
+    law: int, p0: float, p1: float, p2: float, p3: float, velocity: float
+) -> float:
+    """Return the secant torque / velocity [N m s/rad]; its limit at rest.
+
+    An integrator that takes this damping implicitly dissipates at any step size, where the
+    friction itself, taken explicitly, would reverse the motion.
+    """
+    v = away_from_rest(velocity)
+    return friction_torque(law, p0, p1, p2, p3, v) / v
+
+
+@compiled(inline="always")
+def away_from_rest(velocity: float) -> float:
+    """Return `velocity` [rad/s], of at least a size by which a torque can be divided."""
+    return _SMALL_VELOCITY if abs(velocity) < _SMALL_VELOCITY else velocity

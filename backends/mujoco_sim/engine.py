@@ -26,17 +26,16 @@ from backends.mujoco_sim import layout as row
 from backends.mujoco_sim.drives import (
     compliant,
     deflection,
+    friction_damping,
     multiply,
     saturate,
     servo_torque,
     uncompensated,
 )
-from backends.mujoco_sim.friction_laws import friction_damping
-from backends.mujoco_sim.layout import SCRATCH_ROWS, Arrays, Links, Scratch, Servo
-from backends.mujoco_sim.linked import gather, gather_state, spread
+from backends.mujoco_sim.layout import Arrays, Links, Scratch, Servo, gather, gather_state, spread
 from backends.mujoco_sim.realisation import Plant
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effects.friction_laws import PARAMETERS
+from limo_driver.physics.effects.laws import PARAMETERS
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ class Engine:
                 "the simulated robot needs numba's compiler, which NUMBA_DISABLE_JIT switches off"
             )
         sensors = (servo.torque_limit, servo.encoder_resolution, servo.torque_resolution)
-        scratch = np.empty((SCRATCH_ROWS, memory.shape[1]))
+        scratch = np.empty((row.SCRATCH_ROWS, memory.shape[1]))
         self._tables = (*arrays, *plant, *sensors, memory, command, added, scratch, *links)
         if not all(table.flags.c_contiguous for table in self._tables):
             raise ValueError("the arrays of the simulated arm have to be contiguous")

@@ -13,19 +13,18 @@ import numpy as np
 
 from backends.mujoco_sim import layout
 from backends.mujoco_sim.engine import Engine
-from backends.mujoco_sim.linked import DriveSideState
-from backends.mujoco_sim.realisation import draft_of
-from backends.mujoco_sim.sampled import SampledEffects
-from backends.mujoco_sim.scene import compile_model
-from backends.mujoco_sim.sensor_noise import SensorNoise
-from backends.mujoco_sim.stability import (
+from backends.mujoco_sim.layout import DriveSideState
+from backends.mujoco_sim.realisation import (
     check_elements,
     check_impedance,
     check_late,
+    draft_of,
     effective_inertia,
     usual_load,
 )
-from backends.mujoco_sim.torque_sensors import TorqueSensors
+from backends.mujoco_sim.sampled import SampledEffects
+from backends.mujoco_sim.scene import compile_model
+from backends.mujoco_sim.torque_sensors import SensorNoise, TorqueSensors
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import (
     BackendError,

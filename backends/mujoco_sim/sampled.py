@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from backends.mujoco_sim import layout
-from backends.mujoco_sim.friction_laws import away_from_rest
+from backends.mujoco_sim.drives import away_from_rest
 from limo_driver.physics import ArmEffect, Friction, JointCoupling, MotionEffect, TorqueEffect
 from limo_driver.physics.effect import ArmMotion
 from limo_driver.types import Motion

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from backends.mujoco_sim.realisation import Plant
     from limo_driver.model import RobotModel
-    from limo_driver.model.descriptions.inertial import Inertial
+    from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.physics import JointCoupling
 
 # Visuals may lie in files that are not here; friction and damping come from effects alone.

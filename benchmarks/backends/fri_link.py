@@ -35,10 +35,9 @@ import yaml
 
 from backends.fri import FriRobot
 from backends.fri.codec.messages import MAX_DATAGRAM, SessionState
-from backends.fri.endpoint import Endpoint
+from backends.fri.connection import Endpoint
 from limo_driver.errors import BackendError
-from limo_driver.robot.realtime import Pace, Realtime
-from limo_driver.runtime.latency import LatencyHistogram
+from limo_driver.robot.realtime import LatencyHistogram, Pace, Realtime
 from limo_driver.types import PositionCommand
 
 if TYPE_CHECKING:

@@ -104,12 +104,12 @@ PARTS: dict[str, Change] = {
     ),
     "reach: three lines of a ripple": _without(hypotheses__RIPPLE__lines=3),
     "reach: no lateness of all of it": Change(
-        {}, {f"{FROM_TORQUE}.reconsidering.made_late": lambda *_: None}
+        {}, {f"{FROM_TORQUE}.events.made_late": lambda *_: None}
     ),
     "reach: no pushes": Change({}, {f"{FROM_TORQUE}.events.pushes": lambda *_: ()}),
     "reach: no jolts": Change({}, {f"{FROM_TORQUE}.events.jolts": lambda *_: ()}),
     "reach: no values beyond their tolerances": Change(
-        {}, {f"{FROM_TORQUE}.reconsidering.suspects": lambda *_: set()}
+        {}, {f"{FROM_TORQUE}.events.suspects": lambda *_: set()}
     ),
 }
 CHOSEN: dict[str, Sequence[float]] = {  # values beside the one that stands

@@ -35,7 +35,7 @@ from limo_driver.recordings.recording import Recording
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.from_torque.diagnosis import Diagnosis
+    from estimators.diagnosis.from_torque.pipeline import Diagnosis
     from limo_driver.types import FloatArray
 
 NOTHING: Final = "nothing"

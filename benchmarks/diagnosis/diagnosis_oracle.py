@@ -61,7 +61,7 @@ def worst(case: Path) -> tuple[float, float] | None:
 
 def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
     """Return the simulation with the hidden effects, and its expected error, (n,) [N m]."""
-    from estimators.diagnosis.from_torque.fitting.foreseen import Foreseen
+    from estimators.diagnosis.from_torque.fitting.intervals import Foreseen
     from estimators.diagnosis.from_torque.fitting.linearised import polished
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
     from estimators.diagnosis.from_torque.fitting.settling import refined

@@ -23,7 +23,7 @@ from diagnosis_peer_base import (
     spread,
 )
 
-from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain, parameters_of
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain, parameters_of
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from diagnosis_peer_base import Array
 
-    from limo_driver.model.descriptions.inertial import Inertial
+    from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import Motion
 

@@ -20,8 +20,8 @@ import numpy as np
 import pinocchio as pin
 
 from estimators.rigid_body import JointTerms, Rows, identify
-from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain
 from estimators.rigid_body.fitting.normal_equations import CHUNK
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
 from limo_driver.recordings.recording import Recording

@@ -34,7 +34,7 @@ from scipy.ndimage import minimum_filter1d
 
 import limo_driver as limo
 from backends.mujoco_sim.robot import MujocoRobot
-from estimators.simulation_only import SimulationOnly
+from estimators.residual_model import SimulationOnly
 from estimators.stream import Stream
 from limo_driver.physics import CoulombFriction, Sensors, Simulation, ViscousFriction
 from limo_driver.recordings.filters.causal_differentiation import CausalDifferentiator

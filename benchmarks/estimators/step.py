@@ -24,8 +24,7 @@ from step_peers import onnx_step, torch_step
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.features import FEATURE_SETS, feature_set
-from estimators.hybrid.fitted_network import FittedNetwork
-from estimators.hybrid.scaling import InputScaling, Scaling, normalise_inputs
+from estimators.hybrid.fitted_network import FittedNetwork, InputScaling, Scaling, normalise_inputs
 from estimators.joint_physics import JointPhysics
 from estimators.neural import LstmFcl, Mlp
 from estimators.stream import Stream

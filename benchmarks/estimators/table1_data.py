@@ -22,7 +22,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import typer
 
-from estimators.rigid_body.dynamics.conditioning import Conditioning
+from estimators.rigid_body.base_parameters import Conditioning
 from limo_driver.model import RobotModel
 from limopa import ExcitationRequest, PlanRequest, excite, plan
 from limopa.planner import REACHING

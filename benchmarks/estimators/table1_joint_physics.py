@@ -21,11 +21,9 @@ import numpy as np
 import typer
 
 from estimators.evaluation import evaluate
-from estimators.hybrid.training.split import HELD_OUT, split_recordings
+from estimators.hybrid.training.data import HELD_OUT, split_recordings
 from estimators.joint_physics import JointPhysics
-from estimators.reproduction.data import TableData
-from estimators.reproduction.rigid_body import rigid_body
-from estimators.reproduction.rows import RBD
+from estimators.reproduction.data import RBD, TableData, rigid_body
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:

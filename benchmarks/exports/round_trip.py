@@ -20,7 +20,7 @@ import mujoco
 
 import limo_driver as limo
 from limo_driver.app.library.learning import described
-from limo_driver.exports.changes.parts import parts_of
+from limo_driver.exports.changes.bodies import parts_of
 from limo_driver.physics import (
     Armature,
     CoulombFriction,

@@ -194,7 +194,7 @@ def _db3(folder: Path) -> list[Path]:
 def _mcap(folder: Path) -> list[Path]:
     from mcap.writer import CompressionType, Writer
 
-    from limo_driver.network.messages.schemas import SCHEMAS
+    from limo_driver.network.messages.cdr import SCHEMAS
 
     paths = [folder / "plain.mcap", folder / "packed.mcap"]
     for path, packing in zip(paths, (CompressionType.NONE, CompressionType.ZSTD), strict=True):
@@ -349,7 +349,7 @@ def _load_yaml(path: Path) -> object:
 def _model(folder: Path) -> list[Path]:
     from estimators.joint_physics import JointPhysics
     from limo_driver.app.library.learning import nominal
-    from limo_driver.recordings.columns import Columns
+    from limo_driver.recordings.channels import Columns
     from limo_driver.recordings.recording import Recording
 
     (folder / "arm.urdf").write_text(URDF)

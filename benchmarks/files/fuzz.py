@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any, Final
 from formats import FORMATS
 from mutations import mutated
 
-from limo_driver.runtime.given_files import separate
+from limo_driver.runtime import given_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -69,7 +69,7 @@ def _forked(*given: str, patience: float) -> tuple[str, Any, int]:
         os.dup2(tell, 1)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
         try:
-            separate.main(*given)
+            given_files.main(*given)
         finally:
             os._exit(1)
     os.close(tell)
@@ -83,7 +83,7 @@ def main() -> None:
     """Go on, and print what was found so far."""
     given = _given()
     os.nice(10)
-    separate._asked = _forked
+    given_files._asked = _forked
     given.folder.mkdir(parents=True, exist_ok=True)
     ends = time.monotonic() + 60 * given.minutes
     for name in given.formats:

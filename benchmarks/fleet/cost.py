@@ -30,12 +30,10 @@ import numpy as np
 from concealed_fleet import make
 
 import limo_driver as limo
-from estimators.fleet.outcome import FleetOutcome
-from estimators.fleet.result import FleetDiagnosis
-from estimators.fleet.saving import save_fleet
-from estimators.fleet.store import ROW, FleetStore
-from limo_driver.app.library.fleets.job import FleetJob
-from limo_driver.app.library.fleets.sources import rows_of
+from estimators.fleet.page import save_fleet
+from estimators.fleet.result import ROW, FleetDiagnosis, FleetStore
+from estimators.fleet.row import FleetOutcome
+from limo_driver.app.library.fleets import FleetJob, rows_of
 
 if TYPE_CHECKING:
     from estimators.fleet.row import FleetRow

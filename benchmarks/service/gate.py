@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from estimators.service.comparison.gate import compare
+from estimators.service.gate import compare
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

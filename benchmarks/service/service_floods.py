@@ -33,7 +33,7 @@ from service_processes import (
     wait_for,
 )
 
-from limo_driver.network.keys import Keys
+from limo_driver.network.claims import Keys
 from limo_driver.network.readiness import wait_until_serving
 from limo_driver.network.streaming import open_session
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Final, cast
 
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import LINK_INERTIA, listed, of_joints, of_several
 from limo_driver.physics import (
     AsymmetricFriction,
+    BodyEffect,
     CoulombFriction,
     GravityDirection,
     LoadDependentFriction,
@@ -21,11 +22,13 @@ from limo_driver.physics import (
     ViscousFriction,
     spoken,
 )
+from limo_driver.physics.catalogue import description_of, known_as
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.verdict import Finding, Interval, Verdict
+    from limo_driver.recordings.recording import Recording
 
 MOST: Final = 190  # characters: two lines of a page or a wide terminal
 _FRICTION: Final = frozenset(
@@ -49,6 +52,10 @@ _AMOUNTS: Final = {  # of drives, the one value that is off, as roboticists call
     "torque_drive": "torque gain",
     "integral_gain": "I gain",
     "drive_delay": "delay",
+}
+LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
+_OTHERWISE = {
+    LINK_INERTIA: "several joints err together, smoothly with the pose and without history",
 }
 
 
@@ -266,3 +273,62 @@ def _unknown(verdict: Verdict, n: int) -> list[str]:
 def _sentence(parts: Sequence[str]) -> str:
     text = "; ".join(parts)
     return f"{text[:1].upper()}{text[1:]}." if text else "Nothing was found."
+
+
+def signature_of(effect: str) -> str:
+    """Say how an effect shows; completes "At joint 3 …"."""
+    said = _OTHERWISE.get(effect) or description_of(effect).signature
+    return said or f"the error is what {spoken(effect)} makes"
+
+
+def is_of_bodies(effect: str) -> bool:
+    """Say whether an effect is of a body, and so felt by all joints below it."""
+    known = known_as(effect)
+    return effect == LINK_INERTIA or (known is not None and issubclass(known, BodyEffect))
+
+
+def names_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Return the file names of recordings, and numbers for those that have none of their own."""
+    files = [PurePath(recording.source).name for recording in recordings]
+    return tuple(
+        name if name and files.count(name) == 1 else f"recording {k}"
+        for k, name in enumerate(files, start=1)
+    )
+
+
+def of_joints(joints: Sequence[int]) -> str:
+    """Return which joints (1-based), in words; none are the whole arm."""
+    if not joints:
+        return "whole arm"
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Join phrases by commas, the last one by "and"."""
+    *others, last = texts
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def likelier(lead: float) -> str:
+    """Say evidence [nat] as odds; completes "the recordings are …"."""
+    if lead > math.log(WORDING.beyond_doubt):
+        return "beyond doubt likelier"
+    odds = math.exp(lead)
+    digits = max(0, math.floor(math.log10(odds)) - 1)
+    return f"{round(odds, -digits):,.0f} times likelier".replace(",", "\N{NO-BREAK SPACE}")
+
+
+def rounded(error: float, digits: int = 4) -> str:
+    """Return an error to a few digits, whatever the arm's scale: 2022, 65.21, 0.003392."""
+    decimals = digits - 1 - math.floor(math.log10(error)) if error > 0 else digits - 1
+    return f"{error:.{max(0, decimals)}f}"
+
+
+def of_several(joints: Sequence[int], n: int) -> str:
+    """Return joints (1-based) of an arm of n in few words: "joints 1 to 4", "all joints"."""
+    known = sorted({*joints})
+    if not known or (known == list(range(1, n + 1)) and n > 1):
+        return "all joints"
+    if len(known) > 2 and known[-1] - known[0] == len(known) - 1:  # noqa: PLR2004  # a range
+        return f"joints {known[0]} to {known[-1]}"
+    return of_joints(known)

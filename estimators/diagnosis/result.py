@@ -1,4 +1,4 @@
-"""What a diagnosis found, and all that its report shows."""
+"""What a diagnosis found, with torque and without, and all that a report shows."""
 
 from __future__ import annotations
 
@@ -143,3 +143,51 @@ class Replay:
     position: FloatArray  # (T, n) recorded [rad]
     position_before: FloatArray  # (T, n) of the robot of the given simulation [rad]
     position_after: FloatArray  # (T, n) of the robot of the improved simulation [rad]
+
+
+@dataclass(frozen=True)
+class DriveReplay:
+    """A held-out recording beside two simulations that were run forward from its commands."""
+
+    recording: Recording  # T samples of n joints, as the description counts
+    given: FloatArray  # (T, n) [rad]
+    improved: FloatArray
+
+
+@dataclass(frozen=True, repr=False)
+class DriveResult(Displayed):
+    """Verdict, improved simulation and evidence of an arm that tells commands and positions."""
+
+    verdict: Verdict
+    before: Simulation
+    after: Simulation
+    recordings: tuple[Recording, ...]
+    held_out_error: tuple[tuple[float, ...], tuple[float, ...]]  # mean absolute, [rad] by joint
+    failures: tuple[Failure, ...] = ()
+    replay: DriveReplay | None = None
+
+    @property
+    def simulation(self) -> Simulation:
+        """The improved simulation, which can be run forward from commands."""
+        return self.after
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What differs from what was stated, as the verdict has it."""
+        return self.verdict.findings
+
+    def headline(self) -> str:
+        """Say the verdict in one sentence."""
+        return headline(self.verdict)
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the free-running errors of each joint on motion that nothing was fitted to."""
+        given, improved = self.held_out_error
+        return {
+            "joint": self.before.model.joint_names,
+            "held-out |error| given [rad]": given,
+            "improved [rad]": improved,
+        }
+
+    def __str__(self) -> str:
+        return "\n".join(lines_of(self.verdict))

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Final
 from estimators.diagnosis.headline import (
     give_or_take,
     headline,
+    listed,
     named,
     place_of,
+    rounded,
     several,
     values_of,
 )
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import listed, rounded
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:

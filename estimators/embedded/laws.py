@@ -17,15 +17,14 @@ import numpy as np
 from estimators.embedded.tables import number, table
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effect import SensorEffect
+from limo_driver.physics.effects.arm import JointCoupling, SpringLoad
 from limo_driver.physics.effects.body import GravityDirection, Payload
 from limo_driver.physics.effects.changing_friction import (
     LoadDependentFriction,
     PositionDependentFriction,
     TemperatureDependentFriction,
 )
-from limo_driver.physics.effects.coupling import JointCoupling
 from limo_driver.physics.effects.delay import TimeDelay
-from limo_driver.physics.effects.environment import SpringLoad
 from limo_driver.physics.effects.friction import (
     SIGN_WIDTH,
     AsymmetricFriction,

@@ -11,20 +11,20 @@ import numpy as np
 from estimators.embedded.tables import SIDE_BY_SIDE, table
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
-from estimators.joint_physics.column_scan import (
+from estimators.joint_physics.columns import (
     DIFFERENCE,
     FRICTION_HARMONICS,
     HARMONICS,
+    SETTLED,
     SHARP,
     SPEEDS,
     STATES,
     WIDTHS,
 )
-from estimators.joint_physics.columns import SETTLED
-from estimators.joint_physics.variance_terms import GROUP, LANES, NEXT, NOTHING, ORDER, padded
+from estimators.joint_physics.prediction import GROUP, LANES, NEXT, NOTHING, ORDER, padded
 from estimators.neural.lstm import Lstm, LstmFcl
 from estimators.neural.mlp import Mlp
-from estimators.simulation_only import SimulationOnly
+from estimators.residual_model import SimulationOnly
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -1,19 +1,30 @@
-"""Numbers as C: constants of the preprocessor and tables, exact and of any locale."""
+"""Tables of numbers as C, and those of the rigid body."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+import re
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
+from estimators.rigid_body.regressor import RegressorChain, link_parameters, parameters_of
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import ArrayLike, NDArray
+
+    from limo_driver.model import RobotModel
+    from limo_driver.physics.effects.body import Payload
+    from limo_driver.types import FloatArray
 
 SIDE_BY_SIDE: Final = 4  # doubles, of which what stands for each joint is filled up to a multiple
 _WIDTH: Final = 98  # of a line
 _TYPES: Final = {"f8": "double", "f4": "float", "i8": "int"}
+_AXES: Final = "xyz"
+_NOTHING: Final = "0.0"  # a sum without terms
+_ROUNDING: Final = 1e-15  # of a direction cosine, which right angles leave in place of zero
+_Term: TypeAlias = tuple[float, str]  # a factor, and of what
 
 
 def number(value: float) -> str:
@@ -69,3 +80,119 @@ def _entry(value: Any, kind: str) -> str:  # noqa: ANN401  # an entry of an arra
         return number(value)
     text = f"{value:.9g}"  # tells any two floats apart
     return (text if any(c in text for c in ".en") else text + ".0") + "F"
+
+
+def tables(body: RobotModel, payloads: Sequence[Payload]) -> str:
+    """Return what the recursion reads of a rigid body and its payloads."""
+    links = link_parameters(body)
+    found = {"base_acceleration": -RegressorChain.of(body).gravity, "link": links}
+    if payloads:
+        carried = np.zeros_like(links)
+        carried[-1] = np.sum([parameters_of(item.load) for item in payloads], axis=0)
+        found["payload"] = carried
+    return "".join(table(name, values) for name, values in found.items())
+
+
+def each_joint(body: RobotModel, code: str) -> str:
+    """Return code with its parts for each joint written out.
+
+    What stands between `/*: outward */` and `/*: end */` is repeated for each joint, `@` its
+    number from 0; after `/*: inward */` from the last joint to the second. `/*: joints */` gives
+    way to those functions of each joint that are called.
+    """
+    n = body.n
+    orders = {"outward": range(n), "inward": range(n - 1, 0, -1)}
+
+    def written_out(found: re.Match[str]) -> str:
+        return "".join(found[2].replace("@", str(i)) for i in orders[found[1]])
+
+    code = re.sub(r"/\*: (outward|inward) \*/\n(.*?)/\*: end \*/\n", written_out, code, flags=re.S)
+    own = [text for name, text in _functions(body).items() if f"{name}(" in code]
+    return code.replace("/*: joints */\n", "".join(own))
+
+
+def _functions(body: RobotModel) -> dict[str, str]:
+    """Return the functions of each joint by name.
+
+    A rotation about an axis u by q is A + B cos q + C sin q with A = u uᵀ, B = 1 - u uᵀ and
+    C = [u]×.
+    """
+    chain, found = RegressorChain.of(body), dict[str, str]()
+    axes, places = chain.axis[:, 3:], chain.translation
+    for i, (fixed, place, u) in enumerate(zip(chain.rotation, places, axes, strict=True)):
+        along, about = np.outer(u, u), np.cross(np.eye(3), u)
+        turns = np.array([fixed @ along, fixed @ (np.eye(3) - along), fixed @ about])
+        own = _joint(_exact(turns), place, _exact(u))
+        found |= {f"{name}_{i}": text.replace("@", str(i)) for name, text in own.items()}
+    return found
+
+
+def _exact(cosines: FloatArray) -> FloatArray:
+    return np.where(np.abs(cosines) < _ROUNDING, 0.0, cosines)
+
+
+def _joint(turns: FloatArray, p: FloatArray, u: FloatArray) -> dict[str, str]:
+    """Return the functions of joint @, whose sums have no term that is always zero."""
+    R = [
+        [_sum(zip(turns[:, r, k], ("", "c", "s"), strict=True)) for k in range(3)] for r in range(3)
+    ]
+    beyond = [[(1.0, f"a.{x}"), (p[k], "")] for k, x in enumerate(_AXES)]
+    turning = [[(1.0, f"w.{x}"), (u[k], "v")] for k, x in enumerate(_AXES)]
+    driven = [
+        [(1.0, f"dw.{x}"), (u[k], "a"), *((factor, f"v * {of}") for factor, of in swung)]
+        for k, (x, swung) in enumerate(zip(_AXES, _cross("w", u), strict=True))
+    ]
+    cosines = "double c, double s, vec a"
+    return {
+        "to_child": _vec("to_child", cosines, map(_dot, zip(*R, strict=True))),
+        "to_parent": _vec("to_parent", cosines, map(_dot, R)),
+        "across": "/* a x p, with p from the joint before. */\n"
+        + _vec("across", "vec a", map(_sum, _cross("a", p))),
+        "beyond": "/* a + p */\n" + _vec("beyond", "vec a", map(_sum, beyond)),
+        "turning": "/* w + u v, with u along the axis. */\n"
+        + _vec("turning", "vec w, double v", map(_sum, turning)),
+        "driven": "/* dw + u a + (w x u) v */\n"
+        + _vec("driven", "vec dw, vec w, double v, double a", map(_sum, driven)),
+        "along": _function("double", "along", "vec a", _sum(zip(u, _names("a"), strict=True))),
+    }
+
+
+def _vec(name: str, parameters: str, entries: Iterable[str]) -> str:
+    return _function("vec", name, parameters, f"(vec){{{', '.join(entries)}}}")
+
+
+def _function(kind: str, name: str, parameters: str, value: str) -> str:
+    given = (declared.split()[1] for declared in parameters.split(", "))
+    unused = "".join(f"    (void){own};\n" for own in given if not re.search(rf"\b{own}\b", value))
+    return f"static inline {kind} {name}_@({parameters})\n{{\n{unused}    return {value};\n}}\n\n"
+
+
+def _names(vector: str) -> list[str]:
+    return [f"{vector}.{x}" for x in _AXES]
+
+
+def _cross(vector: str, b: FloatArray) -> list[list[_Term]]:
+    """Return the terms of a vector times a constant one."""
+    x, y, z = _names(vector)
+    return [[(b[2], y), (-b[1], z)], [(b[0], z), (-b[2], x)], [(b[1], x), (-b[0], y)]]
+
+
+def _dot(entries: Iterable[str]) -> str:
+    """Return the product of a vector, whose entries are sums, with a."""
+    terms = [
+        f"({entry}) * {of}" if " + " in entry else f"{entry} * {of}"
+        for entry, of in zip(entries, _names("a"), strict=True)
+        if entry != _NOTHING
+    ]
+    return " + ".join(terms) or _NOTHING
+
+
+def _sum(terms: Iterable[_Term]) -> str:
+    """Return a sum of those terms that are not zero; a term of nothing is its factor."""
+    return " + ".join(_term(*each) for each in terms if each[0] != 0.0) or _NOTHING
+
+
+def _term(factor: float, of: str) -> str:
+    if not of:
+        return number(factor)
+    return {1.0: of, -1.0: f"-{of}"}.get(factor, f"{number(factor)} * {of}")

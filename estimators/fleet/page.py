@@ -1,17 +1,19 @@
-"""The page of a fleet: odd arms, drifts, spread of unit to unit, and the worst recordings."""
+"""A fleet shown: its table, its page, and both saved."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
-from estimators.diagnosis.headline import headline
+from estimators.diagnosis.headline import headline, of_joints
 from estimators.diagnosis.verdict import REPORT
-from estimators.diagnosis.wording import of_joints
 from estimators.fleet.result import changed
-from estimators.fleet.settings import FLEET
+from estimators.fleet.row import FLEET
 from estimators.fleet.standing import dates_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, layout, numbers
@@ -27,18 +29,51 @@ from limo_driver.pages.markup import (
 )
 from limo_driver.physics import spoken
 from limo_driver.quoting import in_html as escape
+from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
+    from estimators.diagnosis.verdict import Finding, Identified
     from estimators.fleet.result import FleetDiagnosis
-    from estimators.fleet.row import FleetRow
+    from estimators.fleet.row import FleetRow, ToleratedValue
     from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
     from limo_driver.pages.markup import Figure
 
 _ODD, _ALIKE = BEFORE, AFTER
 _DRAWN: Final = 6  # drifts that have a chart
+_VALUE: Final = pa.struct(
+    {
+        "effect": pa.string(),
+        "joints": pa.list_(pa.int64()),  # 1-based
+        "kind": pa.string(),  # missing, wrong_parameter, identified, tolerated
+        "confidence": pa.float64(),
+        "parameter": pa.string(),
+        "value": pa.string(),  # JSON: a number, a text, or lists of them
+        "ci95": pa.string(),  # JSON
+        "unit": pa.string(),
+    }
+)
+SCHEMA: Final = pa.schema(
+    {
+        "recording": pa.string(),
+        "key": pa.string(),
+        "arm": pa.string(),
+        "date": pa.timestamp("s"),
+        "verdict": pa.string(),  # null where there is none
+        "findings": pa.list_(pa.string()),  # e.g. payload@7
+        "values": pa.list_(_VALUE),
+        "heldout_rmse_before": pa.list_(pa.float64()),  # by joint [unit]
+        "heldout_rmse_after": pa.list_(pa.float64()),
+        "noise_floor": pa.list_(pa.float64()),
+        "unit": pa.string(),
+        "seconds": pa.float64(),  # that the diagnosis took
+        "error": pa.string(),  # null where there is a verdict
+    }
+)
+TABLE: Final = "results.parquet"
+PAGE: Final = "fleet.html"
 
 
 def fleet_page(fleet: FleetDiagnosis, folder: Path) -> Page:
@@ -260,3 +295,87 @@ def _dots(
 
 def _height(arms: Iterable[str]) -> int:
     return 110 + 22 * len(set(arms))
+
+
+def write_table(rows: Iterable[FleetRow], path: Path) -> None:
+    """Write the table of a fleet.
+
+    Raises:
+        ConfigError: It cannot be written.
+    """
+    table = pa.Table.from_pylist([_values(row) for row in rows], SCHEMA)
+    with whole(path) as draft:
+        pq.write_table(table, draft)
+
+
+def place_in_short(item: Finding | Identified) -> str:
+    """Return an effect and its joints, e.g. `backlash@3`."""
+    joints = ",".join(map(str, item.joints))
+    return f"{item.effect}@{joints}" if joints else item.effect
+
+
+def _values(row: FleetRow) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "recording": str(row.recording),
+        "key": row.key,
+        "arm": row.arm,
+        "date": row.date,
+        "seconds": row.seconds,
+        "error": row.error or None,
+    }
+    if (verdict := row.verdict) is None:
+        return found
+    return found | {
+        "verdict": verdict.verdict,
+        "findings": [place_in_short(item) for item in verdict.findings],
+        "values": [
+            *(v for f in verdict.findings for v in _parameters(f, f.kind, f.confidence)),
+            *(v for item in verdict.identified for v in _parameters(item, "identified", None)),
+            *map(_tolerated, row.tolerated),
+        ],
+        "heldout_rmse_before": verdict.fit.heldout_rmse_before,
+        "heldout_rmse_after": verdict.fit.heldout_rmse_after,
+        "noise_floor": verdict.fit.noise_floor,
+        "unit": verdict.fit.unit,
+    }
+
+
+def _tolerated(item: ToleratedValue) -> dict[str, Any]:
+    return {
+        "kind": "tolerated",
+        "parameter": item.name,
+        "value": json.dumps(item.value),
+        "unit": item.unit,
+    }
+
+
+def _parameters(
+    item: Finding | Identified, kind: str, confidence: float | None
+) -> list[dict[str, Any]]:
+    return [
+        {
+            "effect": item.effect,
+            "joints": item.joints,
+            "kind": kind,
+            "confidence": confidence,
+            "parameter": name,
+            "value": json.dumps(known.value),
+            "ci95": json.dumps(known.ci95),
+            "unit": known.unit,
+        }
+        for name, known in item.parameters.items()
+    ]
+
+
+def save_fleet(fleet: FleetDiagnosis, folder: Path) -> None:
+    """Write results.parquet and fleet.html.
+
+    Args:
+        fleet: What to save.
+        folder: That the diagnoses lie in, so that the page can link their reports.
+
+    Raises:
+        ConfigError: They cannot be written.
+    """
+    write_table(fleet.rows, folder / TABLE)
+    fleet_page(fleet, folder).save(folder / PAGE)

@@ -1,23 +1,43 @@
-"""The result of a fleet: its rows, and what they say together."""
+"""Results of a fleet, kept one by one, and all of them together.
+
+The store of a fleet: a folder for each recording, whose row is written last and in one piece.
+
+A row is there in full or not at all, and on the disk before it is told; so what is finished
+survives the end of any process.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import json
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
-from estimators.fleet.series import series_of
-from estimators.fleet.settings import FLEET
-from estimators.fleet.standing import drifts_of, spreads_of, standings_of
+import yaml
+
+from estimators.diagnosis.reading import verdict_in
+from estimators.diagnosis.verdict import IMPROVED
+from estimators.fleet.row import FLEET, ToleratedValue
+from estimators.fleet.standing import drifts_of, series_of, spreads_of, standings_of
+from limo_driver.runtime.outputs import KeptResults
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Container, Mapping
 
-    from estimators.fleet.row import FleetRow
-    from estimators.fleet.series import Series
-    from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
+    from estimators.fleet.row import FleetOutcome, FleetRow
+    from estimators.fleet.standing import ArmStanding, FleetDrift, Series, UnitSpread
+    from limo_driver.physics import Simulation
 
 _NAMED: Final = 4  # arms in a headline
+ROW: Final = "row.json"
+DIAGNOSES: Final = "diagnoses"
+_SHOWN: Final = 24  # digits of a key: 96 bits
 
 
 @dataclass(frozen=True)
@@ -110,3 +130,105 @@ def changed(item: FleetDrift) -> str:
     if item.series.ratio:
         return f"{100 * item.change:+.0f} % ({100 * low:+.0f} to {100 * high:+.0f} %)"
     return f"{item.change:+.3g} ({low:+.3g} to {high:+.3g}) {item.series.unit}"
+
+
+@dataclass(frozen=True)
+class FleetStore:
+    """Rows in a folder, by key."""
+
+    folder: Path
+
+    def place(self, key: str) -> Path:
+        """Return the folder of a diagnosis."""
+        return self._kept.place(key)
+
+    @property
+    def _kept(self) -> KeptResults:
+        return KeptResults(self.folder / DIAGNOSES, ROW)
+
+    def keep(self, key: str, outcome: FleetOutcome) -> None:
+        """Keep how a diagnosis ended: first its files, if it has any, and last its row.
+
+        Args:
+            key: Of the recording under this simulation.
+            outcome: Of its diagnosis.
+
+        Raises:
+            ConfigError: It cannot be written.
+        """
+
+        def improved(place: Path) -> None:
+            if outcome.simulation is not None:
+                outcome.simulation.save(place / IMPROVED)
+
+        about = {
+            "seconds": outcome.seconds,
+            "error": outcome.error,
+            "limo": version("limo"),
+            "tolerated": [value.as_json() for value in outcome.tolerated],
+        }
+        self._kept.keep(key, about, outcome.files, improved)
+
+    def of_other_versions(self, keys: Container[str]) -> dict[str, int]:
+        """Count rows by the versions of limo that are not this one, but for those of some keys."""
+        places = [p for p in self.folder.glob(f"{DIAGNOSES}/*/{ROW}") if p.parent.name not in keys]
+        found: Counter[str] = Counter()
+        for place in places:
+            with suppress(OSError, ValueError, TypeError, AttributeError):  # no row, then
+                kept = json.loads(place.read_text(encoding="utf-8"))
+                found[str(kept.get("limo", "of an unknown version"))] += 1
+        del found[version("limo")]
+        return dict(sorted(found.items()))
+
+    def finished(self, row: FleetRow) -> FleetRow | None:
+        """Return a row with how it ended; None while it has not, or where its files are damaged."""
+        place, kept = self.place(row.key), self._kept.finished(row.key)
+        if kept is None:
+            return None
+        try:
+            done = replace(row, seconds=float(kept["seconds"]), error=str(kept["error"]))
+            if done.error:
+                return done
+            tolerated = tuple(map(ToleratedValue.from_json, kept["tolerated"]))
+            return replace(done, verdict=verdict_in(place), folder=place, tolerated=tolerated)
+        except (OSError, ValueError, KeyError, TypeError):  # ConfigError is a ValueError
+            return None
+
+
+def key_of(recording: Path, simulation: str) -> str:
+    """Return the key of a recording: it changes with its bytes, the simulation and limo's version.
+
+    Args:
+        recording: File to read.
+        simulation: Digest of the simulation and how it is used.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    digest = sha256(simulation.encode())
+    with recording.open("rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()[:_SHOWN]
+
+
+def key_of_object(known: str, simulation: str) -> str:
+    """Return the key of an object of a store: it changes with what the store says of it.
+
+    Args:
+        known: Fingerprint that the store has of the object, which is not read for it.
+        simulation: Digest of the simulation and how it is used.
+    """
+    return sha256(f"{simulation} {known}".encode()).hexdigest()[:_SHOWN]
+
+
+def digest_of(simulation: Simulation, *use: object) -> str:
+    """Return the digest of a simulation, wherever its files lie, its use, and limo's version."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "sim.yaml"
+        simulation.save(path)
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    del content["robot"]  # a path, which may have moved; what the file says is in the text below
+    model = simulation.model
+    parts = [content, model.name, model.description.text, *use, version("limo")]
+    return sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()

@@ -1,21 +1,36 @@
-"""One row of a fleet: a recording, the arm and the day it is of, and how its diagnosis ended."""
+"""One diagnosis of a fleet as a row: what was found, and values within their tolerances.
+
+Values that a recording moves within the tolerance that a simulation states of them.
+
+Such a move is no finding: the simulation allows it. Side by side, the values of many arms say more:
+one that is alike at all of them but one is no chance.
+"""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Final
+
+from estimators.diagnosis.from_torque.pipeline import Diagnosis
+from estimators.diagnosis.verdict import IMPROVED
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from estimators.diagnosis.from_motion.pipeline import DriveDiagnosis
+    from estimators.diagnosis.result import Shift
     from estimators.diagnosis.verdict import Verdict
-    from estimators.fleet.tolerated import ToleratedValue
+    from limo_driver.physics import Simulation
 
 _DATE: Final = re.compile(
     r"(?<!\d)(\d{4})-?([01]\d)-?([0-3]\d)(?:[T_ -]?([0-2]\d)[-:.]?([0-5]\d)(?:[-:.]?([0-5]\d))?)?"
     r"(?!\d)"
 )
+_TOLD: Final = 0.3  # of a tolerance; what a recording leaves as open as that says little of an arm
 
 
 @dataclass(frozen=True)
@@ -66,3 +81,90 @@ def date_of(recording: Path | str) -> datetime | None:
         except ValueError:  # digits that are no date
             continue
     return None
+
+
+@dataclass(frozen=True)
+class FleetSettings:
+    """When an arm is odd, and when a series of values drifts."""
+
+    arms: int = 4  # fewest among which one can be odd
+    odd: float = 5.0  # robust standard deviations from the median arm
+    least: float = 0.1  # relative difference or change below which nothing is said
+    tolerance: float = 1.0  # times a value's tolerance: likewise, where the simulation states one
+    told: float = 0.5  # of an arm's recordings, that have to tell such a value of it
+    dates: int = 6  # fewest recordings with a date of which a trend is taken
+    false_alarms: float = 0.01  # drifts expected by chance in a whole fleet without any
+    worst: int = 10  # recordings listed
+
+
+FLEET: Final = FleetSettings()
+
+
+@dataclass(frozen=True)
+class ToleratedValue:
+    """A value that the simulation states with a tolerance, as one recording has it."""
+
+    name: str  # e.g. "f_v of joint 5 (viscous friction)"
+    value: float  # [unit]
+    unit: str
+    tolerance: float  # standard deviation that the simulation allows [unit]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, kept: Mapping[str, Any]) -> ToleratedValue:
+        """Return what `as_json` wrote.
+
+        Raises:
+            KeyError: Something is not there.
+            TypeError: It is none.
+            ValueError: A number is none.
+        """
+        return cls(
+            str(kept["name"]), float(kept["value"]), str(kept["unit"]), float(kept["tolerance"])
+        )
+
+
+def tolerated_values(shifts: Iterable[Shift]) -> tuple[ToleratedValue, ...]:
+    """Return the values that a recording tells well, of all that its fit may move.
+
+    Args:
+        shifts: Of one diagnosis.
+    """
+    return tuple(
+        ToleratedValue(s.name, s.fitted, s.unit, abs((s.fitted - s.nominal) / s.sigmas))
+        for s in shifts
+        if s.left < _TOLD and s.sigmas != 0.0
+    )
+
+
+@dataclass(frozen=True)
+class FleetOutcome:
+    """The files of a diagnosis, or the error of a recording that cannot be diagnosed."""
+
+    seconds: float  # that it took
+    error: str = ""  # one line, where there is no verdict
+    files: Mapping[str, bytes] = field(default_factory=dict[str, bytes])  # by name
+    simulation: Simulation | None = None  # improved; its file depends on where that will lie
+    tolerated: tuple[ToleratedValue, ...] = ()
+
+
+def outcome_of(found: Diagnosis | DriveDiagnosis, seconds: float) -> FleetOutcome:
+    """Return a diagnosis as what a fleet keeps of it.
+
+    Args:
+        found: The diagnosis.
+        seconds: That it took.
+
+    Raises:
+        ConfigError: There is no room for its files on this machine.
+        OSError: Likewise.
+    """
+    with TemporaryDirectory() as folder:
+        found.save(folder)
+        written = [path for path in sorted(Path(folder).iterdir()) if path.name != IMPROVED]
+        files = {path.name: path.read_bytes() for path in written}
+    tolerated = tolerated_values(found.shifts) if isinstance(found, Diagnosis) else ()
+    return FleetOutcome(seconds, files=files, simulation=found.simulation, tolerated=tolerated)

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from estimators.hybrid.features import Features
 from estimators.hybrid.model import HybridModel
-from limo_driver.runtime.lazily import lazily
+from limo_driver.runtime.plugins import lazily
 
 if TYPE_CHECKING:
     from estimators.hybrid.training.fit import Epoch

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.hybrid.features import Feature, Features
-from estimators.hybrid.fitted_network import FittedNetwork
+from estimators.hybrid.fitted_network import FittedNetwork, InputScaling, Scaling
 from estimators.hybrid.model import HybridModel
-from estimators.hybrid.scaling import InputScaling, Scaling
 from estimators.model_folder import WEIGHTS, ModelFolder, write_folder
 from estimators.neural import NETWORKS
 from limo_driver.errors import ModelStoreError
-from limo_driver.recordings.recorded_time import RATES
+from limo_driver.recordings.channels import RATES
 
 if TYPE_CHECKING:
     from pathlib import Path

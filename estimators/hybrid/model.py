@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.base import Estimate
-from estimators.hybrid.fitted_network import FittedNetwork
-from estimators.hybrid.scaling import normalise_inputs
+from estimators.hybrid.fitted_network import FittedNetwork, normalise_inputs
 from estimators.model_folder import provenance
 from estimators.residual_model import ResidualModel
 from limo_driver.runtime.compiled import compiled
@@ -204,7 +203,7 @@ def _rmse(
 
     Both are filtered as the measured torque is.
     """
-    from estimators.hybrid.training.split import HELD_OUT, TRAINING
+    from estimators.hybrid.training.data import HELD_OUT, TRAINING
 
     model = HybridModel(simulation)
     model.fitted_ = fitted

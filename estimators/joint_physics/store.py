@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.joint_physics.calibration import Calibration
-from estimators.joint_physics.column_scan import WIDTHS
-from estimators.joint_physics.memory import UnknownMemory, any_moments
+from estimators.joint_physics.columns import WIDTHS
 from estimators.joint_physics.model import FittedPhysics, JointPhysics
+from estimators.joint_physics.prediction import UnknownMemory, any_moments
 from estimators.model_folder import WEIGHTS, ModelFolder, write_folder
 from limo_driver.errors import ModelStoreError
 

@@ -16,17 +16,35 @@ of a matrix whose diagonal is larger by more than rounding may take off.
 
 Source: Golub and Van Loan, "Matrix Computations", 2013, sec. 5.4 and 5.5 (rank); van der Sluis,
 "Condition numbers and equilibration of matrices", Numerische Mathematik 1969 (scaling).
+
+Ties: of explanations whose evidence differs by rounding alone, the first one counts.
+
+Two sets of columns may be one and the same in other words, as a load and a heavier last link are,
+and a member that brings nothing leaves a set as likely as it was. Which of two such sums comes out
+larger is up to the last bit, and so to the processor. So what is not clearly more is no more.
+
+Jackknife: how far fits that each leave a part of the data out disagree.
+
+V = (F - 1)/F Σ_f (phi_f - mean)(phi_f - mean)ᵀ,
+
+a covariance that asks no model of the errors: what a wrong model pulls the parameters to changes
+with the motion, and so shows.
+
+Source: Shao and Tu, "The Jackknife and Bootstrap", 1995, sec. 2.3; Wu, "Jackknife, bootstrap and
+other resampling methods in regression analysis", Annals of Statistics 1986.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
     from numpy.typing import NDArray
 
     from limo_driver.types import FloatArray
@@ -34,6 +52,10 @@ if TYPE_CHECKING:
 SHOWN: Final = 1e-10  # of the largest eigenvalue; columns of a condition number up to 1e5
 ROUNDING: Final = float(np.finfo(np.float64).eps)  # of the diagonal, by each row of a matrix
 _APART: Final = 1e-6  # part of an unknown in directions that are not shown, which is no rounding
+ALIKE: Final = 1e-6  # [nat], a difference that nobody could tell; sums of 1e6 nat are as exact
+_OF_LARGE: Final = 1e-9  # the same of larger values
+
+_Item = TypeVar("_Item")
 
 
 @dataclass(frozen=True)
@@ -164,3 +186,38 @@ class RegularisedInverse:
 def _divided(some: FloatArray, by: FloatArray) -> FloatArray:
     """Divide, with zero for what is divided by zero."""
     return np.divide(some, by, out=np.zeros_like(some), where=by > 0)
+
+
+def is_more(value: float, than: float) -> bool:
+    """Say whether a value is larger than another by more than rounding."""
+    alike = max(ALIKE, _OF_LARGE * min(abs(value), abs(than)))  # either may be infinite
+    return value > than and value - than > alike
+
+
+def best_first(values: FloatArray) -> NDArray[np.int64]:
+    """Return the places of values (k,), the largest first, and of those alike the first one."""
+    order = np.argsort(-values, kind="stable")
+    falling = np.nan_to_num(values[order])  # what is out of the question is -inf
+    apart = falling[:-1] - falling[1:] > np.maximum(ALIKE, _OF_LARGE * np.abs(falling[1:]))
+    step = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(apart)])[: order.size]
+    return order[np.lexsort((order, step))]
+
+
+def ranked(items: Iterable[_Item], value: Callable[[_Item], float]) -> list[_Item]:
+    """Return items by their values, the best first; those alike stay in their order."""
+    every = list(items)
+    return [every[k] for k in best_first(np.array([value(item) for item in every], dtype=float))]
+
+
+def first_best(items: Iterable[_Item], value: Callable[[_Item], float]) -> _Item:
+    """Return the item of the largest value, and of those alike the first one."""
+    return ranked(items, value)[0]
+
+
+def jackknife(fits: Sequence[FloatArray]) -> FloatArray:
+    """Return D (F, p), with Dᵀ D the covariance of parameters (p,) fitted without each of F parts.
+
+    The norms of its columns are the parameters' standard deviations.
+    """
+    off = np.asarray(fits, dtype=np.float64) - fits[0]  # exactly zero where all agree
+    return np.sqrt((len(off) - 1) / len(off)) * (off - off.mean(axis=0))

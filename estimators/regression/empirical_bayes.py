@@ -17,16 +17,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.regression.definite import inverse_root
-from estimators.regression.jackknife import jackknife
-from estimators.regression.ties import first_best
+from estimators.regression.definite import first_best, inverse_root, jackknife
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from estimators.regression.normal_equations import NormalEquations
+    from estimators.regression.evidence import NormalEquations
     from limo_driver.types import FloatArray
 
 _ITERATIONS: Final = 20

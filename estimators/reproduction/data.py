@@ -1,4 +1,6 @@
-"""The recordings that Table I is made of, in one folder.
+"""Table I: its rows, the data that they are computed from, and the rigid body beneath all.
+
+The recordings that Table I is made of, in one folder.
 
 folder/
 ├── excitation.parquet    identifies the rigid body
@@ -9,16 +11,24 @@ folder/
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import csv
+import json
+from dataclasses import dataclass, replace
+from functools import cache
 from hashlib import sha256
+from importlib.resources import files
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import yaml
 
+from estimators.hybrid.training.settings import TrainingSettings, paper_settings
+from estimators.rigid_body import identify
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.model.robot_model import beside
+from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.declarations import read_json
 from limo_driver.runtime.parameters import Parameter
@@ -38,6 +48,12 @@ _REQUIRED: Final = (ROBOT, "made_by", "scaffold_starts")
 _STARTS: Final = Parameter("scaffold_starts", "s", is_list=True)
 _SAME_RATE: Final = 0.05
 _SHORTEST: Final = 1.0  # [s] of a scaffold, so that its motion can be filtered and scored
+_DIGITS: Final = 10  # of the digest in a file name
+PERCEPTRON: Final = "mlp7"  # of `TrainingSettings`
+PARTS: Final = ("training", "test", "validation")
+PAPER_JOINTS: Final = 7
+_COLUMNS: Final = (*(f"joint_{j}" for j in range(1, PAPER_JOINTS + 1)), "joint_average")
+HISTORY: Final = "rotation_since_reversal"  # r of the paper
 
 
 @dataclass(frozen=True)
@@ -132,3 +148,116 @@ def _starts(given: Given, limo: Recording) -> FloatArray:
             f"span {starts[0]:g} to {starts[-1]:g} s, but {limo.source} {first:g} to {last:g} s"
         )
     return starts
+
+
+def rigid_body(data: TableData, folder: Path) -> Path:
+    """Identify base parameters with Coulomb and viscous friction from the excitation.
+
+    Args:
+        data: Holds the excitation and names the robot.
+        folder: Where the simulation is kept; one that is there already is taken.
+
+    Returns:
+        The sim.yaml.
+
+    Raises:
+        RecordingError: The excitation says too little.
+    """
+    of = (RECORDINGS[0], DESCRIPTION, ROBOT)
+    known = "".join(data.digests[name] for name in of if name in data.digests)
+    path = folder / f"rigid_body-{sha256(known.encode()).hexdigest()[:_DIGITS]}.yaml"
+    if not path.exists():
+        identify(data.model, [data.excitation]).simulation.save(path)
+    return path
+
+
+def physics_digest(simulation: Path) -> str:
+    """Return the sha256 of what a sim.yaml says of inertias and joints, wherever its robot lies.
+
+    Raises:
+        ConfigError: It cannot be read, or is no simulation.
+    """
+    Simulation.load(simulation)  # refuses by name what is none
+    content = yaml.safe_load(simulation.read_text(encoding="utf-8"))
+    del content["robot"]  # a path relative to the file, which may have moved with its data
+    return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Row:
+    """One architecture with one choice of inputs; named as in the paper's table."""
+
+    name: str
+    model: str | None  # of `TrainingSettings`; None: the rigid body alone
+    sequence_length: int = 100  # T, of the network's memory and of the sub-sequences that are split
+    rigid_body: bool = True  # tau_RBD among the inputs and added to the output
+    history: bool = True  # r among the inputs
+    layers: int = 0  # 0: the paper's
+    hidden: int = 0  # 0: the paper's
+
+    def settings(self) -> TrainingSettings:
+        """Return the paper's protocol for this row; that of the rigid body only says how to split.
+
+        Raises:
+            ConfigError: The network cannot be trained.
+        """
+        settings = paper_settings(
+            self.model or PERCEPTRON,
+            self.sequence_length,
+            without=() if self.history else (HISTORY,),
+            standalone=not self.rigid_body,
+        )
+        return replace(
+            settings, layers=self.layers or settings.layers, hidden=self.hidden or settings.hidden
+        )
+
+
+ALONE: Final = {"rigid_body": False, "history": False}
+
+RBD: Final = Row("RBD", None)
+MLP: Final = Row("MLP-7", PERCEPTRON, **ALONE)
+MLP_HYBRID: Final = Row("MLP-7 with tau_rbd", PERCEPTRON, history=False)
+MLP_FULL: Final = Row("MLP-7 with tau_rbd,r", PERCEPTRON)
+LSTM2: Final = Row("LSTM-2 100", "lstm-2", **ALONE)
+LSTM2_HYBRID: Final = Row("LSTM-2 100 with tau_rbd", "lstm-2", history=False)
+LSTM2_FULL: Final = Row("LSTM-2 100 with tau_rbd,r", "lstm-2")
+FCL100: Final = Row("LSTM-FCL 100", "lstm-fcl", **ALONE)
+FCL100_HISTORY: Final = Row("LSTM-FCL 100 with r", "lstm-fcl", rigid_body=False)
+FCL100_FULL: Final = Row("LSTM-FCL 100 with tau_rbd,r", "lstm-fcl")
+FCL500: Final = Row("LSTM-FCL 500", "lstm-fcl", 500, **ALONE)
+FCL500_HYBRID: Final = Row("LSTM-FCL 500 with tau_rbd", "lstm-fcl", 500, history=False)
+FCL500_FULL: Final = Row("LSTM-FCL 500 with tau_rbd,r", "lstm-fcl", 500)
+TRANSFORMER: Final = Row("Transformer 500 with tau_rbd,r", "transformer", 500)
+
+ROWS: Final = (
+    *(RBD, MLP, MLP_HYBRID, MLP_FULL, LSTM2, LSTM2_HYBRID, LSTM2_FULL),
+    *(FCL100, FCL100_HISTORY, FCL100_FULL, FCL500, FCL500_HYBRID, FCL500_FULL, TRANSFORMER),
+)
+
+_BEST: Final = (1, 35)  # layers and width of the row of the table whose topology is varied
+
+TOPOLOGIES: Final = {
+    (layers, hidden): FCL500_FULL
+    if (layers, hidden) == _BEST
+    else replace(
+        FCL500_FULL, name=f"{FCL500_FULL.name}, {layers} x {hidden}", layers=layers, hidden=hidden
+    )
+    for layers in (1, 2)
+    for hidden in (15, 35, 55)
+}
+
+
+@cache
+def paper_table() -> dict[tuple[str, str], FloatArray]:
+    """Return the paper's figures: part and row → MSE of joints 1 to 7 and average, (8,) [(N m)²].
+
+    All are as printed; a few of the averages are not the mean of the seven figures beside them.
+
+    Source: Çallar and Böttger, RA-L 2022, Table I.
+    """
+    text = (files("estimators.reproduction") / "paper_table1.csv").read_text(encoding="utf-8")
+    lines = (line for line in text.splitlines() if not line.startswith("#"))
+    return {
+        (row["split"], row["architecture"]): np.array([float(row[name]) for name in _COLUMNS])
+        for row in csv.DictReader(lines)
+    }

@@ -6,11 +6,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.reproduction.claims import CLAIMS, judge
-from estimators.reproduction.results import SPLIT_NAMES, SPLIT_WORDS
-from estimators.reproduction.rows import PARTS, RBD, ROWS, paper_table
-from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES, SPLITS, Protocol
-from estimators.reproduction.writing import NOTHING, cell, done, factor
+from estimators.reproduction.claims import CLAIMS, NOTHING, cell, done, factor, judge
+from estimators.reproduction.data import PARTS, RBD, ROWS, paper_table
+from estimators.reproduction.results import (
+    SCAFFOLDS,
+    SEQUENCES,
+    SPLIT_NAMES,
+    SPLIT_WORDS,
+    SPLITS,
+    Protocol,
+)
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, layout, numbers
 from limo_driver.pages.markup import folded, grid, header, listed, section, table

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimators.reproduction.results import span
-from estimators.reproduction.rows import PARTS, RBD, ROWS, paper_table
-from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES
+from estimators.reproduction.data import PARTS, RBD, ROWS, paper_table
+from estimators.reproduction.results import SCAFFOLDS, SEQUENCES, span
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators.regression.jackknife import jackknife
-from estimators.rigid_body.dynamics.base_parameters import BaseParameters, find_base_parameters
-from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
+from estimators.regression.definite import jackknife
+from estimators.rigid_body.base_parameters import BaseParameters, find_base_parameters
 from estimators.rigid_body.fitting.consistent import (
     ConsistentFit,
     Quadratic,
@@ -18,17 +17,18 @@ from estimators.rigid_body.fitting.consistent import (
     inertial_of,
     thickened,
 )
-from estimators.rigid_body.fitting.folds import FOLDS
+from estimators.rigid_body.fitting.effective_rows import FOLDS
 from estimators.rigid_body.fitting.least_squares import BaseFit, choose_sign_widths, fit_base
 from estimators.rigid_body.fitting.normal_equations import ArmEquations, Rows, accumulate
-from estimators.rigid_body.stated import (
+from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.terms import JointTerms, Term
+from estimators.rigid_body.tolerances import (
     mounting_of,
     stated_armatures,
     stated_beside,
+    tolerances_of,
     without_stated,
 )
-from estimators.rigid_body.terms import JointTerms, Term
-from estimators.rigid_body.tolerances import tolerances_of
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Armature, Simulation
 from limo_driver.physics.described import described_effects

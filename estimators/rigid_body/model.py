@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.base import Estimate
-from estimators.rigid_body.dynamics.base_parameters import find_base_parameters
-from estimators.rigid_body.dynamics.regressor import RegressorChain
+from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.fitting.least_squares import choose_sign_widths, fit_base
 from estimators.rigid_body.fitting.normal_equations import CHUNK, Rows, accumulate
 from estimators.rigid_body.identification import nominal_parameters
+from estimators.rigid_body.regressor import RegressorChain
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.errors import NotFittedError, ShapeError
 from limo_driver.model import RobotModel

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 from estimators.service.settings import RetrainingSettings, ServiceSettings
-from limo_driver.runtime.lazily import lazily
+from limo_driver.runtime.plugins import lazily
 
 if TYPE_CHECKING:
     from estimators.service.server import Service

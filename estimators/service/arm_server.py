@@ -13,12 +13,16 @@ import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
-from estimators.service.inference.inbox import RING, Inbox
-from estimators.service.inference.outlet import LogWatch, NetworkOutlet
-from estimators.service.inference.source import FollowedSource, StateSilence
-from estimators.service.inference.window import Window
-from estimators.service.opening import Opening
-from estimators.service.queries import ModelQueries
+from estimators.service.inference.inbox import (
+    RING,
+    FollowedSource,
+    Inbox,
+    LogWatch,
+    NetworkOutlet,
+    StateSilence,
+)
+from estimators.service.inference.live_model import Window
+from estimators.service.opening import ModelQueries, Opening
 from estimators.service.store.vetting import Demand
 from limo_driver.errors import LimoError, ModelStoreError, WireFormatError
 from limo_driver.network.messages import Attachment, Level, decode_joint_state
@@ -29,9 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from estimators.service.inference.arm_service import ArmService
-    from estimators.service.inference.bulletin import Bulletin
+    from estimators.service.inference.inbox import Bulletin
     from estimators.service.inference.live_model import LiveModel
-    from estimators.service.roles import Retrainer
+    from estimators.service.opening import Retrainer
     from estimators.service.settings import ServiceSettings
     from estimators.service.store.served_models import ServedModels
     from limo_driver.logs.mcap_log import McapLog

@@ -9,8 +9,7 @@ from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.runtime.processes.closing import Closing
-from limo_driver.runtime.processes.ending import Ending, signals_given_back
+from limo_driver.runtime.processes import Closing, Ending, signals_given_back
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Mapping, Sequence

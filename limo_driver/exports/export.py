@@ -17,10 +17,8 @@ from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_forma
 from limo_driver.exports.mjcf.assets import assets_of
 from limo_driver.exports.mjcf.file import FIRMNESS, edited_mjcf, rubs_anew
 from limo_driver.exports.proof import errors
-from limo_driver.exports.remainder import Remainder, proof_motion, remainders
-from limo_driver.exports.unwritten import unwritten
-from limo_driver.exports.urdf.file import edited_urdf
-from limo_driver.exports.urdf.isaac_lab import actuators
+from limo_driver.exports.remainder import Remainder, proof_motion, remainders, unwritten
+from limo_driver.exports.urdf import actuators, edited_urdf
 from limo_driver.exports.usd import files_of, write_layer
 from limo_driver.model.descriptions.description import DOWN
 from limo_driver.physics import GravityDirection

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.exports.changes.bodies import pseudo_inertia
+from limo_driver.exports.changes.bodies import parts_of, pseudo_inertia
 from limo_driver.exports.changes.origin import TITLE, origin_entries
-from limo_driver.exports.changes.parts import parts_of
 from limo_driver.model.descriptions.description import JointDynamics
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.model.descriptions.usd import axis_of, bodies_of, joints_of, open_stage, scale_of
 from limo_driver.runtime.outputs import require_apart, whole
 

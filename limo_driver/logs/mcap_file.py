@@ -22,7 +22,7 @@ from zstandard import ZstdError
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.mcap_chunk import records_in, unpacked
-from limo_driver.network.messages.schemas import ENCODING, SCHEMAS
+from limo_driver.network.messages.cdr import ENCODING, SCHEMAS
 from limo_driver.runtime.given_files import check_file
 
 if TYPE_CHECKING:

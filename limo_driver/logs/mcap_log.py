@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
-from limo_driver.network.messages.schemas import SCHEMAS
+from limo_driver.network.messages.cdr import SCHEMAS
 from limo_driver.runtime.parameters import Declared, parameter
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable

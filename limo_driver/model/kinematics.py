@@ -13,7 +13,7 @@ from limo_driver.types import FloatArray, readonly
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from limo_driver.model.linkage import JointLinkage
+    from limo_driver.model.dynamics import JointLinkage
     from limo_driver.model.robot_model import RobotModel
 
 

@@ -18,17 +18,23 @@ import pinocchio as pin
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model.descriptions.chain import (
     frames_of_joint,
+    is_nearly_possible,
+    joint_limits,
     last_frame,
     link_of_joint,
     read_chain,
+    unstated_limits,
+    with_drives_apart,
 )
 from limo_driver.model.descriptions.description import joined_reference, split_reference
-from limo_driver.model.descriptions.doubts import doubts_about_description
-from limo_driver.model.descriptions.inertial import Inertial
-from limo_driver.model.descriptions.limits import joint_limits, unstated_limits
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.model.descriptions.reading import read_description
-from limo_driver.model.descriptions.rotors import is_nearly_possible, with_drives_apart
-from limo_driver.model.descriptions.shapes import ArmShapes, Capsule, read_shapes
+from limo_driver.model.descriptions.shapes import (
+    ArmShapes,
+    Capsule,
+    doubts_about_description,
+    read_shapes,
+)
 from limo_driver.model.dynamics import ArmDynamics
 from limo_driver.runtime.display import Displayed, shortened
 from limo_driver.types import FloatArray, as_numbers

@@ -1,4 +1,6 @@
-"""Be the only driver or service of an arm, also where links form a star.
+"""Names on the network: the keys of an arm, who may claim one, and how often others may ask.
+
+Be the only driver or service of an arm, also where links form a star.
 
 Tokens of liveliness reach the sessions that are linked to each other, and no peer passes them on:
 in a star, the ends do not see each other. So every driver and service tells, when asked under
@@ -6,22 +8,32 @@ in a star, the ends do not see each other. So every driver and service tells, wh
 bystander; who claims a name asks all that it is linked to, and gets none while a driver or service
 does not answer, as in a flood of queries. Nor does whoever reaches for a peer that tells nothing,
 as one that is not limo's, and finds nobody by itself: others may be behind that one.
+
+Answer queries only so often, however many come.
+
+Zenoh does not say who asks, so nobody can be given a share of their own. What can be kept is the
+stream: queries wait in a short ring, from which Zenoh's own threads drop the oldest, and one thread
+takes as many of them as may be answered. A flood is dropped without a line of Python.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import threading
 import time
+from dataclasses import dataclass
 from threading import Lock
-from typing import Final, cast
+from typing import TYPE_CHECKING, Final, cast
 
 import zenoh
 
 from limo_driver.errors import ConfigError
-from limo_driver.network.keys import Keys
-from limo_driver.network.limits import PacedQueryable
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Self
 
 LINKING: Final = 0.5  # [s] in which those who are there are linked
 PATIENCE: Final = 5.0  # [s] in which those who are linked tell whom they see
@@ -33,6 +45,8 @@ _BYSTANDER: Final = "bystander"  # of an answer, what one sees that is no driver
 _ANY: Final = "*"
 _ends: Final[dict[str, frozenset[str]]] = {}  # that a session reaches and no others, by Zenoh id
 _IDENTITY: Final = re.compile(r"/[0-9]+-([0-9a-f]+)$")  # of a token: when it was made, and by whom
+_NAME: Final = re.compile(r"[A-Za-z0-9_.-]+")
+WAITING: Final = 32  # queries; older ones are dropped rather than answered late
 
 
 class Witness(Closing):
@@ -214,3 +228,134 @@ def _heard(session: zenoh.Session, keys: Keys, part: str) -> tuple[set[str], set
             if reply.replier_id is not None:
                 teller.add(str(reply.replier_id.zid))
     return heard, witnesses, bystanders
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Keys of one arm on the network.
+
+    Raises:
+        ConfigError: The name cannot be part of a key.
+    """
+
+    arm: str
+
+    def __post_init__(self) -> None:
+        if self.arm != _ANY and not _NAME.fullmatch(self.arm):
+            raise ConfigError(
+                f"the arm's name is {self.arm!r}, expected letters, digits, '_', '-' and '.'"
+            )
+
+    @classmethod
+    def of_any(cls) -> Self:
+        """Return key expressions that are those of every arm."""
+        return cls(_ANY)
+
+    @property
+    def root(self) -> str:
+        """Prefix of all keys."""
+        return f"limo/{self.arm}"
+
+    @property
+    def joints(self) -> str:
+        """Measured joint states."""
+        return f"{self.root}/state/joints"
+
+    @property
+    def estimate(self) -> str:
+        """Torque estimates."""
+        return f"{self.root}/torque/estimate"
+
+    @property
+    def external(self) -> str:
+        """External torques, measured less estimated: -Jᵀ F of what pushes the arm."""
+        return f"{self.root}/torque/external"
+
+    @property
+    def event(self) -> str:
+        """Contacts, drift, swaps of models, and what else happens."""
+        return f"{self.root}/event"
+
+    def status(self, part: str) -> str:
+        """Condition of a part: of the `service`."""
+        return f"{self.root}/status/{part}"
+
+    def alive(self, part: str, identity: str = _ANY) -> str:
+        """Liveliness token of a part, `driver` or `service`; of any one that is it by default."""
+        return f"{self.root}/alive/{part}/{identity}"
+
+    def seen(self, part: str = _ANY) -> str:
+        """Queryable of the tokens of a part that are seen from where it is answered."""
+        return f"{self.root}/seen/{part}"
+
+    def model(self, verb: str) -> str:
+        """Queryable of the service's models."""
+        return f"{self.root}/model/{verb}"
+
+
+class RateLimit:
+    """Allows so many actions a second, and some at once.
+
+    Args:
+        rate: Actions in the long run [1/s].
+        burst: Those that may come together.
+        clock: Tells the time [s].
+    """
+
+    def __init__(
+        self, rate: float, burst: int, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._rate, self._burst, self._clock = rate, float(burst), clock
+        self._left, self._then = self._burst, clock()
+
+    def take(self) -> float:
+        """Take the next action; return how long it has to wait [s], 0 if it need not."""
+        now = self._clock()
+        self._left = min(self._left + (now - self._then) * self._rate, self._burst) - 1.0
+        self._then = now
+        return max(0.0, -self._left / self._rate)
+
+
+class PacedQueryable(Closing):
+    """Answers queries on a key, one after the other, no more often than it may.
+
+    Args:
+        session: Open Zenoh session.
+        key: Key expression of the queries.
+        answer: Called with each query that is answered, on a thread of its own.
+        rate: Queries that are answered in the long run [1/s].
+        burst: Those that may come together.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        answer: Callable[[zenoh.Query], None],
+        rate: float,
+        burst: int,
+    ) -> None:
+        self._limit, self._answer = RateLimit(rate, burst), answer
+        self._closed = threading.Event()
+        self._queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(WAITING))
+        self._thread = threading.Thread(
+            target=self._serve, args=(self._queryable.handler,), name="limo-queries", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Answer no more; what is being answered is told to its end."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        self._queryable.undeclare()
+        self._thread.join()
+
+    def _serve(self, queries: zenoh.Handler[zenoh.Query]) -> None:
+        while not self._closed.wait(self._limit.take()):
+            try:
+                query = queries.recv()
+            except zenoh.ZError:  # undeclared
+                return
+            with query:
+                self._answer(query)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final, Self
 from limo_driver.errors import ConfigError, ServiceNotReadyError, WireFormatError
 from limo_driver.network.messages import decode_torque_estimate
 from limo_driver.network.streaming import Keys, follow_history, is_alive
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     import zenoh

@@ -24,9 +24,9 @@ from limo_driver.network.messages import (
     JointStateMessage,
     RosAttachment,
 )
-from limo_driver.network.messages.attachment import GID_SIZE
+from limo_driver.network.messages.joint_state import GID_SIZE
 from limo_driver.network.streaming import declare_stream
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

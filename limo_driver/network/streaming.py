@@ -29,11 +29,10 @@ import zenoh
 import zenoh.ext
 
 from limo_driver.errors import ConfigError, ConnectionLostError
-from limo_driver.network.claims import Witness, claim, note_ends
+from limo_driver.network.claims import Keys, Witness, claim, note_ends
 from limo_driver.network.config import explained, read_config
-from limo_driver.network.keys import Keys
 from limo_driver.network.messages import Attachment, JointStateCodec
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

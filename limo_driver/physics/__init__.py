@@ -22,15 +22,14 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
+from limo_driver.physics.effects.arm import ExternalContact, JointCoupling, SpringLoad
 from limo_driver.physics.effects.body import GravityDirection, Payload
 from limo_driver.physics.effects.changing_friction import (
     LoadDependentFriction,
     PositionDependentFriction,
     TemperatureDependentFriction,
 )
-from limo_driver.physics.effects.coupling import JointCoupling
 from limo_driver.physics.effects.delay import TimeDelay
-from limo_driver.physics.effects.environment import ExternalContact, SpringLoad
 from limo_driver.physics.effects.friction import (
     AsymmetricFriction,
     CoulombFriction,

@@ -14,7 +14,7 @@ from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import split_reference
 from limo_driver.model.descriptions.reading import USD_ENDINGS
-from limo_driver.physics.described import described_effects
+from limo_driver.physics.described import EffectGroups, described_effects
 from limo_driver.physics.drives import channels_of_drives, described_drives, described_motors
 from limo_driver.physics.effect import (
     ArmEffect,
@@ -28,7 +28,6 @@ from limo_driver.physics.effect import (
 )
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.physics.effects.transmission import JointElasticity
-from limo_driver.physics.grouping import EffectGroups
 from limo_driver.physics.score import Score
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save, sections_of
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -40,7 +39,7 @@ from limo_driver.runtime.parameters import JOINT
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from limo_driver.model.descriptions.inertial import Inertial
+    from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.physics.drives import JointDrive
     from limo_driver.recordings.filters.differentiation import Derivatives
     from limo_driver.types import FloatArray, JointSample, Motion

@@ -9,7 +9,7 @@ import yaml
 
 from limo_driver.errors import ConfigError, PlugInError
 from limo_driver.model import RobotModel
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.model.robot_model import beside
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.columns import Columns
+    from limo_driver.recordings.channels import Columns
     from limo_driver.types import FloatArray
 
 _MOST: Final = 0.5  # of the rows, that have positions where commands can be held against them

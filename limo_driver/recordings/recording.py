@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError, ShapeError
-from limo_driver.recordings.channels import CHANNELS, channels_of, chosen
+from limo_driver.recordings.channels import (
+    CHANNELS,
+    Columns,
+    channels_of,
+    chosen,
+    seconds,
+    without_wraps,
+)
 from limo_driver.recordings.checks import (
     check_arm,
     check_seconds,
@@ -19,7 +26,6 @@ from limo_driver.recordings.checks import (
     check_values,
     numbers,
 )
-from limo_driver.recordings.columns import Columns, without_wraps
 from limo_driver.recordings.files.stretches import STRETCH, STRETCH_SECONDS, Stretches
 from limo_driver.recordings.filters.filtered_samples import FilteredSamples
 from limo_driver.recordings.gate import (
@@ -29,7 +35,6 @@ from limo_driver.recordings.gate import (
     inspect_by_joint,
     without_silent_torques,
 )
-from limo_driver.recordings.recorded_time import seconds
 from limo_driver.runtime.display import Displayed
 from limo_driver.types import FloatArray, readonly
 

@@ -1,16 +1,35 @@
-"""Signal handling: let Ctrl-C and the signals that end a program end it in order."""
+"""How a program that moves an arm ends: signals that wait for a cycle, and brakes at every exit.
+
+Exits of a program: whichever it takes, arms that were commanded brake to rest before.
+
+The end of a `with` block closes its robot, also when it is left by an exception, and Ctrl-C is
+one. What is left open is closed when the interpreter ends. SIGTERM, SIGHUP (a terminal that was
+closed) and SIGQUIT would end the process at once; while arms are commanded from the main thread,
+they raise SystemExit there instead. In the middle of a cycle, they and Ctrl-C wait for its end:
+else what was sent and what is remembered of it would not fit together. What comes while an arm
+brakes, as from somebody who presses Ctrl-C again, is acted on once it stands. A handler that the
+program has set itself is left alone.
+"""
 
 from __future__ import annotations
 
+import atexit
 import signal
 import threading
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
+import weakref
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from limo_driver.robot.exits import ENDING
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
+    from types import FrameType
+
+ENDING: Final = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)
+)
+_SIGNALLED: Final = 128  # plus the signal's number: the exit status that shells give
 
 
 @contextmanager
@@ -40,3 +59,86 @@ def interrupts(note: Callable[[], None]) -> Generator[None]:
         yield
     finally:
         restore()
+
+
+class Interruptible(Closing):
+    """Closes, and ends a cycle before it heeds a signal."""
+
+    interrupted: int = 0  # signal that came in the middle of a cycle
+
+
+_open: Final[weakref.WeakSet[Interruptible]] = weakref.WeakSet()
+_taken: Final[dict[int, Any]] = {}  # signals that would have ended the process, and by what
+_WHOLE: Final = frozenset({"receive", "send", "close", "__exit__"})  # of a robot, done to the end
+
+
+def guard(robot: Interruptible) -> None:
+    """See to it that a robot is closed, however the program ends."""
+    _open.add(robot)
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for number in (signal.SIGINT, *ENDING):
+        before = signal.getsignal(number)
+        if before in {signal.SIG_DFL, signal.default_int_handler}:
+            signal.signal(number, _heed)
+            _taken[number] = before
+
+
+def release(robot: Interruptible) -> None:
+    """Forget a robot that was closed; with the last one, signals act as before."""
+    _open.discard(robot)
+    if _open or threading.current_thread() is not threading.main_thread():
+        return
+    while _taken:
+        number, before = _taken.popitem()
+        if signal.getsignal(number) is _heed:
+            signal.signal(number, before)
+
+
+@contextmanager
+def deferred() -> Generator[None]:
+    """Let signals that would end the program wait for the end of the block, which has to be short.
+
+    Elsewhere than in the main thread, where none arrives, this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
+    taken = {number: handler for number, handler in handlers.items() if callable(handler)}
+    try:
+        for number in taken:
+            signal.signal(number, lambda number, _: came.append(number))
+        yield
+    finally:
+        for number, handler in taken.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
+
+
+def leave(number: int) -> NoReturn:
+    """End the program as a signal asks for."""
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    raise SystemExit(_SIGNALLED + number)
+
+
+def _heed(number: int, frame: FrameType | None) -> None:
+    while frame is not None:
+        if frame.f_code.co_name in _WHOLE:
+            here = frame.f_locals.get("self")
+            for robot in _open:
+                if robot is here:
+                    robot.interrupted = number  # which ends the cycle before, or closes
+                    return
+        frame = frame.f_back
+    leave(number)
+
+
+@atexit.register
+def _close_all() -> None:
+    for robot in list(_open):
+        with suppress(Exception, SystemExit, KeyboardInterrupt):  # each of the others brakes, too
+            robot.close()

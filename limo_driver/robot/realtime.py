@@ -16,6 +16,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import gc
+import math
 import os
 import resource
 import sys
@@ -23,12 +24,15 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from limo_driver.errors import ConfigError
-from limo_driver.runtime.latency import LatencyHistogram
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from numpy.typing import NDArray
 
 PRIORITY: Final = 40  # of SCHED_FIFO: above all that is not real time, below the kernel's 50
 YOUNG_LIMIT: Final = 5000  # containers that may wait for the collector while it is off
@@ -38,6 +42,9 @@ _CLOCK_MONOTONIC, _ABSOLUTE = 1, 1  # of Linux
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30
 _FINE_SLACK: Final = 1  # [ns]; the kernel adds up to 50 µs to every sleep otherwise
+_LOWEST: Final = 1e-6  # [s]
+_PER_DECADE: Final = 50  # bins; a percentile is good to 5 %
+_BINS: Final = 8 * _PER_DECADE  # up to 100 s
 
 
 class Pace:
@@ -239,3 +246,61 @@ def _sleep_relative(due_ns: int) -> None:
 
 def _libc() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)
+
+
+class LatencyHistogram:
+    """Counts durations in bins of equal ratio from 1 µs to 100 s."""
+
+    def __init__(self) -> None:
+        self._counts = [0] * _BINS
+        self.longest = 0.0  # [s]
+
+    def add(self, duration: float) -> None:
+        """Count a duration [s]; what is below 1 µs counts as that."""
+        bin_ = int(_PER_DECADE * math.log10(duration / _LOWEST)) if duration > _LOWEST else 0
+        self._counts[bin_ if bin_ < _BINS else -1] += 1
+        self.longest = max(self.longest, duration)
+
+    @property
+    def count(self) -> int:
+        """Durations counted."""
+        return sum(self._counts)
+
+    @property
+    def edges(self) -> NDArray[np.float64]:
+        """Upper edges of the bins [s]."""
+        return _LOWEST * 10.0 ** (np.arange(1, _BINS + 1) / _PER_DECADE)
+
+    def percentile(self, percent: float) -> float:
+        """Return the upper edge of the bin that holds a percentile [s]; NaN if there is none."""
+        if not self.count:
+            return float("nan")
+        reached = np.cumsum(self._counts) >= percent / 100.0 * self.count
+        return min(float(self.edges[int(np.argmax(reached))]), self.longest)
+
+    def take(self) -> LatencyHistogram:
+        """Return what was counted, and begin anew."""
+        taken = LatencyHistogram()
+        taken._counts, self._counts = self._counts, [0] * _BINS
+        taken.longest, self.longest = self.longest, 0.0
+        return taken
+
+    def summary(self) -> str:
+        """Return percentiles as text [ms]."""
+        if not self.count:
+            return "none counted"
+        return (
+            f"p50 {1e3 * self.percentile(50):.3f}, p99 {1e3 * self.percentile(99):.3f}, "
+            f"p99.9 {1e3 * self.percentile(99.9):.3f}, longest {1e3 * self.longest:.3f} ms"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return percentiles [s] and the counts per decade, as JSON values."""
+        if not self.count:
+            return {"count": 0}
+        return {
+            "count": self.count,
+            **{f"p{p:g}".replace(".", "_"): self.percentile(p) for p in (50, 99, 99.9)},
+            "longest": self.longest,
+            "counts": list(self._counts),
+        }

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, CycleTimeoutError
-from limo_driver.robot import exits
+from limo_driver.robot import interrupts
 from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
 
 BRAKING_TIMEOUT = 10.0  # [s] of cycles in which an arm that is closed comes to rest
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec, StatesAhead
 
 
-class Robot(exits.Interruptible):
+class Robot(interrupts.Interruptible):
     """An arm that is read and commanded once every cycle.
 
     However a program ends, an arm that moves brakes to rest within its limits: at the end of the
@@ -120,7 +120,7 @@ class Robot(exits.Interruptible):
         starts = self._contract.at_rest
         sent = self._contract.admit(command)
         if starts:
-            exits.guard(self)
+            interrupts.guard(self)
             self._begin()
         applied = self._send(sent)
         self._answered = True
@@ -248,11 +248,11 @@ class Robot(exits.Interruptible):
     def close(self) -> None:
         """Brake to rest within the limits, and end the session; a second call does nothing."""
         try:
-            with exits.deferred():
+            with interrupts.deferred():
                 self._end()
         finally:  # else an interrupt came before, and a later call closes it
             if not self._open:
-                exits.release(self)
+                interrupts.release(self)
             if self.interrupted:
                 self._heed_signal()
 
@@ -269,7 +269,7 @@ class Robot(exits.Interruptible):
 
     def _heed_signal(self) -> None:
         number, self.interrupted = self.interrupted, 0
-        exits.leave(number)
+        interrupts.leave(number)
 
     def _brake(self) -> None:
         """Come to rest within the limits; the arm holds, or nobody is reached for a while."""

@@ -26,8 +26,8 @@ from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
-from limo_driver.runtime.machine_code import compilation, kept_code
-from limo_driver.runtime.machine_code.reached_sources import digest, reached
+from limo_driver.runtime import compilation, machine_code
+from limo_driver.runtime.machine_code import digest, reached
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -123,7 +123,7 @@ class _MachineCode:
 
     def __init__(self, dispatcher: Dispatcher) -> None:
         self._dispatcher = dispatcher
-        self._place: kept_code.CodePlace | None = None
+        self._place: machine_code.CodePlace | None = None
         self._own = threading.local()  # `claims` of a thread
         self.cache_path = None  # numba's statistics ask for it
 
@@ -161,12 +161,12 @@ class _MachineCode:
         self._place = None
         self.place().write(_key(sig, data.codegen), lambda: dumps(data._reduce()))
 
-    def place(self) -> kept_code.CodePlace:
+    def place(self) -> machine_code.CodePlace:
         """Return where the code is kept, for the function and the values it uses now."""
         if self._place is None:
             source = self._dispatcher.py_func.__code__.co_filename
             name, made_from = _name(self._dispatcher), digest(self._dispatcher)
-            self._place = kept_code.CodePlace(source, name, made_from)
+            self._place = machine_code.CodePlace(source, name, made_from)
         return self._place
 
     def flush(self) -> None:

@@ -6,14 +6,16 @@ be used is an error for who asks for its name, and for nobody else.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.errors import BackendNotFoundError, LimoError, PlugInError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping
     from importlib.metadata import EntryPoint
 
 ROBOTS: Final = "limo.robots"
@@ -113,3 +115,21 @@ def _registered() -> Mapping[str, Mapping[str, tuple[PlugIn, ...]]]:
             item = PlugIn(group, entry.name, entry.value, owner, entry)
             named[entry.name] = (*named.get(entry.name, ()), item)
     return found
+
+
+def lazily(package: str, home: Mapping[str, str]) -> Callable[[str], object]:
+    """Return the `__getattr__` of a package.
+
+    Args:
+        package: Its name.
+        home: Module of each name.
+    """
+
+    def get(name: str) -> object:
+        if name not in home:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value = getattr(import_module(home[name]), name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    return get

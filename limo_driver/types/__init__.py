@@ -5,16 +5,20 @@ Arrays are float64 and read-only, since they are shared.
 """
 
 from limo_driver.types.arrays import ArrayFields, FloatArray, as_numbers, readonly
-from limo_driver.types.commands import (
+from limo_driver.types.motion import JointSample, Motion
+from limo_driver.types.states import (
     ImpedanceCommand,
     JointCommand,
+    JointLimits,
+    JointState,
     PositionCommand,
+    RobotSpec,
+    StatesAhead,
     TorqueCommand,
     WrenchCommand,
+    WrenchLimits,
+    same_robot,
 )
-from limo_driver.types.limits import JointLimits, RobotSpec, WrenchLimits, same_robot
-from limo_driver.types.motion import JointSample, Motion
-from limo_driver.types.state import JointState, StatesAhead
 
 __all__ = [
     "ArrayFields",

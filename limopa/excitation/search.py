@@ -1,6 +1,6 @@
 """Persistently exciting motion: Fourier series of the least condition number.
 
-Each joint moves on harmonics of its own (`fourier.py`). Pose and coefficients are found by L-BFGS
+Each joint moves on harmonics of its own (`descent.py`). Pose and coefficients are found by L-BFGS
 from several random starts, on a thinned sampling: a smooth bound of the condition number, which the
 caller gives, plus the squares of what exceeds a limit, weighed more from stage to stage. The
 amplitude is then reduced until the motion is strictly inside of all limits on a dense sampling.
@@ -22,9 +22,7 @@ from limo_driver.errors import ConfigError, InfeasiblePathError
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.trajectory import Segment, Trajectory
-from limopa.excitation.descent import EvaluatedMotion, IterationProgress
-from limopa.excitation.excess import Excess
-from limopa.excitation.fourier import Fourier, allot
+from limopa.excitation.descent import EvaluatedMotion, Excess, Fourier, IterationProgress, allot
 from limopa.feasibility import Condition, Feasibility
 from limopa.request import Surroundings, Workspace
 from limopa.scaffold import ScaffoldSampler
@@ -34,8 +32,7 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray, JointLimits
-    from limopa.excitation.descent import Criterion
-    from limopa.excitation.fourier import Harmonics
+    from limopa.excitation.descent import Criterion, Harmonics
 
 EXCITATION = "excitation"
 HIGHEST = 2.0  # [Hz] of any harmonic; above, slow arms are neither rigid nor fast enough

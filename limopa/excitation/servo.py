@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
-from limo_driver.logs.readers.formats.lerobot_actions import write_actions
+from limo_driver.logs.readers.formats.lerobot import write_actions
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.outputs import whole
 from limo_driver.runtime.parameters import Declared, parameter

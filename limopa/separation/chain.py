@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
-from limopa.exploration import Exploration
 from limopa.feasibility import Condition, Feasibility
-from limopa.path import Line, Path
+from limopa.path import JointBounds, Line, Path, TimedPath, joined, retime
 from limopa.request import Surroundings, Workspace
-from limopa.retiming import JointBounds, TimedPath, joined, retime
+from limopa.scaffold import Exploration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -24,7 +24,6 @@ import numpy as np
 from limo_driver.errors import ConfigError, InfeasiblePathError
 from limopa.path import Line
 from limopa.separation.chain import MotionChain, first_feasible
-from limopa.separation.load_poses import heavy_and_light, range_of, reversing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -39,6 +38,10 @@ SCALES = (1.0, -1.0, 0.6, -0.6, 0.35, -0.35, 0.2, -0.2)  # of an amplitude, in t
 AT_ONCE = 3  # joints that are swept one after the other; more would last too long
 _SHRINKING = 0.72  # of one reversal to the next
 _LEAST_RANGE = 0.15  # [rad] that a sweep has to span
+_RANGE = 1.25  # [rad] to either side, of a wide sweep
+_POSES = 64  # random poses that are looked at
+_NEAR, _FAR = 0.7, 1.5  # [rad] of each joint around the start
+_LEAST_LOAD = 0.01  # of the torque limit, to either side of a reversal of the load
 
 
 def creep(
@@ -273,3 +276,49 @@ def _pair(model: RobotModel, joints: Sequence[int]) -> tuple[int, int]:
     first = joints[0]
     neighbour = first + 1 if first < model.n else first - 1
     return first, joints[1] if len(joints) > 1 else neighbour
+
+
+def range_of(chain: MotionChain, pose: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
+    """Return how far joint j (0-based) can go from a pose to either side, both (n,) [rad]."""
+    step = np.eye(len(pose))[j]
+    ends: list[FloatArray] = []
+    for sign in (-1.0, 1.0):
+        reaches = (sign * _RANGE * share for share in np.linspace(1.0, 1.0 / 16, 16))
+        free = (r for r in reaches if not chain.broken_by(Line(pose, pose + r * step)))
+        ends.append(pose + next(free, 0.0) * step)
+    return ends[0], ends[1]
+
+
+def heavy_and_light(chain: MotionChain, start: FloatArray, j: int) -> list[FloatArray]:
+    """Return poses nearby of the lowest and the highest gravity torque at joint j; or none."""
+    reachable = _reachable(chain, start, j, _NEAR)
+    if not reachable:
+        return []
+    load = chain.model.gravity_torque(np.array(reachable))[:, j]
+    return [reachable[int(load.argmin())], reachable[int(load.argmax())]]
+
+
+def reversing(chain: MotionChain, j: int) -> tuple[FloatArray, FloatArray] | None:
+    """Return the ends of a sweep of joint j that gravity loads from either side; or None.
+
+    Of the sweeps in random poses it is the one whose smaller load is the largest.
+    """
+    best, found = _LEAST_LOAD * float(chain.model.limits.torque[j]), None
+    for spread in (_NEAR, _FAR):
+        for pose in _reachable(chain, chain.here, j, spread):
+            low, high = range_of(chain, pose, j)
+            first, last = chain.model.gravity_torque(np.array([low, high]))[:, j]
+            way = Line(chain.here, low)
+            if first * last < 0 and min(abs(first), abs(last)) > best and not chain.broken_by(way):
+                best, found = min(abs(first), abs(last)), (low, high)
+        if found is not None:
+            break
+    return found
+
+
+def _reachable(chain: MotionChain, start: FloatArray, j: int, spread: float) -> list[FloatArray]:
+    """Return random poses around `start`, with joint j as there, that a straight move reaches."""
+    random = np.random.default_rng(0)
+    poses = start + random.uniform(-spread, spread, (_POSES, len(start)))
+    poses[:, j] = start[j]
+    return [pose for pose in poses if not chain.broken_by(Line(start, pose))]

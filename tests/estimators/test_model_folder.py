@@ -13,8 +13,7 @@ from safetensors.numpy import load_file, save_file
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
-from estimators.manifest import as_manifest, read_manifest
-from estimators.model_folder import load_model
+from estimators.model_folder import as_manifest, load_model, read_manifest
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

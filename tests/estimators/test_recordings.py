@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from estimators.base import check_different
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
-from estimators.recordings import check_different
 from estimators.rigid_body import identify
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel

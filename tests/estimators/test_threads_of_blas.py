@@ -9,10 +9,10 @@ from lanes import sampled
 from servo_arms import commands, recorded, write_arm
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from estimators.base import check_recordings
 from estimators.diagnosis.from_motion import diagnose_drives, pipeline
 from estimators.diagnosis.from_motion.fitting import identification
 from estimators.joint_physics import JointPhysics
-from estimators.recordings import check_recordings
 from estimators.rigid_body import identify
 from limo_driver.errors import RecordingError
 from limo_driver.physics import Simulation

@@ -24,7 +24,7 @@ import limo_driver as limo
 from backends.can.config import ArmConfig
 from backends.can.simulator.scenario import BusScenario
 from backends.fri.simulator.scenario import ControllerScenario
-from estimators.sweep.space import SweepSpace
+from estimators.sweep.trial import SweepSpace
 from limo_driver.logs.readers import LogMapping
 from limo_driver.physics import CoulombFriction, Payload, Simulation, ViscousFriction
 
@@ -344,7 +344,7 @@ def test_a_document_does_what_it_says(document, reader):
 
 
 def test_what_is_shortened_is_said(monkeypatch, capsys):
-    from limo_driver.app.console.shortening import VARIABLE, shortened
+    from limo_driver.app.console.terminal import VARIABLE, shortened
 
     monkeypatch.delenv(VARIABLE, raising=False)
     assert shortened("--duration", None, 5.0) is None

@@ -38,7 +38,7 @@ PUBLIC = (
     "estimators.fleet",
     "estimators.service",
     "estimators.sweep",
-    "limo_driver.app.library.datasets",
+    "limo_driver.app.library.simulating",
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})
 # What runs for longer than a moment, needs the network, or a model that was trained before.

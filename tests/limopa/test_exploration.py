@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from limo_driver.errors import ConfigError
 from limopa import Exploring, PlanRequest, Reaching, Surroundings, Workspace
-from limopa.exploration import draw_exploration
+from limopa.scaffold import draw_exploration
 
 SCAFFOLD = np.array([0.3, -0.5, 1.0])
 

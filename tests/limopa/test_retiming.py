@@ -11,9 +11,8 @@ from limo_driver.errors import ConfigError
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointLimits
 from limopa import Exploring
-from limopa.exploration import draw_exploration
-from limopa.path import Line
-from limopa.retiming import OVERSHOOT, JointBounds, retime
+from limopa.path import OVERSHOOT, JointBounds, Line, retime
+from limopa.scaffold import draw_exploration
 
 RELATIVE = 1 + 1e-6
 

@@ -13,11 +13,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from backends.can.cia402.codec import OperatingMode, State
-from backends.can.cia402.emergency import describe
-from backends.can.cia402.following import longest_lag
+from backends.can.cia402.codec import OperatingMode, State, describe
+from backends.can.cia402.drive import longest_lag
 from backends.can.errors import DriveError, SdoAbortError
-from backends.can.frames import RPDO1, RPDO2, SYNC, TPDO1, TPDO2, TPDO3
+from backends.can.port import RPDO1, RPDO2, SYNC, TPDO1, TPDO2, TPDO3
 
 if TYPE_CHECKING:
     from backends.can.cia402.drive import Drive

@@ -11,23 +11,23 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.can.cia402.bus_load import HEARTBEATS_PER_WATCHDOG, bus_load
 from backends.can.cia402.codec import (
+    HEARTBEATS_PER_WATCHDOG,
     MOST_PER_MILLE,
     Codec,
     Controlword,
     OperatingMode,
     State,
+    bus_load,
+    describe,
     towards_enabled,
 )
 from backends.can.cia402.commissioning import Commissioning
-from backends.can.cia402.discovery import QUIET, require_answer, require_quiet
-from backends.can.cia402.drive import OPERATIONAL, Drive
-from backends.can.cia402.emergency import describe
-from backends.can.cia402.following import FollowingCheck
-from backends.can.cia402.sdo import SdoClient
+from backends.can.cia402.drive import OPERATIONAL, Drive, FollowingCheck
+from backends.can.cia402.sdo import QUIET, SdoClient, require_answer, require_quiet
 from backends.can.errors import DriveError
-from backends.can.frames import (
+from backends.can.link import DriveSample, Link
+from backends.can.port import (
     EMERGENCY,
     HEARTBEAT,
     NMT,
@@ -40,7 +40,6 @@ from backends.can.frames import (
     TPDO2,
     TPDO3,
 )
-from backends.can.link import DriveSample, Link
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.robot.measured import SLACK
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE

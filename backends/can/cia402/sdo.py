@@ -1,4 +1,6 @@
-"""SDO client: one object of one drive at a time, read or written in one frame.
+"""Objects of a CANopen node read and written one by one, and which nodes there are.
+
+SDO client: one object of one drive at a time, read or written in one frame.
 
 An answer counts only if it is from the drive that was asked, about the object that was asked for,
 and of the kind that was asked for; anything else, also a frame that this program sent itself, is
@@ -14,11 +16,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from backends.can.errors import DriveError, SdoAbortError
-from backends.can.frames import SDO_REPLY, SDO_REQUEST
+from backends.can.port import HEARTBEAT, RPDO1, SDO_REPLY, SDO_REQUEST, SYNC
+from limo_driver.errors import BackendError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
+    from backends.can.config import ArmConfig
     from backends.can.port import BusPort, Frame
 
 FRAME: Final = struct.Struct("<BHB4s")
@@ -27,6 +31,10 @@ READ_REPLY, WRITE_REPLY, ABORT = 0x40, 0x60, 0x80  # with sizes in the low bits
 _KIND: Final = 0xE0
 _EXPEDITED, _SIZED = 0x02, 0x01
 LONGEST: Final = 4  # bytes in one frame
+QUIET: Final = 0.02  # [s] at least, in which nobody else may command this bus
+SEARCH_TIME: Final = 0.2  # [s] in which every node that is there answers
+NODES: Final = range(1, 128)
+DEVICE_TYPE: Final = 0x1000  # object that every node has
 
 
 @dataclass(frozen=True)
@@ -102,3 +110,63 @@ class SdoClient:
             self.node,
             f"does not answer within {self.timeout:g} s (object {index:04X}:{subindex:02X})",
         )
+
+
+def require_quiet(port: BusPort, config: ArmConfig) -> None:
+    """Refuse a bus on which another program commands drives.
+
+    Raises:
+        BackendError: Names the frame that was heard.
+    """
+    told = {SYNC, HEARTBEAT + config.master, *(RPDO1 + joint.node for joint in config.joints)}
+    until = port.now() + max(QUIET, 2 / config.rate)
+    while (frame := port.receive(until)) is not None:
+        if frame.id in told:
+            raise BackendError(
+                f"another program commands the drives on {port.name}: heard frame {frame.id:03X}; "
+                "end it first"
+            )
+        if port.now() >= until:
+            return
+
+
+def require_answer(sdo: SdoClient, known: Sequence[int]) -> None:
+    """Refuse to go on without a drive; says which nodes there are instead.
+
+    Args:
+        sdo: The way to the drive.
+        known: Nodes of all joints.
+
+    Raises:
+        DriveError: It does not answer.
+    """
+    try:
+        sdo.read(DEVICE_TYPE)
+    except DriveError as error:
+        present = _present(sdo.port)
+        if not present:
+            raise BackendError(
+                f"no drive answers on {sdo.port.name}; is the bus powered, terminated and at the "
+                "bitrate of arm.yaml?"
+            ) from None
+        strangers = [node for node in present if node not in known]
+        hint = f"; is its node id {strangers[0]}?" if len(strangers) == 1 else ""
+        raise DriveError(
+            sdo.joint,
+            sdo.node,
+            f"does not answer on {sdo.port.name} within {sdo.timeout:g} s; "
+            f"nodes that answer: {', '.join(map(str, present)) or 'none'}{hint}",
+        ) from error
+
+
+def _present(port: BusPort) -> list[int]:
+    """Return the nodes that answer at all."""
+    for node in NODES:
+        port.send(SDO_REQUEST + node, FRAME.pack(READ, DEVICE_TYPE, 0, b""))
+    found: set[int] = set()
+    until = port.now() + SEARCH_TIME
+    while port.now() < until:
+        frame = port.receive(until)
+        if frame is not None and frame.id - SDO_REPLY in NODES:
+            found.add(frame.id - SDO_REPLY)
+    return sorted(found)

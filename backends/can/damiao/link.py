@@ -13,10 +13,9 @@ import numpy as np
 
 from backends.can.damiao import codec as damiao
 from backends.can.damiao.codec import MOST_DAMPING, STIFFEST, MitCommand, status_words
-from backends.can.damiao.motor import Motor
-from backends.can.damiao.setup import Setup, check_ids
-from backends.can.frames import BusLoad, Traffic
+from backends.can.damiao.setup import Motor, Setup, check_ids
 from backends.can.link import DriveSample, DriveStatus, Link
+from backends.can.port import BusLoad, Traffic
 from limo_driver.errors import BackendError, JointLimitError
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.can.simulator.joint import AMBIENT, Actuation, JointPort
+from backends.can.simulator.drive import AMBIENT, Actuation, JointPort
 from backends.mujoco_sim import MujocoRobot, layout
 from limo_driver.errors import BackendError
 

@@ -10,10 +10,16 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from backends.can import frames
-from backends.can.simulator.drive import SimulatedDrive
-from backends.can.simulator.drive_state import FAULTY, POWERED, StatuswordState, commanded, enables
-from backends.can.simulator.joint import Actuation, JointPort
+from backends.can import port as frames
+from backends.can.simulator.drive import Actuation, JointPort, SimulatedDrive
+from backends.can.simulator.drive_state import (
+    FAULTY,
+    POWERED,
+    SetpointStream,
+    StatuswordState,
+    commanded,
+    enables,
+)
 from backends.can.simulator.node import (
     BUS_OFF_RECOVERED,
     COMMUNICATION,
@@ -31,10 +37,9 @@ from backends.can.simulator.objects import (
     U16,
     U32,
     SdoAbort,
+    SimulatedPdo,
     Variable,
 )
-from backends.can.simulator.pdo import SimulatedPdo
-from backends.can.simulator.setpoints import SetpointStream
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,15 +19,14 @@ from backends.can.damiao.codec import (
     Reply,
     Status,
 )
-from backends.can.simulator.drive import SimulatedDrive
-from backends.can.simulator.joint import Actuation
+from backends.can.simulator.drive import Actuation, SimulatedDrive
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from backends.can.config import DamiaoJoint
-    from backends.can.simulator.joint import JointPort
+    from backends.can.simulator.drive import JointPort
 
 POSITION_RANGE: Final = 12.5  # [rad], as such motors are delivered
 VELOCITY_RANGE: Final = 10.0  # [rad/s]

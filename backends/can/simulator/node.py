@@ -9,15 +9,24 @@ import struct
 from enum import IntEnum
 from typing import TYPE_CHECKING, Final
 
-from backends.can import frames
-from backends.can.simulator.objects import TEXT, U8, U16, U32, ObjectDictionary, Variable
-from backends.can.simulator.sdo_server import SdoServer
+from backends.can import port
+from backends.can.simulator.objects import (
+    TEXT,
+    TOGGLE_NOT_ALTERNATED,
+    U8,
+    U16,
+    U32,
+    UNKNOWN_COMMAND,
+    WRONG_LENGTH,
+    ObjectDictionary,
+    SdoAbort,
+    Variable,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from backends.can.simulator.pdo import SimulatedPdo
-
+    from backends.can.simulator.objects import SimulatedPdo
 
 REMEMBERED: Final = 8  # errors in 1003
 VENDOR: Final = 0  # none: a simulated drive has no vendor's number
@@ -30,6 +39,11 @@ PDO_TOO_SHORT: Final = 0x8210
 RPDO_LATE: Final = 0x8250
 GENERIC, COMMUNICATION = 0x01, 0x10  # bits of the error register
 _EMERGENCY = struct.Struct("<HB5x")
+FRAME: Final = 8  # [bytes], of every SDO
+LONGEST: Final = 64  # [bytes] that a client may write; the longest variable has 4
+_MULTIPLEXER = struct.Struct("<BHB")
+_ABORT = struct.Struct("<BHBI")
+_DOWNLOAD_SEGMENT, _DOWNLOAD, _UPLOAD, _UPLOAD_SEGMENT, _ABORTED = 0, 1, 2, 3, 4
 
 
 class NmtState(IntEnum):
@@ -69,11 +83,11 @@ class CanopenNode:
         objects.array(0x1003, *(Variable(U32) for _ in range(REMEMBERED)))
         history = objects.find(0x1003, 0)
         history.value, history.writable, history.bounds = 0, True, (0, 0)  # 0 clears it
-        only = (frames.SYNC, frames.SYNC)  # it makes no SYNC, and hears no other
-        objects.add(0x1005, 0, Variable(U32, frames.SYNC, writable=True, bounds=only))
+        only = (port.SYNC, port.SYNC)  # it makes no SYNC, and hears no other
+        objects.add(0x1005, 0, Variable(U32, port.SYNC, writable=True, bounds=only))
         self._sync_period = objects.add(0x1006, 0, Variable(U32, writable=True))
         objects.add(0x1008, 0, Variable(TEXT, name))
-        objects.add(0x1014, 0, Variable(U32, frames.EMERGENCY + node))
+        objects.add(0x1014, 0, Variable(U32, port.EMERGENCY + node))
         self._guarded = Variable(U32, writable=True, changed=self._guard_anew)
         objects.array(0x1016, self._guarded)
         self._heartbeat = objects.add(0x1017, 0, Variable(U16, writable=True))
@@ -100,7 +114,7 @@ class CanopenNode:
         self._heard = None
         self._fed.clear()
         self.state = NmtState.BOOT_UP
-        self._send(frames.HEARTBEAT + self.node, bytes([NmtState.BOOT_UP]))
+        self._send(port.HEARTBEAT + self.node, bytes([NmtState.BOOT_UP]))
         self.state, self._beat_at = NmtState.PRE_OPERATIONAL, self._now
 
     @property
@@ -111,14 +125,14 @@ class CanopenNode:
     def hear(self, frame_id: int, data: bytes, now: float) -> None:
         """Take a frame that may be for this node; SYNC is told by `synchronise`."""
         self._now = now
-        if frame_id == frames.NMT:
+        if frame_id == port.NMT:
             if len(data) == 2 and data[1] in {0, self.node}:  # noqa: PLR2004  # command and node
                 self._command(data[0])
-        elif frame_id == frames.SDO_REQUEST + self.node:
+        elif frame_id == port.SDO_REQUEST + self.node:
             if self.state is not NmtState.STOPPED and (answer := self._sdo.answer(data)):
-                self._send(frames.SDO_REPLY + self.node, answer)
-        elif frames.HEARTBEAT < frame_id <= frames.HEARTBEAT + 0x7F:
-            if len(data) == 1 and frame_id - frames.HEARTBEAT == int(self._guarded.value) >> 16:
+                self._send(port.SDO_REPLY + self.node, answer)
+        elif port.HEARTBEAT < frame_id <= port.HEARTBEAT + 0x7F:
+            if len(data) == 1 and frame_id - port.HEARTBEAT == int(self._guarded.value) >> 16:
                 self._heard = now
         elif self.state is NmtState.OPERATIONAL:
             for pdo in self.rpdos:
@@ -147,7 +161,7 @@ class CanopenNode:
         self._now = now
         if self._heartbeat.value and now - self._beat_at >= 1e-3 * int(self._heartbeat.value):
             self._beat_at = now
-            self._send(frames.HEARTBEAT + self.node, bytes([self.state]))
+            self._send(port.HEARTBEAT + self.node, bytes([self.state]))
         self._watch_heartbeat()
         if self.state is NmtState.OPERATIONAL:
             for k, pdo in enumerate(self.rpdos):
@@ -167,7 +181,7 @@ class CanopenNode:
                 self.objects.find(0x1003, k).value = self.objects.find(0x1003, k - 1).value
             self.objects.find(0x1003, 1).value = code
         if self.state is not NmtState.STOPPED:
-            self._send(frames.EMERGENCY + self.node, _EMERGENCY.pack(code, register))
+            self._send(port.EMERGENCY + self.node, _EMERGENCY.pack(code, register))
 
     def communication_lost(self, code: int) -> None:
         """React to a master that is gone; `code` is of the emergency."""
@@ -227,3 +241,99 @@ class CanopenNode:
         if self._heard is not None and patience and self._now - self._heard > patience:
             self._heard = None
             self.communication_lost(HEARTBEAT_LOST)
+
+
+class SdoServer:
+    """Answers one client.
+
+    Args:
+        objects: What it reads and writes.
+    """
+
+    def __init__(self, objects: ObjectDictionary) -> None:
+        self._objects = objects
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget a transfer that is under way."""
+        self._at = (0, 0)
+        self._to_send: bytes | None = None
+        self._received: bytearray | None = None
+        self._toggle = 0
+
+    def answer(self, request: bytes) -> bytes | None:
+        """Return the answer to a request; None if it needs none."""
+        if len(request) != FRAME:
+            return None
+        command = request[0] >> 5
+        if command == _ABORTED:
+            self.reset()
+            return None
+        if command in {_DOWNLOAD, _UPLOAD}:
+            self.reset()
+            _, index, subindex = _MULTIPLEXER.unpack_from(request)
+            self._at = (index, subindex)
+        try:
+            return self._answer(command, request)
+        except SdoAbort as abort:
+            at = self._at
+            self.reset()
+            return _ABORT.pack(0x80, *at, abort.code)
+
+    def _answer(self, command: int, request: bytes) -> bytes:
+        if command == _UPLOAD:
+            return self._upload()
+        if command == _DOWNLOAD:
+            return self._download(request)
+        if command == _UPLOAD_SEGMENT:
+            return self._upload_segment(request[0])
+        if command == _DOWNLOAD_SEGMENT:
+            return self._download_segment(request)
+        raise SdoAbort(UNKNOWN_COMMAND)
+
+    def _upload(self) -> bytes:
+        data = self._objects.find(*self._at).encode()
+        if len(data) <= 4:  # noqa: PLR2004  # bytes of an expedited transfer
+            head = 0x43 | (4 - len(data)) << 2
+            return _MULTIPLEXER.pack(head, *self._at) + data.ljust(4, b"\0")
+        self._to_send = data
+        return _MULTIPLEXER.pack(0x41, *self._at) + struct.pack("<I", len(data))
+
+    def _upload_segment(self, head: int) -> bytes:
+        if self._to_send is None:
+            raise SdoAbort(UNKNOWN_COMMAND)
+        self._check_toggle(head)
+        part, rest = self._to_send[:7], self._to_send[7:]
+        answer = self._toggle << 4 | (7 - len(part)) << 1 | (not rest)
+        self._toggle ^= 1
+        self._to_send = rest or None
+        return bytes([answer]) + part.ljust(7, b"\0")
+
+    def _download(self, request: bytes) -> bytes:
+        head = request[0]
+        if head & 2:  # expedited
+            size = 4 - (head >> 2 & 3) if head & 1 else self._objects.find(*self._at).size
+            self._objects.write(*self._at, request[4 : 4 + size])
+        else:
+            self._objects.find(*self._at)
+            self._received = bytearray()
+        return _MULTIPLEXER.pack(0x60, *self._at).ljust(FRAME, b"\0")
+
+    def _download_segment(self, request: bytes) -> bytes:
+        if self._received is None:
+            raise SdoAbort(UNKNOWN_COMMAND)
+        head = request[0]
+        self._check_toggle(head)
+        self._received += request[1 : 8 - (head >> 1 & 7)]
+        if len(self._received) > LONGEST:
+            raise SdoAbort(WRONG_LENGTH)
+        answer = 0x20 | self._toggle << 4
+        self._toggle ^= 1
+        if head & 1:
+            data, self._received = bytes(self._received), None
+            self._objects.write(*self._at, data)
+        return bytes([answer]).ljust(FRAME, b"\0")
+
+    def _check_toggle(self, head: int) -> None:
+        if head >> 4 & 1 != self._toggle:
+            raise SdoAbort(TOGGLE_NOT_ALTERNATED)

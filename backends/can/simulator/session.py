@@ -1,27 +1,31 @@
-"""One run of simulated drives, from opening the bus to the signal that ends it."""
+"""A bus of simulated drives, in this process or in one of its own."""
 
 from __future__ import annotations
 
+import json
 import math
+import subprocess
+import sys
 import threading
 import time
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from backends.can.cia402 import sdo
-from backends.can.cia402.discovery import DEVICE_TYPE
+from backends.can.cia402.sdo import DEVICE_TYPE
 from backends.can.config import Cia402Joint
 from backends.can.damiao import codec as damiao
-from backends.can.frames import SDO_REPLY, SDO_REQUEST
-from backends.can.port import BusPort
+from backends.can.port import SDO_REPLY, SDO_REQUEST, BusPort
 from backends.can.simulator.station import Station
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.robot.interrupts import interrupts
 from limo_driver.robot.realtime import Realtime
+from limo_driver.runtime.processes import Closing
 from limo_driver.types import same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from backends.can.config import ArmConfig, Joint
     from backends.can.simulator.scenario import BusScenario
@@ -30,6 +34,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 ANSWER_TIME: Final = 0.1  # [s] in which drives answer that are there already
+ENDING: Final = 120.0  # [s] in which the process has to end once it is told; it may compile
+_COMMAND: Final = "from limo_driver.app.cli import main; main()"
 
 
 def run_drives(
@@ -105,3 +111,82 @@ def _require_alone(config: ArmConfig, port: BusPort) -> None:
 
 def _answer_id(joint: Joint) -> int:
     return SDO_REPLY + joint.node if isinstance(joint, Cia402Joint) else joint.reply_id
+
+
+class SimulatedDrives(Closing):
+    """Drives on the bus of an `arm.yaml`, ready when the constructor returns.
+
+    Args:
+        config: The `arm.yaml`.
+        sim: A `sim.yaml`; else the rigid body of the arm alone.
+        scenario: What goes wrong.
+        trajectory: The arm stands where it starts; in the middle of its range if not given.
+        seed: Of the sensor noise.
+        fifo: Ask for SCHED_FIFO, where the computer has to keep time for both ends of the bus.
+
+    Raises:
+        BackendError: They did not start; says what they said.
+    """
+
+    def __init__(
+        self,
+        config: Path | str,
+        *,
+        sim: Path | str | None = None,
+        scenario: Path | str | None = None,
+        trajectory: Path | str | None = None,
+        seed: int = 0,
+        fifo: bool = False,
+    ) -> None:
+        options = {"config": config, "sim": sim, "scenario": scenario, "trajectory": trajectory}
+        given = [
+            word
+            for name, value in options.items()
+            if value is not None
+            for word in (f"--{name}", str(value))
+        ]
+        given += ["--fifo"] if fifo else []
+        self._process = subprocess.Popen(  # noqa: S603  # this interpreter, with our own options
+            [sys.executable, "-c", _COMMAND, "drives", *given, "--seed", str(seed), "--json"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.summary: dict[str, Any] | None = None  # once closed: what happened on the bus
+        try:
+            started = self._read_line()
+        except BaseException:
+            self.kill()
+            raise
+        if not started:
+            _, said = self._process.communicate()
+            raise BackendError(f"the simulated drives did not start: {said.strip()}")
+
+    @property
+    def pid(self) -> int:
+        """The process."""
+        return self._process.pid
+
+    def close(self) -> None:
+        """Switch the drives off: the process ends."""
+        if self._process.returncode is not None:
+            return
+        self._process.terminate()
+        try:
+            said, _ = self._process.communicate(timeout=ENDING)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.communicate()
+            return
+        if lines := said.splitlines():
+            self.summary = json.loads(lines[-1])
+
+    def kill(self) -> None:
+        """End the process as a cut cable would: at once, without a word."""
+        self._process.kill()
+        self._process.communicate()
+
+    def _read_line(self) -> str:
+        stream = self._process.stdout
+        return "" if stream is None else stream.readline()

@@ -9,24 +9,22 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from backends.can import frames
+from backends.can import port as frames
 from backends.can.config import CIA402, Cia402Joint
 from backends.can.simulator.arm import SimulatedArm
 from backends.can.simulator.cia402_drive import Cia402Drive
 from backends.can.simulator.damiao_drive import DamiaoDrive
-from backends.can.simulator.faults import FROM_DRIVES, TO_DRIVES, rewired
-from backends.can.simulator.scenario import BusScenario
+from backends.can.simulator.scenario import FROM_DRIVES, TO_DRIVES, BusScenario, rewired
 from limo_driver.errors import ConfigError
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from backends.can.config import ArmConfig, Joint
     from backends.can.port import BusPort
-    from backends.can.simulator.drive import SimulatedDrive
-    from backends.can.simulator.faults import Fault
-    from backends.can.simulator.joint import JointPort
+    from backends.can.simulator.drive import JointPort, SimulatedDrive
+    from backends.can.simulator.scenario import Fault
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

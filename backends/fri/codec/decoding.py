@@ -14,16 +14,17 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from backends.fri.codec.layouts import CHANGING, Kind, Layout, Part
 from backends.fri.codec.messages import COMMAND_ID, MAX_DATAGRAM, MAX_NAME, MONITORING_ID
-from backends.fri.codec.version import framed, unframed
-from backends.fri.codec.wire import (
+from backends.fri.codec.version import (
     FIXED64,
     LENGTH_DELIMITED,
     TYPE_NAMES,
     VARINT,
     Field,
     fields_of,
+    framed,
     read_double,
     read_varint,
+    unframed,
 )
 from limo_driver.errors import WireFormatError
 

@@ -16,11 +16,11 @@ import zlib
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
+from backends.fri.codec.codec import encode
 from backends.fri.codec.decoding import decode
-from backends.fri.codec.encoding import encode
 from backends.fri.codec.layouts import CHANGING, LAYOUTS, Layout
 from backends.fri.codec.messages import Command, Monitoring
-from backends.fri.codec.wire import varint
+from backends.fri.codec.version import varint
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,17 +6,14 @@ import time
 from typing import TYPE_CHECKING, Any, Final
 
 from backends.fri.codec.messages import SafetyState, SessionState
-from backends.fri.simulator.connection.link import Channel
-from backends.fri.simulator.connection.port import UdpPort
-from backends.fri.simulator.connection.quality import ConnectionQuality
-from backends.fri.simulator.listener import Listener
+from backends.fri.simulator.connection.port import Channel, ConnectionQuality, UdpPort
+from backends.fri.simulator.listener import CommandedArm, Listener
 from backends.fri.simulator.monitoring import MonitoringWriter, Standing
-from backends.fri.simulator.motion import CommandedArm
 from backends.fri.simulator.report import ClientObservations, ControllerReport
 from backends.fri.simulator.scenario import ControllerScenario, Now, ScenarioClock
 from backends.fri.simulator.session import Circumstances, ControllerSession
 from limo_driver.robot.realtime import Pace, Realtime, sleeper
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from backends.fri.simulator.session import ControllerVisit

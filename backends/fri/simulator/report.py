@@ -11,10 +11,9 @@ import numpy as np
 from backends.fri.codec.messages import Quality
 
 if TYPE_CHECKING:
-    from backends.fri.simulator.client.judge import Wanted
-    from backends.fri.simulator.client.ledger import Ledger
-    from backends.fri.simulator.client.signals import Signals
-    from backends.fri.simulator.connection.link import Fates
+    from backends.fri.simulator.connection.port import Fates
+    from backends.fri.simulator.judge import Signals, Wanted
+    from backends.fri.simulator.ledger import Ledger
     from backends.fri.simulator.session import ControllerVisit
     from limo_driver.types import FloatArray
 

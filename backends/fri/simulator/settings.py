@@ -8,9 +8,8 @@ from typing import Final
 from backends.fri.codec.messages import CommandMode, ControlMode, IoValue
 from backends.fri.codec.version import FriVersion
 from backends.fri.simulator.arm import Compliance
-from backends.fri.simulator.client.judge import CommandLimits
-from backends.fri.simulator.connection.port import Address
-from backends.fri.simulator.connection.quality import QualityModel
+from backends.fri.simulator.connection.port import Address, QualityModel
+from backends.fri.simulator.judge import CommandLimits
 from backends.fri.simulator.session import SessionTimes
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.parameters import Declared, parameter

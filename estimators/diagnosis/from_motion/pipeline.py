@@ -7,28 +7,38 @@ commands alone, on motion that nothing was fitted to.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators.diagnosis.drive_result import DriveReplay
-from estimators.diagnosis.from_motion.checks.conventions import confirmed, conventions_of
+from estimators.diagnosis.from_motion.checks.conventions import (
+    as_counted,
+    confirmed,
+    conventions_of,
+    from_zeros,
+    with_zeros,
+    without_zeros,
+    zeros_of,
+)
 from estimators.diagnosis.from_motion.checks.recorded import check_commanded
-from estimators.diagnosis.from_motion.diagnosis import DriveDiagnosis
 from estimators.diagnosis.from_motion.fitting.identification import fit_drives, with_servos
-from estimators.diagnosis.from_motion.hypotheses.intervals import with_intervals
 from estimators.diagnosis.from_motion.hypotheses.search import leaving_out, search
-from estimators.diagnosis.from_motion.hypotheses.stated import is_stated, proven, stated_arm
+from estimators.diagnosis.from_motion.hypotheses.stated import (
+    is_stated,
+    proven,
+    stated_arm,
+    with_intervals,
+)
 from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence, Fold
 from estimators.diagnosis.from_motion.judgement.held_out import (
     position_errors,
     resolution_of,
     split,
 )
-from estimators.diagnosis.from_motion.judgement.verdict import verdict_of
-from estimators.diagnosis.from_motion.judgement.wording import (
+from estimators.diagnosis.from_motion.judgement.verdict import (
     about_counting,
     about_drift,
     about_motors,
@@ -36,17 +46,15 @@ from estimators.diagnosis.from_motion.judgement.wording import (
     not_shown,
     plays,
     sags,
+    verdict_of,
 )
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
-from estimators.diagnosis.from_motion.simulation.zeros import (
-    as_counted,
-    from_zeros,
-    with_zeros,
-    without_zeros,
-    zeros_of,
-)
+from estimators.diagnosis.report.without_torque import drive_report
+from estimators.diagnosis.result import DriveReplay, DriveResult
 from estimators.diagnosis.stages import quiet
+from estimators.diagnosis.verdict import IMPROVED, NEXT_MOTION, REPORT, VERDICT
+from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -249,3 +257,25 @@ def _beside_stated(
             for arm, (_, other) in zip(arms, pairs, strict=True)
         ),
     )
+
+
+@dataclass(frozen=True, repr=False)
+class DriveDiagnosis(DriveResult):
+    """Verdict, improved simulation and evidence of an arm that tells commands and positions."""
+
+    def save(self, folder: Path | str) -> tuple[Path, ...]:
+        """Write verdict.json, sim.yaml and report.html, and return their paths.
+
+        Args:
+            folder: Made if it is not there.
+
+        Raises:
+            ConfigError: The folder cannot be written to.
+        """
+        out = Path(folder)
+        require_folder(out, "the diagnosis", (VERDICT, IMPROVED, REPORT, NEXT_MOTION))
+        (out / NEXT_MOTION).unlink(missing_ok=True)
+        self.verdict.save(out / VERDICT)
+        self.after.save(out / IMPROVED)
+        drive_report(self).save(out / REPORT)
+        return out / VERDICT, out / IMPROVED, out / REPORT

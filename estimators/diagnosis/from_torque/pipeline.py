@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial, reduce
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from estimators.base import check_different
 from estimators.diagnosis.from_torque.contact import contact_of
-from estimators.diagnosis.from_torque.diagnosis import Diagnosis
-from estimators.diagnosis.from_torque.events import Events, apart_from_events
+from estimators.diagnosis.from_torque.events import Events, apart_from_events, beyond_tolerances
 from estimators.diagnosis.from_torque.fitting.contribution import left_by_tolerances
 from estimators.diagnosis.from_torque.fitting.intervals import with_parameters
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem
@@ -21,20 +22,19 @@ from estimators.diagnosis.from_torque.judgement.conclusion import (
     shifts_of,
 )
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
-from estimators.diagnosis.from_torque.judgement.questions import tests_of
-from estimators.diagnosis.from_torque.judgement.sizes import unsure
-from estimators.diagnosis.from_torque.reconsidering import beyond_tolerances
+from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible
 from estimators.diagnosis.from_torque.residuals.usable_joints import left_out
-from estimators.diagnosis.result import Traces
-from estimators.diagnosis.stages import Attempts, Budget, Progress, forward, quiet
-from estimators.diagnosis.verdict import Finding, Identified
-from estimators.recordings import check_different
-from limo_driver.errors import RecordingError
+from estimators.diagnosis.report import write_report
+from estimators.diagnosis.result import DiagnosisResult, Traces
+from estimators.diagnosis.stages import Attempts, Budget, Failure, Progress, forward, quiet
+from estimators.diagnosis.verdict import IMPROVED, NEXT_MOTION, REPORT, VERDICT, Finding, Identified
+from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.physics import spoken
 from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
+
+FILES: Final = (VERDICT, IMPROVED, REPORT, NEXT_MOTION)
 
 
 def observe(
@@ -241,3 +243,64 @@ def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArra
         held_out=np.asarray(problem.split.held_out.any(axis=1)),
         moving=observed.undisturbed(None).moving,
     )
+
+
+def save(found: Diagnosis, folder: Path | str) -> tuple[Diagnosis, tuple[Path, ...]]:
+    """Write the files of a diagnosis; those of one before it that are not written are removed.
+
+    Verdict, simulation and next motion are there before the report is made. Where that fails, the
+    verdict is written once more, with a note.
+
+    Args:
+        found: What to save.
+        folder: Made if it is not there.
+
+    Returns:
+        The diagnosis, with the failure of its report if that failed, and the files written.
+
+    Raises:
+        ConfigError: The folder cannot be written to.
+    """
+    out = Path(folder)
+    require_folder(out, "the diagnosis", FILES)
+    written = [out / VERDICT, out / IMPROVED]
+    try:
+        found.verdict.save(out / VERDICT)
+        found.simulation.save(out / IMPROVED)
+        (out / NEXT_MOTION).unlink(missing_ok=True)
+        if found.next_motion is not None:
+            found.next_motion.save(out / NEXT_MOTION)
+            written.append(out / NEXT_MOTION)
+        try:
+            write_report(found, out / REPORT)
+            written.append(out / REPORT)
+        except (LimoError, OSError):  # nothing can be written, a verdict as little
+            raise
+        except Exception as error:  # noqa: BLE001  # whatever it is, the verdict is known
+            (out / REPORT).unlink(missing_ok=True)
+            found = found.failed(Failure("report", error))
+            found.verdict.save(out / VERDICT)
+    except OSError as error:
+        raise ConfigError(f"cannot be written to: {error}", path=out) from None
+    return found, tuple(written)
+
+
+@dataclass(frozen=True, repr=False)
+class Diagnosis(DiagnosisResult):
+    """Result of a diagnosis: verdict, improved simulation, and evidence."""
+
+    def save(self, folder: Path | str) -> None:
+        """Write verdict.json, sim.yaml, report.html, and next_motion.parquet if there is one.
+
+        Where the report fails, the others are written all the same, and the verdict says so.
+
+        Args:
+            folder: Made if it is not there.
+
+        Raises:
+            ConfigError: The folder cannot be written to.
+            Exception: What the report failed with.
+        """
+        saved, _ = save(self, folder)
+        for failure in saved.failures[len(self.failures) :]:
+            raise failure.error

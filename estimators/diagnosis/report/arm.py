@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.headline import named, quantity_of
+from estimators.diagnosis.headline import is_of_bodies, named, names_of, quantity_of
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from estimators.diagnosis.wording import is_of_bodies, names_of
 from limo_driver.pages.arm import Ghost, Pin, PlayedMotion, PushArrow, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.markup import grid

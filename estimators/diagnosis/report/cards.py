@@ -6,9 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.headline import named, place_of, quantity_of, to_interval
+from estimators.diagnosis.headline import (
+    is_of_bodies,
+    named,
+    place_of,
+    quantity_of,
+    rounded,
+    to_interval,
+)
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
-from estimators.diagnosis.wording import is_of_bodies, rounded
 from limo_driver.pages.markup import (
     UNSAID,
     folded,

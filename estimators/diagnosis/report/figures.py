@@ -11,11 +11,11 @@ from estimators.diagnosis.report.binning import (
     Profile,
     bins_of,
     cells_of,
+    contiguous_runs,
     edges_of,
     profile,
     residual_map,
 )
-from estimators.diagnosis.report.stretch import contiguous_runs
 from estimators.diagnosis.settings.afterwards import BINS
 from limo_driver.pages.figures import (
     AFTER,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.report.stretch import Stretch
+    from estimators.diagnosis.report.binning import Stretch
     from estimators.diagnosis.result import Explanation, Replay, Shift, Traces
     from estimators.diagnosis.verdict import Fit
     from limo_driver.pages.markup import Figure

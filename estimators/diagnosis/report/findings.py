@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.headline import headline
+from estimators.diagnosis.headline import headline, names_of, rounded
 from estimators.diagnosis.held_out import reducible_removed
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.summary import WORSE, columns_of, coverage
 from estimators.diagnosis.verdict import IMPROVED, TORQUE
-from estimators.diagnosis.wording import names_of, rounded
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,

@@ -4,27 +4,50 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from estimators.diagnosis.headline import headline
-from estimators.diagnosis.report import doubts, sections
+import numpy as np
+
+from estimators.diagnosis.headline import headline, names_of, rounded
+from estimators.diagnosis.report import figures, sections
 from estimators.diagnosis.report.arm import arm
-from estimators.diagnosis.report.contact import pushed
 from estimators.diagnosis.report.findings import overview
-from estimators.diagnosis.report.telemetry import telemetry
 from estimators.diagnosis.report.truth import beside_the_truth
+from estimators.diagnosis.summary import coverage, kept_as_stated
+from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
+from estimators.telemetry import telemetry_in
 from limo_driver.pages import Charts, Page
+from limo_driver.pages.figures import joint_motion
+from limo_driver.pages.markup import (
+    command,
+    folded,
+    grid,
+    number,
+    paragraph,
+    percent,
+    prose,
+    section,
+    table,
+)
 from limo_driver.pages.page import FOOTER
+from limo_driver.physics import spoken
+from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from estimators.diagnosis.result import DiagnosisResult
+    from estimators.diagnosis.result import DiagnosisResult, Shift
+    from estimators.diagnosis.verdict import Finding, Verdict
     from limo_driver.physics import Effect
 
 _FOOTER = (
     f"{FOOTER} Positive torque acts along the joint axis. The same content for programs: "
     "<code>verdict.json</code>; the improved simulation: <code>sim.yaml</code>."
 )
+_AXES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")
+_OPEN = 4  # pushes that are drawn; the table has all
+_ANCHOR = "telemetry"
+_SHOWN = 2  # recordings in the line near the head
+_SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
 
 
 def write_report(
@@ -63,8 +86,192 @@ def report(diagnosis: DiagnosisResult, concealed: Sequence[Effect] | None = None
         + sections.competing(diagnosis, charts)
         + sections.tests(diagnosis)
         + sections.replay(diagnosis, charts)
-        + doubts.next_motion(diagnosis, charts)
-        + doubts.doubts(diagnosis, charts)
-        + doubts.data(diagnosis)
+        + next_motion(diagnosis, charts)
+        + doubts(diagnosis, charts)
+        + data(diagnosis)
     )
     return Page(headline(diagnosis.verdict), body, charts, view, _FOOTER)
+
+
+def pushed(diagnosis: DiagnosisResult, charts: Charts) -> str:
+    """Return the pushes, each with what all joints felt."""
+    found = next((f for f in diagnosis.verdict.findings if f.effect == CONTACT), None)
+    if found is None:
+        return ""
+    names = names_of(diagnosis.recordings)
+    of = [names[k - 1] for k in found.where.recording]
+    drawn = [
+        charts.place(
+            figures.push(diagnosis.traces, recording - 1, window),
+            f"Push {k}",
+            f"{window[0]:.1f} to {window[1]:.1f} s of {name}",
+        )
+        for k, (window, recording, name) in enumerate(
+            zip(found.where.time[:_OPEN], found.where.recording, of, strict=False), start=1
+        )
+    ]
+    lead = (
+        "Recorded torque less that of the improved simulation, which leaves pushes out; shaded: "
+        "the push. No row of it is fitted or scored. Force and moment on the flange, in axes of "
+        "the base, where it is strongest."
+    )
+    return section("What pushed", grid(drawn) + _wrenches(found, of), "pushes", lead)
+
+
+def _wrenches(found: Finding, of: list[str]) -> str:
+    """Return a table of wrenches with the half width of their intervals."""
+    known = found.parameters.get("wrench")
+    if known is None or known.ci95 is None:
+        return ""
+    values, limits = np.array(known.value, dtype=float), np.array(known.ci95, dtype=float)
+    half = (limits[..., 1] - limits[..., 0]) / 2
+    rows = [
+        [f"{a:.2f} to {b:.2f} s", escape(name),
+         *(f"{number(v)} ± {number(h, 2)}" for v, h in zip(*pair, strict=True))]
+        for (a, b), name, *pair in zip(found.where.time, of, values, half, strict=True)
+    ]  # fmt: skip
+    return table(("window", "recording", *_AXES), rows, numeric=2)
+
+
+def telemetry(diagnosis: DiagnosisResult) -> tuple[str, str]:
+    """Return what to know of the recordings before any finding is believed.
+
+    Args:
+        diagnosis: What was found.
+
+    Returns:
+        A line that leads to the details, and the section that holds them.
+    """
+    said = {
+        recording.source or f"recording {number}": telemetry_in(diagnosis.after, recording)
+        for number, recording in enumerate(diagnosis.recordings, start=1)
+    }
+    items = "".join(
+        f"<li>{prose(f'{name}: ' + '; '.join(lines))}.</li>" for name, lines in said.items()
+    )
+    return _line(said), section("What the recordings are worth", f"<ul>{items}</ul>", _ANCHOR)
+
+
+def _line(said: Mapping[str, Sequence[str]]) -> str:
+    """Return the first sentence of the first recordings, and the way to the others."""
+    first = "; ".join(dict.fromkeys(lines[0] for lines in list(said.values())[:_SHOWN]))
+    many = "Recordings" if len(said) > 1 else "Recording"
+    return (
+        f'<p class="lead">{many}: {prose(first)}. '
+        f'<a href="#{_ANCHOR}">What the data are worth</a></p>'
+    )
+
+
+def doubts(diagnosis: DiagnosisResult, charts: Charts) -> str:
+    """Return what could not be observed and how far nuisance parameters moved."""
+    body = unobservable(diagnosis.verdict)
+    if diagnosis.shifts:
+        body += _moved(diagnosis.shifts, charts)
+    return section("What is unsure", body, "unsure")
+
+
+def unobservable(verdict: Verdict) -> str:
+    """Return the table of effects that these recordings cannot show; empty if there are none."""
+    unseen = [[prose(spoken(item.effect)), prose(item.reason)] for item in verdict.not_observable]
+    title = "<h3>What these recordings cannot show</h3>"
+    return title + table(("effect", "why"), unseen) if unseen else ""
+
+
+def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
+    chart = charts.place(
+        figures.shifts(shifts[:_SHIFTS]),
+        "Values that moved most",
+        "shaded: one standard deviation of the tolerance",
+    )
+    rows = [
+        [prose(item.name), number(item.nominal, 4), number(item.fitted, 4), prose(item.unit),
+         f"{item.sigmas:+.1f}"]
+        for item in shifts
+    ]  # fmt: skip
+    listed = table(("parameter", "nominal", "fitted", "unit", "sigmas"), rows)
+    said = (
+        "Inertias, friction and sensor errors (nuisance parameters) are fitted beside every "
+        "effect, within their stated tolerances, so that a slightly wrong value is not taken for "
+        "missing physics."
+    )
+    return (
+        "<h3>How far nominal values moved</h3>"
+        + paragraph(said, "small")
+        + chart
+        + folded(f"All {len(rows)} values", listed)
+    )
+
+
+def next_motion(diagnosis: DiagnosisResult, charts: Charts) -> str:
+    """Return the motion to record next, and what it would decide."""
+    wanted = diagnosis.verdict.next_motion
+    body = ""
+    if said := diagnosis.next_motion_purpose or diagnosis.next_motion_note:
+        body = paragraph(said)
+    if diagnosis.next_motion is not None:
+        file = wanted.file if wanted else NEXT_MOTION
+        minutes = diagnosis.next_motion.duration / 60
+        body += charts.place(
+            joint_motion(diagnosis.next_motion), "Joint motion", f"{minutes:.1f} min"
+        )
+        line = (
+            f"limo run --backend mujoco --trajectory {file} --sim {IMPROVED} --record next.parquet"
+        )
+        body += (
+            f"<p>Move the recorded arm along it and diagnose again with that recording added. On a "
+            f"simulated arm, in the folder of this report:</p><pre>{command(line)}</pre>"
+        )
+    return section("The motion to record next", body, "next")
+
+
+def data(diagnosis: DiagnosisResult) -> str:
+    """Return what was used of the recordings, and what was left out."""
+    verdict = diagnosis.verdict
+    rows = [["samples used", _count(verdict.rows.used)]]
+    rows += [
+        [f"samples left out: {prose(reason)}", _count(count)]
+        for reason, count in verdict.rows.left_out.items()
+    ]
+    samples = table(("recordings", "number"), rows, numeric=1)
+    return section("Data", grid([samples, _compared(verdict), _held(verdict)]), "data")
+
+
+def _held(verdict: Verdict) -> str:
+    """Return the motion on which the verdict stands, joint by joint."""
+    if verdict.holds is None:
+        return ""
+    columns = (verdict.holds.position, verdict.holds.speed, verdict.holds.load)
+    rows = [
+        [str(j), *(f"{rounded(low, 2)} to {rounded(high, 2)}" for low, high in ranges)]
+        for j, ranges in enumerate(zip(*columns, strict=True), start=1)
+    ]
+    said = (
+        "What was found was seen on this motion. On faster motion, in other poses and under other "
+        "loads the improved simulation extrapolates."
+    )
+    headings = ("joint", "position [rad]", "speed [rad/s]", "load [N m]")
+    text = " ".join(filter(None, [said, kept_as_stated(verdict)]))
+    return f"<div>{table(headings, rows, numeric=1)}{paragraph(text, 'small')}</div>"
+
+
+def _compared(verdict: Verdict) -> str:
+    """Return how many rows were compared, fitted, held out and judged, joint by joint."""
+    count = verdict.rows
+    columns = (count.usable, count.fitted, count.judged, count.part_judged())
+    rows = [
+        [str(j), _count(usable), _count(fitted), _count(judged), percent(part)]
+        for j, (usable, fitted, judged, part) in enumerate(zip(*columns, strict=True), start=1)
+    ]
+    if not rows:
+        return ""
+    said = (
+        f"All is compared on {_count(count.total)} rows, thinned behind the filter, of which "
+        f"{_count(count.held_out)} lie in blocks of time that nothing was fitted to. "
+        f"{coverage(verdict)}"
+    )
+    headings = ("joint", "usable rows", "fitted", "judged", "judged, of those held out")
+    return f"<div>{table(headings, rows, numeric=1)}{paragraph(said, 'small')}</div>"
+
+
+def _count(number: int) -> str:
+    return f"{number:,}".replace(",", "\N{NO-BREAK SPACE}")

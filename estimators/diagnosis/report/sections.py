@@ -6,22 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.headline import is_of_bodies, likelier, names_of, of_joints, rounded
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.arm import played
-from estimators.diagnosis.report.stretch import loop_stretch
+from estimators.diagnosis.report.binning import loop_stretch
 from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.summary import identified_columns
 from estimators.diagnosis.verdict import CONTACT
-from estimators.diagnosis.wording import (
-    is_of_bodies,
-    likelier,
-    names_of,
-    of_joints,
-    rounded,
-)
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,

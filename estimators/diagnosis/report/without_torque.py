@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.headline import headline
+from estimators.diagnosis.headline import headline, names_of, of_several, rounded
 from estimators.diagnosis.report import findings as told
 from estimators.diagnosis.report.arm import pins
 from estimators.diagnosis.report.cards import cards
-from estimators.diagnosis.report.doubts import unobservable
+from estimators.diagnosis.report.page import unobservable
 from estimators.diagnosis.report.sections import identified
-from estimators.diagnosis.wording import names_of, of_several, rounded
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, DRAWN, MEASURED, curve, layout
@@ -22,7 +21,7 @@ from limo_driver.pages.markup import columns, folded, grid, header, paragraph, s
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.drive_result import DriveReplay, DriveResult
+    from estimators.diagnosis.result import DriveReplay, DriveResult
     from estimators.diagnosis.verdict import Verdict
     from limo_driver.pages.arm import ArmView
     from limo_driver.pages.markup import Figure

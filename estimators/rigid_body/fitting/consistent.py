@@ -29,9 +29,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.regression.definite import RegularisedInverse, root_of
-from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import DivergedError
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,4 +1,6 @@
-"""Effective number of independent samples of a recording, whose errors are correlated in time.
+"""Which rows count: how many of them are independent, and folds of time.
+
+Effective number of independent samples of a recording, whose errors are correlated in time.
 
 What the model does not explain (hysteresis above all) lasts for a second where noise lasts for a
 sample. A fit that took every row for new evidence would trust the data far too much: it would move
@@ -13,6 +15,12 @@ with errors e, regressor rows y, and blocks b of time that are longer than the e
 Source: Rao and Scott, "The analysis of categorical data from complex sample surveys", JASA 1981
 (the mean design effect); Liang and Zeger, "Longitudinal data analysis using generalized linear
 models", Biometrika 1986 (the variance from blocks).
+
+Folds: parts of the recordings that a fit leaves out, to see how far its parameters hold.
+
+A recording is cut into blocks of time, which are dealt to the folds in turn. Blocks are far longer
+than the errors remember, so that those of one fold say little about those of another; in a long
+recording each fold has many, so that no fold is all there is of one kind of motion.
 """
 
 from __future__ import annotations
@@ -29,13 +37,15 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.rigid_body.dynamics.regressor import RegressorChain
+    from estimators.rigid_body.regressor import RegressorChain
     from limo_driver.recordings.recording import Recording
 
 REMEMBERED = 2.0  # [s], that errors are correlated at most
 _TOLD_APART = 1e-6  # least eigenvalue of a correlation matrix that counts as a direction
 _ROUNDING = 1e-8  # of the greatest column; less is what sums that should be zero leave
 _CHUNK = 1024  # rows whose regressor is held at a time
+FOLDS = 5
+_LONGEST = 10.0  # [s] of a block
 
 
 @dataclass(frozen=True)
@@ -124,3 +134,10 @@ def _design_effect(scores: FloatArray, expected: FloatArray) -> float:
         return 1.0
     whitened = (scores[:, known] / scale[known]) @ vectors[:, apart] / np.sqrt(values[apart])
     return float(np.sum(whitened**2)) / int(apart.sum())
+
+
+def fold_of(recording: Recording) -> NDArray[np.int64]:
+    """Return which fold each sample of a recording is in, (T,)."""
+    time = recording.time - recording.time[0]
+    block = min(_LONGEST, recording.duration / FOLDS)
+    return np.floor(time / block).astype(np.int64) % FOLDS

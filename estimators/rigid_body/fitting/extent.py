@@ -24,14 +24,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from limo_driver.model import RobotModel
-    from limo_driver.model.descriptions.inertial import Inertial
+    from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.types import FloatArray
 
 _GENEROUS: Final = 2.0  # times the radius of what is known of a link

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.regression.definite import RegularisedInverse, SymmetricSpectrum, root_of
-from estimators.regression.jackknife import jackknife
-from estimators.rigid_body.fitting.folds import FOLDS
+from estimators.regression.definite import RegularisedInverse, SymmetricSpectrum, jackknife, root_of
+from estimators.rigid_body.fitting.effective_rows import FOLDS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from estimators.rigid_body.dynamics.base_parameters import BaseParameters
+    from estimators.rigid_body.base_parameters import BaseParameters
     from estimators.rigid_body.fitting.normal_equations import ArmEquations
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.types import FloatArray

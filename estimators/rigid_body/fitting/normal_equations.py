@@ -13,10 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.recordings import check_recordings, joints_with_torque
-from estimators.rigid_body.dynamics.regressor import RegressorChain
-from estimators.rigid_body.fitting.effective_rows import ThinnedRows, blocks_of, effective_rows
-from estimators.rigid_body.fitting.folds import FOLDS, fold_of
+from estimators.base import check_recordings, joints_with_torque
+from estimators.rigid_body.fitting.effective_rows import (
+    FOLDS,
+    ThinnedRows,
+    blocks_of,
+    effective_rows,
+    fold_of,
+)
+from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.recordings.filters.differentiation import smooth

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
-from estimators.service.inference.history import History
-from estimators.service.inference.rate import RateWatch
-from estimators.service.inference.window import Window
+from estimators.service.inference.history import History, RateWatch
+from estimators.service.inference.live_model import Window
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.messages import (
     Attachment,
@@ -22,7 +21,7 @@ from limo_driver.network.messages import (
     relabelled,
 )
 from limo_driver.network.streaming import Arrivals
-from limo_driver.runtime.latency import LatencyHistogram
+from limo_driver.robot.realtime import LatencyHistogram
 
 if TYPE_CHECKING:
     from estimators.service.inference.contact import Contact, ContactWatchdog

@@ -28,14 +28,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.service.comparison.shadow import MOVES
+from estimators.service.comparison import MOVES
 from limo_driver.errors import BackendUnavailableError, ShapeError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.service.inference.arm_service import ArmService
-    from estimators.service.inference.window import Window
+    from estimators.service.inference.live_model import Window
     from limo_driver.types import FloatArray
 
 STEP: Final = 0.7  # of the logarithm, that does not count as a change

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from estimators.service.arm_server import ArmServer
     from estimators.service.inference.arm_service import ArmService
-    from estimators.service.inference.window import Window
+    from estimators.service.inference.live_model import Window
     from estimators.service.settings import RetrainingSettings
     from estimators.service.store.store import ModelStore
 

@@ -23,11 +23,11 @@ import numpy as np
 
 from estimators.service.inference.contact import MARGIN
 from estimators.service.retraining.drift import DriftWatch
-from estimators.service.retraining.judge import Judge
-from estimators.service.retraining.unfinished import (
+from estimators.service.retraining.judge import (
     GATHERING,
     PROBATION,
     TRAINING,
+    Judge,
     RetrainingFile,
     Stage,
     Unfinished,
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from estimators.service.arm_server import ArmServer
     from estimators.service.inference.arm_service import ArmService
-    from estimators.service.inference.window import Window
+    from estimators.service.inference.live_model import Window
     from estimators.service.settings import RetrainingSettings
     from estimators.service.store.store import ModelStore
     from limo_driver.types import FloatArray

@@ -11,9 +11,15 @@ from pathlib import PurePath
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, Final
 
-from estimators.manifest import MANIFEST, as_manifest, read_manifest
-from estimators.model_folder import SIMULATION, WEIGHTS, load_model
-from estimators.service.store.atomic_files import write
+from estimators.model_folder import (
+    MANIFEST,
+    SIMULATION,
+    WEIGHTS,
+    as_manifest,
+    load_model,
+    read_manifest,
+)
+from estimators.service.store.aliases import write
 from estimators.service.store.version import SCHEMA, described, digest
 from limo_driver.errors import ModelStoreError
 from limo_driver.model import BUILT_IN
@@ -24,7 +30,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.residual_model import ResidualModel
-    from estimators.service.store.golden_motion import Golden, StreamReplay
+    from estimators.service.store.version import Golden, StreamReplay
 
 _NAME: Final = re.compile(r"\w[\w.+-]*")
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Final, cast
 
-from estimators.service.store.atomic_files import replace
+from estimators.service.store.aliases import replace_file as replace
 from limo_driver.errors import ModelStoreError
 from limo_driver.runtime.given_files import read_bytes, read_json_file
 

@@ -16,11 +16,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from estimators.service.store.adding import as_json, gather, recorded, robot_of
-from estimators.service.store.aliases import ALIASES, NAMES, Aliases, read_aliases
-from estimators.service.store.atomic_files import draft, locked, replace, write
-from estimators.service.store.golden_motion import Golden
+from estimators.service.store.aliases import (
+    ALIASES,
+    NAMES,
+    Aliases,
+    draft,
+    locked,
+    read_aliases,
+    write,
+)
+from estimators.service.store.aliases import replace_file as replace
 from estimators.service.store.signature import sign
-from estimators.service.store.version import GOLDEN, RECORD, Version
+from estimators.service.store.version import GOLDEN, RECORD, Golden, Version
 from limo_driver.errors import ModelStoreError
 from limo_driver.runtime.outputs import sync
 

@@ -24,11 +24,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.service.background import give_way
-from estimators.service.store.golden_motion import replay
 from estimators.service.store.store import ModelStore
+from estimators.service.store.version import replay
 from estimators.stream import Stream
 from limo_driver.errors import LimoError, ModelStoreError
+from limo_driver.runtime.processes import give_way
 
 if TYPE_CHECKING:
     import threading

@@ -27,8 +27,7 @@ def main() -> None:
     os.environ.setdefault("MUJOCO_GL", "disable")
     with Stopping(INTERRUPTED):
         from limo_driver.app.console.arguments import in_options
-        from limo_driver.app.console.command_line import command_line
-        from limo_driver.app.console.compilation_line import compilation_line
+        from limo_driver.app.console.command_line import command_line, compilation_line
         from limo_driver.errors import LimoError, ServiceNotReadyError
 
         # A program that reads figures from stdout need not read about compilation.

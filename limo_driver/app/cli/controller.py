@@ -84,9 +84,9 @@ def command(
         limo controller --io FRI.Clock:bool:input:1 --transformation PickPos
     """
     from backends.fri.codec.version import FriVersion
-    from backends.fri.simulator.client.signals import check_signal_name, parse_io
     from backends.fri.simulator.connection.port import Address
     from backends.fri.simulator.controller import SimulatedController
+    from backends.fri.simulator.judge import check_signal_name, parse_io
     from backends.fri.simulator.scenario import ControllerScenario
     from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
     from limo_driver.physics import Simulation

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.app.console.options import ROBOTS, MappingOption
+from limo_driver.app.console.arguments import ROBOTS, MappingOption
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator

@@ -22,9 +22,8 @@ def command(
         limo demo --out demo
         limo diagnose demo/run.parquet --sim demo/believed.yaml --out again
     """
-    from estimators.diagnosis.from_torque.diagnosis import FILES as FOUND
-    from limo_driver.app.console.progress import progress_bar
-    from limo_driver.app.console.terminal import terminal
+    from estimators.diagnosis.from_torque.pipeline import FILES as FOUND
+    from limo_driver.app.console.terminal import progress_bar, terminal
     from limo_driver.app.library.demonstrating import FILES, demonstrate
     from limo_driver.runtime.outputs import require_place
 

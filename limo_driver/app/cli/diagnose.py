@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.options import ROBOTS, MappingOption, refuse_options
+from limo_driver.app.console.arguments import ROBOTS, MappingOption, refuse_options
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import Console
 
-    from estimators.diagnosis.from_motion.diagnosis import DriveDiagnosis
-    from estimators.diagnosis.from_torque.diagnosis import Diagnosis
+    from estimators.diagnosis.from_motion.pipeline import DriveDiagnosis
+    from estimators.diagnosis.from_torque.pipeline import Diagnosis
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -96,10 +96,9 @@ def command(
     import json
     import sys
 
-    from estimators.diagnosis.from_torque.diagnosis import FILES, Diagnosis, save
+    from estimators.diagnosis.from_torque.pipeline import FILES, Diagnosis, save
     from estimators.telemetry import telemetry_in
-    from limo_driver.app.console.progress import progress_bar
-    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.console.terminal import progress_bar, terminal
     from limo_driver.app.library.diagnosing import diagnose
     from limo_driver.app.library.exporting import format_for
     from limo_driver.runtime.outputs import require_place

@@ -47,7 +47,7 @@ def fri(
     """
     import json
 
-    from backends.fri.doctor.doctor import examine
+    from backends.fri.doctor import examine
 
     found = examine(host, port, seconds)
     if as_json:

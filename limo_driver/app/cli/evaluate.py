@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.options import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer reads it
 
 if TYPE_CHECKING:
     from rich.table import Table

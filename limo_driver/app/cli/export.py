@@ -71,7 +71,7 @@ def command(
         limo export model/ --to c --free calm.parquet --out firmware/
     """
     if to == "onnx":
-        from limo_driver.app.library.embedding import export_onnx
+        from limo_driver.app.library.exporting import export_onnx
 
         file = export_onnx(sim, out, name)
         say(json.dumps({"files": [str(file)]}) if as_json else str(file))
@@ -100,7 +100,7 @@ def _write_c(
     as_json: bool,
 ) -> None:
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.embedding import export_c
+    from limo_driver.app.library.exporting import export_c
 
     found = export_c(model, out, rate, delay, false_alarms, name, free)
     if as_json:

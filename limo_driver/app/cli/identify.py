@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.options import ROBOTS, MappingOption, refuse_options
+from limo_driver.app.console.arguments import ROBOTS, MappingOption, refuse_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -81,8 +81,8 @@ def command(  # one argument for each option
     import json
 
     from estimators.rigid_body import JointTerms, Rows
-    from estimators.rigid_body.report.page import identification_page
-    from estimators.rigid_body.report.tables import as_values
+    from estimators.rigid_body.page import identification_page
+    from estimators.rigid_body.tables import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
     from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inputs import model_for
@@ -188,8 +188,7 @@ def _wrote(out: Path, page: Path | None) -> str:
 
 
 def _show(found: Identification, out: Path, page: Path | None, *, base: bool) -> None:
-    from estimators.rigid_body.report.base_estimates import known_of, notes_of
-    from estimators.rigid_body.report.tables import base_table, joint_table, link_table
+    from estimators.rigid_body.tables import base_table, joint_table, known_of, link_table, notes_of
     from limo_driver.app.console.terminal import terminal
 
     console = terminal()

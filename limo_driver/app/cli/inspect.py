@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.options import ROBOTS
+from limo_driver.app.console.arguments import ROBOTS
 
 if TYPE_CHECKING:
-    from limo_driver.logs.readers.inspection import Inspection
-    from limo_driver.logs.readers.kept_mappings import Settled
+    from limo_driver.logs.readers.inspection import Inspection, Settled
 
 _MAPPING = Path("mapping.yaml")
 
@@ -59,7 +58,7 @@ def command(
         limo convert log.csv --mapping mapping.yaml --out run.parquet
     """
     from limo_driver.app.library.inspecting import inspect
-    from limo_driver.logs.readers.kept_mappings import Settled, settle
+    from limo_driver.logs.readers.inspection import Settled, settle
     from limo_driver.runtime.outputs import require_file
 
     require_file(out, [log] if log.is_file() else [])

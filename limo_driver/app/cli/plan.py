@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.options import ROBOTS
+from limo_driver.app.console.arguments import ROBOTS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -75,7 +75,7 @@ def command(
     """
     from math import radians
 
-    from limo_driver.app.console.shortening import shortened
+    from limo_driver.app.console.terminal import shortened
     from limo_driver.model import RobotModel
     from limopa import PlanRequest, Surroundings, Workspace, draw, summarise
     from limopa.page import plan_page

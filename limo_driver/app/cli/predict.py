@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.app.console.options import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer reads it
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -73,9 +73,9 @@ def command(
     import json
 
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.forward import simulate_forward
     from limo_driver.app.library.learning import predict
     from limo_driver.app.library.reading import read, read_commanded
+    from limo_driver.app.library.simulating import simulate_forward
     from limo_driver.runtime.outputs import require_file, require_parquet
 
     require_file(out, [path for path in (recording, sim) if path is not None])

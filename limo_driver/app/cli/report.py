@@ -22,7 +22,7 @@ def command(
         limo report monday/ tuesday/ --out comparison.html
     """
     from estimators.diagnosis.reading import verdict_in
-    from estimators.diagnosis.report.comparison import comparison
+    from estimators.diagnosis.report.truth import comparison
     from estimators.diagnosis.verdict import IMPROVED
     from limo_driver.app.console.terminal import terminal
     from limo_driver.physics import Simulation

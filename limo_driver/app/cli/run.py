@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limo_driver.app.cli import INTERRUPTED
-from limo_driver.app.console.options import ROBOTS
+from limo_driver.app.console.arguments import ROBOTS
 from limo_driver.app.console.terminal import say
-from limo_driver.network.options import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
+from limo_driver.network.config import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -99,7 +99,7 @@ def command(
         limo run --backend fri --trajectory limo.traj.parquet \
             --record run.parquet --fifo
     """
-    from limo_driver.app.library.live.running import Streaming, play
+    from limo_driver.app.library.running import Streaming, play
     from limo_driver.errors import ConfigError
     from limo_driver.physics import Simulation
     from limo_driver.robot.playback import NotBegunError

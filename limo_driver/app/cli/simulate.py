@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.side_by_side import Machines, OnOption, WorkersOption  # typer
+from limo_driver.app.console.terminal import Machines, OnOption, WorkersOption  # typer
 
 
 def command(
@@ -34,9 +34,8 @@ def command(
     Example:
         limo simulate "plans/*.traj.parquet" --sim sim.yaml --seeds 10 --out data
     """
-    from limo_driver.app.console.side_by_side import told_progress
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.datasets import simulate_dataset
+    from limo_driver.app.console.terminal import terminal, told_progress
+    from limo_driver.app.library.simulating import simulate_dataset
 
     notes = terminal(stderr=True, soft_wrap=True)
     with told_progress(notes, "simulating") as tell:

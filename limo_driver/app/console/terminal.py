@@ -1,19 +1,34 @@
-"""Consoles on which commands print tables and sentences for people: names in them are data."""
+"""What a command prints: on a terminal or not, progress, and things side by side.
+
+Shorten documented commands where `LIMO_SHORT` is set, so that they can be tried quickly.
+
+Whoever sets it is told of every cut: a result must not pass for that of the command as it stands.
+"""
 
 from __future__ import annotations
 
+import os
+import sys
+from contextlib import contextmanager
+from enum import StrEnum
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from time import monotonic
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 from limo_driver.quoting import on_terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Generator, Iterator
+    from typing import TypeVar
 
     from rich.console import Console
     from rich.segment import Segment
+
+    _Number = TypeVar("_Number", int, float)
+
+VARIABLE: Final = "LIMO_SHORT"
 
 
 def say(text: str, *, stderr: bool = False) -> None:
@@ -51,3 +66,93 @@ def _console() -> type[Console]:
             super().print_json(json, **options)
 
     return PlainConsole
+
+
+@contextmanager
+def progress_bar(console: Console) -> Generator[Callable[[str, float], None]]:
+    """Yield what is told the stage and the part of the work that is done."""
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
+    # where nobody watches, the bar would leave an empty line before the message of an error
+    disable = not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=disable) as bar:
+        task = bar.add_task("reading motion", total=1.0)
+        yield lambda stage, part: bar.update(task, completed=part, description=stage)
+
+
+class Machines(StrEnum):
+    """Where tasks run."""
+
+    processes = "processes"
+    ray = "ray"
+
+
+OnOption = Annotated[
+    Machines, typer.Option("--on", help="Processes of this machine, or a cluster of Ray.")
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(help="How many run at a time; one for each core if not given.")
+]
+
+
+@contextmanager
+def told_progress(
+    console: Console, doing: str
+) -> Generator[Callable[[object | None, int, int], None]]:
+    """Yield what is told each task that ends; shows rate and time left where somebody watches.
+
+    Args:
+        console: To show it on.
+        doing: What is done, as long as nothing is finished.
+    """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}", markup=False))
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("reading", total=None)
+        start, before = monotonic(), 0
+
+        def tell(ended: object | None, done: int, total: int) -> None:
+            nonlocal start, before
+            if ended is None:
+                start, before = monotonic(), done
+                if done:
+                    console.print(f"{done} of {total} need no work")
+            said = pace(done - before, total - done, monotonic() - start) or doing
+            bar.update(task, completed=done, total=total, description=said)
+
+        yield tell
+
+
+def pace(done: int, left: int, seconds: float) -> str:
+    """Say how fast tasks end, and how long the rest will take; nothing before the first.
+
+    Args:
+        done: Since the start.
+        left: Still to be done.
+        seconds: Since the start.
+    """
+    if not done or seconds <= 0:
+        return ""
+    rate = done / seconds
+    minutes, rest = divmod(round(left / rate), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{60 * rate:.3g} per minute, {hours}:{minutes:02}:{rest:02} left"
+
+
+def shortened(option: str, given: _Number | None, most: _Number) -> _Number | None:
+    """Return what was given for an option, or less where `LIMO_SHORT` is set.
+
+    Args:
+        option: Such as --duration.
+        given: None for no end.
+        most: Where the variable is set.
+    """
+    if not os.environ.get(VARIABLE) or (given is not None and given <= most):
+        return given
+    instead = "no end" if given is None else f"{given:g}"
+    sys.stderr.write(f"limo: {VARIABLE} is set: {option} {most:g} instead of {instead}\n")
+    return most

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from limo_driver.logs.readers.mapping import LogMapping
     from limo_driver.logs.readers.table import LogTable
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.columns import Columns
+    from limo_driver.recordings.channels import Columns
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Demonstration: an arm with something concealed, recorded and diagnosed without given data."""
+"""What shows what limo can: the demonstration, and the paper's Table I."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, cast
 
+from limo_driver.app.library.executors import attempted
 from limo_driver.physics import (
     CoulombFriction,
     Payload,
@@ -18,9 +19,12 @@ from limo_driver.physics import (
 from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
 
-    from estimators.diagnosis.from_torque.diagnosis import Diagnosis
+    from estimators.diagnosis.from_torque.pipeline import Diagnosis
+    from estimators.reproduction.data import TableData
+    from estimators.reproduction.results import Trial, TrialResult
+    from estimators.reproduction.workers import Failed, Finished, TrialPlace, TrialRunner
     from limo_driver.physics import Effect
     from limo_driver.recordings.recording import Recording
 
@@ -42,6 +46,8 @@ CONCEALED: Final = (
 SCAFFOLDS: Final = 3  # poses of the motion, which takes a minute
 SEED: Final = 5
 FILES: Final = ("believed.yaml", "true.yaml", "run.parquet")
+_BASE: Final = 0.7e9  # [bytes] of a process that trains
+_BY_SAMPLE: Final = 20e3  # [bytes] more for each sample that is trained on
 
 
 @dataclass(frozen=True)
@@ -93,8 +99,8 @@ def demonstrate(progress: Callable[[str, float], None] | None = None) -> Demonst
     """
     from estimators.diagnosis.stages import quiet
     from limo_driver.app.library.diagnosing import diagnose
-    from limo_driver.app.library.live.running import run
     from limo_driver.app.library.planning import plan
+    from limo_driver.app.library.running import run
     from limopa import PlanRequest
 
     tell = progress or quiet
@@ -120,3 +126,57 @@ def _said(effect: object) -> str:
         return f"payload of {effect.mass:g} kg at the flange"
     name, joints = spoken(getattr(effect, "name", "")), getattr(effect, "joints", ())
     return f"{name} at joint {', '.join(map(str, joints))}"
+
+
+@dataclass(frozen=True)
+class TrialJob:
+    """What all trials share, data included: nodes need no folder of this machine."""
+
+    runner: TrialRunner
+
+    def do(self, trial: Trial) -> TrialResult | Failed | str:
+        """Train and score one trial.
+
+        Args:
+            trial: The row, the split and the run.
+        """
+        from estimators.reproduction.workers import Failed
+
+        return attempted(lambda: self.runner.run(trial), lambda line: Failed(trial, line))
+
+    def memory_of(self, trial: Trial) -> float:  # noqa: ARG002  # the same data for all
+        """Return how much memory a trial takes at most [bytes]."""
+        return _BASE + _BY_SAMPLE * len(self.runner.data.limo)
+
+
+def run_trials_on_ray(
+    place: TrialPlace, data: TableData, trials: Sequence[Trial], workers: int | None
+) -> Iterator[Finished | Failed]:
+    """Run trials on a cluster, each on one core, and keep what they give.
+
+    Args:
+        place: Where the identified rigid body is, and where trials are kept.
+        data: The recordings, which are sent to the nodes.
+        trials: In this order.
+        workers: How many run side by side at most; as many as there are cores, if none.
+
+    Returns:
+        Each trial as it ends; a node that is lost costs its present trials one more try.
+
+    Raises:
+        ConfigError: The cluster cannot be used.
+    """
+    from estimators.reproduction.workers import Failed, Finished, TrialRunner
+    from limo_driver.app.library.executors import executor_of, run_all
+    from limo_driver.physics import Simulation
+
+    store = place.store()
+    runner = TrialRunner(data, Simulation.load(place.simulation), place.device)
+    for trial, outcome in run_all(executor_of(TrialJob(runner), workers, "ray"), trials):
+        if isinstance(outcome, str):
+            yield Failed(trial, f"{outcome}, twice")
+        elif isinstance(outcome, Failed):
+            yield outcome
+        else:
+            store.save(outcome)
+            yield Finished(trial, outcome.seconds)

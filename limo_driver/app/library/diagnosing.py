@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable
     from pathlib import Path
 
-    from estimators.diagnosis.from_motion.diagnosis import DriveDiagnosis
-    from estimators.diagnosis.from_torque.diagnosis import Diagnosis
+    from estimators.diagnosis.from_motion.pipeline import DriveDiagnosis
+    from estimators.diagnosis.from_torque.pipeline import Diagnosis
     from estimators.diagnosis.result import Replay
     from estimators.diagnosis.verdict import Verdict
     from limo_driver.physics import Simulation
@@ -72,8 +72,8 @@ def diagnose(
         >>> found.save("diagnosis/")
     """
     from estimators.diagnosis import diagnose as diagnosed
-    from estimators.diagnosis.from_torque.diagnosis import Diagnosis
-    from estimators.diagnosis.from_torque.residuals.motion_noise import clear_bandwidth, lowered_for
+    from estimators.diagnosis.from_torque.pipeline import Diagnosis
+    from estimators.diagnosis.from_torque.residuals.noise import clear_bandwidth, lowered_for
     from estimators.diagnosis.stages import Attempts, Budget, forward, quiet
 
     if budget is not None and not budget > 0:

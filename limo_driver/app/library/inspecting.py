@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from limo_driver.app.library.inputs import model_of
 from limo_driver.app.library.reading import mapping_of, table_of_log
 from limo_driver.errors import ConfigError, LimoError
-from limo_driver.logs.readers.columns.names import TIME, read_name
+from limo_driver.logs.readers.columns import TIME, read_name
 from limo_driver.logs.readers.inspection import Inspection
 from limo_driver.logs.readers.mapping import QUANTITIES
 from limo_driver.logs.readers.proposals.proposal import Proposal, Taken, propose, without_questions

@@ -71,8 +71,8 @@ def identify(
     Example:
         >>> limo.identify("iiwa14", "run.parquet").simulation.save("sim.yaml")
     """
+    from estimators.base import check_recordings
     from estimators.diagnosis.from_torque.residuals.plausibility import as_it_hangs
-    from estimators.recordings import check_recordings
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body import identify as found
 
@@ -224,7 +224,7 @@ def predict(
         width = bandwidth_for([recording], bandwidth)
         if delay is None:
             return Estimate.unsure(model.predict(recording, width))
-        from estimators.simulation_only import SimulationOnly
+        from estimators.residual_model import SimulationOnly
 
         return _live(SimulationOnly(model, width), recording, delay)
     if bandwidth is not None:

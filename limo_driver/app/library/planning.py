@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from estimators.rigid_body.dynamics.conditioning import Conditioning
+    from estimators.rigid_body.base_parameters import Conditioning
     from limo_driver.model import RobotModel
     from limopa import (
         Excitation,
@@ -90,7 +90,7 @@ def excite(
     from threadpoolctl import threadpool_limits
 
     import limopa
-    from estimators.rigid_body.dynamics.conditioning import Conditioning
+    from estimators.rigid_body.base_parameters import Conditioning
 
     model, seed = model_of(robot), seed_of(seed)
     wanted = expected("request", request or limopa.ExcitationRequest(), limopa.ExcitationRequest)

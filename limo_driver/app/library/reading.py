@@ -10,7 +10,7 @@ import numpy as np
 
 from limo_driver.app.library.inputs import expected, model_for, model_of, unexpected
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns.names import TIME, read_name
+from limo_driver.logs.readers.columns import TIME, read_name
 from limo_driver.logs.readers.formats.reading import (
     ARRAYS,
     BAGS,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from limo_driver.logs.readers.proposals.proposal import Proposal
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.columns import Columns
+    from limo_driver.recordings.channels import Columns
 
 _T = TypeVar("_T")
 _PARQUET: Final = b"PAR1"  # its first bytes

@@ -8,7 +8,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Final, Literal
 
-from limo_driver.app.library.executors.job import attempted
+from limo_driver.app.library.executors import attempted
 from limo_driver.app.library.inputs import expected, recordings_of, simulation_of
 from limo_driver.errors import ConfigError
 
@@ -107,11 +107,11 @@ def sweep(
     Example:
         >>> limo.sweep("sim.yaml", "run.parquet", "space.yaml", "sweep/").best.settings
     """
-    from estimators.recordings import check_recordings
+    from estimators.base import check_recordings
     from estimators.sweep import Sweep
     from estimators.sweep.saving import save_sweep
     from estimators.sweep.trial import SweepStore
-    from limo_driver.app.library.executors.running import check_place
+    from limo_driver.app.library.executors import check_place
     from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.runtime.outputs import only_writer, require_folder
 
@@ -143,7 +143,7 @@ def _ended(
     progress: Callable[[SweepTrial | None, int, int], None],
 ) -> tuple[SweepTrial, ...]:
     """Train what is not finished yet; return all trials with how they ended."""
-    from limo_driver.app.library.executors.running import executor_of, run_all
+    from limo_driver.app.library.executors import executor_of, run_all
 
     ended = {t.key: done for t in trials if (done := store.finished(t)) is not None}
     left = [trial for trial in trials if trial.key not in ended]
@@ -172,7 +172,7 @@ def _space_of(space: SweepSpace | Path | str) -> SweepSpace:
 
 def _trials(space: SweepSpace, job: SweepJob, bandwidth: float) -> tuple[SweepTrial, ...]:
     """Return the trials of a space, each once, with keys that change with data and settings."""
-    from estimators.fleet.store import digest_of
+    from estimators.fleet.result import digest_of
     from estimators.sweep import SweepTrial
     from estimators.sweep.trial import key_of_trial
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.exports.changes.bodies import moved, pseudo_inertia
-from limo_driver.exports.changes.comment import read_comment, write_comment
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.exports.changes.origin import read_comment, write_comment
+from limo_driver.model.descriptions.geometry import Inertial
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence

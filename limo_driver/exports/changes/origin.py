@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.exports.changes.comment import read_comment, write_comment
 from limo_driver.model.descriptions.description import JointDynamics, StatedBristles, StatedRipple
 
 if TYPE_CHECKING:
@@ -173,3 +173,41 @@ def _rounded(value: Any) -> Any:  # noqa: ANN401
     if isinstance(value, tuple):
         return [_rounded(item) for item in value]
     return float(f"{value:.10g}")
+
+
+def read_comment(text: XmlText, title: str) -> Any:  # noqa: ANN401  # any JSON
+    """Return what a comment says; None where there is none, or it is no JSON.
+
+    Args:
+        text: The file.
+        title: With which the comment begins, such as `limo wrote`.
+    """
+    found = _found(text, title)
+    try:
+        return None if found is None else json.loads(found[1])
+    except ValueError:
+        return None
+
+
+def write_comment(text: XmlText, title: str, entries: Mapping[str, Any]) -> None:
+    """Write a comment anew, where it has to say something else.
+
+    Args:
+        text: The file.
+        title: With which the comment begins.
+        entries: What it says; of none there is no comment.
+    """
+    said = json.dumps(entries).replace("--", "-\\u002d")  # which no comment may hold
+    found = _found(text, title)
+    if found is not None:
+        if not entries:
+            text.cut(found.start(), found.end())
+        elif found[1].decode() != said:
+            text.cut(found.start(1), found.end(1), said)
+    elif entries:
+        end = len(text.data[: text.root.end].rstrip())
+        text.cut(end, end, f"\n  <!-- {title}: {said} -->")
+
+
+def _found(text: XmlText, title: str) -> re.Match[bytes] | None:
+    return re.search(rb"\s*<!-- " + re.escape(title.encode()) + rb": (\{.*?\}) -->", text.data)

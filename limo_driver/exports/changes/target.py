@@ -5,16 +5,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
 import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.changes.bodies import rescaled_lines, shared
-from limo_driver.exports.changes.followers import without
+from limo_driver.exports.changes.bodies import parts_of, rescaled_lines, shared
 from limo_driver.exports.changes.joints import EffectSplit, split
-from limo_driver.exports.changes.kept import dropped_lines, kept_effects, kept_lines
 from limo_driver.exports.changes.loads import (
     AddedBody,
     added_bodies,
@@ -24,22 +23,32 @@ from limo_driver.exports.changes.loads import (
     still_there,
 )
 from limo_driver.exports.changes.origin import FileOrigin
-from limo_driver.exports.changes.parts import parts_of
 from limo_driver.exports.formats import MJCF, USD, edited_format
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model import RobotModel
-from limo_driver.physics.described import described_effects, reflected
+from limo_driver.model.descriptions.description import JointDynamics
+from limo_driver.physics import (
+    Armature,
+    Backlash,
+    CoulombFriction,
+    Effect,
+    PreslidingHysteresis,
+    ViscousFriction,
+    spoken,
+)
+from limo_driver.physics.described import REFLECTED, described_effects, reflected
+from limo_driver.physics.effect import Friction
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from limo_driver.model.descriptions.description import JointDynamics
-    from limo_driver.model.descriptions.inertial import Inertial
+    from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.physics import Payload, Simulation
 
 _POSES: Final = 5
 _APART: Final = 1e-4  # [m], [rad], by which joints may stand elsewhere: files round
+_ROUNDING: Final = 1e-9  # relative
 
 
 @dataclass(frozen=True)
@@ -155,3 +164,109 @@ def _check_same(own: RobotModel, model: RobotModel, into: Path) -> None:
                 "same arm, or have other bases",
                 path=into,
             )
+
+
+def without(
+    found: Sequence[JointDynamics], added: Sequence[JointDynamics], model: RobotModel
+) -> tuple[tuple[JointDynamics, ...], tuple[str, ...]]:
+    """Return what is left of each joint beside its followers, and a line where that is below 0.
+
+    Args:
+        found: Of each joint with all that follows it.
+        added: What those that follow it add to it, as the file has them.
+        model: The robot as the file has it.
+    """
+    left, lines = list[JointDynamics](), list[str]()
+    for name, whole, more in zip(model.joint_names, found, added, strict=True):
+        values: dict[str, float] = {}
+        for key in REFLECTED:
+            total, other = getattr(whole, key), getattr(more, key)
+            if other:
+                rest = total - other
+                values[key] = rest if abs(rest) > _ROUNDING * total else 0.0
+            if values.get(key, 0.0) < 0.0:
+                values[key] = 0.0
+                lines.append(
+                    f"joint {name}: the file's own {key} of what follows it, {other:.3g} as it is "
+                    f"felt there, stays; {total:.3g} was found of both together"
+                )
+        left.append(replace(whole, **values))
+    return tuple(left), tuple(lines)
+
+
+def kept_effects(
+    simulation: Simulation, model: RobotModel, dynamics: Mapping[str, JointDynamics]
+) -> tuple[Effect, ...]:
+    """Return what a file states of joints of which a simulation has no effect of that kind.
+
+    All friction of a joint is one kind: what was found of it replaces what the file states,
+    whichever law either has. Who means that a joint has none of a kind gives it the effect with 0.
+
+    Args:
+        simulation: What was found.
+        model: The robot as the file has it, with the same joints.
+        dynamics: What of it the user's file states, without what an earlier export wrote.
+    """
+    said = {(joint, _kind(effect)) for effect in simulation.effects for joint in effect.joints}
+    return tuple(
+        effect
+        for effect in described_effects(model, dynamics)
+        if (effect.joints[0], _kind(effect)) not in said
+    )
+
+
+def kept_lines(effects: Iterable[Effect], joint_names: Sequence[str]) -> tuple[str, ...]:
+    """Say what stays of each joint, in a line each.
+
+    Args:
+        effects: Of `kept_effects`, in order of joints.
+        joint_names: Of the robot.
+    """
+    lines = list[str]()
+    for joint, own in groupby(effects, lambda effect: effect.joints[0]):
+        *others, last = map(_said, own)
+        both = f"{', '.join(others)} and {last}" if others else last
+        lines.append(
+            f"joint {joint_names[joint - 1]}: the file's own {both} "
+            f"{'stay' if others else 'stays'}; the simulation says nothing of "
+            f"{'them' if others else 'it'}"
+        )
+    return tuple(lines)
+
+
+def dropped_lines(
+    simulation: Simulation, stated: Sequence[Effect], users: Sequence[Effect]
+) -> tuple[str, ...]:
+    """Say what an earlier export wrote that goes, as the simulation has it no longer.
+
+    Args:
+        simulation: What was found.
+        stated: Effects of the file as it is.
+        users: Effects of what the user's file states.
+    """
+    said = {(joint, _kind(effect)) for effect in simulation.effects for joint in effect.joints}
+    names = simulation.model.joint_names
+    return tuple(
+        f"joint {names[effect.joints[0] - 1]}: {_said(effect)}, which an earlier export wrote; the "
+        "simulation has it no longer"
+        for effect in stated
+        if effect not in users and (effect.joints[0], _kind(effect)) not in said
+    )
+
+
+def _kind(effect: Effect) -> type[Effect]:
+    return Friction if isinstance(effect, Friction | PreslidingHysteresis) else type(effect)
+
+
+def _said(effect: Effect) -> str:
+    match effect:
+        case CoulombFriction():
+            return f"dry friction {effect.tau_c:g} N m"
+        case ViscousFriction(f_v=float(slope)):
+            return f"damping {slope:g} N m s/rad"
+        case Armature():
+            return f"armature {effect.inertia:g} kg m²"
+        case Backlash():
+            return f"play {effect.gap:g} rad"
+        case _:
+            return spoken(effect.name)

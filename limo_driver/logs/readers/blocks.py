@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.formats.arrays import npz_blocks, rows_of_npz
 from limo_driver.logs.readers.formats.arrow import numbers_of
 from limo_driver.logs.readers.formats.delimited import DelimitedText
-from limo_driver.logs.readers.formats.npz import npz_blocks, rows_of_npz
 from limo_driver.logs.readers.formats.reading import ARRAYS, PARQUET, TEXTS, ending_of
-from limo_driver.logs.readers.proposals.odd_columns import other_unit_from
+from limo_driver.logs.readers.proposals.gravity import other_unit_from
 from limo_driver.logs.readers.proposals.times import refuse_two_units
 from limo_driver.recordings.files.batches import LONG_TEXT, blocks_of, is_packed
 from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows

@@ -21,11 +21,8 @@ import numpy as np
 import yaml
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns.names import NO_COLUMN
-from limo_driver.logs.readers.columns.units import CURRENTS, SECONDS, UNITS
-from limo_driver.recordings.channels import CHANNELS, POSITION
-from limo_driver.recordings.columns import Columns
-from limo_driver.recordings.recorded_time import seconds
+from limo_driver.logs.readers.columns import CURRENTS, NO_COLUMN, SECONDS, UNITS
+from limo_driver.recordings.channels import CHANNELS, POSITION, Columns, seconds
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.outputs import whole

@@ -17,7 +17,7 @@ import zstandard
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.mcap_file import CDR, LoggedMessage
-from limo_driver.network.messages.schemas import ENCODING
+from limo_driver.network.messages.cdr import ENCODING
 from limo_driver.runtime.given_files import Spent
 
 if TYPE_CHECKING:

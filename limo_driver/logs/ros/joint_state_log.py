@@ -13,7 +13,7 @@ from limo_driver.errors import RecordingError, WireFormatError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
 from limo_driver.logs.ros.db3_file import read_db3
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
-from limo_driver.recordings.columns import Columns
+from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.batches import BLOCK
 from limo_driver.recordings.gate import SYSTEMATIC
 from limo_driver.runtime.outputs import whole

@@ -1,11 +1,11 @@
-"""The chain of joints of a description that turn or slide, as pinocchio has it."""
+"""The chain of joints of a description that turn or slide, their limits and rotors."""
 
 # pinocchio has no stubs and is found through an import hook; this file and `model` are the adapter.
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
 from __future__ import annotations
 
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
@@ -13,14 +13,17 @@ import numpy as np
 import pinocchio as pin
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.description import SITE
-from limo_driver.model.linkage import JointLinkage, linkage_of
+from limo_driver.model.descriptions.description import SITE, JointDynamics
+from limo_driver.model.dynamics import JointLinkage, linkage_of
 from limo_driver.runtime.display import shortened
+from limo_driver.types import JointLimits
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from limo_driver.model.descriptions.description import RobotDescription
+    from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.types import FloatArray
 
 JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
@@ -28,6 +31,16 @@ _SLIDE = "JointModelP"  # begins the names of prismatic joints; planar ones are 
 _FLANGES = frozenset({"flange", "tool0", "attachment_site"})
 _KINDS = ("JointModelR", _SLIDE)
 TURN = np.pi  # [rad] to either side, within which motion of a joint without ends is planned
+# pinocchio has no stubs and is found through an import hook.
+# pyright: reportMissingImports=false, reportUnknownParameterType=false
+_ACCELERATION_PER_VELOCITY = 5.0  # [1/s], default where nothing is published
+_SLOW, _SLOW_SLIDE = 1.0, 0.25  # [rad/s], [m/s], in formats that have no limits of velocity
+_JERK_PER_VELOCITY = 50.0  # [1/s^2]
+_TORQUE_RATE_PER_TORQUE = 10.0  # [1/s]
+# pinocchio has no stubs and is found through an import hook.
+# pyright: reportMissingImports=false, reportUnknownParameterType=false
+_ROUNDING = 1e-9  # of a moment of inertia, which a rod has alike about two axes
+_MOST_OF_OTHERS = 2.0  # times the sum of the others, that a principal moment is still a rounding
 
 
 @dataclass(frozen=True)
@@ -214,3 +227,136 @@ def _with_ends(description: RobotDescription) -> tuple[str, tuple[str, ...]]:
         if joint.get("name") in links:
             joint.set("name", f"{joint.get('name')}{JOINT}")
     return ET.tostring(root, encoding="unicode"), turning
+
+
+def unstated_limits(
+    model: pin.Model, names: Sequence[str], sliding: Sequence[bool], *, assumed: bool
+) -> tuple[str, ...]:
+    """Say which limits the description leaves out, and what stands for them."""
+    told: list[str] = []
+    slow = f"{_SLOW:g} rad/s is taken" + (
+        f", {_SLOW_SLIDE:g} m/s of slides" if any(sliding) else ""
+    )
+    for values, what, instead in (
+        (model.upperVelocityLimit, "velocity", slow),
+        (model.upperEffortLimit, "effort", "none is kept"),
+    ):
+        lacking = [name for name, value in zip(names, np.array(values), strict=True) if value <= 0]
+        if lacking:
+            stands = instead if assumed else "without one, the arm cannot be planned or run"
+            who = f"joints {shortened(lacking)} state"
+            if len(lacking) == 1:
+                who = f"joint {lacking[0]} states"
+            elif len(lacking) == len(names):
+                who = f"all {len(names)} joints state"
+            told.append(f"{who} no {what} limit; {stands}")
+    return tuple(told)
+
+
+def joint_limits(
+    chain: Chain, jerk: FloatArray | None, path: Path, *, assumed: bool
+) -> JointLimits:
+    """Return the limits of the joints, within which those that follow them are in theirs.
+
+    A 0 stays unless values are assumed for what is not stated. MJCF has no limits of velocity, so
+    that nothing would move. A URDF that states a 0 leaves out what it should state: no speed of a
+    real arm is made up for it.
+
+    Raises:
+        ConfigError: A joint cannot move without one that follows it leaving its range.
+    """
+    own = chain.linkage.own
+    velocity = np.array(chain.tree.upperVelocityLimit)[own]
+    torque = np.array(chain.tree.upperEffortLimit)[own]
+    lower = np.array(chain.tree.lowerPositionLimit)[own]
+    upper = np.array(chain.tree.upperPositionLimit)[own]
+    if assumed:
+        velocity = np.where(velocity > 0, velocity, np.where(chain.sliding, _SLOW_SLIDE, _SLOW))
+        torque = np.where(torque > 0, torque, np.inf)
+    _narrow(chain, lower, upper, velocity, path)
+    planned = _JERK_PER_VELOCITY * velocity
+    if jerk is not None:
+        planned = np.where(np.isfinite(jerk), jerk, planned)
+    return JointLimits(
+        position_min=lower,
+        position_max=upper,
+        velocity=velocity,
+        acceleration=_ACCELERATION_PER_VELOCITY * velocity,
+        jerk=planned,
+        torque=torque,
+        torque_rate=_TORQUE_RATE_PER_TORQUE * torque,
+    )
+
+
+def _narrow(
+    chain: Chain, lower: FloatArray, upper: FloatArray, velocity: FloatArray, path: Path
+) -> None:
+    """Narrow limits (n,) to those at which followers reach theirs."""
+    tree, linkage = chain.tree, chain.linkage
+    for link in np.flatnonzero(linkage.own[linkage.driver] != np.arange(linkage.links)).tolist():
+        joint, ratio = int(linkage.driver[link]), float(linkage.ratio[link])
+        if chain.link_joints[link] not in chain.turning:
+            ends = np.array([tree.lowerPositionLimit[link], tree.upperPositionLimit[link]])
+            low, high = sorted(((ends - linkage.offset[link]) / ratio).tolist())
+            lower[joint], upper[joint] = max(lower[joint], low), min(upper[joint], high)
+        if (fastest := float(tree.upperVelocityLimit[link])) > 0:
+            velocity[joint] = min(velocity[joint], fastest / abs(ratio))
+        if lower[joint] > upper[joint]:
+            raise ConfigError(
+                f"joint {chain.link_joints[link]} follows {chain.names[joint]}, and there is no "
+                "position of that at which both are within their limits",
+                path=path,
+            )
+
+
+def is_nearly_possible(body: Inertial) -> bool:
+    """Say whether principal moments are those of a body, but for rounding."""
+    smallest, middle, largest = np.linalg.eigvalsh(body.tensor()).tolist()
+    return smallest > 0.0 and largest <= _MOST_OF_OTHERS * (smallest + middle)
+
+
+def with_drives_apart(
+    description: RobotDescription,
+    tree: pin.Model,
+    inertials: dict[str, Inertial],
+    joints: Sequence[str],
+) -> tuple[dict[str, Inertial], tuple[str, ...]]:
+    """Take the inertia of drives out of links that no body has, and state it for their joints.
+
+    Behind a gear, a rotor counts with the square of the ratio, and about the axis of its joint
+    alone. Some makers add that to the link: more about this axis than about both others together,
+    which the mass of no link brings. Taken for a body it would be felt about those, too.
+
+    Args:
+        description: Of the arm; gets the armatures.
+        tree: Of its links, each with a joint of its own.
+        inertials: Of those links, by name.
+        joints: That move them, by link.
+
+    Returns:
+        Those links that change, and what to say of them.
+    """
+    changed: dict[str, Inertial] = {}
+    told: list[str] = []
+    for index, ((link, body), joint) in enumerate(zip(inertials.items(), joints, strict=True)):
+        if is_nearly_possible(body) or body.mass <= 0:
+            continue
+        axis = np.array(tree.joints[index + 1].createData().S).ravel()[3:]
+        tensor = body.tensor()
+        about = float(axis @ tensor @ axis)
+        surplus = 2.0 * about - float(np.trace(tensor))
+        if surplus <= _ROUNDING * about:
+            continue
+        left = tensor - surplus * np.outer(axis, axis)
+        xx, xy, xz, yy, yz, zz = left[np.triu_indices(3)].tolist()
+        found = replace(body, inertia=(xx, xy, xz, yy, yz, zz))
+        if not is_nearly_possible(found):
+            continue
+        stated = description.dynamics.get(joint, JointDynamics())
+        description.dynamics[joint] = replace(stated, armature=stated.armature + surplus)
+        changed[link] = found
+        told.append(
+            f"link {link} has {about:.3g} kg m² about the axis of joint {joint}, more than its "
+            f"mass brings: {surplus:.3g} kg m² are taken as the inertia of the drive (armature)"
+        )
+    return changed, tuple(told)

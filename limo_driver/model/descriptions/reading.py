@@ -12,13 +12,14 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.model.descriptions.description import Following, JointDynamics, RobotDescription
 from limo_driver.model.descriptions.geometry import numbers, rotation_of, rpy_of, turned
-from limo_driver.model.descriptions.left_out import (
+from limo_driver.model.descriptions.urdf_checks import (
+    check_urdf,
+    end_of,
     unranged_notes,
     with_ground,
     without_ends,
     without_odd_shapes,
 )
-from limo_driver.model.descriptions.urdf_checks import check_urdf, end_of
 from limo_driver.model.descriptions.xml_text import read_xml
 from limo_driver.runtime.display import shortened
 from limo_driver.runtime.given_files import apart

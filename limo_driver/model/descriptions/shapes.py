@@ -5,18 +5,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.doubts import lost_meshes
-from limo_driver.model.descriptions.enclosing import box_corners, enclosing_capsule
+from limo_driver.runtime.display import shortened
 from limo_driver.types import readonly
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from numpy.typing import NDArray
 
     from limo_driver.model.descriptions.description import RobotDescription
@@ -24,6 +27,11 @@ if TYPE_CHECKING:
 
 _HULL: Final = "Qt"  # what qhull is asked for: triangles
 _TOLERANCE: Final = 1e-10  # [m] of a distance, so that its differences give a derivative
+_WIDER: Final = np.linspace(1.0, 1.6, 13)  # radii that are tried, in the least there can be
+_ROUNDS: Final = 100  # of moving the centre towards the farthest corner
+_SCHEMES: Final = ("package://", "model://")
+_TURNS: Final = 10.0  # [rev], beyond which the end of a joint is one of an angle in degrees
+_DEGREES: Final = 720.0  # beyond which it is none, but stands for no end at all
 
 
 @dataclass(frozen=True)
@@ -171,3 +179,126 @@ def _corners(shape: Any) -> FloatArray:  # noqa: ANN401
     shape.computeLocalAABB()
     low, high = np.array(shape.aabb_local.min_), np.array(shape.aabb_local.max_)
     return box_corners(high - low) + (low + high) / 2
+
+
+class Enclosing(NamedTuple):
+    """All points within a radius of a segment."""
+
+    start: FloatArray  # (3,) [m]
+    end: FloatArray  # (3,) [m]
+    radius: float  # [m]
+
+
+def enclosing_capsule(points: FloatArray) -> Enclosing:
+    """Return a capsule around points, the smallest of several axes and radii.
+
+    A thicker capsule may be shorter, since its ends are round.
+
+    Args:
+        points: (K, 3) [m].
+    """
+    middle = points.mean(axis=0)
+    _, _, own = np.linalg.svd(points - middle, full_matrices=False)
+    best, least = None, np.inf
+    for axis in (*np.eye(3), *own):
+        for found in _along(points - middle, axis):
+            length = float(np.linalg.norm(found.end - found.start))
+            volume = np.pi * found.radius**2 * (length + 4 / 3 * found.radius)
+            if volume < least:
+                best, least = found, volume
+    assert best is not None  # noqa: S101  # there are axes
+    return Enclosing(middle + best.start, middle + best.end, best.radius)
+
+
+def box_corners(size: FloatArray) -> FloatArray:
+    """Return the corners of a box around the origin, (8, 3) [m].
+
+    Args:
+        size: Whole lengths of its sides, (3,) [m].
+    """
+    return np.array(list(product((-0.5, 0.5), repeat=3))) * size
+
+
+def _along(points: FloatArray, axis: FloatArray) -> Iterator[Enclosing]:
+    """Yield capsules along an axis around points, (K, 3), from the thinnest on."""
+    across = np.linalg.svd(axis[None])[2][1:]  # two directions at right angles to it
+    flat, along = points @ across.T, points @ axis
+    centre = _centre(flat)
+    distance = np.linalg.norm(flat - centre, axis=1)
+    base = centre @ across
+    for radius in (_WIDER * float(distance.max())).tolist():
+        reach = np.sqrt(np.maximum(radius**2 - distance**2, 0.0))
+        low, high = float((along + reach).min()), float((along - reach).max())
+        if low > high:
+            low = high = (low + high) / 2
+        yield Enclosing(base + low * axis, base + high * axis, radius)
+
+
+def _centre(flat: FloatArray) -> FloatArray:
+    """Return the centre of a circle around points (K, 2) that is nearly the smallest.
+
+    Source: Bădoiu and Clarkson, "Smaller core-sets for balls", SODA 2003.
+    """
+    centre = flat.mean(axis=0)
+    for k in range(1, _ROUNDS):
+        farthest = flat[int(np.linalg.norm(flat - centre, axis=1).argmax())]
+        centre = centre + (farthest - centre) / (k + 1)
+    return centre
+
+
+def doubts_about_description(
+    description: RobotDescription,
+    joints: Sequence[str],
+    low: FloatArray,
+    high: FloatArray,
+    sliding: Sequence[bool],
+) -> Iterator[str]:
+    """Yield what should be looked at in a description, a line each.
+
+    Args:
+        description: As read.
+        joints: Names of the joints that move, (n,).
+        low: Where their ranges begin, (n,) [rad, m].
+        high: Where those end, (n,) [rad, m].
+        sliding: Which of them slide, (n,).
+    """
+    furthest = np.maximum(np.abs(low), np.abs(high))
+    odd = [
+        name
+        for name, end, slides in zip(joints, furthest.tolist(), sliding, strict=True)
+        if not slides and _TURNS * 2 * np.pi < end <= _DEGREES
+    ]
+    if odd:
+        largest = float(furthest[[list(joints).index(name) for name in odd]].max())
+        yield (
+            f"the limits of {shortened(odd)} reach {largest:g} rad, {largest / (2 * np.pi):.0f} "
+            "turns: are they in degrees?"
+        )
+    if lost := lost_meshes(description):
+        yield f"{lost}; without them, motion is planned only with `self_collision` switched off"
+
+
+def lost_meshes(description: RobotDescription) -> str:
+    """Say which meshes of collision shapes are not there; nothing where none lacks."""
+    lost = list(dict.fromkeys(_lost_meshes(description)))
+    if not lost:
+        return ""
+    return f"not there: collision mesh{'es' * (len(lost) > 1)} {shortened(lost, 3)}"
+
+
+def _lost_meshes(description: RobotDescription) -> Iterator[str]:
+    """Yield meshes of collision shapes that are not there."""
+    above = description.path.resolve().parents
+    for mesh in description.root.findall("link/collision/geometry/mesh"):
+        name = str(mesh.get("filename"))
+        if name.startswith("file://"):
+            found = Path(name.removeprefix("file://")).is_file()
+        else:
+            place = name
+            for scheme in _SCHEMES:
+                place = place.removeprefix(scheme)
+            found = Path(place).is_file() or any(
+                (folder / place.lstrip("/")).is_file() for folder in above
+            )
+        if not found:
+            yield name

@@ -9,17 +9,21 @@
 Whatever comes off a wire is either decoded or a `WireFormatError` that names the offset.
 """
 
-from limo_driver.network.messages.attachment import Attachment, RosAttachment, relabelled
-from limo_driver.network.messages.event import Event, Level, decode_event
+from limo_driver.network.messages.cdr import JOINT_STATE, LOG, SCHEMAS, TORQUE_ESTIMATE
 from limo_driver.network.messages.joint_state import (
+    Attachment,
     JointStateCodec,
     JointStateMessage,
+    RosAttachment,
     decode_joint_state,
+    relabelled,
 )
-from limo_driver.network.messages.schemas import JOINT_STATE, LOG, SCHEMAS, TORQUE_ESTIMATE
 from limo_driver.network.messages.torque_estimate import (
+    Event,
+    Level,
     TorqueEstimate,
     TorqueEstimateCodec,
+    decode_event,
     decode_torque_estimate,
 )
 

@@ -1,4 +1,6 @@
-"""CDR, the encoding of ROS 2 messages: four bytes of header, then fields aligned to their size.
+"""CDR, the bytes of ROS 2 messages, and the schemas that say what is in them.
+
+CDR, the encoding of ROS 2 messages: four bytes of header, then fields aligned to their size.
 
 Alignment is counted from the end of the header. Strings end in a NUL that their length counts; an
 empty sequence is its length alone, without the padding that its first element would need.
@@ -29,6 +31,54 @@ _AFTER_STAMP = 12  # bytes
 NANOSECONDS = 1_000_000_000  # in a second
 _NUMBERS = {order + code: struct.Struct(order + code) for order in "<>" for code in "BiI"}
 _MOST_PADDING = 3  # bytes after the last field; some senders fill up to a whole word
+JOINT_STATE = "sensor_msgs/msg/JointState"
+TORQUE_ESTIMATE = "limo_msgs/msg/TorqueEstimate"
+LOG = "rcl_interfaces/msg/Log"
+ENCODING = "ros2msg"  # of the schemas, as MCAP calls it
+
+_SEPARATOR = "=" * 80
+_TIME = f"""{_SEPARATOR}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+_HEADER = f"""{_SEPARATOR}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+"""
+
+SCHEMAS = {
+    JOINT_STATE: f"""std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+{_HEADER}{_TIME}""",
+    TORQUE_ESTIMATE: f"""std_msgs/Header header
+string[] name
+float64[] torque
+float64[] std
+float64[] external
+bool[] outside
+string model
+bool fallback
+bool reset
+{_HEADER}{_TIME}""",
+    LOG: f"""byte DEBUG=10
+byte INFO=20
+byte WARN=30
+byte ERROR=40
+byte FATAL=50
+builtin_interfaces/Time stamp
+uint8 level
+string name
+string msg
+string file
+string function
+uint32 line
+{_TIME}""",
+}
 
 
 class CdrWriter:

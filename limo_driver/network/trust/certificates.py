@@ -19,7 +19,7 @@ except ImportError as error:
 if TYPE_CHECKING:
     from typing import Self
 
-    from limo_driver.network.trust.hosts import Host
+    from limo_driver.network.trust.roles import Host
 
 _SKEW: Final = timedelta(hours=1)  # that the clock of a robot may be behind
 _AUTHORITY: Final = "limo"

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.network.trust.certificates import Issued
-    from limo_driver.network.trust.hosts import Host
-    from limo_driver.network.trust.roles import Role
+    from limo_driver.network.trust.roles import Host, Role
 
 _Json: TypeAlias = dict[str, Any] | list[Any] | str | bool
 CONFIGURATION: Final = "zenoh.json5"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import MOST_INERTIA, BodyEffect, Hypothesis
 from limo_driver.runtime.parameters import parameter

@@ -12,7 +12,7 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import MOST_SLOPE, MOST_TORQUE, Friction, Hypothesis, State
-from limo_driver.physics.effects import friction_laws
+from limo_driver.physics.effects import laws
 from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
@@ -78,13 +78,13 @@ class VelocityFriction(Friction):
     @property
     def row(self) -> FloatArray:
         """The same for compiled code, (friction_laws.PARAMETERS,), zeros behind."""
-        row = np.zeros(friction_laws.PARAMETERS)
+        row = np.zeros(laws.PARAMETERS)
         row[: len(self.coefficients)] = self.coefficients
         return row
 
     def torque(self, velocity: FloatArray) -> FloatArray:
         """Return the friction torque [N m] at `velocity` [rad/s]; same shape."""
-        torque = friction_laws.friction_torques(self.friction_law, self.row, np.ravel(velocity))
+        torque = laws.friction_torques(self.friction_law, self.row, np.ravel(velocity))
         return torque.reshape(velocity.shape)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
@@ -109,12 +109,12 @@ class Frictions(NamedTuple):
         return cls(
             np.array([effect.joint - 1 for effect in effects], dtype=np.int64),
             np.array([effect.friction_law for effect in effects], dtype=np.int64),
-            np.array([effect.row for effect in effects]).reshape(-1, friction_laws.PARAMETERS),
+            np.array([effect.row for effect in effects]).reshape(-1, laws.PARAMETERS),
         )
 
     def add(self, torque: FloatArray, velocity: FloatArray) -> None:
         """Add their torque at `velocity` (T, n) [rad/s] to `torque` (T, n) [N m], in place."""
-        friction_laws.add_frictions(torque, np.ascontiguousarray(velocity), *self)
+        laws.add_frictions(torque, np.ascontiguousarray(velocity), *self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,7 +157,7 @@ class CoulombFriction(VelocityFriction):
             ),
         ),
     )
-    friction_law: ClassVar[int] = friction_laws.COULOMB
+    friction_law: ClassVar[int] = laws.COULOMB
     tau_c: float = parameter(
         "N m", "friction torque while sliding", lower=0.0, upper=MOST_TORQUE, adds=True
     )
@@ -215,7 +215,7 @@ class AsymmetricFriction(VelocityFriction):
         ),
         part_of="coulomb_friction",
     )
-    friction_law: ClassVar[int] = friction_laws.ASYMMETRIC
+    friction_law: ClassVar[int] = laws.ASYMMETRIC
     tau_plus: float = parameter("N m", "friction moving positive", lower=0.0, upper=MOST_TORQUE)
     tau_minus: float = parameter("N m", "friction moving negative", lower=0.0, upper=MOST_TORQUE)
     v_eps: float = sign_width()
@@ -276,7 +276,7 @@ class ViscousFriction(VelocityFriction):
     description: ClassVar[Description] = Description(
         signature="torque grows in proportion to speed", shown_by="speed_ladder"
     )
-    friction_law: ClassVar[int] = friction_laws.VISCOUS
+    friction_law: ClassVar[int] = laws.VISCOUS
     f_v: float | None = parameter(
         "N m s/rad", "slope", lower=0.0, upper=MOST_SLOPE, default=None, adds=True
     )
@@ -333,7 +333,7 @@ class QuadraticDrag(VelocityFriction):
             ),
         ),
     )
-    friction_law: ClassVar[int] = friction_laws.DRAG
+    friction_law: ClassVar[int] = laws.DRAG
     coefficient: float = parameter(
         "N m s^2/rad^2", "coefficient", lower=0.0, upper=MOST_SLOPE, adds=True
     )
@@ -372,7 +372,7 @@ class StribeckFriction(VelocityFriction):
             ),
         ),
     )
-    friction_law: ClassVar[int] = friction_laws.STRIBECK
+    friction_law: ClassVar[int] = laws.STRIBECK
     tau_s: float = parameter("N m", "excess over Coulomb at rest", lower=0.0, upper=MOST_TORQUE)
     v_s: float = parameter("rad/s", "Stribeck velocity", lower=1e-5, upper=10.0)
     delta: float = parameter("1", "shape exponent", lower=0.5, upper=4.0, default=2.0)

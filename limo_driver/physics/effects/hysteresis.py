@@ -20,7 +20,7 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
-from limo_driver.physics.effects import hysteresis_laws
+from limo_driver.physics.effects import laws
 from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
@@ -50,15 +50,11 @@ BUILD_UP = (1e-3, 4e-3, 0.016)  # [rad] over which the friction of a law builds 
 _LEAST_FRICTION = 1e-6  # [N m]
 _FORGETTING = 2.3  # presliding distances, twice of which leave exp(-4.6) of a deflection
 LAWS: dict[str, Law] = {
-    MAXWELL_SLIP: Law(hysteresis_laws.maxwell_slip, ("stiffness", "width")),
-    "lugre": Law(
-        hysteresis_laws.lugre, ("sigma_0", "tau_c"), {"sigma_1": 0.0, "tau_s": 0.0, "v_s": 0.01}
-    ),
-    "dahl": Law(hysteresis_laws.dahl, ("sigma_0", "tau_c"), {"exponent": 1.0}),
-    "bouc_wen": Law(
-        hysteresis_laws.bouc_wen, ("sigma_0", "tau_c"), {"beta_ratio": 0.5, "exponent": 1.0}
-    ),
-    "preisach": Law(hysteresis_laws.preisach, ("up", "down", "weight")),
+    MAXWELL_SLIP: Law(laws.maxwell_slip, ("stiffness", "width")),
+    "lugre": Law(laws.lugre, ("sigma_0", "tau_c"), {"sigma_1": 0.0, "tau_s": 0.0, "v_s": 0.01}),
+    "dahl": Law(laws.dahl, ("sigma_0", "tau_c"), {"exponent": 1.0}),
+    "bouc_wen": Law(laws.bouc_wen, ("sigma_0", "tau_c"), {"beta_ratio": 0.5, "exponent": 1.0}),
+    "preisach": Law(laws.preisach, ("up", "down", "weight")),
 }
 
 
@@ -191,7 +187,7 @@ class PreslidingHysteresis(TorqueEffect):
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Follow T positions; the state is (deflections, torque or relays …, last position)."""
         law, after = LAWS[self.law], state.copy()
-        path = hysteresis_laws.path_of(
+        path = laws.path_of(
             after, np.ascontiguousarray(motion.position), np.ascontiguousarray(motion.velocity)
         )
         values = [getattr(self, name) for name in law.parameters]
@@ -334,7 +330,7 @@ class MaxwellSlips:
     def add(self, torque: FloatArray, motion: Motion, states: Sequence[State]) -> list[State]:
         """Add their torque to `torque` (T, n) [N m], in place; return their memories after."""
         memory = np.concatenate(states)
-        hysteresis_laws.add_maxwell_slips(
+        laws.add_maxwell_slips(
             torque,
             np.ascontiguousarray(motion.position),
             np.ascontiguousarray(motion.velocity),

@@ -27,7 +27,7 @@ from limo_driver.recordings.files.batches import blocks_of
 from limo_driver.recordings.files.log_stream import LogStream, StoredLog
 from limo_driver.recordings.files.parquet import whole_table
 from limo_driver.runtime.outputs import reason, replacing, require_parquet
-from limo_driver.runtime.processes.closing import Closing
+from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

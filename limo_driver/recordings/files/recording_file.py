@@ -15,11 +15,9 @@ import numpy as np
 import pyarrow as pa
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import CHANNELS, POSITION, recorded_channel
-from limo_driver.recordings.columns import Columns
+from limo_driver.recordings.channels import CHANNELS, POSITION, Columns, recorded_channel, seconds
 from limo_driver.recordings.files.batches import LONG_TEXT, Kept, kept_of, text_batches
 from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
-from limo_driver.recordings.recorded_time import seconds
 from limo_driver.runtime.given_files import check_file
 from limo_driver.runtime.outputs import require_parquet, whole
 

@@ -1,4 +1,6 @@
-"""Held values: stretches over which a sensor repeats one value although its joint moves.
+"""Rows that say nothing new: values that were held, gaps, and velocities that are no derivative.
+
+Held values: stretches over which a sensor repeats one value although its joint moves.
 
 A torque sensor at its limit, a lost packet or a driver that hangs all give values that look fine
 one by one. What tells is that they are exactly equal for longer than the sensor's noise allows.
@@ -6,6 +8,7 @@ one by one. What tells is that they are exactly equal for longer than the sensor
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +16,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from limo_driver.recordings.channels import Columns
     from limo_driver.types import FloatArray
 
 FEWEST = 10  # samples; fewer equal ones are no news
@@ -28,6 +32,10 @@ _CHANCE = 1e-9  # that noise repeats a value for as long anywhere in a recording
 _LEAST_SHARE = 0.01  # of samples that equal the one before
 _MOST_SHARE = 0.5  # above, the sensor is slower than the log or coarser than its noise
 _ALTERNATING = 0.5  # part of third differences that change sign; 0.77 in noise, none in smooth data
+LONGEST_STEP = 0.05  # [s]; motion within the bandwidth of an arm can be interpolated over less
+LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
+_SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
+_SWEEP = 0.1  # [s] over which velocity and change of position are compared
 
 
 def held_torque(time: FloatArray, position: FloatArray, torque: FloatArray) -> NDArray[np.bool_]:
@@ -155,3 +163,62 @@ def _is_noisy(values: FloatArray) -> bool:
     third = np.diff(values, n=3)
     third = third[third != 0]
     return third.size > FEWEST and float(np.mean(third[1:] * third[:-1] < 0)) > _ALTERNATING
+
+
+def contiguous(time: FloatArray) -> tuple[slice, ...]:
+    """Split increasing times (T,) [s] at the gaps."""
+    if time.size == 0:
+        return ()
+    steps = np.diff(time)
+    ends = np.flatnonzero(steps > longest_step(steps)) + 1
+    bounds = [0, *ends.tolist(), time.size]
+    return tuple(slice(a, b) for a, b in pairwise(bounds))
+
+
+def longest_step(steps: FloatArray) -> float:
+    """Return the longest step that is no gap [s], by the steps of time (T - 1,) [s]."""
+    forward = steps[steps > 0]
+    period = float(np.median(forward)) if forward.size else LONGEST_STEP
+    return max(LONGEST_STEP, LONGEST_STEP_PERIODS * period)
+
+
+def velocity_factor(time: FloatArray, position: FloatArray, velocity: FloatArray) -> float | None:
+    """Return velocity over rate of change of position, by least squares; None if nothing moves.
+
+    All are (T,), of one joint. Sums over stretches are compared, since a difference quotient of
+    close samples is all noise.
+    """
+    step = np.diff(time)
+    swept = (velocity[1:] + velocity[:-1]) / 2 * step
+    known = np.isfinite(swept) & (step < longest_step(step))
+    if not known.any():
+        return None
+    stride = max(1, round(_SWEEP / float(np.median(step))))
+    starts = np.arange(0, step.size, stride)
+    says = np.add.reduceat(np.where(known, swept, 0.0), starts)
+    does = np.add.reduceat(np.where(known, np.diff(position), 0.0), starts)
+    energy = float(does @ does)
+    return float(says @ does) / energy if energy > 0 else None
+
+
+def swept(columns: Columns, rows: NDArray[np.int64], joint: int) -> float:
+    """Return the range of motion in a recorded velocity, without drift [rad]; 0 if none is."""
+    if columns.velocity is None:
+        return 0.0
+    velocity = np.nan_to_num(columns.velocity[rows, joint])
+    path = np.cumsum((velocity - velocity.mean()) * np.gradient(columns.time[rows]))
+    return float(np.ptp(path))
+
+
+def velocity_factors(columns: Columns, rows: NDArray[np.int64]) -> dict[int, float]:
+    """Return how many times the rate of change of position each moving joint's velocity is."""
+    if columns.velocity is None:
+        return {}
+    position = columns.position[rows]
+    velocity = columns.velocity[rows]
+    return {
+        j: factor
+        for j in np.flatnonzero(np.ptp(position, axis=0) > _SWUNG).tolist()
+        if (factor := velocity_factor(columns.time[rows], position[:, j], velocity[:, j]))
+        is not None
+    }

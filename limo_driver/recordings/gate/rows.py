@@ -13,16 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import POSITION, VELOCITY, by_channel, led_by
-from limo_driver.recordings.gate.doubts import STILL, doubts_about_rows
-from limo_driver.recordings.gate.gaps import contiguous, longest_step
-from limo_driver.recordings.gate.held_values import held_position, held_reason, held_torque
-from limo_driver.recordings.gate.left_out import LeftOut, UsableRows
-from limo_driver.recordings.gate.velocities import swept, velocity_factors
-from limo_driver.recordings.recorded_time import RATES, unit_of
+from limo_driver.recordings.channels import POSITION, RATES, VELOCITY, by_channel, led_by, unit_of
+from limo_driver.recordings.gate.doubts import STILL, LeftOut, UsableRows, doubts_about_rows
+from limo_driver.recordings.gate.held_values import (
+    contiguous,
+    held_position,
+    held_reason,
+    held_torque,
+    longest_step,
+    swept,
+    velocity_factors,
+)
 
 if TYPE_CHECKING:
-    from limo_driver.recordings.columns import Columns
+    from limo_driver.recordings.channels import Columns
     from limo_driver.types import FloatArray
 
 Mask = NDArray[np.bool_]

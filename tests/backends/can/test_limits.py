@@ -13,11 +13,10 @@ from lanes import sampled
 from sync_bus import SyncBus
 
 from backends.can import CanRobot
-from backends.can.cia402.bus_load import bus_load
-from backends.can.cia402.codec import MEASURED, STATUS, TEMPERATURE, OperatingMode
+from backends.can.cia402.codec import MEASURED, STATUS, TEMPERATURE, OperatingMode, bus_load
 from backends.can.cia402.drive import Drive
-from backends.can.frames import BusLoad, Traffic, classic_bits, fd_bits
 from backends.can.link import Link
+from backends.can.port import BusLoad, Traffic, classic_bits, fd_bits
 from limo_driver.errors import BackendError, ConfigError, HoldingError
 from limo_driver.types import PositionCommand
 

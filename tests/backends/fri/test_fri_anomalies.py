@@ -12,7 +12,7 @@ from lanes import sampled
 from robot_commands import position
 from stepped_arm import SteppedArm, stepped
 
-from backends.fri import endpoint
+from backends.fri import connection
 from backends.fri import robot as fri_robot
 from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
 from limo_driver.errors import BackendError, HoldingError
@@ -131,7 +131,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             moving(robot)
             now = time.monotonic()  # stands still: a busy machine may pause for longer than 1 ms
             monkeypatch.setattr(fri_robot, "time", SimpleNamespace(monotonic=lambda: now))
-            monkeypatch.setattr(endpoint, "_age", lambda _: 0.0)
+            monkeypatch.setattr(connection, "_age", lambda _: 0.0)
             robot.receive()
             robot.arm.sequence += lost
             assert robot.receive().holding == bool(restarts)

@@ -13,7 +13,7 @@ from lanes import sampled
 from robot_commands import position
 from stepped_arm import HOST, SteppedArm, stepped
 
-from backends.fri import endpoint
+from backends.fri import connection
 from backends.fri.codec.messages import CommandMode, Quality, SessionState
 from limo_driver.errors import HoldingError
 from limo_driver.robot import robot as robot_module
@@ -194,7 +194,7 @@ def stalled(robot, monkeypatch, ages):
     for _ in ages:
         robot.arm.cycle()
     waiting = iter([*ages, 0.0])  # with the packet of the cycle in which it goes on
-    monkeypatch.setattr(endpoint, "_age", lambda _: next(waiting, 0.0))
+    monkeypatch.setattr(connection, "_age", lambda _: next(waiting, 0.0))
 
 
 class TestStallsOfThisComputer:

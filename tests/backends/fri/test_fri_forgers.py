@@ -13,7 +13,7 @@ from fri_messages import POSE
 from robot_commands import position
 from stepped_arm import SteppedArm, stepped, wake
 
-from backends.fri import endpoint
+from backends.fri import connection
 from backends.fri.codec.messages import CommandMode, SessionState
 from limo_driver.errors import BackendError, HoldingError
 from limo_driver.types import TorqueCommand
@@ -127,7 +127,7 @@ def test_nobody_else_is_heard_however_long_the_robot_is_silent(forger, monkeypat
         forger.period_ms, forger.multiplier = pace
         forger.ns = arm.ns + 3600 * 10**9
         hour = SimpleNamespace(monotonic=lambda: time.monotonic() + 3600.0, time_ns=time.time_ns)
-        monkeypatch.setattr(endpoint, "time", hour)
+        monkeypatch.setattr(connection, "time", hour)
         monkeypatch.setattr(arm, "cycle", forger.send)
         for _ in range(5):
             assert robot.receive().stale

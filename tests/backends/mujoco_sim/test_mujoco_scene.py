@@ -10,7 +10,7 @@ import pytest
 from backends.mujoco_sim.realisation import draft_of
 from backends.mujoco_sim.scene import compile_model
 from limo_driver.model import RobotModel
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 
 DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[4] / "shared" / "data"))
 

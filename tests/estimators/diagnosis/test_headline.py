@@ -6,7 +6,15 @@ from dataclasses import replace
 
 import pytest
 
-from estimators.diagnosis.headline import MOST, headline, quantity, values_of
+from estimators.diagnosis.headline import (
+    MOST,
+    headline,
+    likelier,
+    of_several,
+    quantity,
+    rounded,
+    values_of,
+)
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     BeforeAfter,
@@ -19,7 +27,6 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
-from estimators.diagnosis.wording import likelier, of_several, rounded
 
 N = 7
 FIT = Fit((1.0,) * N, (0.1,) * N, (0.1,) * N, 0.9, (0.8, 0.95))

@@ -11,8 +11,7 @@ from c_model import COMPILERS, CEstimates, CModel, worst
 from lanes import sampled
 from wandering import wander
 
-from estimators.embedded.export import export_c
-from estimators.embedded.threshold import measured_threshold, normal_threshold
+from estimators.embedded.export import export_c, measured_threshold, normal_threshold
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics

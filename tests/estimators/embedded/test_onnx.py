@@ -12,7 +12,7 @@ from lanes import sampled
 
 import limo_driver as limo
 from estimators.hybrid import HybridModel
-from estimators.hybrid.scaling import normalise_inputs
+from estimators.hybrid.fitted_network import normalise_inputs
 from estimators.hybrid.training.settings import TrainingSettings
 from limo_driver.errors import ConfigError
 

@@ -21,8 +21,7 @@ from estimators.diagnosis.verdict import (
 )
 from estimators.fleet import FleetDiagnosis, FleetRow
 from estimators.fleet.page import fleet_page
-from estimators.fleet.row import arm_of, date_of
-from estimators.fleet.tolerated import ToleratedValue
+from estimators.fleet.row import ToleratedValue, arm_of, date_of
 
 START = datetime(2026, 3, 1)
 

@@ -12,8 +12,7 @@ from lanes import sampled
 
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
-from estimators.manifest import as_manifest, read_manifest
-from estimators.model_folder import check_simulation
+from estimators.model_folder import as_manifest, check_simulation, read_manifest
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError, ModelStoreError
 from limo_driver.physics import CoulombFriction, Simulation

@@ -12,10 +12,9 @@ from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.calibration import leverage_of
 from estimators.joint_physics.columns import SETTLED, JointColumns
-from estimators.manifest import as_manifest, read_manifest
-from estimators.model_folder import load_model
+from estimators.model_folder import as_manifest, load_model, read_manifest
 from estimators.regression.empirical_bayes import fit, most_probable_prior
-from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import NormalEquations
 from limo_driver.errors import ModelStoreError, NotFittedError, RecordingError, ShapeError
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording

@@ -13,11 +13,11 @@ from estimators.evaluation import evaluate
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.calibration import Calibration, judge
 from estimators.joint_physics.columns import JointColumns
-from estimators.joint_physics.regions import REGIONS, Regions
-from estimators.joint_physics.tolerances import tolerances
-from estimators.manifest import MANIFEST, as_manifest, read_manifest
+from estimators.joint_physics.model import tolerances
+from estimators.joint_physics.normal_equations import REGIONS, Regions
+from estimators.model_folder import MANIFEST, as_manifest, read_manifest
 from estimators.regression.empirical_bayes import most_probable_prior
-from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import NormalEquations
 from estimators.service.store.version import digest
 from limo_driver.physics import JointElasticity, PreslidingHysteresis, Simulation, TorqueOffset
 from limo_driver.recordings.recording import Recording

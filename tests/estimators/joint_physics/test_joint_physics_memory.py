@@ -9,8 +9,8 @@ import pytest
 from safetensors.numpy import load_file, save_file
 
 from estimators.joint_physics import JointPhysics
-from estimators.joint_physics.memory import UnknownMemory, any_moments, remembered
-from estimators.manifest import MANIFEST, as_manifest, read_manifest
+from estimators.joint_physics.prediction import UnknownMemory, any_moments, remembered
+from estimators.model_folder import MANIFEST, as_manifest, read_manifest
 from estimators.service.store.version import digest
 from estimators.stream import Stream
 from limo_driver.errors import ModelStoreError

@@ -7,9 +7,8 @@ import pytest
 
 from estimators.hybrid.features import feature_set
 from estimators.neural import Lstm2, LstmFcl, Mlp, Transformer
-from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule
+from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule, TransformerModule
 from estimators.neural.transformer import position_encoding
-from estimators.neural.transformer_module import TransformerModule
 from limo_driver.errors import ModelStoreError
 
 if TYPE_CHECKING:

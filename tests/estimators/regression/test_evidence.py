@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from estimators.regression.evidence import REACH, Evidence, Prior, Priors, joined, posterior
-from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import (
+    REACH,
+    Evidence,
+    NormalEquations,
+    Prior,
+    Priors,
+    joined,
+    posterior,
+)
 
 ROWS = 40
 RANDOM = np.random.default_rng(5)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.regression.jackknife import jackknife
+from estimators.regression.definite import jackknife
 
 
 def test_jackknife_of_a_mean_is_its_variance():

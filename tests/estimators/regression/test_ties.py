@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.regression.ties import ALIKE, best_first, first_best, is_more, ranked
+from estimators.regression.definite import ALIKE, best_first, first_best, is_more, ranked
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

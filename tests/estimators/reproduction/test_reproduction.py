@@ -14,13 +14,28 @@ import pytest
 from lanes import sampled
 from table_data import RATE, robot, write_data
 
-from estimators.reproduction import rows as r
-from estimators.reproduction.data import RECORDINGS, TableData
-from estimators.reproduction.rigid_body import physics_digest, rigid_body
-from estimators.reproduction.rows import PARTS, ROWS, TOPOLOGIES, Row, paper_table
-from estimators.reproduction.trial import SCAFFOLDS, SEQUENCES, Protocol, Trial, TrialStore
-from estimators.reproduction.trial_runner import ScoringMotion, TrialRunner
-from estimators.reproduction.workers import Advanced, Failed, Finished, TrialPlace, run_trials
+from estimators.reproduction import data as r
+from estimators.reproduction.data import (
+    PARTS,
+    RECORDINGS,
+    ROWS,
+    TOPOLOGIES,
+    Row,
+    TableData,
+    paper_table,
+    physics_digest,
+    rigid_body,
+)
+from estimators.reproduction.results import SCAFFOLDS, SEQUENCES, Protocol, Trial, TrialStore
+from estimators.reproduction.workers import (
+    Advanced,
+    Failed,
+    Finished,
+    ScoringMotion,
+    TrialPlace,
+    TrialRunner,
+    run_trials,
+)
 from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, Simulation

@@ -18,23 +18,28 @@ from lanes import sampled
 from one_file import check_page, drawn, title_of
 from table_data import write_data
 
-from estimators.reproduction import rows as r
-from estimators.reproduction.claims import CLAIMS, best, judge
-from estimators.reproduction.data import TableData
+from estimators.reproduction import data as r
+from estimators.reproduction.claims import CLAIMS, best, judge, write
+from estimators.reproduction.data import (
+    PARTS,
+    ROWS,
+    TOPOLOGIES,
+    TableData,
+    paper_table,
+    physics_digest,
+    rigid_body,
+)
 from estimators.reproduction.page import table_page
 from estimators.reproduction.picture import draw
-from estimators.reproduction.results import Table
-from estimators.reproduction.rigid_body import physics_digest, rigid_body
-from estimators.reproduction.rows import PARTS, ROWS, TOPOLOGIES, paper_table
-from estimators.reproduction.trial import (
+from estimators.reproduction.results import (
     SCAFFOLDS,
     SEQUENCES,
     Protocol,
+    Table,
     Trial,
     TrialResult,
     TrialStore,
 )
-from estimators.reproduction.writing import write
 from limo_driver.app.cli import main
 from limo_driver.model import RobotModel
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.rigid_body.dynamics.regressor import parameters_of
 from estimators.rigid_body.fitting.consistent import nearest_body, pseudo_inertia
 from estimators.rigid_body.fitting.extent import Extent, Extents
+from estimators.rigid_body.regressor import parameters_of
 from limo_driver.model import RobotModel
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.rigid_body.fitting.folds import FOLDS, fold_of
+from estimators.rigid_body.fitting.effective_rows import FOLDS, fold_of
 from limo_driver.recordings.recording import Recording
 
 

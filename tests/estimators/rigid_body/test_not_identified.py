@@ -10,9 +10,8 @@ import pytest
 from rich.console import Console
 
 from estimators.rigid_body import identify
-from estimators.rigid_body.report.base_estimates import base_estimates, known_of, notes_of
-from estimators.rigid_body.report.page import identification_page
-from estimators.rigid_body.report.tables import as_values, base_table
+from estimators.rigid_body.page import identification_page
+from estimators.rigid_body.tables import as_values, base_estimates, base_table, known_of, notes_of
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion

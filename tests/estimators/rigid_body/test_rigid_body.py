@@ -8,14 +8,18 @@ import pytest
 from lanes import sampled
 
 from estimators.rigid_body import JointTerms, RigidBodyModel, Rows, identify
-from estimators.rigid_body.dynamics.base_parameters import find_base_parameters
-from estimators.rigid_body.dynamics.newton_euler import inverse_dynamics, link_parameters
-from estimators.rigid_body.dynamics.regressor import RegressorChain, parameters_of
+from estimators.rigid_body.base_parameters import find_base_parameters
 from estimators.rigid_body.fitting.consistent import inertial_of, pseudo_inertia, thickened
 from estimators.rigid_body.fitting.normal_equations import accumulate
+from estimators.rigid_body.regressor import (
+    RegressorChain,
+    inverse_dynamics,
+    link_parameters,
+    parameters_of,
+)
 from limo_driver.errors import ConfigError, NotFittedError, RecordingError, ShapeError
 from limo_driver.model import RobotModel
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import (
     Armature,
     CoulombFriction,

@@ -14,10 +14,10 @@ from one_file import check_page, drawn, title_of
 from rich.console import Console
 
 import limo_driver as limo
-from estimators.rigid_body.report.tables import joint_table
+from estimators.rigid_body.tables import joint_table
 from limo_driver.app.cli import main
 from limo_driver.physics import CoulombFriction, Simulation
-from limo_driver.recordings.columns import Columns
+from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.recording_file import write_columns
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion

@@ -11,7 +11,7 @@ from sessions import wait_until
 from wandering import wander
 
 from estimators.service.arm_server import ArmServer
-from estimators.service.inference.bulletin import Bulletin
+from estimators.service.inference.inbox import Bulletin
 from estimators.service.retraining.keeper import Keeper
 from estimators.service.settings import ServiceSettings
 from estimators.service.store.served_models import StoreModels

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 import limo_driver
+from estimators.residual_model import SimulationOnly
 from estimators.service.opening import PHYSICS, Opening
 from estimators.service.settings import ServiceSettings
-from estimators.simulation_only import SimulationOnly
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 

@@ -14,15 +14,15 @@ from lanes import sampled
 from malformed import KINDS, NAMES, PERIOD, START, mutated, state
 from sessions import sessions_of_two, wait_until
 
+from estimators.residual_model import SimulationOnly
 from estimators.service.arm_server import ArmServer
 from estimators.service.inference.arm_service import ArmService, ServedArm
-from estimators.service.inference.bulletin import Bulletin
 from estimators.service.inference.contact import ContactWatchdog
+from estimators.service.inference.inbox import Bulletin
 from estimators.service.inference.live_model import LiveModel
-from estimators.service.queries import _Kept
+from estimators.service.opening import _Kept
 from estimators.service.settings import ServiceSettings
 from estimators.service.store.served_models import OneFolder
-from estimators.simulation_only import SimulationOnly
 from estimators.stream import Stream
 from limo_driver.errors import ConfigError
 from limo_driver.network.messages import (
@@ -328,7 +328,7 @@ class TestOverTheNetwork:
             assert [event.kind for event in served.events].count("foreign") == 1
 
     def test_silence_is_told_and_its_end(self, rigid, tmp_path, monkeypatch) -> None:
-        monkeypatch.setattr("estimators.service.inference.source._DEAD", 0.5)
+        monkeypatch.setattr("estimators.service.inference.inbox._DEAD", 0.5)
         with Served(tmp_path, rigid) as served:
             assert served.server.status()["state"] == "waiting for joint states"
             sent = served.begin(lambda t: served.put(t, PERIOD))

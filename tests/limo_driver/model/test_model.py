@@ -12,7 +12,7 @@ import pytest
 from backends.can.config import ArmConfig, Bus, Cia402Joint
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import RobotModel
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.robot.registry import open_robot
 
 AGREE = 1e-6

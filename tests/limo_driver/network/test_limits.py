@@ -5,7 +5,7 @@ import threading
 import pytest
 from sessions import sessions_of_two
 
-from limo_driver.network.limits import WAITING, PacedQueryable, RateLimit
+from limo_driver.network.claims import WAITING, PacedQueryable, RateLimit
 
 pytestmark = pytest.mark.waits
 

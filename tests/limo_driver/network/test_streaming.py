@@ -25,7 +25,7 @@ from limo_driver.network.streaming import (
     is_alive,
     open_session,
 )
-from limo_driver.runtime.latency import LatencyHistogram
+from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
 

@@ -7,7 +7,7 @@ import pytest
 from recorded_columns import make_columns, write
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.recorded_time import RATES, seconds, unit_of
+from limo_driver.recordings.channels import RATES, seconds, unit_of
 from limo_driver.recordings.recording import Recording
 
 BEGAN = 1_753_000_000_123_456_789  # [ns], 19 digits

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from limo_driver import Recording
-from limo_driver.recordings.unwrapping import unwrapped
+from limo_driver.recordings.channels import unwrapped
 
 TIME = np.arange(0.0, 20.0, 0.005)  # [s]
 TURN = 2 * np.pi

@@ -16,7 +16,7 @@ from robot_commands import START, smooth_move
 
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.files.recorder import Recorder
-from limo_driver.robot import exits
+from limo_driver.robot import interrupts
 from limo_driver.robot import robot as robot_module
 from limo_driver.robot.playback import Playback
 from limo_driver.robot.registry import open_robot
@@ -135,13 +135,13 @@ class TestSignals:
     @pytest.fixture(autouse=True)
     def usual_handlers(self):
         """Begin as a program does, whoever ran before in this process."""
-        before = {number: signal.signal(number, signal.SIG_DFL) for number in exits.ENDING}
+        before = {number: signal.signal(number, signal.SIG_DFL) for number in interrupts.ENDING}
         before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
         yield
         for number, handler in before.items():
             signal.signal(number, handler)
 
-    @pytest.mark.parametrize("number", [signal.SIGINT, *exits.ENDING])
+    @pytest.mark.parametrize("number", [signal.SIGINT, *interrupts.ENDING])
     def test_in_the_middle_of_a_cycle_wait_for_its_end(self, number, monkeypatch):
         with open_robot("virtual", robot="iiwa14") as robot:
             start = robot.receive().position
@@ -164,7 +164,7 @@ class TestSignals:
 
     @sampled("number", [signal.SIGINT, signal.SIGTERM], "opens and closes an arm for each line")
     def test_at_any_line_of_closing_leave_the_arm_at_rest(self, number):
-        files, line, left = {exits.__file__, robot_module.__file__}, 0, False
+        files, line, left = {interrupts.__file__, robot_module.__file__}, 0, False
         while line == 0 or left:
             line, passed, left = line + 1, itertools.count(1), False
             robot = open_robot("virtual", robot="iiwa14")
@@ -193,16 +193,16 @@ class TestSignals:
         assert line > 30
 
     def test_act_as_before_once_the_robot_is_closed(self):
-        before = [signal.getsignal(number) for number in exits.ENDING]
+        before = [signal.getsignal(number) for number in interrupts.ENDING]
         with open_robot("virtual", robot="iiwa14") as robot:
             state = robot.receive()
-            assert [signal.getsignal(number) for number in exits.ENDING] == before
+            assert [signal.getsignal(number) for number in interrupts.ENDING] == before
             robot.send(PositionCommand(position=state.position))
-            for number in exits.ENDING:
+            for number in interrupts.ENDING:
                 with pytest.raises(SystemExit) as left:
                     signal.raise_signal(number)
                 assert left.value.code == 128 + number
-        assert [signal.getsignal(number) for number in exits.ENDING] == before
+        assert [signal.getsignal(number) for number in interrupts.ENDING] == before
 
     def test_that_the_program_takes_itself_are_left_alone(self):
         taken = []

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from estimators.rigid_body.dynamics.conditioning import Conditioning
+from estimators.rigid_body.base_parameters import Conditioning
 from limo_driver.app.cli.excite import command
 from limo_driver.errors import ConfigError, InfeasiblePathError, LimoError
 from limo_driver.model import RobotModel
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.robot.playback import Playback
 from limo_driver.robot.registry import open_for
 from limo_driver.trajectory import Trajectory

@@ -7,20 +7,19 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.checks.frames import dropped_frames
-from estimators.diagnosis.from_motion.checks.led import led_away
-from estimators.diagnosis.from_motion.checks.likeness import correlation
-from estimators.diagnosis.from_motion.checks.steps import odd_steps
-from estimators.diagnosis.from_motion.checks.stuck import (
+from estimators.diagnosis.from_motion.checks.frames import dropped_frames, led_away
+from estimators.diagnosis.from_motion.checks.velocities import (
     AT_REST,
+    check_velocities,
+    correlation,
     from_to,
     left_out_at_rest,
+    odd_steps,
     resting_around,
+    set_points_alone,
     stuck,
 )
-from estimators.diagnosis.from_motion.checks.velocities import check_velocities, set_points_alone
-from estimators.diagnosis.from_motion.simulation.commanded import commanded_range
-from estimators.diagnosis.from_motion.simulation.free_run import commands_of
+from estimators.diagnosis.from_motion.simulation.free_run import commanded_range, commands_of
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.checks import MOST_NORMALISED
 

@@ -1,7 +1,14 @@
-"""Signs and zeros of recorded joints against those of the robot's description: gravity tells.
+"""How joints count: signs and zeros, stated or found.
+
+Signs and zeros of recorded joints against those of the robot's description: gravity tells.
 
 A servo of finite gain lags its command by load over gain. Only where positions are counted as in
 the description does the gravity of its masses explain that lag with a gain above zero.
+
+Stated zeros of encoders: taken off recordings, so that gravity is that of where links are.
+
+Everything else then counts as the robot's description does, and what is found of zeros adds to
+what is stated.
 """
 
 from __future__ import annotations
@@ -20,7 +27,9 @@ from estimators.diagnosis.from_motion.fitting.starts import nearer_start, typica
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
-from estimators.diagnosis.wording import likelier
+from estimators.diagnosis.headline import likelier
+from limo_driver.physics import EncoderOffset
+from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.channels import POSITION, VELOCITY, led_by
 
@@ -271,3 +280,50 @@ def _rows(recordings: Sequence[Recording], delay: float) -> _Rows:
     moving = np.flatnonzero((np.abs(velocity) > _MOVING).any(axis=1))
     every = moving[:: max(1, moving.size // _ROWS)] if moving.size else np.arange(1)
     return _Rows(position[every], velocity[every], error[every])
+
+
+def zeros_of(simulation: Simulation) -> FloatArray:
+    """Return what the encoders of a simulation read where links are at zero, (n,) [rad]."""
+    zero = np.zeros(simulation.model.n)
+    for effect in simulation.effects:
+        if isinstance(effect, EncoderOffset):
+            zero[effect.joint - 1] += effect.offset
+    return zero
+
+
+def without_zeros(simulation: Simulation) -> Simulation:
+    """Return the same with encoders that read where the links are."""
+    kept = tuple(one for one in simulation.effects if not isinstance(one, EncoderOffset))
+    return replace(simulation, effects=kept)
+
+
+def with_zeros(simulation: Simulation, zero: FloatArray) -> Simulation:
+    """Return the same with zeros (n,) [rad] added to those of its encoders."""
+    total = (zeros_of(simulation) + zero).clip(-FARTHEST_ZERO, FARTHEST_ZERO)
+    own = [EncoderOffset(joint=j, offset=x) for j, x in enumerate(total.tolist(), start=1) if x]
+    bare = without_zeros(simulation)
+    return replace(bare, effects=(*bare.effects, *own))
+
+
+def from_zeros(recording: Recording, zero: FloatArray) -> Recording:
+    """Return a recording whose positions, and set-points of these, count from the links' zeros.
+
+    Args:
+        recording: With commands.
+        zero: Of its encoders, (n,) [rad].
+    """
+    if not zero.any():
+        return recording
+    command = commands_of(recording)
+    told = np.where(led_by(POSITION, recording.channels), command - zero, command)
+    return replace(recording, position=recording.position - zero, command=told, extras={})
+
+
+def as_counted(zero: FloatArray, change: ArmChange) -> FloatArray:
+    """Return the zeros (n,) [rad] of encoders whose recordings `as_described` has changed.
+
+    Args:
+        zero: As they were recorded, (n,) [rad].
+        change: How the arm that was recorded differs.
+    """
+    return zero[list(change.order or range(zero.size))] * np.array(change.sign)

@@ -6,6 +6,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 
@@ -27,6 +28,9 @@ _EVEN: Final = 0.2  # of a period, by which most rows may come early or late whe
 _JUMP: Final = 3.0  # times the fastest elsewhere, at which no arm moves
 _JUMPED: Final = 0.02  # [rad], least that a joint moves at once where many rows are missing
 _TOGETHER: Final = 0.5  # of what joints jump, that their commands do in the same row
+_PAST: Final = 2.0  # [s], in which a servo in order has come to where it was told
+_NEAR, _AWAY = 0.1, 0.3  # [rad] beyond the commands of that time: where it begins, and is sure
+_MOVED: Final = 0.15  # [rad], by which the joint itself has moved meanwhile
 
 
 def dropped_frames(recording: Recording, name: str) -> Iterator[str]:
@@ -127,3 +131,34 @@ def _leaps(recording: Recording) -> list[int]:
     uneven = np.maximum(apart - 2.0 * least, 0.0) / length
     leap = (times > _LEAP) & (times - 1.0 > _STEADY * uneven) & (uneven < 1.0)
     return (np.flatnonzero(leap & fast) + _AROUND).tolist()
+
+
+def led_away(time: FloatArray, command: FloatArray, position: FloatArray) -> tuple[float, float]:
+    """Return since when a joint is led away from its commands [s], and how far [rad].
+
+    A servo lags, sags and swings; what it never does is leave the range of all that it was told in
+    the last seconds by a lot, from near it, by moving itself.
+
+    Args:
+        time: (T,) [s].
+        command: (T,) [rad].
+        position: (T,) [rad].
+
+    Returns:
+        Time and distance; a distance of 0 if it is not.
+    """
+    rows = max(1, round(_PAST / float(np.median(np.diff(time)))))
+    low, high = (
+        of(command, rows + 1, origin=rows // 2, mode="nearest")
+        for of in (minimum_filter1d, maximum_filter1d)
+    )
+    beyond = np.where(position > high, position - high, np.minimum(position - low, 0.0))
+    near = -1
+    for i, far in enumerate(beyond.tolist()):
+        if abs(far) < _NEAR:
+            near = i
+        elif abs(far) > _AWAY and near >= 0:
+            if np.sign(far) * (position[i] - position[near]) > _MOVED:
+                return float(time[near]), float(np.abs(beyond[near : i + rows]).max())
+            near = -1  # its command went away from it
+    return 0.0, 0.0

@@ -1,23 +1,52 @@
-"""All that is checked of recorded commands before anything is fitted to them, or simulated."""
+"""All that is checked of recorded commands before anything is fitted to them, or simulated.
+
+What is wrong with torques that were commanded: units, motors before their gears, other columns.
+
+What a drive without a servo makes of its command has to move the masses of the arm.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from itertools import permutations
+from typing import TYPE_CHECKING, Final
 
-from estimators.diagnosis.from_motion.checks.alone import check_alone
+import numpy as np
+
+from estimators.base import check_different
 from estimators.diagnosis.from_motion.checks.commands import check_commands, check_set_points
 from estimators.diagnosis.from_motion.checks.timing import check_timing
-from estimators.diagnosis.from_motion.checks.torques import check_torques
+from estimators.diagnosis.from_motion.fitting.constants import value_in
 from estimators.diagnosis.from_motion.fitting.identification import with_servos
-from estimators.recordings import check_different
+from estimators.diagnosis.from_motion.fitting.starts import regressed
+from estimators.diagnosis.from_motion.simulation.free_run import commands_of
+from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.errors import RecordingError
+from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.channels import POSITION, TORQUE, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
+    from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
     from limo_driver.recordings.commanded import Commanded
     from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
+
+_TURNS: Final = 3.0 * np.pi  # [rad] from where it begins, that no servo leads a joint without end
+_BEYOND: Final = np.pi  # [rad] behind the end of a joint, where nobody leads it
+_FAR: Final = 0.5  # [rad] from all commands of a joint, where few arms begin
+_MOVES: Final = 0.05  # [rad], range of a joint that can be judged
+_NEAR: Final = 0.3  # of how far positions spread, by which set-points are near them
+_MORE: Final = 100.0  # times the torque that masses need, which no friction makes of it
+_LESS: Final = 1.0 / 20.0  # of it, that moves no arm
+_DELAYS: Final = (0.0, 0.02, 0.06)  # [s], of drives, tried
+# of the torque that a joint's own commands leave unexplained: below, it follows another's, or the
+# opposite of its own; of this, a joint that counts the other way leaves 0.4 and more
+_RATHER, _AGAINST = 0.5, 0.2
 
 
 def check_commanded(simulation: Simulation, recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -70,3 +99,149 @@ def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:
     check_torques(simulation, told.recorded)
     odd = check_set_points([told.recorded])
     return (*odd, *check_timing(simulation, [told.recorded]))
+
+
+def check_alone(model: RobotModel, told: Commanded) -> tuple[str, ...]:
+    """Refuse commands that lead joints far beyond their ends; tell what else is odd.
+
+    Args:
+        model: The robot.
+        told: Its commands.
+
+    Returns:
+        A sentence, if the arm begins where no command leads it.
+
+    Raises:
+        RecordingError: Commands are in another unit.
+    """
+    low, high = told.command.min(axis=0), told.command.max(axis=0)
+    turning = np.array(model.turning)
+    least = np.where(turning, told.start - _TURNS, model.limits.position_min)
+    most = np.where(turning, told.start + _TURNS, model.limits.position_max)
+    beyond = np.maximum(least - low, high - most)
+    j = int(beyond.argmax())
+    if beyond[j] > _BEYOND:
+        raise RecordingError(
+            f"command_{j + 1} spans {low[j]:.3g} to {high[j]:.3g}, where joint {j + 1} of "
+            f"{model.name} begins at {told.start[j]:.3g} rad and is led from {least[j]:.3g} to "
+            f"{most[j]:.3g} rad at most; expected set-points in rad; are the commands in degrees, "
+            "or normalised, as -100 to 100?",
+            path=told.source or None,
+        )
+    away = np.maximum(low - told.start, told.start - high)
+    j = int(away.argmax())
+    if away[j] <= _FAR:
+        return ()
+    return (
+        f"joint {j + 1} begins {away[j]:.2f} rad away from all of its commands; are these deltas, "
+        "or in another unit?",
+    )
+
+
+def check_torques(simulation: Simulation, recording: Recording) -> None:
+    """Refuse commands that are not the torques of their joints in N m.
+
+    Args:
+        simulation: With a drive for each joint.
+        recording: With commands, of torque or not.
+
+    Raises:
+        RecordingError: Names what the commands seem to be.
+    """
+    moves = np.ptp(recording.position, axis=0) > _MOVES
+    joints = np.flatnonzero(led_by(TORQUE, recording.channels) & moves).tolist()
+    if not joints:
+        return
+    motion, rows = recording.motion(bandwidth_for([recording])), rows_of(simulation)
+    load = simulation.body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+    gain = np.array([value_in(row, "gain") for row in rows])
+    mistake = (
+        _column_mistake(recording, joints)
+        or _unit_mistake(gain * commands_of(recording), load, joints)
+        or _following_mistake(loaded_joints(simulation.body, [recording]), rows, joints)
+    )
+    if mistake:
+        raise RecordingError(mistake, path=recording.source or None)
+
+
+def _column_mistake(recording: Recording, joints: Sequence[int]) -> str:
+    """Say what else the columns of joints that move seem to hold."""
+    command, position = commands_of(recording), recording.position
+    for j in joints:
+        if not command[:, j].any():
+            return (
+                f"{TORQUE.name}_{j + 1} is always 0 while joint {j + 1} moves; expected the torque "
+                "in force at each row; was the arm led by hand, or its torque disabled?"
+            )
+    away = np.sqrt(np.mean((command - position) ** 2, axis=0))
+    if (away < _NEAR * np.std(position, axis=0))[list(joints)].all():
+        j = joints[0] + 1
+        return (
+            f"{TORQUE.name}_{j} is near position_{j} throughout; expected N m; are these "
+            f"set-points of positions, {POSITION.name}_{j}?"
+        )
+    return ""
+
+
+def _unit_mistake(torque: FloatArray, load: FloatArray, joints: Sequence[int]) -> str:
+    """Say which unit commands seem to have, if what drives make of them moves no such arm.
+
+    Args:
+        torque: That drives would make of them, (T, n) [N m].
+        load: That the masses of the arm need, (T, n) [N m].
+        joints: That move, 0-based.
+    """
+    size, needed = (np.sqrt(np.mean(x[:, list(joints)] ** 2, axis=0)) for x in (torque, load))
+    ratio = size / np.maximum(needed, 1e-9)
+    usual = float(np.median(ratio))
+    if _LESS < usual < _MORE:
+        return ""
+    what = (
+        "in N mm or mA"
+        if usual > 1.0
+        else "normalised, currents, or torques of motors before their gears, whose drives state no "
+        "`gain`"
+    )
+    return (
+        f"{TORQUE.name} would be {usual:.3g} times the torque that the masses of the arm need; "
+        f"expected N m; are the commands {what}?"
+    )
+
+
+def _following_mistake(
+    parts: Sequence[Sequence[LoadedJoint]], rows: FloatArray, joints: Sequence[int]
+) -> str:
+    """Say whose torque a joint follows, or that it follows its own the other way.
+
+    What each joint needs is known of the motion; torques of its own column have to explain it
+    better than those of another, with which they are exchanged, or than their opposite. A joint
+    that counts against the description, position and torque alike, needs neither.
+
+    Args:
+        parts: Recorded stretches of each joint.
+        rows: The constants of each.
+        joints: That are told torques and move, 0-based.
+    """
+
+    def left(j: int, k: int, sign: float = 1.0) -> float:
+        """Return the torque of a joint that commands of a column leave unexplained [N m]."""
+        columns = zip(parts[j], parts[k], strict=True)
+        told = [replace(own, command=sign * other.command) for own, other in columns]
+        return min(regressed(told, rows[j], delay)[0] for delay in _DELAYS)
+
+    known = {j: own for j in joints if 0.0 < (own := left(j, j)) < np.inf}
+    ratio = {(j, k): left(j, k) / known[j] for j, k in permutations(known, 2)}
+    mutual = {(j, k): own for (j, k), own in ratio.items() if own < _RATHER and ratio[k, j] < 1.0}
+    if mutual:
+        j, k = min(mutual, key=lambda pair: mutual[pair])
+        return (
+            f"joint {j + 1} moves as {TORQUE.name}_{k + 1} says, not {TORQUE.name}_{j + 1}; are "
+            "joints exchanged?"
+        )
+    for j, own in known.items():
+        if left(j, j, -1.0) < _AGAINST * own:
+            return (
+                f"joint {j + 1} moves against {TORQUE.name}_{j + 1}; has one of them the other "
+                "sign?"
+            )
+    return ""

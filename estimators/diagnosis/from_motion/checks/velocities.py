@@ -1,6 +1,18 @@
-"""What is wrong with velocities that were commanded: units, joints, signs; joints that do not obey.
+"""Joints that do not follow: velocities that are not obeyed, and rest while commands move.
+
+What is wrong with velocities that were commanded: units, joints, signs; joints that do not obey.
 
 What a servo of velocity follows is not where its joint is, but how fast that changes.
+
+A joint that rests for long while its command moves by more than friction can hold.
+
+Where it then moves on as fast as no joint does, its rows were left out of the recording: a joint
+that is stalled and let go looks there like an encoder that hangs.
+
+Which unit positions are in, by the steps in which encoders tell them.
+
+An encoder on a joint divides a turn into a power of two: 2π / 4096 rad at 12 bit. Normalised
+positions have steps of their own, as each joint's range is another number of them.
 """
 
 from __future__ import annotations
@@ -10,12 +22,11 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.checks.likeness import correlation
-from estimators.diagnosis.from_motion.checks.stuck import AT_REST
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.channels import POSITION, VELOCITY, led_by
+from limo_driver.recordings.gate import held_reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,6 +45,15 @@ _NEAR: Final = (0.75, 1.6)  # of such a number, that a servo may lack or frictio
 _LASTING: Final = 1.0  # [s] in which a joint does not obey
 _TOLD: Final = 0.2  # [rad/s], told to a joint that rests
 _LOOSE: Final = 0.3  # [rad/s], of a joint that is told to rest
+AT_REST: Final = 0.002  # [rad] that a joint moves less than where it rests
+_SWING: Final = 0.1  # [rad] of command, that friction of a servo in order hardly holds
+_TIMES: Final = 2.0  # what friction holds elsewhere in the recording, that it has to exceed
+_LONG: Final = 0.5  # [s], beside which a command that acts late is short
+_CHANGES: Final = 50  # of a joint's position, fewer of which show no step
+_WHOLE: Final = 0.02  # of a step, by which changes are whole numbers of it
+_SHARE: Final = 0.98  # of the changes, that have to be
+_LIKE: Final = 0.01  # of a step, by which two are alike
+_FINEST: Final = 1e-6  # [rad], a step of no encoder: finer ones are of numbers of 32 bits
 
 
 @dataclass(frozen=True)
@@ -179,3 +199,139 @@ def _odd(told: _Told, j: int, name: str) -> Iterator[str]:
                 f"disabled? ({where})"
             )
             return
+
+
+def stuck(
+    time: FloatArray, command: FloatArray, position: FloatArray
+) -> tuple[float, float, float]:
+    """Return from when to when a joint is stuck [s], and how far its command moves then [rad].
+
+    Dry friction holds each joint until its servo's torque exceeds it: by how much a command moves
+    before, every rest of the joint shows. A stuck one rests while its command moves further.
+
+    Args:
+        time: (T,) [s].
+        command: (T,) [rad].
+        position: (T,) [rad].
+
+    Returns:
+        First and last time, and swing; a swing of 0 if it is not.
+    """
+    swings = list[tuple[float, float, float, float]]()
+    for start, stop in _rests(position):
+        last = int(np.searchsorted(time, time[stop - 1] - _LATE, "right"))
+        if last - start > 1:
+            lasting = float(time[last - 1] - time[start])
+            ends = float(time[start]), float(time[stop - 1])
+            swings.append((float(np.ptp(command[start:last])), lasting, *ends))
+    if not swings:
+        return 0.0, 0.0, 0.0
+    swing, lasting, since, until = max(swings)
+    usual = sorted(own for own, *_ in swings)[-2] if len(swings) > 1 else 0.0
+    is_stuck = lasting > _LONG and swing > max(_SWING, _TIMES * usual)
+    return (since, until, swing) if is_stuck else (0.0, 0.0, 0.0)
+
+
+def resting_around(time: FloatArray, position: FloatArray, rows: slice) -> tuple[float, float]:
+    """Return from when to when a joint rests that does so over some rows [s].
+
+    Args:
+        time: (T,) [s].
+        position: (T,) [rad].
+        rows: Within which it rests.
+    """
+    middle = float(np.ptp(position[rows]) / 2.0 + position[rows].min())
+    away = np.flatnonzero(np.abs(position - middle) > AT_REST)
+    k = int(np.searchsorted(away, rows.start))
+    first = int(away[k - 1]) + 1 if k else 0
+    last = int(away[k]) - 1 if k < away.size else time.size - 1
+    return float(time[first]), float(time[last])
+
+
+def left_out_at_rest(recording: Recording, j: int, name: str) -> Iterator[str]:
+    """Yield that a recording lacks rows as a joint rested in them, and then jumped.
+
+    Args:
+        recording: With commands.
+        j: The joint, 0-based.
+        name: Of the recording.
+    """
+    assert recording.rows is not None  # noqa: S101  # set as it is made
+    lost = [row for out in recording.left_out if out.reason == held_reason(j) for row in out.rows]
+    behind = np.unique(np.searchsorted(recording.rows, np.array(lost, dtype=np.int64)))
+    for k in behind[(behind > 0) & (behind < len(recording))].tolist():
+        since, until = map(float, recording.time[k - 1 : k + 1])
+        if until - since > _LATE:
+            jump = abs(float(recording.position[k, j] - recording.position[k - 1, j]))
+            yield (
+                f"joint {j + 1} is stalled, or its encoder hangs: its position repeats a value "
+                f"while its command moves on, and then jumps by {jump:.2f} rad; these rows are "
+                f"left out ({name}, {from_to(since, until)})"
+            )
+
+
+def from_to(since: float, until: float) -> str:
+    """Return two times [s] in words."""
+    return f"{since:.1f} s to {until:.1f} s"
+
+
+def _rests(position: FloatArray) -> Iterator[tuple[int, int]]:
+    """Yield the first row, and the one behind the last, of stretches in which a joint rests."""
+    start, low, high = 0, position[0], position[0]
+    for i, value in enumerate(position):
+        low, high = min(low, value), max(high, value)
+        if high - low >= AT_REST:
+            yield start, i
+            start, low, high = i, value, value
+    yield start, position.size
+
+
+def correlation(x: FloatArray, y: FloatArray) -> float:
+    """Return the correlation of two series, (T,) each; 0 where one does not change."""
+    x, y = x - x.mean(), y - y.mean()
+    power = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / power if power > 0 else 0.0
+
+
+def odd_steps(recording: Recording) -> str:
+    """Say which joints' positions come in steps of no encoder's, or nothing.
+
+    Args:
+        recording: Of n joints.
+    """
+    steps = [_step(recording.position[:, j]) for j in range(recording.n)]
+    odd = [j for j, step in enumerate(steps) if step > 0.0]
+    if any(_of_a_turn(steps[j]) for j in odd):
+        return ""
+    different = [j for j in odd if abs(steps[j] / steps[odd[0]] - 1.0) > _LIKE]
+    if not different:
+        return ""
+    j, k = odd[0], different[0]
+    return (
+        f"position_{j + 1} comes in steps of {steps[j]:.3g}, position_{k + 1} of {steps[k]:.3g}; "
+        "steps of an encoder on a joint are a turn over a power of two, 0.00153 rad at 12 bit; "
+        "are positions and commands normalised, as -1 to 1?"
+    )
+
+
+def _step(position: FloatArray) -> float:
+    """Return the step of which all changes of a position are multiples; 0 if there is none.
+
+    By the changes, since `telemetry.resolution`, which goes by the values, needs each some times.
+    """
+    changes = np.abs(np.diff(position))
+    changes = changes[changes > 0.0]
+    if changes.size < _CHANGES:
+        return 0.0
+    step = float(np.percentile(changes, 1, method="lower"))
+    near = changes[changes < 1.5 * step]
+    step = float(np.median(near))
+    times = changes / step
+    off = np.abs(times - np.round(times)) / np.maximum(np.round(times), 1.0)
+    return step if step > _FINEST and float((off < _WHOLE).mean()) > _SHARE else 0.0
+
+
+def _of_a_turn(step: float) -> bool:
+    """Say whether a step [rad] is a turn over a power of two."""
+    bits = np.log2(2.0 * np.pi / step)
+    return bool(abs(bits - round(bits)) < np.log2(1.0 + _LIKE))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.simulation.columns import NAMES
+from estimators.diagnosis.from_motion.simulation.plant import NAMES
 from limo_driver.physics.drives import LONGEST_DELAY, MOST_SAG
 
 if TYPE_CHECKING:

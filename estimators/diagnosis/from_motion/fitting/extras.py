@@ -24,8 +24,13 @@ from estimators.diagnosis.from_motion.fitting.constants import (
     with_values,
 )
 from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors, fit_joint, left_out
-from estimators.diagnosis.from_motion.fitting.limits import LimitStart, begun_at
-from estimators.diagnosis.from_motion.fitting.starts import LAGS, away, lagging
+from estimators.diagnosis.from_motion.fitting.starts import (
+    LAGS,
+    LimitStart,
+    away,
+    begun_at,
+    lagging,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

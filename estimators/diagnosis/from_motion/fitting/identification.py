@@ -40,10 +40,9 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     typical_start,
     with_gain,
 )
-from estimators.diagnosis.from_motion.simulation.columns import NAMES, geared
-from estimators.diagnosis.from_motion.simulation.commanded import MOVED, commanded_range
+from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.simulation.plant import NAMES, geared, rows_of
 from limo_driver.physics import (
     Armature,
     AsymmetricFriction,

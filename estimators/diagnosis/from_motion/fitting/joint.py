@@ -22,8 +22,7 @@ from estimators.diagnosis.from_motion.fitting.constants import (
     with_values,
 )
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-from estimators.regression.definite import SymmetricSpectrum
-from estimators.regression.jackknife import jackknife
+from estimators.regression.definite import SymmetricSpectrum, jackknife
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

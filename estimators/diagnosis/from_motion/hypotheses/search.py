@@ -36,7 +36,7 @@ from estimators.diagnosis.from_motion.hypotheses.suspects import (
     stated_beside,
     suspects_of,
 )
-from estimators.diagnosis.from_motion.simulation.commanded import MOVED, commanded_range
+from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange
 
 if TYPE_CHECKING:

@@ -1,8 +1,17 @@
-"""What an arm may have beyond what is stated: suspects, each with where its fit begins."""
+"""What an arm may have beyond what is stated: suspects, each with where its fit begins.
+
+Stiction: friction of a joint at rest beyond its dry friction, and where its fit begins.
+
+As stiction grows, the instants at which a joint breaks away move, and where it comes to rest with
+them: an error as a function of how much there is has many hollows. A fit goes down the one that it
+begins in, and one that begins with little ends with too little. So each of a grid is tried first,
+with less dry friction, too: a fit without stiction has raised it in its place.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -15,14 +24,11 @@ from estimators.diagnosis.from_motion.fitting.constants import (
     value_in,
     with_values,
 )
-from estimators.diagnosis.from_motion.fitting.limits import LIMITS, begun_at, motor_begun_at
-from estimators.diagnosis.from_motion.fitting.starts import away
-from estimators.diagnosis.from_motion.fitting.stiction import SHAPES, stiction_begun_at
-from estimators.diagnosis.from_motion.simulation.columns import UNLIMITED
-from estimators.diagnosis.from_motion.simulation.plant import most_torque
+from estimators.diagnosis.from_motion.fitting.starts import LIMITS, away, begun_at, motor_begun_at
+from estimators.diagnosis.from_motion.simulation.plant import UNLIMITED, most_torque
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.from_motion.fitting.arm import ArmGuess
     from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
@@ -56,6 +62,11 @@ _BESIDE: Final = {  # constants that a drive may be stated to have, and what eac
     "stall": "voltage_limit",
     "free_speed": "voltage_limit",
 }
+SHAPES: Final = (1.0, 2.0)  # exponents of the fading: exponential, and as a bell
+_AMOUNTS: Final = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)  # of the dry friction, tried
+_FADES: Final = (0.015, 0.02, 0.03, 0.06, 0.12)  # [rad/s] at which it fades, tried
+_DRY: Final = (1.0, 0.85)  # of the fitted dry friction that is left, tried
+_LEAST: Final = 0.005  # [rad, rad/s] of lag that a joint of no dry friction is taken to have
 
 
 @dataclass(frozen=True)
@@ -244,3 +255,25 @@ def _limits(
         if limit in names:
             one = replace(one, start=(), bent=(*other, *start.values.items()), freed=limit)
         yield one
+
+
+def stiction_begun_at(
+    parts: Sequence[LoadedJoint], row: FloatArray, shape: float
+) -> Mapping[str, float]:
+    """Return how much stiction to start a fit from, and where it fades: the nearest of those tried.
+
+    Args:
+        parts: Recorded stretches.
+        row: The constants of the joint without it.
+        shape: Exponent of the fading.
+
+    Returns:
+        Constants by name, dry friction among them.
+    """
+    dry = max(value_in(row, COULOMB), _LEAST * value_in(row, gain_of(row)))
+    tried = [
+        {"stribeck": share * dry, "v_s": pace, COULOMB: left * value_in(row, COULOMB)}
+        for share, pace, left in product(_AMOUNTS, _FADES, _DRY)
+    ]
+    base = with_values(row, {"delta": shape})
+    return tried[int(np.argmin([away(parts, with_values(base, one)) for one in tried]))]

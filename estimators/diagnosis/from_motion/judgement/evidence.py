@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.joint import errors
+from estimators.diagnosis.from_motion.fitting.joint import NORMAL, errors
 from estimators.diagnosis.from_motion.hypotheses.suspects import COUNTED
 from estimators.diagnosis.from_motion.judgement.held_out import CONFIDENT, LEAST, removes
-from estimators.diagnosis.from_motion.judgement.of_the_arm import shared_finding, without
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
-from estimators.diagnosis.verdict import BeforeAfter, Finding
+from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,6 +25,8 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
+
+_AXES: Final = "xyz"
 
 
 @dataclass(frozen=True)
@@ -113,3 +114,67 @@ def _squares(fold: Fold, loads: ArmLoads, less: Suspect | None) -> list[FloatArr
     parts = loads.parts(change if less is None else without(change, less))
     rows = [fit.row for fit in fold.identified.fits]
     return [errors(own, row) ** 2 for own, row in zip(parts, rows, strict=True)]
+
+
+def without(change: ArmChange, one: Suspect) -> ArmChange:
+    """Return how an arm differs from its description, but for one suspect."""
+    if one.effect in COUNTED:
+        return one.counted(change)
+    for name in one.names:
+        change = change.with_value(name, 0.0)
+    return change
+
+
+def shared_finding(
+    one: Suspect, arm: StatedArm, confidence: float, rmse: BeforeAfter, zero: float = 0.0
+) -> Finding:
+    """Return a finding of what all joints feel.
+
+    Args:
+        one: What it is.
+        arm: The fit that has it.
+        confidence: Share of resampled held-out motion in which it removes a tenth of the error.
+        rmse: Held-out, of each joint [rad].
+        zero: Stated one of its joint's encoder, to which another adds [rad].
+    """
+    other = one.effect == "encoder_offset" and zero != 0.0
+    compared = f"with an offset of {zero:.3g} rad, as stated" if other else "without it"
+    worst = max(range(len(rmse.after)), key=lambda j: rmse.before[j] - rmse.after[j])
+    return Finding(
+        effect=one.effect,
+        kind="wrong_parameter" if other else "missing",
+        joints=tuple(j + 1 for j in (one.joint, one.other) if j is not None),
+        equivalent=(),
+        confidence=confidence,
+        parameters=_parameters(one, arm, zero),
+        where=Where(),
+        share=0.0,
+        heldout_rmse=rmse,
+        evidence=(
+            f"{compared}, the held-out error of joint {worst + 1} is {rmse.before[worst]:.4f} rad, "
+            f"with it {rmse.after[worst]:.4f} rad"
+        ),
+    )
+
+
+def _parameters(one: Suspect, arm: StatedArm, zero: float) -> dict[str, Interval]:
+    def of(name: str) -> tuple[float, tuple[float, float]]:
+        value, reach = arm.change.value(name), NORMAL * arm.shared[name]
+        return value, (value - reach, value + reach)
+
+    if one.effect == "payload":
+        mass, interval = of("mass")
+        centre = [of(f"com_{axis}") for axis in _AXES]
+        return {
+            "mass": Interval(mass, "kg", interval),
+            "com": Interval(
+                tuple(value for value, _ in centre), "m", tuple(own for _, own in centre)
+            ),
+        }
+    if one.effect == "encoder_offset":
+        offset, (low, high) = of(one.names[0])
+        return {"offset": Interval(zero + offset, "rad", (zero + low, zero + high), zero or None)}
+    if one.effect == "supply_sag":
+        sag, interval = of("sag")
+        return {"sag": Interval(sag, "1", interval)}
+    return {}

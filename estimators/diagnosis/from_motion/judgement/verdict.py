@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.diagnosis.from_motion.fitting.constants import gain_of, value_in
+from estimators.diagnosis.from_motion.fitting.joint import NORMAL
 from estimators.diagnosis.from_motion.judgement.findings import (
     KINDS,
     USUAL,
@@ -19,9 +21,8 @@ from estimators.diagnosis.from_motion.judgement.held_out import (
     resolution_of,
     rms_of_rows,
 )
-from estimators.diagnosis.from_motion.judgement.wording import joints_named, undecided
 from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
-from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, rows_of
+from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, geared, most_torque, rows_of
 from estimators.diagnosis.verdict import (
     Fit,
     Identified,
@@ -30,16 +31,30 @@ from estimators.diagnosis.verdict import (
     Unexplained,
     Verdict,
 )
-from limo_driver.recordings.channels import drifting
+from limo_driver.physics import DcMotor
+from limo_driver.recordings.channels import TORQUE, VELOCITY, drifting
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Sequence
 
+    from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
+    from estimators.diagnosis.from_motion.fitting.joint import JointFit
+    from estimators.diagnosis.from_motion.hypotheses.suspects import Suspect
     from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence
+    from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
 _NEAR_FLOOR: Final = 3.0  # floors, below which nothing is left to be explained
+_POSES: Final = 2000  # tried for the one that loads a joint most
+_WORTH: Final = 0.01  # [rad], sag below which nothing is said
+_SHOWS: Final = {  # constants, as what they are told, and what explains the motion as well
+    "kp": ("position_servo", "dry friction"),
+    "kv": ("velocity_servo", "friction"),
+    "gain": ("torque_drive", "friction"),
+    "delay": ("drive_delay", "damping"),
+    "inertia": ("armature", "damping"),
+}
 
 
 def verdict_of(
@@ -136,3 +151,193 @@ def _unit(given: Simulation) -> str:
         return "rad"
     where = "" if len(joints) == given.model.n else f" at {joints_named(joints)}"
     return f"rad in {DRIFTS:g} s{where}"
+
+
+def sags(found: DriveIdentification) -> tuple[str, ...]:
+    """Say how far joints of a known gain sag under the arm's own weight, and what would help."""
+    full = full_load(found.simulation.body)
+    said: list[str] = []
+    for j, (fit, load) in enumerate(zip(found.fits, full.tolist(), strict=True), start=1):
+        kp = value_in(geared(fit.row), "kp")
+        shown = kp > 0.0 and found.scaled[j - 1] and found.moved[j - 1]
+        if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
+            reach = float(np.exp(NORMAL * fit.deviation["kp"]))
+            said.append(
+                f"Joint {j} sags {load / kp:.3f} rad ({np.rad2deg(load / kp):.1f} deg; 95 % "
+                f"interval {load / kp / reach:.3f} to {load / kp * reach:.3f} rad) at full "
+                f"reach: its P gain of {kp:.1f} N m/rad is low for {load:.2f} N m; with twice the "
+                f"gain it would be {load / kp / 2:.3f} rad."
+            )
+    return tuple(said)
+
+
+def plays(fits: Iterable[JointFit]) -> tuple[str, ...]:
+    """Say how far joints can be moved by hand while their servos stand."""
+    gaps = [value_in(geared(fit.row), "play") for fit in fits]
+    return tuple(
+        f"Joint {j} has {np.rad2deg(gap):.1f} deg ({gap:.4f} rad) of play between motor and joint."
+        for j, gap in enumerate(gaps, start=1)
+        if gap > 0.0
+    )
+
+
+def full_load(body: RobotModel) -> FloatArray:
+    """Return the largest gravity torque of each joint within its limits, (n,) [N m]."""
+    limits = body.limits
+    low, high = np.maximum(limits.position_min, -np.pi), np.minimum(limits.position_max, np.pi)
+    poses = np.random.default_rng(0).uniform(low, high, (_POSES, body.n))
+    return np.abs(body.gravity_torque(poses)).max(axis=0)
+
+
+def undecided(found: DriveIdentification, rate: float) -> Iterator[tuple[str, str]]:
+    """Yield effects and why these recordings do not show them."""
+    for name, (effect, other) in _SHOWS.items():
+        if joints := [j for j, own in found.undecided if own == name]:
+            yield (
+                effect,
+                f"{name} of {joints_named(joints)} is not decidable at this rate ({rate:.0f} Hz): "
+                f"{other} explains the motion as well",
+            )
+    for drive, light in _by_drive(found, _weightless(found)):
+        yield (
+            drive,
+            f"gravity never loads {joints_named(light)}: {_gains(found, light)} is known there in "
+            "ratio to friction, damping and inertia alone",
+        )
+    for drive, still in _by_drive(found, _still(found)):
+        yield drive, f"no command moves {joints_named(still)}: its drive does not show"
+
+
+def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterator[tuple[str, str]]:
+    """Yield effects that no recording of this arm with these drives shows, and why.
+
+    Args:
+        given: With a servo for each joint.
+        told: Joints whose sign gravity tells, 1-based.
+        stated: Whether the drives are those that the arm has.
+    """
+    untold = [str(j) for j in range(1, given.model.n + 1) if j not in told]
+    if untold:
+        yield (
+            "joint_sign",
+            f"gravity hardly loads joint{'s' * (len(untold) > 1)} {', '.join(untold)}: whether "
+            "positions and commands count against the description is not decidable there",
+        )
+    if stated and drifting(given.channels):
+        yield "supply_sag", "what drives draw from the supply is known of servos of position alone"
+    elif stated and not np.isfinite(most_torque(rows_of(given))).all():
+        yield (
+            "supply_sag",
+            "the drives state no `torque_limit`: how far the supply is loaded is not known",
+        )
+
+
+def about_drift(given: Simulation) -> tuple[str, ...]:
+    """Say how errors are told where commands are velocities or torques.
+
+    Args:
+        given: With a drive for each joint.
+    """
+    channels = list(enumerate(given.channels, start=1))
+    told = {
+        what: [j for j, name in channels if name == kind.name]
+        for what, kind in (("Velocities", VELOCITY), ("Torques", TORQUE))
+    }
+    return tuple(
+        f"{what} are commanded at {joints_named(joints)}, and where these lead drifts from "
+        f"where the joint was: each {DRIFTS:g} s it is put back there, and its errors are of the "
+        "position until then."
+        for what, joints in told.items()
+        if joints
+    )
+
+
+def about_motors(stated: Simulation) -> tuple[str, ...]:
+    """Say what motion shows of stated motors.
+
+    Args:
+        stated: As it was given.
+    """
+    joints = [drive.joint for drive in stated.drives if isinstance(drive, DcMotor)]
+    if not joints:
+        return ()
+    return (
+        f"Of the motor of {joints_named(joints)}, motion shows the torque at rest and the speed "
+        "without load alone: kt, resistance, supply and gear are believed, fitted and told as far "
+        "as these two go.",
+    )
+
+
+def about_counting(one: Suspect) -> str:
+    """Say how recordings count against the description."""
+    joint = (one.joint or 0) + 1
+    if one.other is not None:
+        return (
+            f"Columns of joints {joint} and {one.other + 1} are exchanged, positions and commands; "
+            "the improved simulation is of recordings in which they are not."
+        )
+    return (
+        f"position_{joint} and command_{joint} count against the description; the improved "
+        "simulation is of recordings in which both have the other sign."
+    )
+
+
+def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
+    """Say at which joints only ratios are known, and of which nothing is.
+
+    Args:
+        final: What was identified.
+        stated: Whether that began with the stated drives.
+    """
+    told = list[str]()
+    if light := _weightless(final):
+        scale = (
+            "their scale is that of all that is stated"
+            if stated
+            else f"{_gains(final, light)} is taken from the other joints"
+            if any(final.scaled)
+            else f"{_gains(final, light)} is that of a usual servo, which nothing speaks for"
+        )
+        told.append(
+            f"Gravity never loads {joints_named(light)}: of {_gains(final, light)}, friction, "
+            f"damping and inertia only the ratios are known there; {scale}."
+        )
+    if still := _still(final):
+        taken = "the stated values are kept" if stated else "the mean of the other joints is taken"
+        told.append(
+            f"No command moves {joints_named(still)}: nothing is known of the drives there, and "
+            f"{taken}."
+        )
+    return tuple(told)
+
+
+def _gains(found: DriveIdentification, joints: Sequence[int]) -> str:
+    """Return the gains that servos of some joints have, 1-based."""
+    return " or ".join(dict.fromkeys(gain_of(found.fits[j - 1].row) for j in joints))
+
+
+def _by_drive(found: DriveIdentification, joints: Sequence[int]) -> Iterator[tuple[str, list[int]]]:
+    """Yield each kind of drive that some joints have, 1-based, and which of them have it."""
+    kinds = {j: _SHOWS[gain_of(found.fits[j - 1].row)][0] for j in joints}
+    for kind in dict.fromkeys(kinds.values()):
+        yield kind, [j for j in joints if kinds[j] == kind]
+
+
+def _weightless(found: DriveIdentification) -> list[int]:
+    """Return joints that move, and get no scale from gravity, 1-based."""
+    every = enumerate(zip(found.scaled, found.moved, strict=True), start=1)
+    return [j for j, (scaled, moved) in every if moved and not scaled]
+
+
+def _still(found: DriveIdentification) -> list[int]:
+    """Return joints that no command moves, 1-based."""
+    return [j for j, moved in enumerate(found.moved, start=1) if not moved]
+
+
+def joints_named(numbers: Sequence[int]) -> str:
+    """Return joints in words.
+
+    Args:
+        numbers: 1-based.
+    """
+    return f"joint{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"

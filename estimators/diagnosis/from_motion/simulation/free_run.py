@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.simulation.columns import DELAY, DERATING, RESTART, SAG, ZERO
 from estimators.diagnosis.from_motion.simulation.joint_step import (
     begins_anew,
     caught_up,
@@ -33,15 +32,24 @@ from estimators.diagnosis.from_motion.simulation.joint_step import (
     sent_again,
     slack,
 )
-from estimators.diagnosis.from_motion.simulation.plant import ServoArm
-from estimators.rigid_body.dynamics.newton_euler import inverse_dynamics
+from estimators.diagnosis.from_motion.simulation.plant import (
+    DELAY,
+    DERATING,
+    RESTART,
+    SAG,
+    ZERO,
+    ServoArm,
+)
+from estimators.rigid_body.regressor import inverse_dynamics
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.channels import drifting
+from limo_driver.recordings.channels import TORQUE, VELOCITY, drifting, led_by
 from limo_driver.recordings.commanded import set_points
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from limo_driver.physics import Simulation
     from limo_driver.recordings.commanded import Commanded
     from limo_driver.recordings.recording import Recording
@@ -52,6 +60,8 @@ _SWEEPS: Final = 5000
 _CONVERGED: Final = 1e-7  # [rad/s]
 _RESTS: Final = 60.0  # [s] of one command, after which an arm moves no more
 ROUNDING: Final = 1e-9  # [s], of sums of steps
+MOVED: Final = 0.05  # [rad], range of its commands from which on a joint is identified
+_ENOUGH: Final = 0.5  # [rad], beyond which more range says little more
 
 
 def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
@@ -353,3 +363,32 @@ def _advance(
             v[:] = after
         result[i + 1] = q - ahead + zero
     return result, True
+
+
+def commanded_range(recordings: Sequence[Recording]) -> FloatArray:
+    """Return the largest range of each joint's commands within a recording, (n,) [rad].
+
+    Of velocities that are told [rad/s], that from rest: one that never changes moves a joint, too.
+    Of torques, where there are any, how far the joint moved [rad].
+
+    Args:
+        recordings: With commands.
+    """
+    return np.max([_range(each) for each in recordings], axis=0)
+
+
+def _range(recording: Recording) -> FloatArray:
+    command = commands_of(recording)
+    rest = np.where(led_by(VELOCITY, recording.channels), 0.0, command[0])
+    told = np.ptp(np.vstack([command, rest]), axis=0)
+    pushed = led_by(TORQUE, recording.channels)
+    return np.where(pushed & command.any(axis=0), np.ptp(recording.position, axis=0), told)
+
+
+def busiest(recordings: Sequence[Recording]) -> Recording:
+    """Return the recording in which most joints are told to move.
+
+    Args:
+        recordings: With commands.
+    """
+    return max(recordings, key=lambda r: float(commanded_range([r]).clip(max=_ENOUGH).sum()))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.simulation.columns import (
+from estimators.diagnosis.from_motion.simulation.plant import (
     ACCELERATION,
     ASSISTED,
     BY_LOAD,

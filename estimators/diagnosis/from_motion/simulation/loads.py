@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.simulation.columns import DELAY, GAIN, KV
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.joint_step import draws
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-from estimators.diagnosis.from_motion.simulation.plant import most_torque
-from estimators.rigid_body.dynamics.regressor import PER_LINK, RegressorChain
+from estimators.diagnosis.from_motion.simulation.plant import DELAY, GAIN, KV, most_torque
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.types import Motion
 

@@ -13,14 +13,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from estimators.diagnosis.from_motion.simulation.columns import (
-    DELAY,
-    DERATING,
-    GAIN,
-    KV,
-    NAMES,
-    geared,
-)
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.joint_step import (
     begins_anew,
@@ -37,6 +29,14 @@ from estimators.diagnosis.from_motion.simulation.joint_step import (
     next_velocity,
     sent_again,
     slack,
+)
+from estimators.diagnosis.from_motion.simulation.plant import (
+    DELAY,
+    DERATING,
+    GAIN,
+    KV,
+    NAMES,
+    geared,
 )
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.runtime.compiled import compiled

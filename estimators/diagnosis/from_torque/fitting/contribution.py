@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.problem import fitted
+from estimators.diagnosis.headline import is_of_bodies
 from estimators.diagnosis.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import HELD_OUT
-from estimators.diagnosis.wording import is_of_bodies
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,4 +1,11 @@
-"""Entries: the numbers of an effect, one by one, and the effect with some of them moved."""
+"""Entries: the numbers of an effect, one by one, and the effect with some of them moved.
+
+Widths: over which speeds stated dry friction turns its sign is guessed, and its size is known.
+
+A change of friction may act over another width than is stated. Beside what tolerances allow, that
+is also how a fit says that all of it is sharper: less of it over the stated width, and as much more
+over the other. Only their sum tells whether there is more friction than there may be.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.diagnosis.from_torque.fitting.contribution import coefficients
 from estimators.diagnosis.settings.fitting import NEWTON
+from estimators.regression.evidence import REACH
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.parameters import REAL
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from limo_driver.physics import Effect, Parameter, Simulation
     from limo_driver.types import FloatArray
 
@@ -119,3 +129,24 @@ def sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
             continue
         reached[side] = float(np.clip(entry.value + step, *entry.within))
     return ends[0], ends[1], (reached[0] - reached[1]) or np.inf
+
+
+def merely_sharper(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member makes stated friction sharper or softer, of a size that it may have."""
+    candidate = problem.candidates[member]
+    if not candidate.other_width:
+        return False
+    sizes = problem.nuisance.of([candidate.place])
+    # of the given simulation: here, values may be held as they are stated
+    deviation = (problem.first or problem).nuisance.prior.deviation[sizes]
+    return bool((np.abs(change_of(problem, solution, member)) <= REACH * deviation).all())
+
+
+def change_of(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
+    """Return by which part of it each size of a stated effect changes, (c,).
+
+    That is what its tolerance takes of the change, and what the member adds.
+    """
+    sizes = problem.nuisance.of([problem.candidates[member].place])
+    within = solution.fitted.mean[: sizes.size][sizes]
+    return within + coefficients(problem, solution, member)

@@ -1,31 +1,47 @@
-"""Intervals: the parameters of what was found, and how well the recordings determine them."""
+"""Intervals: the parameters of what was found, and how well the recordings determine them.
+
+Foreseen: how far a fitted simulation may be off on other motion, by what the rows left open.
+
+A parameter that the recorded motion hardly shows keeps most of what its tolerance allows. On motion
+that shows it, it then adds an error, however good the fit. The covariance of all that was fitted
+says how large that is to be expected:
+
+    variance of the torque = x C xᵀ,   C = (X'ᵀ X' + S⁻²)⁻¹
+
+with X' the whitened columns of the rows fitted, S what was known before them, and x the columns of
+the other motion.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in, numbers_of
 from estimators.diagnosis.from_torque.fitting.linearised import Linearised
-from estimators.diagnosis.from_torque.fitting.sites import seen_by_sites
-from estimators.diagnosis.from_torque.hypotheses.revision import relative_inertia
+from estimators.diagnosis.from_torque.hypotheses.catalogue import relative_inertia
+from estimators.diagnosis.headline import listed
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
-from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.model.descriptions.description import SITE
 from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from limo_driver.model.descriptions.inertial import Inertial
+    from limo_driver.model import RobotModel
+    from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 
 _Found = TypeVar("_Found", Finding, Identified, "Finding | Identified")
 _Z95 = 1.96
 _MOMENTS = [4, 5, 7, 6, 8, 9]  # xx, xy, xz, yy, yz, zz among the parameters of a link
+Place = tuple[str, "Sequence[int]", bool]
 
 
 def with_parameters(findings: Sequence[_Found], observed: Observations) -> tuple[_Found, ...]:
@@ -122,3 +138,72 @@ def _in_units(body: Inertial, relative: FloatArray) -> FloatArray:
     scale = np.diag(relative_inertia(body)).copy()
     scale[1:4] /= body.mass  # of m c
     return np.concatenate([(scale * relative)[:4], (scale * relative)[_MOMENTS]])
+
+
+def seen_by_sites(load: Inertial, model: RobotModel) -> str:
+    """Say where the sites that the last link carries see a load; empty where there are none.
+
+    Args:
+        load: In the frame of the last link.
+        model: The arm that carries it.
+    """
+    links = {str(link.get("name")) for link in model.description.root.findall("link")}
+    places: list[str] = []
+    for name, pose in model.last_frames.items():
+        if f"{SITE}{name}" in links:
+            at = ", ".join(
+                f"{x:.3f}" for x in load.moved(np.linalg.inv(pose).astype(np.float64)).com
+            )
+            places.append(f"({at}) m from the site {name}")
+    if not places:
+        return ""
+    return (
+        f" Its centre is given in the frame of {model.link_names[-1]}; it is at "
+        f"{listed(places[-WORDING.places :])}."
+    )
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """What the fit of a simulation leaves open."""
+
+    simulation: Simulation  # the fitted one
+    given: Simulation  # whose values were known to its tolerances
+    places: tuple[Place, ...]
+    root: FloatArray  # R (c, c), with Rᵀ R the covariance of the coefficients of `Linearised`
+
+    @classmethod
+    def of(cls, fitted: Observations, given: Simulation, places: Sequence[Place]) -> Foreseen:
+        """Take it from the recordings beside the simulation that was fitted to them.
+
+        Args:
+            fitted: The recordings beside that simulation.
+            given: The simulation whose values were known to its tolerances.
+            places: Of what was found: effect, joints (1-based), and whether it was missing.
+        """
+        around = _around(fitted, given, places)
+        return cls(fitted.simulation, given, tuple(places), around.root())
+
+    def rms(self, motion: Observations) -> FloatArray:
+        """Return the error to be expected on other motion, (n,) [N m] RMS over its moving rows.
+
+        Args:
+            motion: Recordings of that motion; their torques do not matter.
+        """
+        around = _around(motion.beside(self.simulation), self.given, self.places)
+        entered = around.entered
+        result = np.zeros(motion.n)
+        for joint in range(motion.n):
+            values, at = around.columns.of_joint(joint)
+            own = entered[at]
+            rows = motion.moving[:, joint]
+            spread = values[np.ix_(rows, own)] @ self.root[:, at[own]].T
+            result[joint] = np.sqrt(np.sum(spread**2) / max(len(spread), 1))
+        return result
+
+
+def _around(observed: Observations, given: Simulation, places: Sequence[Place]) -> Linearised:
+    own = [found_in(observed.simulation, name, on, missing=missing) for name, on, missing in places]
+    some = tuple({id(effect): effect for effect in own if effect is not None}.values())
+    bodies = [on[0] - 1 for name, on, _ in places if name == "link_inertia"]
+    return Linearised.of(observed, some, bodies, given)

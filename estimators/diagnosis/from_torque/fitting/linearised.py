@@ -22,8 +22,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in, possible, sides
-from estimators.diagnosis.from_torque.hypotheses.improvement import Improvement, beyond
-from estimators.diagnosis.from_torque.hypotheses.responses import difference, stacked
+from estimators.diagnosis.from_torque.hypotheses.responses import (
+    Improvement,
+    beyond,
+    difference,
+    stacked,
+)
 from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
 from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.from_torque.selection.nuisance import (
@@ -36,7 +40,7 @@ from estimators.diagnosis.settings.fitting import NEWTON
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import Prior, joined, posterior
-from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.fitting.bodies import lost_by_bodies, with_possible_bodies
-from estimators.diagnosis.from_torque.fitting.rotation import Rotation
-from estimators.diagnosis.from_torque.hypotheses.improvement import Improvement
+from estimators.diagnosis.from_torque.fitting.bodies import (
+    Rotation,
+    lost_by_bodies,
+    with_possible_bodies,
+)
+from estimators.diagnosis.from_torque.hypotheses.responses import Improvement
 from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
-from estimators.diagnosis.from_torque.selection.base_friction import base_of, rubs, with_friction
 from estimators.diagnosis.from_torque.selection.candidates import Candidate, candidates_of, entered
 from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.from_torque.selection.nuisance import (
@@ -19,7 +21,7 @@ from estimators.diagnosis.from_torque.selection.nuisance import (
     nuisance_of,
     without_sensors,
 )
-from estimators.diagnosis.from_torque.selection.search import Search
+from estimators.diagnosis.from_torque.selection.search import Search, base_of, rubs, with_friction
 from estimators.diagnosis.held_out import Split, rmse
 from estimators.diagnosis.settings.fitting import SOLVING
 from estimators.diagnosis.settings.residuals import NOISE
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.stages import Progress
-    from estimators.regression.normal_equations import NormalEquations
+    from estimators.regression.evidence import NormalEquations
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

@@ -15,7 +15,8 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     sure,
     without,
 )
-from estimators.diagnosis.from_torque.fitting.laws import confused, likeliest
+from estimators.diagnosis.from_torque.fitting.entries import merely_sharper
+from estimators.diagnosis.from_torque.fitting.laws import Setting, confused, likeliest, replaced
 from estimators.diagnosis.from_torque.fitting.problem import (
     RegressionProblem,
     Solution,
@@ -23,15 +24,13 @@ from estimators.diagnosis.from_torque.fitting.problem import (
     impossible,
     simulated,
 )
-from estimators.diagnosis.from_torque.fitting.refinement import Setting, replaced
 from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.from_torque.fitting.solving import solve
-from estimators.diagnosis.from_torque.fitting.widths import merely_sharper
-from estimators.diagnosis.from_torque.selection.base_friction import rubs
+from estimators.diagnosis.from_torque.selection.search import rubs
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
+from estimators.regression.definite import ranked
 from estimators.regression.evidence import REACH, joined, posterior
-from estimators.regression.ties import ranked
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -27,11 +27,11 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
 )
 from estimators.diagnosis.from_torque.fitting.laws import compete
 from estimators.diagnosis.from_torque.fitting.problem import simulated
+from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.wording import LINK_INERTIA
+from estimators.regression.definite import first_best, ranked
 from estimators.regression.evidence import REACH
-from estimators.regression.ties import first_best, ranked
 from limo_driver.physics import Payload
 from limo_driver.physics.effect import SensorEffect
 

@@ -19,9 +19,9 @@ from estimators.diagnosis.from_torque.fitting.problem import (
 from estimators.diagnosis.from_torque.hypotheses.ripple import ripples
 from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
 from estimators.diagnosis.from_torque.selection.candidates import entered
+from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
-from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.regression.evidence import Prior, joined
 from limo_driver.physics import TorqueRipple
 

@@ -1,19 +1,30 @@
-"""Hypotheses: each effect of the catalogue, wherever it could act, at a unit size."""
+"""Hypotheses: each effect of the catalogue, wherever it could act, at a unit size.
+
+Revision: change the values of bodies and effects that the simulation already has.
+
+Coefficients are relative: 0 keeps a value, and 0.1 makes it a tenth larger.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.diagnosis.from_torque.hypotheses.responses import Response, difference
+from estimators.diagnosis.settings.hypotheses import REVISION
+from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics.catalogue import every_effect, known_as
 from limo_driver.physics.effect import Recorded
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
+    from estimators.diagnosis.from_torque.hypotheses.responses import Enter, Improvement
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from limo_driver.physics import Hypothesis
+    from limo_driver.model.descriptions.geometry import Inertial
+    from limo_driver.physics import Effect, Hypothesis, Parameter
+    from limo_driver.types import FloatArray
 
 
 def every(observed: Observations) -> Iterator[Hypothesis]:
@@ -44,4 +55,126 @@ def recorded_in(observed: Observations) -> Recorded:
         longest=max(recording.duration for recording in recordings),
         gravity=np.array(observed.chain.gravity),
         effects=observed.reference.effects,
+    )
+
+
+def relative_change(known: Parameter, coefficient: float) -> float:
+    """Return the relative change of a parameter that a coefficient stands for.
+
+    The torque is about linear in the logarithm of a width, and in the inverse of a stiffness that
+    winds up; in all others, in the value itself.
+    """
+    if known.smooths:
+        return float(np.clip(np.exp(coefficient), REVISION.narrower, REVISION.wider) - 1.0)
+    if known.inverse:
+        return 1.0 / max(1.0 - coefficient, REVISION.stiffest) - 1.0
+    return coefficient
+
+
+def beside_stated(known: Parameter, ratio: float) -> tuple[float, float]:
+    """Convert coefficients of a stated value for a parameter that has another value at hand.
+
+    Args:
+        known: The parameter.
+        ratio: Value at hand over the stated one.
+
+    Returns:
+        The factor from a coefficient of the stated value to that of the value at hand for the same
+        small change, and the coefficient of the stated value that gives the value at hand.
+    """
+    if known.smooths:
+        return 1.0, float(np.log(ratio))
+    if known.inverse:
+        return ratio, 1.0 - 1.0 / ratio
+    return 1.0 / ratio, ratio - 1.0
+
+
+def reviser(place: int, parameters: Sequence[Parameter]) -> Enter:
+    """Return a function that enters coefficients (c,) of as many parameters of an effect."""
+
+    def enter(improvement: Improvement, c: FloatArray) -> None:
+        for known, coefficient in zip(parameters, c, strict=True):
+            improvement.revise(place, known.name, relative_change(known, float(coefficient)))
+
+    return enter
+
+
+def sharpener(place: int, sizes: Sequence[Parameter], sharp: Parameter, width: float) -> Enter:
+    """Return a function that enters coefficients (c,) of sizes that act over another width.
+
+    What is stated and what comes to it become one effect again, over a width between theirs.
+
+    Args:
+        place: Of the effect in the given simulation.
+        sizes: The parameters that change.
+        sharp: The width of the effect's smoothed sign.
+        width: The one over which the change acts, in the unit of the parameter.
+    """
+
+    def enter(improvement: Improvement, c: FloatArray) -> None:
+        effect: Any = improvement.effects[place]
+        given = [getattr(improvement.given.effects[place], known.name) for known in sizes]
+        stated = sum(abs(getattr(effect, known.name)) for known in sizes)
+        more = float(np.abs(c) @ np.abs(given))
+        reviser(place, sizes)(improvement, c)
+        if more > 0.0:
+            own = getattr(effect, sharp.name)
+            between = own * (width / own) ** (more / (stated + more))
+            improvement.effects[place] = improvement.effects[place].with_value(sharp.name, between)
+
+    return enter
+
+
+def derivative(observed: Observations, effect: Effect, name: str) -> Response:
+    """Return the torque of a relative change of 1 of an effect's parameter, to first order."""
+    value = getattr(effect, name)
+    known = next(item for item in effect.parameters() if item.name == name)
+    ahead, behind = (
+        float(np.clip(value + sign * REVISION.step * value, known.lower, known.upper))
+        for sign in (1, -1)
+    )
+    joints, values = difference(
+        effect.with_value(name, ahead), effect.with_value(name, behind), observed
+    )
+    return Response(joints, values * value / (ahead - behind))
+
+
+def mover(link: int, scale: FloatArray) -> Enter:
+    """Return a function that enters relative coefficients (10,) of a link's body (0-based).
+
+    Args:
+        link: Which link.
+        scale: Its `relative_inertia`, (10, 10).
+    """
+    return lambda improvement, c: improvement.move_inertia(link, scale @ c)
+
+
+def relative_inertia(body: Inertial) -> FloatArray:
+    """Return d(m, m c, I at the joint frame) / d(relative m, c, I at the com), (10, 10).
+
+    A component of the centre of mass is relative to the distance of that centre.
+    """
+    m, c = body.mass, np.array(body.com)
+    tensor = body.tensor()
+    scale = np.zeros((PER_LINK, PER_LINK))
+    at_origin = _point(m, c)
+    scale[0, 0], scale[1:4, 0], scale[4:, 0] = m, m * c, at_origin
+    lever = np.full(3, max(float(np.linalg.norm(c)), REVISION.least_lever))
+    for axis in range(3):
+        d = np.zeros(3)
+        d[axis] = lever[axis]
+        scale[1 + axis, 1 + axis] = m * lever[axis]
+        ahead, behind = (_point(m, c + sign * REVISION.lever_step * d) for sign in (1, -1))
+        scale[4:, 1 + axis] = (ahead - behind) / (2 * REVISION.lever_step)
+    moments = np.diag(tensor)
+    for column, (i, k) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+        size = np.sqrt(moments[i] * moments[k]) * (1.0 if i == k else REVISION.products)
+        scale[4 + column, 4 + column] = size
+    return scale
+
+
+def _point(m: float, c: FloatArray) -> FloatArray:
+    tensor = m * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.array(
+        [tensor[0, 0], tensor[0, 1], tensor[1, 1], tensor[0, 2], tensor[1, 2], tensor[2, 2]]
     )

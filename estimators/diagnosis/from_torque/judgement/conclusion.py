@@ -1,4 +1,11 @@
-"""Conclusion: the verdict in the words and numbers of `verdict.json`."""
+"""Conclusion: the verdict in the words and numbers of `verdict.json`.
+
+Holding: the motion on which a verdict stands, and the values that it leaves as stated.
+
+A friction slope learned from slow motion says little of fast motion. So a verdict has the range of
+positions, speeds and loads of the rows that were fitted and judged, by joint. A stated value of
+which these rows say next to nothing stays as it is, whatever else is found.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +19,19 @@ from estimators.diagnosis.from_torque.judgement.findings import (
     unknown_of,
     unnamed_note,
 )
-from estimators.diagnosis.from_torque.judgement.holding import held_by
 from estimators.diagnosis.from_torque.judgement.ordinary import to_identify
-from estimators.diagnosis.from_torque.residuals import repeats
+from estimators.diagnosis.from_torque.residuals import usable_joints
 from estimators.diagnosis.from_torque.residuals.plausibility import doubts_on, notes_on
+from estimators.diagnosis.headline import listed, rounded
 from estimators.diagnosis.held_out import bootstrap, reducible_removed, rmse
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.settings.judgement import OBSERVABLE
+from estimators.diagnosis.settings.judgement import HOLDING, OBSERVABLE
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     Fit,
+    Holds,
     Identified,
     NotObservable,
     RowCount,
@@ -31,12 +39,13 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
-from estimators.diagnosis.wording import listed, rounded
-from estimators.regression.ties import best_first, ranked
+from estimators.regression.definite import best_first, ranked
 from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
@@ -143,7 +152,7 @@ def conclude(
         notes=(
             *notes_on(given, doubts),
             *unproven(problem),
-            *repeats.notes(problem.observed, proven),
+            *usable_joints.notes(problem.observed, proven),
             *(
                 [unnamed_note([problem.candidates[i] for i in stand_ins])]
                 if stand_ins and not unknown
@@ -297,4 +306,35 @@ def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
             float(left[k]),
         )
         for k in order.tolist()
+    )
+
+
+def held_by(problem: RegressionProblem, solution: Solution) -> Holds:
+    """Return the range of motion of the rows that count, and the friction that they do not show."""
+    observed = problem.observed
+    rows = observed.moving
+    return Holds(
+        position=_ranges(observed.slow.position, rows),
+        speed=_ranges(np.abs(observed.slow.velocity), rows),
+        load=_ranges(observed.load[observed.kept], rows),
+        as_stated=_as_stated(problem, solution),
+    )
+
+
+def _ranges(values: FloatArray, rows: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+    """Return least and largest of values (K, n) over the rows (K, n) of each joint."""
+    some = [column[use] for column, use in zip(values.T, rows.T, strict=True)]
+    return tuple((float(x.min()), float(x.max())) if x.size else (0.0, 0.0) for x in some)
+
+
+def _as_stated(problem: RegressionProblem, solution: Solution) -> tuple[str, ...]:
+    """Name the stated sizes of friction of which the fit knows hardly more than was stated."""
+    prior, fitted = problem.nuisance.prior, solution.fitted
+    known = fitted.deviation[: prior.index.size]
+    at_limit = ~np.isnan(solution.search.evidence.at_limit(fitted))
+    open_ = (known > HOLDING.open * prior.deviation) & (prior.deviation > 0) & ~at_limit
+    return tuple(
+        item.name
+        for item, unseen in zip(problem.nuisance.parameters, open_.tolist(), strict=True)
+        if unseen and item.of_effect
     )

@@ -39,11 +39,8 @@ from estimators.diagnosis.from_torque.judgement.judgement import (
     other_links,
 )
 from estimators.diagnosis.from_torque.judgement.ordinary import beyond_siblings, to_identify
-from estimators.diagnosis.from_torque.judgement.region import where_of
-from estimators.diagnosis.held_out import reducible_removed
-from estimators.diagnosis.settings.judgement import CONFIDENCE
-from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
-from estimators.diagnosis.wording import (
+from estimators.diagnosis.from_torque.judgement.surrogate import where_of
+from estimators.diagnosis.headline import (
     LINK_INERTIA,
     is_of_bodies,
     likelier,
@@ -52,6 +49,9 @@ from estimators.diagnosis.wording import (
     rounded,
     signature_of,
 )
+from estimators.diagnosis.held_out import reducible_removed
+from estimators.diagnosis.settings.judgement import CONFIDENCE
+from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
 from limo_driver.physics import Payload, spoken
 
 if TYPE_CHECKING:

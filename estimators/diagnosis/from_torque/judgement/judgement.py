@@ -20,15 +20,15 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
 from estimators.diagnosis.from_torque.judgement.ordinary import convinced, ordinary, to_identify
 from estimators.diagnosis.from_torque.judgement.surrogate import predictable_part
 from estimators.diagnosis.from_torque.residuals.noise import roughness
+from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies, listed
 from estimators.diagnosis.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.stages import Attempts
-from estimators.diagnosis.wording import LINK_INERTIA, is_of_bodies, listed
+from estimators.regression.definite import is_more, ranked
 from estimators.regression.evidence import REACH
-from estimators.regression.ties import is_more, ranked
 from estimators.telemetry import MOTOR_SIDE, friction_share
 from limo_driver.physics import spoken
 from limo_driver.physics.catalogue import identical_to

@@ -27,14 +27,14 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     contribution,
     convincing,
 )
-from estimators.diagnosis.from_torque.fitting.widths import change_of, merely_sharper
+from estimators.diagnosis.from_torque.fitting.entries import change_of, merely_sharper
 from estimators.diagnosis.from_torque.hypotheses.responses import responses
-from estimators.diagnosis.from_torque.selection.base_friction import rubs
 from estimators.diagnosis.from_torque.selection.candidates import BASE, without_friction
+from estimators.diagnosis.from_torque.selection.search import rubs
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
-from estimators.regression.ties import first_best
+from estimators.regression.definite import first_best
 from limo_driver.physics import Armature, PreslidingHysteresis, ViscousFriction
 from limo_driver.physics.effects.friction import SIGN_WIDTH
 

@@ -16,8 +16,8 @@ from scipy.ndimage import binary_opening, maximum_filter1d
 
 from estimators.diagnosis.from_torque.residuals.observed_recording import ObservedRecording
 from estimators.diagnosis.settings.residuals import MISTAKES, NOISE, ROWS
-from estimators.rigid_body.dynamics.regressor import RegressorChain
 from estimators.rigid_body.fitting.extent import Extents
+from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import ArmMotion, MotionEffect

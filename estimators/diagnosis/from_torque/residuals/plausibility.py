@@ -15,6 +15,7 @@ from estimators.diagnosis.from_torque.residuals.body_fit import (
     BodyFit,
     by_load,
     not_the_load,
+    other_unit,
     parts_of_load,
     strange_load,
     usual_misfit,
@@ -23,7 +24,6 @@ from estimators.diagnosis.from_torque.residuals.body_fit import (
 from estimators.diagnosis.from_torque.residuals.mistakes import Mistake, RowSample, mistakes, stuck
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.from_torque.residuals.torque_unit import other_unit
 from estimators.diagnosis.from_torque.residuals.usable_joints import (
     doubtful_encoders,
     holds_still,
@@ -33,10 +33,10 @@ from estimators.diagnosis.from_torque.residuals.usable_joints import (
     without_load,
     without_torque,
 )
+from estimators.diagnosis.headline import listed, of_joints
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
-from estimators.diagnosis.wording import listed, of_joints
-from estimators.rigid_body.dynamics.regressor import PER_LINK
-from estimators.rigid_body.stated import bare
+from estimators.rigid_body.regressor import PER_LINK
+from estimators.rigid_body.tolerances import bare
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.bandwidth import lowered
 

@@ -21,10 +21,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from estimators.diagnosis.from_torque.residuals.noise import Noise, usual_errors
-from estimators.diagnosis.from_torque.residuals.rarity import rarity
 from estimators.diagnosis.from_torque.residuals.reversals import (
     about_reversals,
     ends_of_motion,
+    rarity,
     rows_in,
     steadily_moving,
     usual_about_reversals,

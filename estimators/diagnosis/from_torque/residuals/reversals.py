@@ -3,6 +3,16 @@
 Friction, play and the controller do most where a joint turns, and much the same each time. So an
 error there is held against those that the same joint leaves as long before or after its other
 reversals, not against those of steady motion.
+
+Rarity: how seldom a joint's errors are as large over some seconds as they are in one place.
+
+Where not all physics is known, errors are larger in some stretches than in others, and the largest
+of many is no event. Over stretches of one length, their energy is that of noise whose variance is
+itself drawn for each: a chi-square over another one, so that its ratio to what is usual has an F
+distribution. How many degrees of freedom that variance has is read off the scatter of energies.
+
+Source: Smyth, "Linear models and empirical Bayes methods for assessing differential expression in
+microarray experiments", 2004, section 6.2.
 """
 
 from __future__ import annotations
@@ -11,6 +21,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.optimize import root_scalar
+from scipy.special import polygamma
+from scipy.stats import f as ratio_of_variances
+from scipy.stats import norm
 
 from estimators.diagnosis.from_torque.residuals.noise import usual_error
 from estimators.diagnosis.settings.pushes import PUSHES
@@ -22,6 +36,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _TINY = 1e-12  # an error of nothing, of whitened ones
+_LEAST = float(np.log(np.finfo(float).tiny))
 
 
 def steadily_moving(observed: Observations) -> NDArray[np.bool_]:
@@ -159,3 +174,31 @@ def _turning(observed: Observations) -> NDArray[np.bool_]:
 def rows_in(observed: Observations, seconds: float) -> int:
     """Return how many rows some seconds are."""
     return round(seconds / observed.row_period)
+
+
+def rarity(energy: FloatArray, others: FloatArray, freedom: float) -> FloatArray:
+    """Return how seldom stretches have so much energy by chance, -log of it, (S,) [nat].
+
+    Args:
+        energy: Sums of squared errors over some stretches, (S,).
+        others: Those over other stretches of the same length, (R,); most of them are no events.
+        freedom: Independent errors in a stretch.
+    """
+    upper = PUSHES.scatter
+    usual, large = np.log(np.maximum(np.quantile(others, (0.5, upper)), np.finfo(float).tiny))
+    scatter = ((large - usual) / norm.ppf(upper)) ** 2  # of logs, robust
+    drawn = _freedom(float(scatter - polygamma(1, freedom / 2.0)))
+    chance = ratio_of_variances.logsf(energy / np.exp(usual), freedom, drawn)
+    return -np.maximum(chance, _LEAST)
+
+
+def _freedom(scatter: float) -> float:
+    """Return the degrees of freedom of a chi-square whose logarithm has such a variance."""
+
+    def beyond(freedom: float) -> float:
+        return float(polygamma(1, freedom / 2.0)) - scatter
+
+    few, many = PUSHES.freedom
+    if beyond(many) >= 0.0:
+        return many
+    return float(root_scalar(beyond, bracket=(few, many)).root) if beyond(few) > 0.0 else few

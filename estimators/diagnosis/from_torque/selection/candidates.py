@@ -10,19 +10,23 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from estimators.diagnosis.from_torque.hypotheses import catalogue as hypotheses
-from estimators.diagnosis.from_torque.hypotheses.improvement import beyond, payload_of
-from estimators.diagnosis.from_torque.hypotheses.responses import responses, stacked
-from estimators.diagnosis.from_torque.hypotheses.revision import (
+from estimators.diagnosis.from_torque.hypotheses.catalogue import (
     derivative,
     mover,
     relative_inertia,
     reviser,
     sharpener,
 )
+from estimators.diagnosis.from_torque.hypotheses.responses import (
+    beyond,
+    payload_of,
+    responses,
+    stacked,
+)
 from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.evidence import Prior
-from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from limo_driver.physics import CoulombFriction, TorqueGain, ViscousFriction
 from limo_driver.physics.catalogue import description_of, known_as
@@ -30,8 +34,7 @@ from limo_driver.physics.catalogue import description_of, known_as
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from estimators.diagnosis.from_torque.hypotheses.improvement import Enter, Improvement
-    from estimators.diagnosis.from_torque.hypotheses.responses import Response
+    from estimators.diagnosis.from_torque.hypotheses.responses import Enter, Improvement, Response
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.from_torque.selection.columns import ColumnTable
     from limo_driver.model import RobotModel

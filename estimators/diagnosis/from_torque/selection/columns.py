@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import NormalEquations
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

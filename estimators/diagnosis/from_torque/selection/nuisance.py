@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.hypotheses.responses import response
-from estimators.diagnosis.from_torque.hypotheses.revision import (
+from estimators.diagnosis.from_torque.hypotheses.catalogue import (
     beside_stated,
     derivative,
     mover,
@@ -21,10 +20,11 @@ from estimators.diagnosis.from_torque.hypotheses.revision import (
     relative_inertia,
     reviser,
 )
+from estimators.diagnosis.from_torque.hypotheses.responses import response
 from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import REACH, Prior, joined
-from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
+from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.physics import (
     CoulombFriction,
     PositionDependentFriction,
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.from_torque.hypotheses.improvement import Enter, Improvement
+    from estimators.diagnosis.from_torque.hypotheses.responses import Enter, Improvement
     from estimators.diagnosis.from_torque.residuals.noise import Noise
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.from_torque.selection.columns import ColumnTable

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from limo_driver.network.options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+from limo_driver.network.config import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator

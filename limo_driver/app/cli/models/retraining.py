@@ -1,4 +1,4 @@
-"""`limo models retrain`: a challenger from logs, by the service that wrote them or without it."""
+"""`limo models retrain` and `compare`: a challenger, and whether it is better."""
 
 from __future__ import annotations
 
@@ -9,15 +9,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limo_driver.app.cli.models.options import (
+    MODELS,
     JsonOption,
     ReasonOption,
+    RobotOption,
+    StoreOption,
+    TrustOption,
     VersionSource,
+    WhichArgument,
+    opened,
     print_found,
     with_place,
 )
+from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer reads it
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
+    from estimators.service.gate import Comparison
     from estimators.service.store.store import ModelStore
+    from estimators.service.store.version import Version
 
 _NAME = re.compile(r"(.+)_\d{8}T\d{6}\.\d{6}Z")
 
@@ -90,9 +101,8 @@ def _trained(
 ) -> dict[str, Any]:
     from estimators.service.store.signature import check_signing
     from estimators.service.store.store import ModelStore
-    from estimators.service.training.learning import check_kind
     from estimators.service.training.logged_motion import Span, newest_motion
-    from estimators.service.training.trainer import train
+    from estimators.service.training.trainer import check_kind, train
 
     check_kind(kind)
     if sign is not None:
@@ -124,3 +134,69 @@ def _told(found: dict[str, Any]) -> str:
         f"version {found['version']}, trained on {found['data']['samples']} states: "
         f"{against['reason']}, beside version {found['parent']}"
     )
+
+
+def compare(
+    champion: WhichArgument,
+    challenger: WhichArgument,
+    data: Annotated[Path, typer.Option(help="Recording that neither was trained on.")],
+    block: Annotated[
+        float, typer.Option(help="Length of a block [s]; longer than errors remember.")
+    ] = 5.0,
+    out: Annotated[Path | None, typer.Option(help="Where to write a picture (PNG).")] = None,
+    store: StoreOption = MODELS,
+    robot: RobotOption = None,
+    trust: TrustOption = None,
+    mapping: MappingOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare the errors of two versions joint by joint, with intervals.
+
+    The intervals are of paired errors, averaged over blocks. The last line says whether the second
+    version would be promoted over the first: better on average, and worse on no joint.
+
+    Example:
+        limo models compare champion 2 --data test.parquet --out difference.png
+    """
+    from estimators.service.comparison import compare_versions, difference_figure
+    from limo_driver.app.library.reading import read
+    from limo_driver.runtime.outputs import require_file, whole
+
+    if out is not None:
+        require_file(out, [data])
+    models = opened(store, robot, trust)
+    versions = models.open(champion), models.open(challenger)
+    found = compare_versions(*versions, read(data, mapping=mapping), block)
+    if out is not None:
+        from estimators.pictures import png
+
+        names = [f"version {version.number}" for version in versions]
+        with whole(out) as draft:
+            draft.write_bytes(png(difference_figure(found, versions[0].joints, names)))
+    print_found(found.as_values(), _table(found, versions), as_json=as_json)
+
+
+def _table(found: Comparison, versions: tuple[Version, Version]) -> Table:
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    first, second = (f"version {version.number}" for version in versions)
+    table = Table(
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        title=f"RMSE [N m] of {first} and {second}, {found.blocks} blocks",
+        caption=("promote: " if found.promote else "do not promote: ") + found.reason,
+    )
+    table.add_column("joint", overflow="fold")
+    for heading in (first, second, "difference", "95 % interval", "ratio\nof MSE"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for j, name in enumerate(versions[0].joints):
+        table.add_row(
+            name,
+            f"{found.champion[j]:.4f}",
+            f"{found.challenger[j]:.4f}",
+            f"{found.difference.value[j]:+.4f}",
+            f"{found.difference.low[j]:+.4f} to {found.difference.high[j]:+.4f}",
+            f"{found.ratio.value[j]:.3g}",
+        )
+    return table

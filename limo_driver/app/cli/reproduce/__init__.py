@@ -1,10 +1,259 @@
 """`limo reproduce`: tables of published work, computed again."""
 
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
 import typer
 
-from limo_driver.app.cli.reproduce import table1
+from limo_driver.app.cli import INTERRUPTED
+from limo_driver.app.console.terminal import Machines, OnOption
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from rich.console import Console
+
+    from estimators.reproduction.data import TableData
+    from estimators.reproduction.results import Protocol, Table, Trial
+    from estimators.reproduction.workers import Advanced, Failed, Finished, TrialPlace
+
+OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
+DATA, QUICK_DATA = "data", "data_quick"  # simulated, in OUT; the quick one is far less motion
+FILES = ("table1.md", "table1.csv", "table1.json", "table1.png", "claims.md", "report.html")
+FAILED = 1
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+
+
+def table1(
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of excitation, limo and validation recordings and data.json; OUT/data if "
+            "not given, OUT/data_quick with --quick, which is simulated if it is not there."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help=f"Folder for trials and table; {OUT}, or {QUICK_OUT} with --quick."),
+    ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help="Minutes instead of days: little motion, few epochs, one run."
+        ),
+    ] = False,
+    runs: Annotated[
+        int | None, typer.Option(help="Trainings of each row, from other seeds; 10.")
+    ] = None,
+    device: Annotated[
+        str,
+        typer.Option(help="Where networks are trained: auto (a GPU if there is one), cpu, cuda."),
+    ] = "auto",
+    jobs: Annotated[
+        int | None,
+        typer.Option(help="Trials side by side; one for each physical core, or one on a GPU."),
+    ] = None,
+    epochs: Annotated[int | None, typer.Option(help="Passes over the motion; 100.")] = None,
+    batch: Annotated[
+        int | None,
+        typer.Option(
+            help="Sub-sequences of one step of the optimiser; 50. Less on short recordings, of "
+            "which 50 would leave a step or two in an epoch."
+        ),
+    ] = None,
+    on: OnOption = Machines.processes,
+) -> None:
+    r"""Compute Table I of Çallar and Böttger 2022 again, beside the paper's figures.
+
+    Rigid body, perceptrons, LSTMs and Transformer, standalone and hybrid, with and without the
+    rotational history: errors on training, test and validation motion for each joint, mean and
+    spread over runs. The paper's random split of sub-sequences stands beside an honest one, which
+    tests on scaffolds that were never trained on.
+
+    Finished trials are kept: started again, the command goes on where it was stopped or killed.
+
+    Examples:
+        limo reproduce table1 --quick
+        limo reproduce table1 --data recordings/ --runs 3 --out out/table1
+        limo reproduce table1 --data half_a_minute/ --batch 1 \
+            --out out/half_a_minute
+        limo reproduce table1 --on ray
+    """
+    from dataclasses import replace
+
+    from estimators.reproduction.results import Protocol
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.runtime.outputs import only_writer, require_folder
+
+    notes = terminal(stderr=True, soft_wrap=True)
+    protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
+    given = {"runs": runs, "epochs": epochs, "batch": batch}
+    protocol = replace(protocol, **{name: n for name, n in given.items() if n is not None})
+    processes = _processes(jobs, device, on)
+    out = out or (QUICK_OUT if quick else OUT)
+    require_folder(out, "the table")
+    with only_writer(out):
+        folder = data or out / (QUICK_DATA if quick else DATA)
+        if data is None and not folder.exists():
+            _make_data(folder, quick=quick, notes=notes)
+        status = _compute(folder, out, protocol, Trials(device, processes, on), notes)
+    if status:
+        raise typer.Exit(status)
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Where trials run."""
+
+    device: str
+    processes: int | None  # side by side; as many as a cluster has cores, if none
+    on: Machines
+
+    def run(
+        self, job: TrialPlace, data: TableData, trials: Sequence[Trial]
+    ) -> Iterator[Advanced | Finished | Failed]:
+        """Run trials, and tell how they get on; a cluster tells their ends alone."""
+        from estimators.reproduction.workers import run_trials
+        from limo_driver.app.library.demonstrating import run_trials_on_ray
+
+        if self.on == Machines.ray:
+            return run_trials_on_ray(job, data, trials, self.processes)
+        return run_trials(job, trials, self.processes or 1)
+
+
+def _compute(folder: Path, out: Path, protocol: Protocol, where: Trials, notes: Console) -> int:
+    """Run the trials that are not finished yet, write the table, and return the exit status."""
+    from estimators.reproduction.claims import write
+    from estimators.reproduction.data import TableData, rigid_body
+    from estimators.reproduction.page import PAGE, table_page
+    from estimators.reproduction.picture import PICTURE, draw
+    from estimators.reproduction.results import Table
+    from estimators.reproduction.workers import TrialPlace
+    from limo_driver.runtime.outputs import require_folder
+
+    read = TableData.load(folder)
+    for name in ("trials", "prepared"):
+        require_folder(out / name, "the table")
+    with notes.status("identifying the rigid body"):
+        job = TrialPlace(folder, rigid_body(read, out / "prepared"), out / "trials", where.device)
+    store = job.store()
+
+    def update() -> Table:
+        table = Table.gather(read, protocol, store)
+        write(table, out)
+        return table
+
+    status = _run(job, read, protocol.trials(read.digests), where, update, notes)
+    table = update()
+    draw(table, out / PICTURE)
+    table_page(table).save(out / PAGE)
+    _print(table, out)
+    return status
+
+
+def _processes(jobs: int | None, device: str, on: Machines) -> int | None:
+    """Return how many trials run side by side; one where they share a GPU.
+
+    Those of a cluster are as many as it has cores.
+    """
+    from estimators.hybrid.training.fit import find_device
+    from estimators.reproduction.workers import physical_cores
+    from limo_driver.errors import ConfigError
+
+    gpu = find_device(device).type == "cuda"
+    if jobs is not None and jobs < 1:
+        raise ConfigError(f"--jobs is {jobs}, expected 1 or more")
+    if on == Machines.ray:
+        if gpu and device == "cuda":
+            raise ConfigError("--device is cuda, but on Ray each trial has one core; expected auto")
+        return jobs
+    return jobs or (1 if gpu else physical_cores())
+
+
+def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
+    """Make a data folder behind a progress bar."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from limo_driver.app.cli.reproduce.simulated_data import FULL, QUICK, make
+
+    notes.print(f"{folder} is not there: making it with the simulated arm")
+    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+    disable = not notes.is_terminal
+    with Progress(*columns, console=notes, transient=True, disable=disable) as bar:
+        task = bar.add_task("making data", total=1.0)
+
+        def tell(what: str, share: float) -> None:
+            bar.update(task, description=what, completed=share)
+
+        made = make(folder, QUICK if quick else FULL, tell)
+    if not made:
+        raise typer.Exit(INTERRUPTED)
+
+
+def _run(
+    job: TrialPlace,
+    data: TableData,
+    trials: Sequence[Trial],
+    where: Trials,
+    update: Callable[[], object],
+    notes: Console,
+) -> int:
+    """Run what is not finished yet, update the files after each, and return the exit status."""
+    from estimators.reproduction.workers import Advanced, Failed, Finished
+    from limo_driver.app.cli.reproduce.simulated_data import TrialProgress
+
+    store = job.store()
+    finished = {trial.file_name: store.load(trial) for trial in trials}
+    waiting = [trial for trial in trials if finished[trial.file_name] is None]
+    if not waiting:
+        return 0
+    failed: list[Failed] = []
+    with TrialProgress(
+        notes, trials, [r for r in finished.values() if r is not None], where.processes
+    ) as watch:
+        try:
+            for event in where.run(job, data, waiting):
+                match event:
+                    case Advanced():
+                        watch.advanced(event.trial, event.epoch)
+                    case Finished():
+                        watch.finished(event.trial, event.seconds)
+                        update()
+                    case Failed():
+                        watch.failed(event.trial, event.reason)
+                        failed.append(event)
+        except KeyboardInterrupt:
+            notes.print("stopped; finished trials are kept, the same command goes on with the rest")
+            return INTERRUPTED
+    return FAILED if failed else 0
+
+
+def _print(table: Table, out: Path) -> None:
+    """Print the joint averages; all joints are in the files."""
+    from rich.table import Table as Grid
+
+    from estimators.reproduction.claims import cell, done
+    from estimators.reproduction.data import PARTS, ROWS
+    from estimators.reproduction.results import SPLIT_NAMES, SPLITS
+    from limo_driver.app.console.terminal import terminal
+
+    console = terminal()
+    console.print(table.headline())
+    for split in SPLITS:
+        grid = Grid(
+            "architecture", "runs", *PARTS,
+            title=f"Table I, joint average: {SPLIT_NAMES[split]}",
+            title_justify="left",
+        )  # fmt: skip
+        for row in ROWS:
+            figures = [table.figures(row, part, split) for part in PARTS]
+            grid.add_row(row.name, done(figures[0]), *(cell(f, -1) for f in figures))
+        console.print(grid)
+    console.print(table.scored)
+    console.print(f"wrote {out}: {', '.join(FILES)}", soft_wrap=True)
 
 
 @command.callback()
@@ -16,4 +265,4 @@ def reproduce() -> None:
     """
 
 
-command.command(name="table1")(table1.command)
+command.command(name="table1")(table1)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.console.terminal import say
-from limo_driver.network.options import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+from limo_driver.network.config import ConfigFile, Connect, Listen  # noqa: TC001  # typer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from limo_driver.app.cli.watch.watched import Watched
+    from limo_driver.app.cli.watch.screen import Watched
     from limo_driver.network.streaming import Keys
 
 _PORT = 8642  # of the page of --web
@@ -87,9 +87,8 @@ def command(
         limo watch --arm iiwa14 --web
         limo watch --arm iiwa14 --rerun monday.rrd --duration 60
     """
-    from limo_driver.app.cli.watch.screen import show
-    from limo_driver.app.cli.watch.watched import Watched
-    from limo_driver.app.console.shortening import shortened
+    from limo_driver.app.cli.watch.screen import Watched, show
+    from limo_driver.app.console.terminal import shortened
     from limo_driver.errors import ConfigError
     from limo_driver.network.streaming import Keys, follow_history, open_session
 
@@ -140,8 +139,7 @@ def _serve(
     duration: float | None,
 ) -> None:
     """Serve the page of an arm until the time is over."""
-    from limo_driver.app.live.feed import ArmFeed
-    from limo_driver.app.live.web import LiveServer
+    from limo_driver.app.live.web import ArmFeed, LiveServer
     from limo_driver.model import BUILT_IN, RobotModel
 
     model = RobotModel.load(robot or BUILT_IN[0])
@@ -162,8 +160,8 @@ def _log_to_rerun(
     duration: float | None,
 ) -> None:
     """Log an arm to Rerun until the time is over."""
-    from limo_driver.app.live.feed import ArmFeed
     from limo_driver.app.live.rerun_log import RATE, RerunLog
+    from limo_driver.app.live.web import ArmFeed
     from limo_driver.model import BUILT_IN, RobotModel
     from limo_driver.network.streaming import follow_history
 

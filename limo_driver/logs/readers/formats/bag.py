@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.logs.readers.columns.families import families_of
-from limo_driver.logs.readers.columns.names import (
+from limo_driver.logs.readers.columns import (
     POSITION,
     TORQUE,
     VELOCITY,
+    families_of,
     is_commanded,
     read_name,
     words_of,
 )
-from limo_driver.logs.readers.formats.dynamic_joint_state import DYNAMIC_JOINT_STATE, decode_dynamic
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.logs.ros.joint_state_log import bag_files, read_bag
 from limo_driver.logs.ros.known_layouts import layout_for
-from limo_driver.network.messages import JOINT_STATE, JointStateCodec
+from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
+from limo_driver.network.messages.cdr import CdrReader
 from limo_driver.recordings.files.stretches import STRETCH, Stretches
 from limo_driver.recordings.gate import SYSTEMATIC
 
@@ -34,8 +34,39 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.logs.mcap_file import LoggedMessage
-    from limo_driver.network.messages import JointStateMessage
     from limo_driver.types import FloatArray
+
+DYNAMIC_JOINT_STATE: Final = "control_msgs/msg/DynamicJointState"
+_MOST: Final = 1000  # joints
+
+
+def decode_dynamic(payload: bytes | memoryview) -> JointStateMessage:
+    """Return the joint state that a payload holds; NaN where a joint lacks an interface.
+
+    Raises:
+        WireFormatError: The payload is malformed; names its offset.
+    """
+    reader = CdrReader(payload)
+    stamp, frame, names = reader.time("stamp"), reader.string("frame_id"), reader.strings("names")
+    many = reader.number("I", "interface_values")
+    if many != len(names) or many > _MOST:
+        raise WireFormatError(
+            f"{many} interface_values of {len(names)} joints, expected as many", reader.offset
+        )
+    values = np.full((len(_QUANTITIES), many), np.nan)
+    for j in range(many):
+        interfaces, own = reader.strings("interface_names"), reader.doubles("values")
+        if own.size != len(interfaces):
+            raise WireFormatError(
+                f"{own.size} values of {len(interfaces)} interfaces", reader.offset
+            )
+        for interface, value in zip(interfaces, own.tolist(), strict=True):
+            if interface in _QUANTITIES:
+                values[_QUANTITIES.index(interface), j] = value
+    reader.end()
+    position, velocity, effort = values
+    return JointStateMessage(stamp, frame, names, position, velocity, effort)
+
 
 _LISTED = 8  # topics that a message names
 _PEEKED = 5000  # messages that show which topic has which joints

@@ -15,7 +15,7 @@ import pyarrow as pa
 from pyarrow import csv
 
 from limo_driver.errors import RecordingError
-from limo_driver.logs.readers.columns.units import WRITTEN
+from limo_driver.logs.readers.columns import WRITTEN
 from limo_driver.recordings.files.batches import (
     LONG_TEXT,
     Kept,

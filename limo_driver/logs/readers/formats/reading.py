@@ -63,7 +63,7 @@ def read_table(
 
         return read_bags([path], topic, joints)
     if ending in ARRAYS:
-        from limo_driver.logs.readers.formats.npz import read_npz
+        from limo_driver.logs.readers.formats.arrays import read_npz
 
         return read_npz(path)
     if ending in OBJECTS:
@@ -83,10 +83,10 @@ def read_table(
 
 def _read_objects(path: Path, ending: str) -> LogTable:
     if ending == ".mat":
-        from limo_driver.logs.readers.formats.matlab import read_mat
+        from limo_driver.logs.readers.formats.arrays import read_mat
 
         return read_mat(path)
-    from limo_driver.logs.readers.formats.json_log import read_json
+    from limo_driver.logs.readers.formats.arrays import read_json
 
     return read_json(path)
 

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError
-from limo_driver.logs.readers.columns.families import ColumnFamily, families_of
-from limo_driver.logs.readers.columns.names import (
+from limo_driver.logs.readers.columns import (
     COMMAND,
     COMMAND_VELOCITY,
     COMMANDED,
     CURRENT,
+    CURRENTS,
     MEASURED,
     NO_COLUMN,
     NOTHING,
@@ -26,26 +26,27 @@ from limo_driver.logs.readers.columns.names import (
     POSITION,
     TEMPERATURE,
     TORQUE,
+    UNITS,
     VELOCITY,
+    ColumnFamily,
+    families_of,
     own_word,
     read_name,
     strange_words,
     words_of,
 )
-from limo_driver.logs.readers.columns.units import CURRENTS, UNITS
 from limo_driver.logs.readers.formats.lerobot import KIND as LEROBOT
 from limo_driver.logs.readers.mapping import Channels, LogMapping, values_of
-from limo_driver.logs.readers.proposals.motion_units import Beside, position_reading
-from limo_driver.logs.readers.proposals.mujoco_arrays import whole_of_mujoco
-from limo_driver.logs.readers.proposals.odd_columns import other_unit_from
-from limo_driver.logs.readers.proposals.rates_and_torques import (
+from limo_driver.logs.readers.proposals.gravity import other_unit_from
+from limo_driver.logs.readers.proposals.motion_units import (
+    Beside,
     current_factors,
+    position_reading,
     torque_reading,
     velocity_unit,
 )
-from limo_driver.logs.readers.proposals.recorded_joints import recorded_part
-from limo_driver.logs.readers.proposals.times import time_columns
-from limo_driver.logs.readers.proposals.unnamed import unnamed_columns
+from limo_driver.logs.readers.proposals.recorded_joints import recorded_part, whole_of_mujoco
+from limo_driver.logs.readers.proposals.times import time_columns, unnamed_columns
 from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:

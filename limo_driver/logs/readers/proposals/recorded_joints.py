@@ -8,29 +8,29 @@ were.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.logs.readers.columns.families import families_of
-from limo_driver.logs.readers.columns.names import (
+from limo_driver.logs.readers.columns import (
     CURRENT,
     MEASURED,
     PLAIN,
     POSITION,
     TORQUE,
+    UNITS,
+    families_of,
+    read_name,
     words_of,
 )
-from limo_driver.logs.readers.columns.units import UNITS
-from limo_driver.logs.readers.proposals.mujoco_arrays import columns_of_joints
 from limo_driver.model.descriptions.description import split_reference
 from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from limo_driver.logs.readers.columns.families import ColumnFamily
+    from limo_driver.logs.readers.columns import ColumnFamily
     from limo_driver.logs.readers.mapping import LogMapping
     from limo_driver.logs.readers.table import LogTable
     from limo_driver.model import RobotModel
@@ -41,6 +41,8 @@ _MATTERS: Final = 0.05  # of the largest gravity torque, that another place of a
 _POSES: Final = 20
 _ELSEWHERE: Final = 1e-3  # [rad, m], from where a joint would be locked
 _BESIDE: Final = 0.1  # of the range of a gripper that slides, by which its positions may be beyond
+_OF_POSITIONS: Final = frozenset({"qpos"})
+_OF_VELOCITIES: Final = frozenset({"qvel", "qacc", "qfrc"})
 
 
 @dataclass(frozen=True)
@@ -306,3 +308,37 @@ def _where(model: RobotModel, names: Sequence[str]) -> str:
     for name in names:
         by_place.setdefault(model.description.locked[name], []).append(name)
     return "; ".join(f"{shortened(own)} at {at:.4g}" for at, own in by_place.items())
+
+
+def whole_of_mujoco(family: ColumnFamily, model: RobotModel) -> ColumnFamily | None:
+    """Return the columns of a robot's joints among those of all joints of its MJCF file.
+
+    Args:
+        family: Numbered columns, `qpos[0]` to `qpos[5]` and more beyond them.
+        model: The robot.
+
+    Returns:
+        Its columns in the order of the joints; None if it is not named like an array of MuJoCo, or
+        not as wide as that of the file.
+    """
+    columns = columns_of_joints(family, model)
+    if columns is None:
+        return None
+    chosen = [columns[name] for name in model.joint_names]
+    return replace(family, names=tuple(map(read_name, chosen)), beyond=())
+
+
+def columns_of_joints(family: ColumnFamily, model: RobotModel) -> dict[str, str] | None:
+    """Return the column of each joint of an MJCF file; None if the family is no array of all.
+
+    Args:
+        family: Numbered columns, `qpos[0]` to `qpos[5]` and more beyond them.
+        model: A robot of that file.
+    """
+    columns = (*family.columns, *family.beyond)
+    words = {word for column in columns for word in words_of(column)}
+    velocities = not words & _OF_POSITIONS
+    places, width = model.description.places, model.description.widths[velocities]
+    if not family.beyond or len(columns) != width or not words & (_OF_POSITIONS | _OF_VELOCITIES):
+        return None
+    return {name: columns[place[velocities]] for name, place in places.items()}

@@ -10,10 +10,16 @@ from canopen.profiles.p402 import State402
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backends.can.cia402.bus_load import bus_load
-from backends.can.cia402.codec import Codec, OperatingMode, State, state_of, towards_enabled
-from backends.can.cia402.emergency import describe
-from backends.can.frames import BusLoad, Traffic, classic_bits, fd_bits
+from backends.can.cia402.codec import (
+    Codec,
+    OperatingMode,
+    State,
+    bus_load,
+    describe,
+    state_of,
+    towards_enabled,
+)
+from backends.can.port import BusLoad, Traffic, classic_bits, fd_bits
 from limo_driver.errors import ConfigError
 
 CONFIG = arm_config()

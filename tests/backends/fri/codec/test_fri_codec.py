@@ -29,8 +29,15 @@ from backends.fri.codec.messages import (
     Timestamp,
     Transformation,
 )
-from backends.fri.codec.version import FriVersion, Generation, detect
-from backends.fri.codec.wire import delimited, double, tag, varint
+from backends.fri.codec.version import (
+    FriVersion,
+    Generation,
+    delimited,
+    detect,
+    double,
+    tag,
+    varint,
+)
 from limo_driver.errors import ConfigError, WireFormatError
 
 V1 = FriVersion.V1_15

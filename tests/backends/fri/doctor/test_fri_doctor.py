@@ -12,7 +12,8 @@ from fri_messages import monitoring
 from ports import free_port
 from stepped_arm import SteppedArm
 
-from backends.fri.advice import advice
+from backends.fri import doctor
+from backends.fri import doctor as network
 from backends.fri.codec.messages import (
     PORTS,
     CommandMode,
@@ -26,8 +27,8 @@ from backends.fri.codec.messages import (
     SessionState,
 )
 from backends.fri.codec.version import Generation
-from backends.fri.doctor import doctor, network
-from backends.fri.doctor.doctor import examine
+from backends.fri.doctor import examine
+from backends.fri.session import advice
 
 pytestmark = pytest.mark.waits
 

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from backends.fri.codec.messages import SessionState
 from backends.fri.codec.version import FriVersion
-from backends.fri.simulator.connection.port import Address
-from backends.fri.simulator.connection.quality import QualityModel
+from backends.fri.simulator.connection.port import Address, QualityModel
 from backends.fri.simulator.controller import SimulatedController
 from backends.fri.simulator.session import SessionTimes
 from backends.fri.simulator.settings import MODES, ControllerSettings

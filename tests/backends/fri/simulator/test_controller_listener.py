@@ -9,11 +9,9 @@ import pytest
 
 from backends.fri.codec.codec import encode_command
 from backends.fri.codec.messages import Command, CommandData, CommandMode, Header, SessionState
-from backends.fri.simulator.client.judge import Wanted
-from backends.fri.simulator.connection.link import UNDISTURBED, Disturbance
-from backends.fri.simulator.connection.port import Address, ClientDatagram
-from backends.fri.simulator.listener import Listener
-from backends.fri.simulator.motion import CommandedArm
+from backends.fri.simulator.connection.port import UNDISTURBED, Address, ClientDatagram, Disturbance
+from backends.fri.simulator.judge import Wanted
+from backends.fri.simulator.listener import CommandedArm, Listener
 from backends.fri.simulator.report import ClientObservations
 from backends.fri.simulator.scenario import Now
 from backends.fri.simulator.session import ControllerSession, SessionTimes

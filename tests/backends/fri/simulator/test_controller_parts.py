@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from backends.fri.codec.messages import CommandData, CommandMode, ControlMode
-from backends.fri.simulator.arm import Compliance, ControlledArm
-from backends.fri.simulator.client.judge import CommandJudge, CommandLimits, Wanted
-from backends.fri.simulator.client.ledger import REMEMBERED, Arrival, Ledger
+from backends.fri.simulator.arm import Compliance, ControlledArm, SetpointPath
 from backends.fri.simulator.connection.port import Address
+from backends.fri.simulator.judge import CommandJudge, CommandLimits, Wanted
+from backends.fri.simulator.ledger import REMEMBERED, Arrival, Ledger
 from backends.fri.simulator.monitoring import quaternion
-from backends.fri.simulator.path import SetpointPath
 from backends.fri.simulator.settings import POSE, ControllerSettings
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel

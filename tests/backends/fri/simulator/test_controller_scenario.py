@@ -7,7 +7,8 @@ from ports import free_port
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
 from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.events import (
+from backends.fri.simulator.scenario import (
+    ControllerScenario,
     Delay,
     Direction,
     Duplicate,
@@ -20,7 +21,6 @@ from backends.fri.simulator.events import (
     Silence,
     SimulatedPush,
 )
-from backends.fri.simulator.scenario import ControllerScenario
 from backends.fri.simulator.settings import ControllerSettings
 
 pytestmark = pytest.mark.waits

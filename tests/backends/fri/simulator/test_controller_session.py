@@ -7,10 +7,21 @@ from typing import TYPE_CHECKING
 import pytest
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
-from backends.fri.simulator.connection.link import UNDISTURBED, Channel, Disturbance
-from backends.fri.simulator.connection.quality import ConnectionQuality, QualityModel
-from backends.fri.simulator.events import Delay, Direction, Loss, SimulatedPush
-from backends.fri.simulator.scenario import ControllerScenario, ScenarioClock
+from backends.fri.simulator.connection.port import (
+    UNDISTURBED,
+    Channel,
+    ConnectionQuality,
+    Disturbance,
+    QualityModel,
+)
+from backends.fri.simulator.scenario import (
+    ControllerScenario,
+    Delay,
+    Direction,
+    Loss,
+    ScenarioClock,
+    SimulatedPush,
+)
 from backends.fri.simulator.session import Circumstances, ControllerSession, SessionTimes
 from limo_driver.errors import ConfigError
 

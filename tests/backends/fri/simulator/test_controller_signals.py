@@ -17,8 +17,13 @@ from backends.fri.codec.messages import (
     Transformation,
 )
 from backends.fri.codec.version import FriVersion, Generation
-from backends.fri.simulator.client.signals import Signals, check_signal_name, parse_io
-from backends.fri.simulator.client.spoken import monitored_as_of, spoken
+from backends.fri.simulator.judge import (
+    Signals,
+    check_signal_name,
+    monitored_as_of,
+    parse_io,
+    spoken,
+)
 from limo_driver.errors import ConfigError
 
 pytestmark = pytest.mark.waits

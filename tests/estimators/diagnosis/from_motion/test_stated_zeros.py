@@ -9,14 +9,14 @@ import pytest
 from servo_arms import commands, recorded, simulated, write_arm
 
 from estimators.diagnosis.from_motion import diagnose_drives, identify_drives
-from estimators.diagnosis.from_motion.simulation.loads import ArmChange
-from estimators.diagnosis.from_motion.simulation.zeros import (
+from estimators.diagnosis.from_motion.checks.conventions import (
     as_counted,
     from_zeros,
     with_zeros,
     without_zeros,
     zeros_of,
 )
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange
 from limo_driver.physics import EncoderOffset, Simulation
 
 ZERO = np.array([0.0, 0.25])  # [rad]

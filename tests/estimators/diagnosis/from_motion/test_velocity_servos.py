@@ -24,7 +24,7 @@ from estimators.diagnosis.from_motion import diagnose_drives, free_run, identify
 from estimators.diagnosis.from_motion.simulation.free_run import restarted_run
 from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
-from limo_driver.app.library.forward import predict_forward
+from limo_driver.app.library.simulating import predict_forward
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import PositionServo, Simulation, Tolerances, VelocityServo
 from limo_driver.recordings.commanded import Commanded

@@ -11,7 +11,7 @@ from audit import violations
 from browser import browser, program
 
 from estimators.diagnosis.reading import verdict_in
-from estimators.diagnosis.report.comparison import comparison
+from estimators.diagnosis.report.truth import comparison
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,

@@ -17,11 +17,11 @@ import yaml
 from audit import reached_by_tab, violations
 from browser import browser, program
 
-from estimators.diagnosis.from_torque.diagnosis import Diagnosis
-from estimators.diagnosis.headline import headline
+from estimators.diagnosis.from_torque.pipeline import Diagnosis
+from estimators.diagnosis.headline import headline, rounded
 from estimators.diagnosis.report import figures, worst_stretch, write_report
+from estimators.diagnosis.report.binning import loop_stretch
 from estimators.diagnosis.report.page import render
-from estimators.diagnosis.report.stretch import loop_stretch
 from estimators.diagnosis.result import CHOSEN, Explanation, Replay, Shift, Traces
 from estimators.diagnosis.result import Test as Question
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -37,7 +37,6 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
-from estimators.diagnosis.wording import rounded
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.filters.differentiation import smooth
 from limo_driver.trajectory import Trajectory

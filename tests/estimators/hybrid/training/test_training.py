@@ -11,11 +11,9 @@ from lanes import sampled
 from estimators.hybrid import HybridModel
 from estimators.hybrid.features import feature_set
 from estimators.hybrid.model import train
-from estimators.hybrid.training.carry_over import carry_over
-from estimators.hybrid.training.data import TrainingData, prepare
-from estimators.hybrid.training.fit import device_for
+from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING, TrainingData, prepare
+from estimators.hybrid.training.fit import carry_over, device_for
 from estimators.hybrid.training.settings import TrainingSettings, paper_settings, usual_settings
-from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural import NETWORKS, Mlp, Network
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
 from limo_driver.physics import Simulation

@@ -12,13 +12,11 @@ import torch
 from lanes import sampled
 
 from estimators.hybrid.features import feature_set
+from estimators.hybrid.fitted_network import InputScaling, Scaling
 from estimators.hybrid.model import train
-from estimators.hybrid.scaling import InputScaling, Scaling
-from estimators.hybrid.training.compiled_passes import CompiledRowPasses
-from estimators.hybrid.training.data import TrainingData
-from estimators.hybrid.training.passes import RowPasses
+from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING, TrainingData
+from estimators.hybrid.training.passes import CompiledRowPasses, RowPasses
 from estimators.hybrid.training.settings import TrainingSettings
-from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.neural.modules import MlpModule
 
 if TYPE_CHECKING:

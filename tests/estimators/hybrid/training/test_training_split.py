@@ -10,12 +10,10 @@ import pytest
 
 from estimators.hybrid.features import feature_set
 from estimators.hybrid.model import train
-from estimators.hybrid.training.data import prepare
+from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING, prepare
 from estimators.hybrid.training.passes import BlockPasses, SequencePasses
 from estimators.hybrid.training.settings import TrainingSettings, paper_settings
-from estimators.hybrid.training.split import HELD_OUT, LEFT_OUT, TRAINING
-from estimators.neural.modules import LstmFclModule, Memory
-from estimators.neural.transformer_module import TransformerModule
+from estimators.neural.modules import LstmFclModule, Memory, TransformerModule
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.recording import Recording
 

@@ -9,7 +9,7 @@ import pytest
 from lanes import sampled
 from scipy.signal import lfilter
 
-from estimators.service.comparison.gate import FEWEST_BLOCKS, LEVEL, accuracy, compare
+from estimators.service.gate import FEWEST_BLOCKS, LEVEL, accuracy, compare
 from limo_driver.errors import DivergedError, ShapeError
 
 RATE = 20.0  # [Hz]

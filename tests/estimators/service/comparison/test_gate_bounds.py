@@ -9,14 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from estimators.service.comparison.gate import (
-    Comparison,
-    ConfidenceInterval,
-    accuracy,
-    compare,
-    plain,
-)
-from estimators.service.comparison.shadow import Shadow
+from estimators.service.comparison import Shadow
+from estimators.service.gate import Comparison, ConfidenceInterval, accuracy, compare, plain
 from limo_driver.errors import DivergedError, ShapeError
 
 TINY = 1e-12

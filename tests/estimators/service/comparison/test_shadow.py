@@ -9,7 +9,7 @@ import pytest
 from fed_service import feed, live, messages, service_of
 
 from estimators.joint_physics import JointPhysics
-from estimators.service.comparison.shadow import Shadow
+from estimators.service.comparison import Shadow
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.service.comparison.shadow import Shadow
+from estimators.service.comparison import Shadow
 from estimators.service.inference.contact import Contact, ContactWatchdog
 from estimators.service.settings import ServiceSettings
 from limo_driver.errors import ConfigError, ShapeError

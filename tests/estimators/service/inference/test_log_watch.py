@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sessions import wait_until
 
-from estimators.service.inference.outlet import LogWatch
+from estimators.service.inference.inbox import LogWatch
 from limo_driver.logs.mcap_log import McapLog
 from limo_driver.network.messages import LOG, Event, Level
 
@@ -52,7 +52,7 @@ def test_a_full_disk_is_told_once_and_logging_goes_on_when_there_is_room(
             assert "No space left" in status["failure"]
             watch.look()
             assert log.failure is not None  # a minute has not passed
-            disk.setattr("estimators.service.inference.outlet.PAUSE", 0.0)
+            disk.setattr("estimators.service.inference.inbox.PAUSE", 0.0)
             watch._next_try = 0.0
             watch.look()  # tries, and fails again
             write(log, 2)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from processes import PATIENCE, Answers, Network, driven, served, told, wait_for
 
-from limo_driver.app.library.live.supervising import listens
+from limo_driver.app.library.supervising import listens
 from limo_driver.network.streaming import open_session
 
 if TYPE_CHECKING:

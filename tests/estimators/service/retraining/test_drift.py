@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimators.service.inference.history import History
-from estimators.service.inference.window import Window
+from estimators.service.inference.live_model import Window
 from estimators.service.retraining.drift import DriftDetector, DriftWatch
 from limo_driver.errors import BackendUnavailableError, ShapeError
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.service.comparison.gate import FEWEST_BLOCKS, compare
+from estimators.service.gate import FEWEST_BLOCKS, compare
 from estimators.service.retraining.judge import Judge, broken
 from limo_driver.errors import LimoError
 

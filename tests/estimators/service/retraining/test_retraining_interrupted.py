@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 from served_arm import Arm, served
 
-from estimators.service.retraining import unfinished
-from estimators.service.retraining.unfinished import (
+from estimators.service.retraining import judge
+from estimators.service.retraining.judge import (
     GATHERING,
     PROBATION,
     TRAINING,
@@ -317,7 +317,7 @@ class TestFile:
             raise OSError(errno.ENOSPC, "No space left on device")
 
         left(store, Unfinished(GATHERING, "drift on joint 1", tries=1))
-        monkeypatch.setattr(unfinished, "replace", full)
+        monkeypatch.setattr(judge, "replace", full)
         arm = Arm(10.0)
         with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
             run.feed(arm.states(true_arm, 4.0))

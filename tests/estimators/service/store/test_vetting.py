@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from estimators.hybrid import HybridModel
-from estimators.hybrid.scaling import Scaling
+from estimators.hybrid.fitted_network import Scaling
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.service.store import vetting
 from estimators.service.store.adding import as_json

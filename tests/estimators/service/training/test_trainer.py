@@ -25,10 +25,9 @@ from estimators.service.settings import RetrainingSettings
 from estimators.service.store import store as store_module
 from estimators.service.store.signature import check_signing
 from estimators.service.store.store import ModelStore
-from estimators.service.training.learning import learned
 from estimators.service.training.logged_motion import Span, newest_motion
 from estimators.service.training.process import TrainingProcess
-from estimators.service.training.trainer import train
+from estimators.service.training.trainer import learned, train
 from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
 from limo_driver.logs.mcap_log import LogLimits, McapLog
 from limo_driver.network.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level

@@ -11,7 +11,7 @@ import pytest
 from lanes import sampled
 
 import limo_driver as limo
-from estimators.diagnosis.from_torque.diagnosis import Diagnosis
+from estimators.diagnosis.from_torque.pipeline import Diagnosis
 from estimators.diagnosis.result import Explanation, Traces
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.diagnosis.verdict import (
@@ -247,7 +247,7 @@ def _failing(*_args, **_more):
 @sampled(
     ("place", "stage", "missing"),
     [
-        ("estimators.diagnosis.from_torque.diagnosis.write_report", "report", {"report.html"}),
+        ("estimators.diagnosis.from_torque.pipeline.write_report", "report", {"report.html"}),
         ("limo_driver.app.library.diagnosing.with_replay", "replay on the simulated robot", set()),
         (
             "limo_driver.app.library.diagnosing.with_next_motion",

@@ -14,9 +14,9 @@ from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.stream import Stream
 from limo_driver.app.cli import main
-from limo_driver.app.library.forward import predict_forward
+from limo_driver.app.library.simulating import predict_forward
 from limo_driver.physics import CoulombFriction, PositionServo, PreslidingHysteresis, Simulation
-from limo_driver.recordings.columns import Columns
+from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.recording_file import write_columns
 from limo_driver.recordings.recording import Recording
 

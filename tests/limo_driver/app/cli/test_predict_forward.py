@@ -11,9 +11,9 @@ from servo_arms import commands, recorded, write_arm
 
 from estimators.diagnosis.from_motion import free_run
 from limo_driver.app.cli.predict import command as predict
-from limo_driver.app.library.forward import predict_forward
+from limo_driver.app.library.simulating import predict_forward
 from limo_driver.physics import Simulation
-from limo_driver.recordings.columns import Columns
+from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.commanded import Commanded
 from limo_driver.recordings.files.recording_file import write_columns
 from limo_driver.recordings.recording import Recording

@@ -2,11 +2,11 @@
 
 import json
 
-from limo_driver.app.cli.serve.showing import teller
-from limo_driver.app.library.live.serving import COMPILING, Bulletins
+from limo_driver.app.cli.serve import teller
+from limo_driver.app.library.serving import COMPILING, Bulletins
 from limo_driver.network.readiness import ServicePhase
-from limo_driver.runtime.machine_code import compilation
-from limo_driver.runtime.machine_code.compilation import Compilation
+from limo_driver.runtime import compilation
+from limo_driver.runtime.compilation import Compilation
 
 
 def test_a_service_that_compiles_while_it_loads_is_compiling_from_then_on(capsys, monkeypatch):

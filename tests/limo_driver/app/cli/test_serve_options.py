@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from limo_driver.app.cli import main
-from limo_driver.app.cli.serve.options import log_limits, per_joint
-from limo_driver.app.library.live import serving
+from limo_driver.app.cli.serve import log_limits, per_joint
+from limo_driver.app.library import serving
 from limo_driver.errors import ConfigError
 
 pytestmark = pytest.mark.waits

@@ -10,8 +10,7 @@ import zenoh
 from rich.console import Console
 from sessions import wait_until
 
-from limo_driver.app.cli.watch.screen import page
-from limo_driver.app.cli.watch.watched import Watched
+from limo_driver.app.cli.watch.screen import Watched, page
 from limo_driver.network.messages import Event, Level
 from limo_driver.network.streaming import Keys, to_json
 

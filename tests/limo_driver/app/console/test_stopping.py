@@ -95,7 +95,7 @@ def folder(tmp_path_factory):
         pytest.param("plan", "limo_driver.app.console.command_line", marks=STARTS),
         pytest.param("excite", "pinocchio", marks=STARTS),
         pytest.param("controller", "numba", marks=STARTS),
-        pytest.param("serve", "limo_driver.app.cli.serve.options", marks=STARTS),
+        pytest.param("serve", "limo_driver.app.cli.serve", marks=STARTS),
         pytest.param("watch", "zenoh", marks=STARTS),
     ],
 )

@@ -13,7 +13,7 @@ from limo_driver.app.library.converting import convert_bags, convert_log
 from limo_driver.errors import RecordingError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter
 from limo_driver.logs.readers import blocks
-from limo_driver.logs.readers.formats import delimited, npz
+from limo_driver.logs.readers.formats import arrays, delimited
 from limo_driver.logs.ros import joint_state_log
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec
 from limo_driver.recordings.files.batches import blocks_of
@@ -34,8 +34,8 @@ def small_memory(monkeypatch):
         (blocks, "LONG_TEXT", 0),
         (blocks, "MOST", ROWS),
         (blocks, "blocks_of", few),
-        (npz, "most_rows", lambda _: ROWS),
-        (npz, "BLOCK", ROWS),
+        (arrays, "most_rows", lambda _: ROWS),
+        (arrays, "BLOCK", ROWS),
         (joint_state_log, "BLOCK", ROWS),
     ):
         monkeypatch.setattr(module, name, value)

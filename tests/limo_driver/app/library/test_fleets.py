@@ -16,15 +16,11 @@ from fleet_recordings import record_swing
 import limo_driver as limo
 from estimators.diagnosis.result import Shift
 from estimators.diagnosis.verdict import Fit, RowCount, Unexplained, Verdict
-from estimators.fleet.outcome import FleetOutcome
-from estimators.fleet.result import FleetDiagnosis
-from estimators.fleet.row import FleetRow
-from estimators.fleet.store import FleetStore, digest_of, key_of
-from estimators.fleet.table import write_table
-from estimators.fleet.tolerated import ToleratedValue, tolerated_values
-from limo_driver.app.library.executors.running import run_all
-from limo_driver.app.library.fleets.job import FleetJob
-from limo_driver.app.library.fleets.sources import matched, rows_of
+from estimators.fleet.page import write_table
+from estimators.fleet.result import FleetDiagnosis, FleetStore, digest_of, key_of
+from estimators.fleet.row import FleetOutcome, FleetRow, ToleratedValue, tolerated_values
+from limo_driver.app.library.executors import run_all
+from limo_driver.app.library.fleets import FleetJob, matched, rows_of
 from limo_driver.errors import ConfigError, RecordingError
 
 pytestmark = pytest.mark.waits
@@ -152,7 +148,7 @@ def test_what_the_machine_failed_is_no_finished_row(fleet, monkeypatch, failure)
 
 def test_rows_of_other_versions_are_set_aside_and_told(tmp_path, monkeypatch):
     store = FleetStore(tmp_path)
-    monkeypatch.setattr("estimators.fleet.store.version", lambda _: "0.0.9")
+    monkeypatch.setattr("estimators.fleet.result.version", lambda _: "0.0.9")
     store.keep("of-before", FleetOutcome(1.0))
     monkeypatch.undo()
     store.keep("of-now", FleetOutcome(1.0))
@@ -228,7 +224,7 @@ def test_what_a_machine_fails_is_tried_twice_after_the_others():
 
 
 def test_a_pool_runs_no_more_than_memory_bears(fleet, monkeypatch):
-    from limo_driver.app.library.executors import processes
+    from limo_driver.app.library import executors
 
     class Worker:
         def __init__(self, *_):
@@ -238,9 +234,9 @@ def test_a_pool_runs_no_more_than_memory_bears(fleet, monkeypatch):
             self.task = row
 
     job, row = row_of(fleet, "a/2026-03-01.parquet")
-    monkeypatch.setattr(processes, "WorkerProcess", Worker)
-    monkeypatch.setattr(processes, "_available", lambda: 2.5 * job.memory_of(row))
-    pool = processes.ProcessPool(job, 8)
+    monkeypatch.setattr(executors, "WorkerProcess", Worker)
+    monkeypatch.setattr(executors, "_available", lambda: 2.5 * job.memory_of(row))
+    pool = executors.ProcessPool(job, 8)
     for _ in range(2):
         assert pool.has_room(row)
         pool.submit(row)
@@ -298,7 +294,7 @@ def test_a_simulation_that_fits_no_recording_is_named_before_any_worker(
     def start(*_):
         raise AssertionError
 
-    monkeypatch.setattr("limo_driver.app.library.executors.running.executor_of", start)
+    monkeypatch.setattr("limo_driver.app.library.executors.executor_of", start)
     limo.Simulation("iiwa14").save(tmp_path / "iiwa.yaml")
     with pytest.raises(ConfigError, match=r"iiwa.yaml: fits none of 2 recordings; .*has 2 joints"):
         limo.diagnose_fleet(f"{fleet}/a/*", tmp_path / "iiwa.yaml", tmp_path / "out", workers=1)

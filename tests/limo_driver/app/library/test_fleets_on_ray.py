@@ -161,10 +161,10 @@ import sys
 from pathlib import Path
 import limo_driver as limo
 from estimators.reproduction.data import TableData
-from estimators.reproduction.rigid_body import rigid_body
-from estimators.reproduction.trial import Protocol
+from estimators.reproduction.data import rigid_body
+from estimators.reproduction.results import Protocol
 from estimators.reproduction.workers import TrialPlace
-from limo_driver.app.library.reproducing import run_trials_on_ray
+from limo_driver.app.library.demonstrating import run_trials_on_ray
 
 if __name__ == "__main__":
     fleet, table, out = map(Path, sys.argv[1:4])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from limo_driver.app.library.fleets.patterns import files_of
+from limo_driver.app.library.fleets import files_of
 
 
 @pytest.fixture

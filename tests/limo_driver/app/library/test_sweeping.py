@@ -14,7 +14,7 @@ from here import Here
 import limo_driver as limo
 from estimators.sweep import SweepSpace, SweepTrial
 from estimators.sweep.result import Sweep
-from estimators.sweep.space import SweptRange
+from estimators.sweep.trial import SweptRange
 from limo_driver.errors import ConfigError
 from limo_driver.pages.markup import prose
 from limo_driver.physics import CoulombFriction
@@ -49,7 +49,7 @@ def data(tmp_path_factory, two_links_urdf):
 @pytest.fixture
 def here(monkeypatch):
     """Work in this process, and count from zero."""
-    monkeypatch.setattr("limo_driver.app.library.executors.running.executor_of", Here)
+    monkeypatch.setattr("limo_driver.app.library.executors.executor_of", Here)
     monkeypatch.setattr(Here, "done", 0)
     return Here
 

@@ -14,8 +14,7 @@ from audit import violations
 from browser import browser, program
 from sessions import sessions_of_two, wait_until
 
-from limo_driver.app.live.feed import ArmFeed
-from limo_driver.app.live.web import LiveServer
+from limo_driver.app.live.web import ArmFeed, LiveServer
 from limo_driver.model import RobotModel
 from limo_driver.network.messages import JointStateCodec, TorqueEstimateCodec
 from limo_driver.network.streaming import Keys, declare_stream

@@ -15,7 +15,7 @@ from limo_driver.app.live.rerun_log import RerunLog, _from_z
 from limo_driver.errors import BackendUnavailableError, ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.network.messages import Event
-from limo_driver.network.messages.event import Level
+from limo_driver.network.messages.torque_estimate import Level
 
 N, CYCLES = 7, 40
 CHUNK = re.compile(

@@ -8,7 +8,7 @@ from limo_driver.exports.changes.bodies import (
     rescaled_lines,
     shared,
 )
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 
 HAND = Inertial(2.0, (0.1, 0.0, 0.05), (0.02, 0.001, 0.0, 0.03, 0.002, 0.025))
 TOOL = Inertial(0.5, (0.0, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.001))

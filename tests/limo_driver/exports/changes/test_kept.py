@@ -4,7 +4,7 @@ import pytest
 from lanes import sampled
 
 import limo_driver as limo
-from limo_driver.exports.changes.kept import dropped_lines
+from limo_driver.exports.changes.target import dropped_lines
 from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.physics import (
     Armature,

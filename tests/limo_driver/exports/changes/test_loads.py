@@ -7,10 +7,9 @@ import pytest
 from lanes import later
 
 import limo_driver as limo
-from limo_driver.exports.changes.bodies import BodyPart
+from limo_driver.exports.changes.bodies import BodyPart, parts_of
 from limo_driver.exports.changes.loads import AddedBody, replaced_bodies, still_there
-from limo_driver.exports.changes.parts import parts_of
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import Payload, Simulation
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody>

@@ -11,7 +11,7 @@ from lanes import sampled
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
-from limo_driver.exports.unwritten import unwritten
+from limo_driver.exports.remainder import unwritten
 from limo_driver.physics import PositionServo, Simulation, TorqueDrive, VelocityServo
 
 ARM = """<mujoco>

@@ -10,8 +10,7 @@ import pytest
 
 import limo_driver as limo
 from limo_driver.exports.changes.origin import FileOrigin
-from limo_driver.exports.urdf.drake import rotors_of, write_rotors
-from limo_driver.exports.urdf.isaac_lab import actuators
+from limo_driver.exports.urdf import actuators, rotors_of, write_rotors
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.physics import (

@@ -15,7 +15,7 @@ from limo_driver.app.cli.convert import command
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter
 from limo_driver.logs.ros.layouts import foxglove_layout, logged_topics, plotjuggler_layout
-from limo_driver.network.keys import Keys
+from limo_driver.network.claims import Keys
 from limo_driver.network.messages import (
     JOINT_STATE,
     LOG,

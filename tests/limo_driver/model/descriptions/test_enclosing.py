@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from limo_driver.model.descriptions.enclosing import box_corners, enclosing_capsule
+from limo_driver.model.descriptions.shapes import box_corners, enclosing_capsule
 
 
 def distance(points, start, end):

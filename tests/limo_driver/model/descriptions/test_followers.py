@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from linked_arms import OFFSET, RATIO, gripper, parallelogram, torque_of_tree
 
-from estimators.rigid_body.dynamics.conditioning import Conditioning
-from estimators.rigid_body.dynamics.newton_euler import link_parameters
-from estimators.rigid_body.dynamics.regressor import RegressorChain, parameters_of
+from estimators.rigid_body.base_parameters import Conditioning
+from estimators.rigid_body.regressor import RegressorChain, link_parameters, parameters_of
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.model.kinematics import KinematicChain

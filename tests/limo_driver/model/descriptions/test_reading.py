@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mjcf_arms import GRAVITY, arm_of, plain, torques
 
-from estimators.diagnosis.from_torque.fitting.sites import seen_by_sites
+from estimators.diagnosis.from_torque.fitting.intervals import seen_by_sites
 from limo_driver.app.library.inspecting import inspect
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
-from limo_driver.model.descriptions.inertial import Inertial
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import Simulation, ViscousFriction
 from limo_driver.types import Motion
 

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from lanes import sampled
 
-from limo_driver.app.console.compilation_line import compilation_line
+from limo_driver.app.console.command_line import compilation_line
+from limo_driver.runtime import compilation, machine_code
 from limo_driver.runtime.compiled import compiled
-from limo_driver.runtime.machine_code import compilation, kept_code
 
 pytestmark = pytest.mark.waits
 
@@ -59,7 +59,7 @@ def folder(tmp_path, monkeypatch):
     write(tmp_path)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(kept_code, "_said", False)
+    monkeypatch.setattr(machine_code, "_said", False)
     yield tmp_path
     for name in ("inner", "outer"):
         sys.modules.pop(name, None)
@@ -192,9 +192,9 @@ def test_a_constant_in_a_module_of_a_module_is_seen(folder):
 def test_processes_find_the_same_names_in_whatever_order():
     """Sets, such as options of fast arithmetic, have another order in each process."""
     code = (
-        "from estimators.joint_physics.column_scan import scan\n"
+        "from estimators.joint_physics.columns import scan\n"
         "from backends.mujoco_sim.engine import _advance\n"
-        "from limo_driver.runtime.machine_code.reached_sources import digest\n"
+        "from limo_driver.runtime.machine_code import digest\n"
         "print(digest(scan), digest(_advance))"
     )
     found = {
@@ -241,10 +241,10 @@ def test_the_code_of_one_processor_is_not_run_as_that_of_another(folder):
 
 @pytest.mark.slow("compiles many versions")
 def test_old_versions_do_not_pile_up(folder):
-    for factor in range(kept_code._KEPT + 2):
+    for factor in range(machine_code._KEPT + 2):
         write(folder, factor=float(factor))
         ask(folder)
-    assert len(kept(folder)) == kept_code._KEPT
+    assert len(kept(folder)) == machine_code._KEPT
 
 
 def test_what_killed_writers_left_is_removed(folder):
@@ -273,11 +273,11 @@ def _turn_a_bit(file):
 
 
 def _of_no_known_class(file):
-    file.write_bytes(kept_code._packed(b"cno_such_module\nThing\n."))
+    file.write_bytes(machine_code._packed(b"cno_such_module\nThing\n."))
 
 
 def _of_something_else(file):
-    file.write_bytes(kept_code._packed(b"\x80\x04]\x94."))  # an empty list, pickled
+    file.write_bytes(machine_code._packed(b"\x80\x04]\x94."))  # an empty list, pickled
 
 
 def _a_folder(file):

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from limo_driver.runtime.processes.closing import uninterrupted
+from limo_driver.runtime.processes import uninterrupted
 
 pytestmark = pytest.mark.waits
 

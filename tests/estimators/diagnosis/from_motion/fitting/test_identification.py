@@ -28,9 +28,8 @@ from estimators.diagnosis.from_motion.fitting.joint import (
     left_out,
 )
 from estimators.diagnosis.from_motion.page import drives_page
-from estimators.diagnosis.from_motion.simulation.columns import NAMES
 from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.simulation.plant import NAMES, rows_of
 from limo_driver.physics import GravityDirection, Simulation
 
 RATE = 100.0

@@ -11,7 +11,7 @@ from estimators.diagnosis.from_motion.fitting.constants import with_values
 from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
 from estimators.diagnosis.from_motion.fitting.joint import JointFit
 from estimators.diagnosis.from_motion.judgement.findings import KINDS, as_stated
-from estimators.diagnosis.from_motion.judgement.wording import (
+from estimators.diagnosis.from_motion.judgement.verdict import (
     about_scale,
     full_load,
     plays,

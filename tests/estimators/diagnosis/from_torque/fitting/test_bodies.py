@@ -17,15 +17,15 @@ from estimators.diagnosis.from_torque.fitting.problem import (
     lost_by,
     simulated,
 )
-from estimators.diagnosis.from_torque.hypotheses.revision import relative_inertia
+from estimators.diagnosis.from_torque.hypotheses.catalogue import relative_inertia
 from estimators.diagnosis.from_torque.residuals.noise import Noise
+from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.stages import quiet
-from estimators.diagnosis.wording import LINK_INERTIA
 from estimators.regression.evidence import REACH
-from estimators.rigid_body.dynamics.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.fitting.consistent import nearest_body, pseudo_inertia
-from limo_driver.model.descriptions.inertial import Inertial
+from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import Payload, TorqueGain
 
 CRATE = Payload(mass=3.0, com=(0.0, 0.0, 0.2), inertia=(0.06, 0.0, 0.0, 0.06, 0.0, 0.05))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from wandering import wander
 
-from estimators.diagnosis.from_torque.fitting.foreseen import Foreseen
+from estimators.diagnosis.from_torque.fitting.intervals import Foreseen
 from estimators.diagnosis.from_torque.fitting.linearised import Linearised
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from limo_driver.physics import CoulombFriction, Simulation, Tolerances, ViscousFriction

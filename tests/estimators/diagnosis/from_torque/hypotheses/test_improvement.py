@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.hypotheses.improvement import Improvement, body_of, payload_of
-from estimators.diagnosis.from_torque.hypotheses.revision import derivative
+from estimators.diagnosis.from_torque.hypotheses.catalogue import derivative
+from estimators.diagnosis.from_torque.hypotheses.responses import Improvement, body_of, payload_of
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.rigid_body.dynamics.regressor import parameters_of
+from estimators.rigid_body.regressor import parameters_of
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (

@@ -7,7 +7,7 @@ import pytest
 from wandering import wander
 
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
-from estimators.diagnosis.from_torque.judgement.holding import held_by
+from estimators.diagnosis.from_torque.judgement.conclusion import held_by
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.stages import quiet

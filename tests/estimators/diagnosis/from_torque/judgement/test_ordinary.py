@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
-from estimators.diagnosis.from_torque.fitting import widths
+from estimators.diagnosis.from_torque.fitting import entries
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.hypotheses.ripple import ripples as hypotheses_of_ripple
 from estimators.diagnosis.from_torque.judgement import ordinary as module
@@ -166,7 +166,7 @@ def test_a_law_of_stated_friction_is_a_finding_if_sure_and_no_other_stands_for_i
 
 def changed(monkeypatch, places, change, within=0.0, *, other_width=False):
     """Return what was compared where each place changes, within its tolerance of 15 %, and so."""
-    monkeypatch.setattr(widths, "coefficients", lambda *_given: np.array([change]))
+    monkeypatch.setattr(entries, "coefficients", lambda *_given: np.array([change]))
     candidates = [
         SimpleNamespace(
             effect=effect,

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.judgement.region import where_of
+from estimators.diagnosis.from_torque.judgement.surrogate import where_of
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.settings.judgement import REGION
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from estimators.diagnosis.from_torque.judgement.sizes import unsure
+from estimators.diagnosis.from_torque.judgement.questions import unsure
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from limo_driver.physics import Simulation, SpringLoad
 

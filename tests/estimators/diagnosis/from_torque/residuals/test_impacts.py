@@ -9,7 +9,8 @@ import numpy as np
 from noisy_recordings import half_sines, observed
 
 from estimators.diagnosis.from_torque.events import Events
-from estimators.diagnosis.from_torque.residuals.impacts import Impact, impacts, note
+from estimators.diagnosis.from_torque.residuals.jolts import Impact, impacts
+from estimators.diagnosis.from_torque.residuals.jolts import impacts_note as note
 from estimators.diagnosis.from_torque.residuals.pushes import Push, pushes
 
 if TYPE_CHECKING:

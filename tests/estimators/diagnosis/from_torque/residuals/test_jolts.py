@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from noisy_recordings import half_sines, observed
 
-from estimators.diagnosis.from_torque.residuals.jolts import Jolt, jolts, note
+from estimators.diagnosis.from_torque.residuals.jolts import Jolt, jolts
+from estimators.diagnosis.from_torque.residuals.jolts import jolts_note as note
 from estimators.diagnosis.from_torque.residuals.pushes import covered, pushes
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
 from estimators.diagnosis.settings.pushes import JOLTS

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.residuals.motion_noise import clear_bandwidth
+from estimators.diagnosis.from_torque.residuals.noise import clear_bandwidth
 from limo_driver.app.library.diagnosing import diagnose
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording

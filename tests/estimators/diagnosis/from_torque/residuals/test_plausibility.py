@@ -24,8 +24,8 @@ from estimators.diagnosis.from_torque.residuals.plausibility import (
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import doubtful_encoders, without_load
 from estimators.regression.evidence import Prior
-from estimators.rigid_body.dynamics.regressor import PER_LINK
 from estimators.rigid_body.fitting.extent import Extents
+from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (

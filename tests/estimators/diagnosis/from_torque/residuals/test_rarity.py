@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimators.diagnosis.from_torque.residuals.rarity import rarity
+from estimators.diagnosis.from_torque.residuals.reversals import rarity
 
 FREEDOM = 4.0
 RANDOM = np.random.default_rng(3)

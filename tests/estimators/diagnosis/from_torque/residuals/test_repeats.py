@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.from_torque.residuals.repeats import notes, repeats
+from estimators.diagnosis.from_torque.residuals.usable_joints import notes, repeats
 from limo_driver.recordings.recording import Recording
 
 NOISE = 0.02  # [N m], white, of which the filter keeps a part

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.from_torque.selection.base_friction import (
+from estimators.diagnosis.from_torque.selection.candidates import BASE, candidates_of
+from estimators.diagnosis.from_torque.selection.columns import ColumnTable
+from estimators.diagnosis.from_torque.selection.search import (
     base_of,
     rubs,
     with_friction,
     without_friction,
 )
-from estimators.diagnosis.from_torque.selection.candidates import BASE, candidates_of
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable
 from limo_driver.physics import (
     CoulombFriction,
     JointCoupling,

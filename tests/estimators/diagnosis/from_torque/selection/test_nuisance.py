@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.hypotheses.improvement import Improvement
+from estimators.diagnosis.from_torque.hypotheses.responses import Improvement
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.selection.columns import ColumnTable
 from estimators.diagnosis.from_torque.selection.nuisance import nuisance_of
-from estimators.rigid_body.dynamics.regressor import PER_LINK
+from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import (
     CoulombFriction,
     JointElasticity,

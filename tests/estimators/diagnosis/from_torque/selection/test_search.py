@@ -10,8 +10,7 @@ import pytest
 from estimators.diagnosis.from_torque.selection.candidates import Candidate
 from estimators.diagnosis.from_torque.selection.search import Search
 from estimators.diagnosis.settings.selection import CANDIDATES, SEARCH
-from estimators.regression.evidence import Evidence, Prior
-from estimators.regression.normal_equations import NormalEquations
+from estimators.regression.evidence import Evidence, NormalEquations, Prior
 
 ROWS = 400
 EFFECTS = (

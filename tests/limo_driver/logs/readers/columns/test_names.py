@@ -1,6 +1,6 @@
 import pytest
 
-from limo_driver.logs.readers.columns.names import (
+from limo_driver.logs.readers.columns import (
     COMMANDED,
     CURRENT,
     DERIVED,

@@ -11,7 +11,7 @@ import pytest
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.formats.lerobot_actions import write_actions
+from limo_driver.logs.readers.formats.lerobot import write_actions
 from limo_driver.logs.readers.formats.reading import read_table
 
 FPS, ROWS = 50, 600

@@ -9,7 +9,7 @@ from scipy.io import savemat
 
 import limo_driver as limo
 from limo_driver.errors import RecordingError
-from limo_driver.logs.readers.formats import json_log
+from limo_driver.logs.readers.formats import arrays
 from limo_driver.logs.readers.formats.reading import read_table
 
 TIME, POSITION, VELOCITY, TORQUE = measured(8.0)
@@ -75,7 +75,7 @@ def test_json_that_is_no_log_is_refused_in_one_line(log, content, said):
 
 
 def test_json_too_large_to_be_read_at_once_is_refused(log, monkeypatch):
-    monkeypatch.setattr(json_log, "_LARGEST", 100)
+    monkeypatch.setattr(arrays, "_LARGEST", 100)
     with pytest.raises(RecordingError, match=r"has .* bytes, expected at most 100"):
         read_table(log(RECORDS))
 

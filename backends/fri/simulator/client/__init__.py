@@ -1,1 +1,0 @@
-"""What a client sends: its commands judged, its datagrams counted, and what it was built for."""

@@ -1,1 +1,0 @@
-"""Dynamics of a chain of bodies: regressor, base parameters, conditioning, inverse dynamics."""

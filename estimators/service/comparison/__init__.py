@@ -1,1 +1,0 @@
-"""Comparison: whether a challenger is better than the champion."""

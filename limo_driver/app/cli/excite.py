@@ -1,0 +1,362 @@
+"""`limo excite`: plan persistently exciting motion for the identification of a robot."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limo_driver.app.cli.plan import (
+    Clearance,
+    JointMargin,
+    Out,
+    Picture,
+    Robot,
+    Seed,
+    SelfCollision,
+    TableHeight,
+    require_writable,
+)
+from limo_driver.app.console.arguments import refuse_options
+from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from estimators.rigid_body.base_parameters import Conditioning
+    from limo_driver.model import RobotModel
+    from limopa.excitation.search import Excitation, ExcitationRequest
+    from limopa.excitation.servo import ServoExcitation, ServoRequest
+
+_FOR_TORQUE = frozenset(("harmonics", "starts", "iterations", "workspace_radius", "picture"))
+_FOR_SERVOS = frozenset(("lerobot", "motors"))
+PAPER = 68  # condition number that Çallar and Böttger 2022 state for their iiwa
+
+
+class Drives(StrEnum):
+    """What moves the joints, and so what a recording tells."""
+
+    TORQUE = "torque"
+    POSITION_SERVO = "position-servo"
+
+
+@dataclass(frozen=True)
+class JointFigures:
+    """Motion of one joint; peaks are relative to its limits."""
+
+    joint: int  # 1-based
+    harmonics: tuple[int, ...]  # multiples of the base frequency
+    position_min: float  # [rad]
+    position_max: float  # [rad]
+    peak_velocity: float
+    peak_acceleration: float
+    peak_jerk: float
+
+
+def command(
+    context: typer.Context,
+    out: Out,
+    robot: Robot = "iiwa14",
+    drives: Annotated[
+        Drives,
+        typer.Option(
+            "--for", help="What the joints tell: torque, or positions alone behind servos."
+        ),
+    ] = Drives.TORQUE,
+    duration: Annotated[
+        float,
+        typer.Option(
+            help="Of the motion, one period of the base frequency, s; for servos at least."
+        ),
+    ] = 60.0,
+    harmonics: Annotated[
+        int, typer.Option(help="Of each joint; no two joints share any of them.")
+    ] = 5,
+    seed: Seed = 0,
+    starts: Annotated[
+        int, typer.Option(help="Random motions to begin with; the best are refined.")
+    ] = 16,
+    iterations: Annotated[
+        int, typer.Option(help="Of each of the last two refinements; 0 leaves a random motion.")
+    ] = 250,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Samples per second in the file, Hz; 250, for servos 50."),
+    ] = None,
+    workspace_radius: Annotated[
+        float | None, typer.Option(help="Keep the flange this near to the base, m.")
+    ] = None,
+    joint_margin: JointMargin = 5.0,
+    clearance: Clearance = 0.02,
+    table_height: TableHeight = 0.0,
+    self_collision: SelfCollision = True,
+    lerobot: Annotated[
+        Path | None,
+        typer.Option(help="For servos: folder for a LeRobotDataset of the same commands."),
+    ] = None,
+    motors: Annotated[
+        str | None,
+        typer.Option(help="Their names there, with commas between; those of the joints."),
+    ] = None,
+    picture: Picture = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+) -> None:
+    r"""Plan persistently exciting motion, from which inertias and friction are best identified.
+
+    Each joint moves on harmonics of its own of one base frequency. Pose and coefficients minimise
+    the condition number of the regressor of the base parameters, Coulomb and viscous friction
+    included, within the limits of the joints. The motion is one period; it starts and ends in one
+    pose, at rest.
+
+    For position servos, --out is a CSV of commands: ramps, steps, creeping reversals and holds of
+    each joint in poses of its own, and of all together, from which positions alone identify drives.
+
+    Examples:
+        limo excite --robot iiwa14 --seed 1 --out excite.traj.parquet \
+            --picture excite.png
+        limo excite --robot arm.urdf --duration 30 --harmonics 4 \
+            --out excite.traj.parquet --json
+        limo excite --for position-servo --robot so101.xml --out moves.csv \
+            --lerobot moves --motors shoulder_pan,shoulder_lift,elbow_flex
+    """
+    from math import inf, radians
+
+    from estimators.rigid_body.base_parameters import Conditioning
+    from limo_driver.errors import ConfigError
+    from limo_driver.model import RobotModel
+    from limopa.excitation.page import draw, excitation_page
+    from limopa.excitation.search import ExcitationRequest
+    from limopa.request import Surroundings, Workspace
+
+    surroundings = Surroundings(
+        joint_margin=radians(joint_margin),
+        clearance=clearance,
+        table_height=table_height,
+        self_collision=self_collision,
+    )
+    if drives is Drives.POSITION_SERVO:
+        from limopa.excitation.servo import ServoRequest
+
+        if picture is not None:
+            raise ConfigError("is not drawn for servos; the page beside --out is", path=picture)
+        refuse_options(
+            context, frozenset(context.params) - _FOR_TORQUE, "is not for position servos"
+        )
+        wanted = ServoRequest(duration=duration, rate=rate or 50.0, surroundings=surroundings)
+        excite_for_servos(out, robot, wanted, seed, lerobot, motors, as_json=as_json)
+        return
+    refuse_options(context, frozenset(context.params) - _FOR_SERVOS, "is for position servos")
+    page = require_writable(out, picture, robot)
+    request = ExcitationRequest(
+        duration=duration,
+        harmonics=harmonics,
+        rate=rate or 250.0,
+        surroundings=surroundings,
+        workspace=Workspace(
+            radius=inf if workspace_radius is None else workspace_radius, lower=(-inf, -inf, -inf)
+        ),
+        starts=starts,
+        iterations=iterations,
+    )
+    model = RobotModel.load(robot)
+    conditioning = Conditioning(model)
+    found = _excite(model, conditioning, request, seed, quiet=as_json)
+    found.trajectory.save(out)
+    if picture is not None:
+        draw(found, model, picture)
+    if page is not None:
+        condition = conditioning.condition(found.trajectory)
+        excitation_page(found, model, condition, out.name, robot).save(page)
+    _report(found, conditioning, model, as_json=as_json)
+
+
+def _excite(
+    model: RobotModel,
+    conditioning: Conditioning,
+    request: ExcitationRequest,
+    seed: int,
+    *,
+    quiet: bool,
+) -> Excitation:
+    """Search behind a progress bar, which goes to stderr and leaves stdout to the result."""
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.library.planning import excite
+
+    columns = (
+        TextColumn("exciting"), BarColumn(), MofNCompleteColumn(), TextColumn("iterations"),
+        TimeElapsedColumn(), TextColumn("condition number {task.fields[condition]}", markup=False),
+    )  # fmt: skip
+    console = terminal(stderr=True)
+    disable = quiet or not console.is_terminal
+    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
+        task = bar.add_task("exciting", total=None, condition="")
+
+        def show(done: int, most: int, condition: float) -> None:
+            bar.update(task, completed=done, total=most, condition=f"{condition:.1f}")
+
+        return excite(model, request, seed=seed, conditioning=conditioning, progress=show)
+
+
+def _report(
+    found: Excitation, conditioning: Conditioning, model: RobotModel, *, as_json: bool
+) -> None:
+    from limo_driver.app.console.terminal import terminal
+
+    motion, console = found.trajectory, terminal(soft_wrap=True)
+    condition, scaled = conditioning.condition(motion), conditioning.scaled(motion)
+    rigid = conditioning.columns - 2 * model.n
+    if as_json:
+        console.print_json(
+            data={
+                "robot": motion.robot,
+                "seed": found.seed,
+                "duration": motion.duration,
+                "samples": len(motion),
+                "columns": {"rigid_body": rigid, "viscous": model.n, "coulomb": model.n},
+                "condition": condition,
+                "condition_of_columns_of_unit_norm": scaled,
+                "condition_in_callar_and_boettger_2022": PAPER,
+                "joints": [asdict(figures) for figures in _joints(found, model)],
+            }
+        )
+        return
+    console.print(
+        f"condition number {condition:.1f}; {PAPER} in Çallar and Böttger 2022, of an iiwa\n"
+        f"of the regressor of {conditioning.columns} base parameters in SI units, unscaled: "
+        f"{rigid} of the rigid body, {model.n} of viscous, {model.n} of Coulomb friction\n"
+        f"condition number with columns scaled to unit norm: {scaled:.1f}\n"
+        f"{motion.duration:g} s ({len(motion)} samples), base frequency "
+        f"{found.request.frequency:.4g} Hz, at rest at both ends",
+    )
+    console.print(_table(_joints(found, model)))
+    if found.unchecked_pairs:
+        pairs = ", ".join(" and ".join(pair) for pair in found.unchecked_pairs)
+        console.print(f"not checked against each other, since they always touch: {pairs}")
+
+
+def _joints(found: Excitation, model: RobotModel) -> list[JointFigures]:
+    motion, limits = found.trajectory, model.limits
+    peaks = motion.peaks()
+    return [
+        JointFigures(
+            j + 1,
+            own,
+            float(motion.position[:, j].min()),
+            float(motion.position[:, j].max()),
+            float(peaks.velocity[j] / limits.velocity[j]),
+            float(peaks.acceleration[j] / limits.acceleration[j]),
+            float(peaks.jerk[j] / limits.jerk[j]),
+        )
+        for j, own in enumerate(found.harmonics)
+    ]
+
+
+def _table(joints: list[JointFigures]) -> Table:
+    from math import degrees
+
+    from rich.table import Table
+
+    table = Table(title="joints (peaks relative to their limits)", title_justify="left")
+    for heading in (
+        "joint", "harmonics", "from\n[deg]", "to\n[deg]", "peak\nvelocity", "peak\naccel.",
+        "peak\njerk",
+    ):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for j in joints:
+        table.add_row(
+            str(j.joint),
+            " ".join(map(str, j.harmonics)),
+            f"{degrees(j.position_min):.0f}",
+            f"{degrees(j.position_max):.0f}",
+            f"{j.peak_velocity:.0%}",
+            f"{j.peak_acceleration:.0%}",
+            f"{j.peak_jerk:.0%}",
+        )
+    return table
+
+
+def excite_for_servos(
+    out: Path,
+    robot: str,
+    request: ServoRequest,
+    seed: int,
+    lerobot: Path | None,
+    motors: str | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Plan commands, write them, and say what is in them.
+
+    Args:
+        out: CSV to be written.
+        robot: The arm.
+        request: What the motion has to be.
+        seed: Of every random draw.
+        lerobot: Folder for a LeRobotDataset of the same commands.
+        motors: Their names there, with commas between; those of the joints if not given.
+        as_json: Whether figures are printed as JSON.
+
+    Raises:
+        ConfigError: Something cannot be written, or the names are of another number.
+        InfeasiblePathError: There is no such motion.
+    """
+    from limo_driver.app.library.planning import excite_servos
+    from limo_driver.model import RobotModel
+    from limo_driver.runtime.outputs import page_of, require_file
+    from limopa.excitation.page import servo_page
+
+    if out.suffix.lower() != ".csv":
+        raise ConfigError("is no CSV; commands for position servos are written as .csv", path=out)
+    page = page_of(out)
+    for path in (out, page):
+        if path is not None:
+            require_file(path)
+    model = RobotModel.load(robot)
+    names = tuple(motors.split(",")) if motors else model.joint_names
+    if len(names) != model.n:
+        raise ConfigError(f"--motors names {len(names)}, but {model.name} has {model.n} joints")
+    found = excite_servos(model, request, seed=seed)
+    found.save(out)
+    if lerobot is not None:
+        found.save_for_lerobot(lerobot, names)
+    if page is not None:
+        servo_page(found, model, out.name, robot, names).save(page)
+    _report_servos(found, as_json=as_json)
+
+
+def _report_servos(found: ServoExcitation, *, as_json: bool) -> None:
+    from limo_driver.app.console.terminal import terminal
+
+    if as_json:
+        import json
+        import sys
+
+        figures = {name: list(values) for name, values in found.figures().items()}
+        told = {
+            "robot": found.robot,
+            "seed": found.seed,
+            "duration": found.duration,
+            "rate": found.request.rate,
+            "samples": len(found.time),
+            "repetitions": [[rows.start, rows.stop] for rows in found.repetitions],
+            **figures,
+        }
+        sys.stdout.write(json.dumps(told, indent=2) + "\n")
+        return
+    console = terminal(soft_wrap=True)
+    console.print(str(found))
+    console.print("lead the arm slowly to the first pose before the first command is sent")
+    if found.unchecked_pairs:
+        pairs = ", ".join(" and ".join(pair) for pair in found.unchecked_pairs)
+        console.print(f"not checked against each other, since they always touch: {pairs}")

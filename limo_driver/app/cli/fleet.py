@@ -1,0 +1,72 @@
+"""`limo fleet`: many recordings of many arms."""
+
+from __future__ import annotations
+
+from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from typing import Annotated
+
+import typer
+
+from limo_driver.app.console.terminal import (
+    Machines,  # typer
+    OnOption,
+    WorkersOption,
+)
+
+command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
+
+
+def diagnose(
+    recordings: Annotated[
+        list[str], typer.Argument(help="Recordings, or patterns of them; files or URLs.")
+    ],
+    sim: Annotated[Path, typer.Option(help="What is believed of such arms, a sim.yaml.")],
+    out: Annotated[Path, typer.Option(help="Folder for table, page and diagnoses.")],
+    workers: WorkersOption = None,
+    on: OnOption = Machines.processes,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
+            "recordings sampled below 25 Hz."
+        ),
+    ] = None,
+) -> None:
+    """Diagnose every recording by itself, and say which arm is odd and which joint drifts.
+
+    Writes results.parquet (a row for each recording, an error line where it cannot be used),
+    fleet.html, and the diagnosis of each recording with its report. What is finished is kept,
+    whatever happens; the same command goes on from there. The folder of a recording names its arm,
+    and a date in its path, such as 2026-03-01, is its date.
+
+    Example:
+        limo fleet diagnose "recordings/**/*.parquet" --sim sim.yaml --out fleet
+        limo fleet diagnose "s3://logs/**" --sim sim.yaml --out fleet --on ray
+    """
+    from estimators.fleet.page import PAGE, TABLE
+    from limo_driver.app.console.terminal import terminal, told_progress
+    from limo_driver.app.library.fleets import diagnose_fleet
+
+    notes = terminal(stderr=True, soft_wrap=True)
+    with told_progress(notes, "diagnosing") as tell:
+        found = diagnose_fleet(
+            recordings, sim, out, bandwidth=bandwidth, workers=workers, on=on.value, progress=tell
+        )
+    console = terminal()
+    for row in found.failed:
+        notes.print(f"{row.recording}: {row.error}")
+    for line in str(found).splitlines():
+        console.print(line)
+    console.print(f"wrote {out / TABLE}, {out / PAGE}")
+
+
+@command.callback()
+def fleet() -> None:
+    """Diagnose the recordings of a fleet of arms, and compare the arms.
+
+    Example:
+        limo fleet diagnose "recordings/**/*.parquet" --sim sim.yaml --out fleet
+    """
+
+
+command.command(name="diagnose")(diagnose)

@@ -1,1 +1,0 @@
-"""Fleets: recordings by pattern or URL, diagnosed in processes or on a cluster, kept one by one."""

@@ -1,1 +1,0 @@
-"""Machine code of compiled functions: its sources, and the files that keep it."""

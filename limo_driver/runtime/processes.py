@@ -1,0 +1,242 @@
+"""How a program closes what it opened, is told to end, shares tasks out and gives way."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import socket
+import threading
+import time
+from abc import ABC, abstractmethod
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator
+    from multiprocessing.connection import Connection
+    from multiprocessing.context import SpawnProcess
+    from types import FrameType, TracebackType
+    from typing import Self
+
+_ENDING: Final = {signal.SIGINT, signal.SIGTERM}
+_STOP: Final = b"\0"  # no signal has this number
+_AT_ONCE: Final = 4096  # signals read
+_LONGEST: Final = 1e6  # [s] that the operating system waits at once
+TaskT = TypeVar("TaskT")
+JobT = TypeVar("JobT")
+_LEAST: Final = 19
+_ABANDONED: Final = 3  # exit status
+
+
+class Closing(ABC):
+    """Closes at the end of a `with` block."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of everything; a second call does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+@contextmanager
+def uninterrupted() -> Generator[None]:
+    """Let Ctrl-C wait for the end of the block, which has to be short.
+
+    Between the start of a thread and the `with` that ends it, an interrupt would leave a thread
+    that nobody ends, and the process would wait for it for ever. Elsewhere than in the main thread,
+    where no interrupt arrives, this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        came.append(number)
+
+    handler = signal.getsignal(signal.SIGINT)
+    if not callable(handler):  # ignored, or none of Python's
+        yield
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
+class Ending(Closing):
+    """SIGINT, SIGTERM, a call of `stop`, or the end of a time, whichever comes first."""
+
+    def __init__(self) -> None:
+        # A signal writes into the one end itself. A lock would not hear a signal that comes just
+        # before it is waited for.
+        self._heard, self._ended = socket.socketpair()
+        self._ended.setblocking(False)
+
+    def wait(self, duration: float | None = None) -> None:
+        """Wait for the end.
+
+        Elsewhere than in the main thread, signals stay as they are. In it, both do nothing more
+        from now on, whoever needs them has to give them back.
+
+        Args:
+            duration: Longest wait [s]; without end if not given.
+        """
+        ends = None if duration is None else time.monotonic() + duration
+        with self._signalled():
+            while not self._asked_to_end(ends):
+                pass
+
+    def stop(self) -> None:
+        """End `wait`, from any thread."""
+        with suppress(OSError):  # closed, or so much was written that it will be heard
+            self._ended.send(_STOP)
+
+    def close(self) -> None:
+        """Close both ends."""
+        self._heard.close()
+        self._ended.close()
+
+    @contextmanager
+    def _signalled(self) -> Generator[None]:
+        """Let SIGINT and SIGTERM do nothing but end `wait`, where they can be listened to."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = signal.set_wakeup_fd(self._ended.fileno(), warn_on_full_buffer=False)
+        for number in _ENDING:
+            signal.signal(number, _do_nothing)
+        try:
+            yield
+        finally:
+            signal.set_wakeup_fd(before)
+
+    def _asked_to_end(self, ends: float | None) -> bool:
+        """Wait for the next signal or `stop`, and say whether to go on no longer."""
+        left = None if ends is None else min(max(ends - time.monotonic(), 0.0), _LONGEST)
+        if select.select([self._heard], [], [], left)[0]:
+            heard = self._heard.recv(_AT_ONCE)
+            return _STOP in heard or not _ENDING.isdisjoint(heard)
+        return ends is not None and time.monotonic() >= ends
+
+
+def _do_nothing(_signal: int, _frame: FrameType | None) -> None:
+    """Take a signal, which has written its number into the socket."""
+
+
+@contextmanager
+def signals_given_back() -> Generator[None]:
+    """Give SIGINT and SIGTERM back, at the end of the block, to whom they were of before."""
+    handlers = {number: signal.getsignal(number) for number in _ENDING}
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():  # which alone can change them
+            for number, handler in handlers.items():
+                if handler is not None:  # else it is none of Python's
+                    signal.signal(number, handler)
+
+
+class WorkerProcess(Generic[TaskT]):
+    """One process and the task that it does.
+
+    Args:
+        work: Runs in the process, with its end of the pipe. It takes tasks until the pipe is
+            closed, calls `end_with_parent` first, and answers each as it likes.
+        job: What all tasks share, the second argument of `work`.
+    """
+
+    task: TaskT
+
+    def __init__(self, work: Callable[[Connection[Any, Any], JobT], None], job: JobT) -> None:
+        context = get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process: SpawnProcess = context.Process(target=work, args=(theirs, job), daemon=True)
+        self.process.start()
+        theirs.close()  # so that the end of the process is the end of the pipe
+
+    def start(self, task: TaskT) -> None:
+        """Send the next task."""
+        self.task = task
+        with suppress(BrokenPipeError):  # it has died, which the next receipt tells
+            self.connection.send(task)
+
+    def stop(self) -> int | None:
+        """End the process, whatever it does, and return its exit status."""
+        self.process.kill()
+        self.process.join()
+        self.connection.close()
+        return self.process.exitcode
+
+
+def end_with_parent() -> None:
+    """Have this worker process end when its parent is gone, even in the midst of its work.
+
+    Ctrl-C is left to the parent, which ends its workers.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_follow_parent, daemon=True).start()
+
+
+def _follow_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def give_way(nice: int) -> None:
+    """Take the CPU only when others leave it, from now on.
+
+    Args:
+        nice: 19 gives way the most.
+    """
+    os.nice(nice)
+    if os.getsid(0) == os.getpid():  # in a group of its own, whose weight is what counts then
+        with suppress(OSError):  # a kernel without such groups
+            Path("/proc/self/autogroup").write_text(str(nice))
+
+
+def end_when_abandoned() -> None:
+    """End this process when whoever holds the other end of its standard input is gone.
+
+    However that one ended: nobody would hear the result, and another may have begun the same.
+    """
+
+    def wait() -> None:
+        with suppress(OSError):
+            while os.read(0, 1):
+                pass
+        os._exit(_ABANDONED)
+
+    threading.Thread(target=wait, name="limo-abandoned", daemon=True).start()
+
+
+def thread_aside(name: str) -> ThreadPoolExecutor:
+    """Return a thread that takes the CPU only when others leave it, where the system can say so.
+
+    What runs there must hold no lock that the stream waits for.
+    """
+    return ThreadPoolExecutor(1, name, initializer=_give_way_thread)
+
+
+def _give_way_thread() -> None:
+    with suppress(OSError):  # threads have priorities of their own on Linux only
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _LEAST)

@@ -1,1 +1,0 @@
-"""Processes: how they are started, closed and told to end."""
