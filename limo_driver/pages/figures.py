@@ -18,6 +18,7 @@ MEASURED, BEFORE, AFTER, FLOOR = "#868f98", "#d9730d", "#0b559f", "#868f98"
 OTHER: Final = "#75899d"  # what is neither before nor after
 # Of joints: none of the colours that tell simulations apart.
 JOINTS: Final = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#66707a")
+WIDE, NARROW = 4.0, 1.4  # lines: of what was measured, and of what is laid over it
 DRAWN: Final = 1200  # samples of a curve: more cannot be seen
 _MANY_DECADES: Final = 2.5  # of a logarithmic axis
 _STILL: Final = 1e-6  # [rad] of rounding, within which a joint rests

@@ -25,6 +25,7 @@ from limo_driver.pages.figures import (
     JOINTS,
     MEASURED,
     OTHER,
+    WIDE,
     curve,
     dots,
     layout,
@@ -305,7 +306,7 @@ def _torques(
 ) -> list[tuple[str, FloatArray, str, float]]:
     simulated = [(_SIDES[side], getattr(traces, side)[:, j]) for side in sides]
     return [
-        ("measured", traces.measured[:, j], MEASURED, 4.0),
+        ("measured", traces.measured[:, j], MEASURED, WIDE),
         *((name, torque, colour, 1.4) for (name, colour), torque in simulated),
     ]
 

@@ -15,7 +15,16 @@ from estimators.diagnosis.report.page import unobservable
 from estimators.diagnosis.report.sections import identified
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
-from limo_driver.pages.figures import AFTER, BEFORE, DRAWN, MEASURED, curve, layout
+from limo_driver.pages.figures import (
+    AFTER,
+    BEFORE,
+    DRAWN,
+    MEASURED,
+    NARROW,
+    WIDE,
+    curve,
+    layout,
+)
 from limo_driver.pages.markup import columns, folded, grid, header, paragraph, section
 
 if TYPE_CHECKING:
@@ -160,8 +169,8 @@ def _joint(replay: DriveReplay, j: int, charts: Charts) -> str:
     rows = slice(None, None, max(1, len(recording) // DRAWN))
     time, position = recording.time[rows], recording.position[rows, j]
     runs = ((GIVEN, replay.given, BEFORE), (IMPROVED, replay.improved, AFTER))
-    moved = [curve(time, position, "recorded", MEASURED, 4.0)]
-    moved += [curve(time, run[rows, j], name, colour, 1.4) for name, run, colour in runs]
+    moved = [curve(time, position, "recorded", MEASURED, WIDE)]
+    moved += [curve(time, run[rows, j], name, colour, NARROW) for name, run, colour in runs]
     errors = [curve(time, position - run[rows, j], name, colour) for name, run, colour in runs]
     figures: list[tuple[Figure, str]] = [
         ({"data": moved, "layout": layout("time [s]", "position [rad]"), "height": 280},
