@@ -1,9 +1,14 @@
 """An arm behind FRI that moves or pushes, and who judges what it receives by the limits alone."""
 
+import time
+from types import SimpleNamespace
+
 import numpy as np
 from fri_messages import POSE
 from robot_commands import position
 
+from backends.fri import replies
+from backends.fri import robot as fri_robot
 from backends.fri.codec.messages import SessionState
 from limo_driver.types import TorqueCommand
 
@@ -65,3 +70,10 @@ def pushing(robot, cycles=30):
 
 def reason(robot):
     return robot._contract.save().reason
+
+
+def stand_still(monkeypatch):
+    """Stop the driver's clock: a busy machine may pause for longer than what a test is about."""
+    now = time.monotonic()
+    for module in (fri_robot, replies):
+        monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: now))

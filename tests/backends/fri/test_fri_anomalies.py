@@ -1,19 +1,16 @@
 """An active session that says something that does not go with commands ends in a hold."""
 
-import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from fri_messages import POSE
-from judged_arm import ACTIVE, GOAL, ROUNDING, moving, pushing
+from judged_arm import ACTIVE, GOAL, ROUNDING, moving, pushing, stand_still
 from lanes import sampled
 from robot_commands import position
 from stepped_arm import SteppedArm, stepped
 
 from backends.fri import connection
-from backends.fri import robot as fri_robot
 from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
 from limo_driver.errors import BackendError, HoldingError
 
@@ -129,8 +126,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
     ):
         with stepped() as robot:
             moving(robot)
-            now = time.monotonic()  # stands still: a busy machine may pause for longer than 1 ms
-            monkeypatch.setattr(fri_robot, "time", SimpleNamespace(monotonic=lambda: now))
+            stand_still(monkeypatch)
             monkeypatch.setattr(connection, "_age", lambda _: 0.0)
             robot.receive()
             robot.arm.sequence += lost

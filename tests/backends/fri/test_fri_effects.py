@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judged_arm import GOAL, ROUNDING, moving, pushing, reason
+from judged_arm import GOAL, ROUNDING, moving, pushing, reason, stand_still
 from lanes import sampled
 from robot_commands import position
 from stepped_arm import HOST, SteppedArm, stepped
@@ -252,6 +252,7 @@ class TestStallsOfThisComputer:
         with stepped(mode=CommandMode.TORQUE) as robot:
             judged, wanted = pushing(robot), TorqueCommand(torque=np.full(7, 100.0))
             robot.receive()
+            stand_still(monkeypatch)
             stalled(robot, monkeypatch, [1e-3 * (stall + 1 - k) for k in range(stall)])
             cycle, robot.arm.cycle = robot.arm.cycle, lambda: None
             for _ in range(4):  # what has piled up is read at once
