@@ -177,8 +177,8 @@ class RobotSession:
     def begin(self, effect: Effect) -> None:
         """Begin anew: until commands are received, the arm is as `effect` says."""
         self.confirmed = effect
-        for k, (packet, _, *rest) in enumerate(self._unconfirmed):
-            self._unconfirmed[k] = packet, effect, *rest
+        for k, (packet, _, left, waited) in enumerate(self._unconfirmed):
+            self._unconfirmed[k] = packet, effect, left, waited
 
     @property
     def unconfirmed(self) -> int:
