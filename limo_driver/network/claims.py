@@ -18,13 +18,16 @@ takes as many of them as may be answered. A flood is dropped without a line of P
 
 from __future__ import annotations
 
+import atexit
 import json
 import re
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING, Final, cast
+from weakref import WeakSet
 
 import zenoh
 
@@ -342,14 +345,17 @@ class PacedQueryable(Closing):
             target=self._serve, args=(self._queryable.handler,), name="limo-queries", daemon=True
         )
         self._thread.start()
+        _answering.add(self)
 
     def close(self) -> None:
         """Answer no more; what is being answered is told to its end."""
         if self._closed.is_set():
             return
         self._closed.set()
-        self._queryable.undeclare()
-        self._thread.join()
+        try:
+            self._queryable.undeclare()
+        finally:
+            self._thread.join()
 
     def _serve(self, queries: zenoh.Handler[zenoh.Query]) -> None:
         while not self._closed.wait(self._limit.take()):
@@ -359,3 +365,18 @@ class PacedQueryable(Closing):
                 return
             with query:
                 self._answer(query)
+
+
+_answering: Final[WeakSet[PacedQueryable]] = WeakSet()
+
+
+@atexit.register
+def _end_all() -> None:
+    """Join the threads that answer, whose session was closed.
+
+    Python ends a thread that comes back from Zenoh while it shuts down, and Zenoh's code, which
+    cannot be left so, aborts the process.
+    """
+    for queryable in list(_answering):
+        with suppress(zenoh.ZError):  # went with its session
+            queryable.close()

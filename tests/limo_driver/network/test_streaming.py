@@ -327,3 +327,16 @@ def test_a_computer_without_shared_memory_has_sessions_all_the_same():
         pytest.skip("no mount namespace can be made here")
     ended = subprocess.run([*command, "-c", code], capture_output=True, text=True, check=False)
     assert (ended.stdout, ended.returncode) == ("False\n", 0), ended.stderr
+
+
+def test_a_process_ends_with_no_thread_in_zenoh():
+    """Python would end such a thread inside Zenoh's code, which then aborts the process."""
+    code = """
+import atexit, threading
+atexit.register(lambda: print([x.name for x in threading.enumerate()]))
+from limo_driver.network.streaming import open_session
+open_session(listen="tcp/127.0.0.1:0").close()
+"""
+    command = [sys.executable, "-c", code]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (ended.stdout, ended.returncode) == ("['MainThread']\n", 0), ended.stderr
