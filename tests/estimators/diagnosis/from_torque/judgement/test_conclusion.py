@@ -19,9 +19,11 @@ from estimators.diagnosis.from_torque.judgement.conclusion import (
     unproven,
 )
 from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.result import CHOSEN
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import CoulombFriction, SpringLoad
 from limo_driver.recordings.recording import Recording
@@ -76,6 +78,17 @@ def test_more_evidence_that_motion_held_out_denies_is_said_to(problem, noise):
     assert chosen.gain > 0
     found = explanations_of(denied, fitted(denied, (), noise), FLOOR)
     assert found[0].note == "does not hold on motion held out"
+
+
+@pytest.mark.parametrize(
+    ("size", "note"), [(0.8, "takes too little off motion held out"), (1.5, "")]
+)
+def test_more_evidence_that_takes_off_too_little_is_said_to(problem, noise, size, note):
+    """Where what it would take off is so many times what a finding has to, in noise floors."""
+    nothing = fitted(problem, (), noise)
+    kept = rmse(problem.left(nothing.fitted), problem.split.held_out)
+    floor = np.full(2, kept.max() / (size * CONTRIBUTION.material))
+    assert explanations_of(problem, nothing, floor)[0].note == note
 
 
 def test_known_values_move_in_their_own_units(problem, noise):
