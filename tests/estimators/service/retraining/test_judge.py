@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from itertools import islice
 from types import SimpleNamespace
 
 import numpy as np
@@ -76,7 +77,7 @@ class Stand:
 
     def run(self, steps):
         with closing(self.judge):
-            for _ in steps:
+            for _ in islice(steps, 100):
                 self.history.count += 1000
 
 

@@ -85,6 +85,15 @@ def test_what_raises_errors_of_the_motion_held_out_is_not_sure(of_torque, held_o
     assert sure(problem, fitted(problem, (spring,), noise), spring) == is_sure
 
 
+def test_what_fades_before_any_row_is_held_out_is_sure_however_little_it_is(of_torque):
+    """Rows held out have next to nothing of it, so they cannot say."""
+    problem, noise = of_torque(
+        lambda q: 0.06 * np.clip(1.0 - 5.0 * np.arange(q.size) / q.size, 0, 1)
+    )
+    drift = place_of(problem, "torque_drift", 1)
+    assert sure(problem, fitted(problem, (drift,), noise), drift)
+
+
 def test_an_effect_acts_at_its_joints_and_a_body_at_all(sprung):
     problem, _ = sprung
     assert own_joints(problem, place_of(problem, "spring_load", 3)) == [2]
