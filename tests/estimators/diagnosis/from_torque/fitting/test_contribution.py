@@ -85,13 +85,15 @@ def test_what_raises_errors_of_the_motion_held_out_is_not_sure(of_torque, held_o
     assert sure(problem, fitted(problem, (spring,), noise), spring) == is_sure
 
 
-def test_what_fades_before_any_row_is_held_out_is_sure_however_little_it_is(of_torque):
+def test_what_fades_before_any_row_is_held_out_counts_over_all_rows_however_little(of_torque):
     """Rows held out have next to nothing of it, so they cannot say."""
-    problem, noise = of_torque(
-        lambda q: 0.06 * np.clip(1.0 - 5.0 * np.arange(q.size) / q.size, 0, 1)
-    )
-    drift = place_of(problem, "torque_drift", 1)
-    assert sure(problem, fitted(problem, (drift,), noise), drift)
+    problem, noise = of_torque(lambda q: 0.04 * np.clip(1 - 5 * np.arange(q.size) / q.size, 0, 1))
+    drift, moving = place_of(problem, "torque_drift", 1), problem.observed.moving
+    solution = fitted(problem, (drift,), noise)
+    left, bare = (problem.left(fitted(problem, some, noise).fitted) for some in ((drift,), ()))
+    expected = np.sqrt((rmse(bare, moving) / rmse(left, moving)) ** 2 - 1.0)[0]
+    assert material(problem, solution, drift) == pytest.approx(expected, rel=1e-6)
+    assert sure(problem, solution, drift)
 
 
 def test_an_effect_acts_at_its_joints_and_a_body_at_all(sprung):
