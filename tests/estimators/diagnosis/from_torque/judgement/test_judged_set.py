@@ -87,15 +87,15 @@ def rubbing(arm, training_recording):
     return RegressionProblem.of(Observations.of(stated, [noisy], 10.0), quiet), true
 
 
-def beside(rubbing, lighter, f_v):
-    """Judge what a fit may have come to: a first link that is lighter, and friction of joint 2."""
+def beside(rubbing, lighter, f_v, first=0.5):
+    """Judge what a fit may have come to: a first link that is lighter, and friction of joints."""
     problem, true = rubbing
     observed, nothing = problem.observed, fitted(problem, (), noise_of_everything(problem))
     link = true.model.link_names[0]
     body = true.model.inertials[link]
     found = replace(
         true,
-        effects=(true.effects[0], ViscousFriction(joint=2, f_v=f_v)),
+        effects=(ViscousFriction(joint=1, f_v=first), ViscousFriction(joint=2, f_v=f_v)),
         inertials={link: replace(body, mass=lighter * body.mass)},
     )
     return JudgedSet.beside_one(problem, nothing, observed.beside(found))
@@ -110,6 +110,16 @@ def test_values_of_one_joint_stay_where_bodies_harm_another(rubbing):
     left, given = rmse(found.proven, rows), rmse(problem.observed.residual, rows)
     assert left[0] < 1.1 * given[0]
     assert left[1] < 0.5 * given[1]
+
+
+def test_only_what_acts_on_a_harmed_joint_alone_is_as_stated(rubbing):
+    harmful = beside(rubbing, 1.0, 3.0, first=6.0)
+    found, as_given = harmful.harmless()
+    assert not as_given
+    assert {effect.joint: effect.f_v for effect in found.beside.simulation.effects} == {
+        1: 0.5,
+        2: 3.0,
+    }
 
 
 def test_a_set_that_serves_takes_the_place_of_one_that_harms(rubbing):
