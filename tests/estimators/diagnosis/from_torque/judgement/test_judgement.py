@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from noisy_recordings import NOISE, observed
 
-from estimators.diagnosis.from_torque.fitting.contribution import contribution_of_all
+from estimators.diagnosis.from_torque.fitting.contribution import contribution, contribution_of_all
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.judgement.judgement import (
     RemainingResidual,
@@ -23,6 +23,7 @@ from estimators.diagnosis.from_torque.judgement.judgement import (
     remarks,
     trusted_gains,
 )
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.result import Shift
@@ -161,6 +162,14 @@ def test_what_acts_on_the_whole_arm_is_named_beside_something_unknown_at_one_joi
     there = (i for i, item in enumerate(problem.candidates) if item.effect == effect.name)
     member = max(there, key=lambda i: fitted(problem, (i,), noise).gain)
     solution, floor = fitted(problem, (member,), noise), np.full(2, NOISE)
+    if named:  # in squares of the noise floors
+        size = np.sqrt(contribution(problem, solution, member))
+        less, more = np.argsort(size)
+        assert size[more] > 1.2 * size[less]
+        assert (
+            acts_most(problem, solution, member, size * np.where(size > size[less], 1.2, 1.0))
+            == less
+        )
     most = acts_most(problem, solution, member, floor)
     predictable = np.where(np.arange(2) == most, 10.0, 0.0)  # [N m], of much more than is explained
     remaining = RemainingResidual(floor, predictable, 0.0 * problem.target)
@@ -173,6 +182,8 @@ def test_the_predictable_part_is_kept_as_a_series(rigid, training_recording):
     planted = np.column_stack([np.tanh(observed.slow.velocity[:, 0] / 0.04), 0 * noise[:, 0]])
     found = remaining_residual(observed, planted + 0.1 * noise)
     assert found.floor == pytest.approx(0.1, rel=0.1)
+    assert found.predictable[0] == pytest.approx(rmse(planted, rows)[0], rel=0.05)
+    assert found.predictable[1] < 0.05
     assert np.corrcoef(found.series[rows[:, 0], 0], planted[rows[:, 0], 0])[0, 1] > 0.98
     assert np.abs(found.series[:, 1]).max() < 0.1
 
