@@ -106,7 +106,7 @@ def test_a_joint_that_binds_is_unlike_its_siblings(joint):
 def test_a_joint_whose_drive_has_no_limit_is_like_its_siblings(limit):
     limits = SimpleNamespace(torque=np.array([320.0] * 6 + [limit]), velocity=np.ones(7))
     arm = SimpleNamespace(effects=(), model=SimpleNamespace(n=7, limits=limits))
-    assert beyond_siblings(*sized(np.where(np.arange(7) == 6, 300.0, 1.0), arm)) == {}
+    assert beyond_siblings(*sized(np.where(np.arange(7) == 6, 300.0, USUAL), arm)) == {}
 
 
 @pytest.mark.parametrize(("width", "plain"), [(1e-4, True), (2.9e-4, True), (3.1e-4, False)])
@@ -240,9 +240,9 @@ def seen(arm, *effects):
     return observed(*effects, robot=str(arm), duration=30.0)
 
 
-@pytest.mark.parametrize(("amplitude", "detail"), [(0.07, True), (0.2, False)])
+@pytest.mark.parametrize(("amplitude", "detail"), [(0.28, True), (0.6, False)])
 def test_little_more_of_a_stated_effect_is_a_value_of_it(arm, amplitude, detail):
-    stated = TorqueRipple(joint=1, cycles_per_rev=(14.0,), amplitude=(1.0,), phase=(0.3,))
+    stated = TorqueRipple(joint=1, cycles_per_rev=(14.0,), amplitude=(4.0,), phase=(0.3,))
     other = TorqueRipple(joint=1, cycles_per_rev=(28.0,), amplitude=(amplitude,), phase=(0.1,))
     recorded = seen(arm, stated, other).beside(Simulation(str(arm), (stated,)))
     problem = RegressionProblem.of(recorded, quiet)

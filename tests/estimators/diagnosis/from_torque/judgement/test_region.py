@@ -38,13 +38,14 @@ def test_a_torque_at_one_position_is_said_to_be_there(observed):
     assert re.search(r"near one position \(.* between 0\.39\d and 0\.40\d rad", where.region)
 
 
-def test_a_brief_torque_is_said_with_its_recording_and_time(observed):
+@pytest.mark.parametrize("begins", [0.0, 10.0])
+def test_a_brief_torque_is_said_with_its_recording_and_time(observed, begins):
     time = observed.slow.time
-    brief = (observed.recording == 1) & (time > 10.0) & (time < 15.0)
+    brief = (observed.recording == 1) & (time >= begins) & (time < begins + 5.0)
     where = where_of(observed, brief.astype(float), 1)
     assert where.recording == (2,)
     ((start, end),) = where.time
-    assert 10.0 <= start < end <= 15.0
+    assert begins <= start < end <= begins + 5.0
     shown = brief & observed.moving[:, 1]
     inside = (time >= start) & (time <= end) & shown
     assert inside.sum() == np.ceil(REGION.most * shown.sum())
