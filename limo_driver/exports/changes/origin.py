@@ -147,7 +147,7 @@ def write_origin(
 def alike(first: Any, second: Any, rounding: float = _SAME) -> bool:  # noqa: ANN401
     """Say whether numbers, or tuples of them, are the same but for the rounding of files."""
     if isinstance(first, (tuple, list)):
-        pairs = zip(first, second, strict=False)
+        pairs = zip(first, second, strict=True)
         return len(first) == len(second) and all(alike(*pair, rounding) for pair in pairs)
     return math.isclose(first, second, rel_tol=rounding, abs_tol=1e-12)
 
