@@ -19,9 +19,9 @@ from estimators.diagnosis.from_torque.judgement.conclusion import (
     unproven,
 )
 from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
-from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet

@@ -23,9 +23,9 @@ from estimators.diagnosis.from_torque.judgement.judgement import (
     remarks,
     trusted_gains,
 )
-from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.result import Shift
 from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.stages import quiet
