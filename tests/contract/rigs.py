@@ -168,7 +168,8 @@ class FriRig(FriFaults, Rig):
         self.arm.ns = max(self.arm.ns + int(seconds * 1e9), 10**9)
 
     def interrupt(self):
-        for state in (SessionState.MONITORING_READY, SessionState.COMMANDING_WAIT):
+        # No robot is back within three packets.
+        for state in [SessionState.MONITORING_READY] * 4 + [SessionState.COMMANDING_WAIT]:
             self.arm.state = state
             self.robot.receive()
             self.arm.ipo, self.arm.velocity = self.arm.position.copy(), np.zeros(7)
