@@ -104,6 +104,16 @@ class Visit:
     time: float  # [s] of the robot, since the first packet
 
 
+@dataclass(slots=True)
+class _Command:
+    """A command that the robot has not confirmed; they stand in the order of their sequence."""
+
+    packet: int  # count of the packet that it answers
+    effect: Effect | None  # that it has once it is received
+    left: float  # when it left, by this machine's clock [s]
+    waited: int  # count of the last packet that came before that
+
+
 @dataclass
 class RobotSession:
     """Follows one robot through its sessions.
@@ -127,13 +137,8 @@ class RobotSession:
     _strays: int = 0  # packets in a row that stood behind it, in an order of their own
     _last_stray: int = 0
     _sequence: int = 0  # of the next command
-    # Commands in the order of their sequence, up to the last one sent: count of the packet that it
-    # answers, its effect, when it left [s], and count of the last packet that came before that.
-    _unconfirmed: deque[tuple[int, Effect | None, float, int]] = field(
-        default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED)
-    )
+    _unconfirmed: deque[_Command] = field(default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED))
     confirmed: Effect | None = None  # of the last command that the robot has received, as it said
-    _left: float = -math.inf  # when the last command left, by this machine's clock [s]
     _refused_since: int | None = None  # count of the packet that could not be answered first
 
     def take(self, message: Monitoring, arrived: float | None = None) -> Order:
@@ -146,7 +151,7 @@ class RobotSession:
             return order
         self.figures.received += 1
         self._keep_time(message.header.sequence, stamp, order)
-        if arrived is not None and arrived < self._left:
+        if arrived is not None:
             self._note_waited(arrived)
         self._confirm(message.header.reflected, order)
         self._last, self._stamp, self._strays = message.header.sequence, stamp, 0
@@ -162,8 +167,7 @@ class RobotSession:
 
     def note_answer(self, effect: Effect | None = None, left: float = -math.inf) -> None:
         """Note that the command left, when [s], and what effect it has once it is received."""
-        self._unconfirmed.append((self.packets, effect, left, self.packets))
-        self._left = left
+        self._unconfirmed.append(_Command(self.packets, effect, left, self.packets))
         self._sequence = (self._sequence + 1) % _MODULUS
         self._refused_since = None
         self.figures.answered += 1
@@ -177,8 +181,8 @@ class RobotSession:
     def begin(self, effect: Effect) -> None:
         """Begin anew: until commands are received, the arm is as `effect` says."""
         self.confirmed = effect
-        for k, (packet, _, left, waited) in enumerate(self._unconfirmed):
-            self._unconfirmed[k] = packet, effect, left, waited
+        for command in self._unconfirmed:
+            command.effect = effect
 
     @property
     def unconfirmed(self) -> int:
@@ -211,8 +215,8 @@ class RobotSession:
         return bool(self._unconfirmed) and self._is_overdue(-1)
 
     def _is_overdue(self, which: int) -> bool:
-        packet, _, _, waited = self._unconfirmed[which]
-        return self.packets - packet >= self.patience and self.packets - waited >= self._least
+        command, now = self._unconfirmed[which], self.packets
+        return now - command.packet >= self.patience and now - command.waited >= self._least
 
     @property
     def refused(self) -> bool:
@@ -280,17 +284,16 @@ class RobotSession:
 
     def _note_waited(self, arrived: float) -> None:
         """Note a packet that came before commands left: it cannot say that they were received."""
-        for k in range(len(self._unconfirmed) - 1, -1, -1):
-            packet, effect, left, _ = self._unconfirmed[k]
-            if left <= arrived:
+        for command in reversed(self._unconfirmed):
+            if command.left <= arrived:
                 return
-            self._unconfirmed[k] = packet, effect, left, self.packets
+            command.waited = self.packets
 
     def _confirm(self, reflected: int, order: Order) -> None:
         """Settle the commands up to the one that the robot received last."""
         waiting = self._unconfirmed
         if order is _RESTARTED and waiting:  # nobody knows; the last one may well have had effect
-            self.confirmed = waiting[-1][1]
+            self.confirmed = waiting[-1].effect
             waiting.clear()
         behind = (self._sequence - 1 - reflected) % _MODULUS  # commands sent since then
         if behind >= len(waiting):
@@ -298,7 +301,7 @@ class RobotSession:
         passed_over = len(waiting) - 1 - behind
         for _ in range(passed_over):
             waiting.popleft()
-        self.confirmed = waiting.popleft()[1]
+        self.confirmed = waiting.popleft().effect
         self.figures.unreceived += passed_over
         self.figures.late += behind > 0
 

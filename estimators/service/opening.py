@@ -211,13 +211,11 @@ class _Kept:
         if (now := self._clock()) < self._made + _KEPT and query.payload is None:
             query.reply(query.key_expr, self._kept)
             return
-        _answer(query, self._fresh)
-        self._made = now if self._kept else -math.inf
+        _answer(query, lambda _: self._fresh(now))
 
-    def _fresh(self, _: dict[str, Any]) -> dict[str, Any]:
-        self._kept = b""
+    def _fresh(self, now: float) -> dict[str, Any]:
         found = self._read()
-        self._kept = to_json(found)
+        self._kept, self._made = to_json(found), now
         return found
 
 
