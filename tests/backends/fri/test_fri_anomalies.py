@@ -1,7 +1,5 @@
 """An active session that says something that does not go with commands ends in a hold."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from fri_messages import POSE
@@ -30,21 +28,21 @@ def always(arm, change):
 
 
 def with_sequence(change):
-    return lambda message: replace(
-        message, header=replace(message.header, sequence=change(message.header.sequence))
+    return lambda message: message._replace(
+        header=message.header._replace(sequence=change(message.header.sequence))
     )
 
 
 def in_mode(mode):
-    return lambda message: replace(message, ipo=replace(message.ipo, command_mode=mode))
+    return lambda message: message._replace(ipo=message.ipo._replace(command_mode=mode))
 
 
 def of_robot(**changes):
-    return lambda message: replace(message, robot=replace(message.robot, **changes))
+    return lambda message: message._replace(robot=message.robot._replace(**changes))
 
 
 def of_connection(**changes):
-    return lambda message: replace(message, connection=replace(message.connection, **changes))
+    return lambda message: message._replace(connection=message.connection._replace(**changes))
 
 
 OFF = (DriveState.ACTIVE,) * 4 + (DriveState.OFF, DriveState.TRANSITIONING, DriveState.ACTIVE)

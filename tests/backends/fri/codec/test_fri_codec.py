@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from contextlib import suppress
 
 import pytest
 from fri_messages import GENERATIONS, POSE, VERSIONS, commands, monitoring, monitorings, some
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from backends.fri.codec.codec import (
     decode_command,
     decode_monitoring,
+    detect,
     encode_command,
     encode_monitoring,
 )
@@ -29,21 +31,22 @@ from backends.fri.codec.messages import (
     Timestamp,
     Transformation,
 )
-from backends.fri.codec.version import (
-    FriVersion,
-    Generation,
-    delimited,
-    detect,
-    double,
-    tag,
-    varint,
-)
+from backends.fri.codec.version import FriVersion, Generation
 from limo_driver.errors import ConfigError, WireFormatError
 
 V1 = FriVersion.V1_15
 FIRST_REPLY = bytes.fromhex("0a080881800d1000180012410a3f") + b"".join(
     b"\x09" + struct.pack("<d", value) for value in (0, 0.5, 0, -1.2, 0, 0.9, 0)
 )
+
+
+def delimited(number, content):
+    low, high = len(content) & 0x7F, len(content) >> 7
+    return bytes([number << 3 | 2, *([low | 0x80, high] if high else [low])]) + content
+
+
+def double(value):
+    return struct.pack("<d", value)
 
 
 def command(**data):
@@ -129,7 +132,7 @@ def test_version_is_named_or_refused_with_the_known_ones():
 def test_packed_joints_padded_integers_and_unknown_fields_are_read():
     header = b"\x08\x81\x80\x8d\x00\x10\x85\x80\x00\x18\x07"  # padded identifier and sequence
     packed = delimited(1, b"".join(map(double, POSE)))
-    unknown = tag(99, 0) + varint(12345) + tag(77, 5) + b"abcd" + delimited(78, b"\xff\xff")
+    unknown = bytes.fromhex("9806b960ed0461626364f20402ffff")  # 99: 12345, 77: float, 78
     data = delimited(1, header + unknown) + delimited(2, delimited(1, packed)) + unknown
     assert decode_command(data, V1) == Command(Header(5, 7), CommandData(joint_position=POSE))
 
@@ -150,23 +153,27 @@ def test_any_other_number_of_joints_is_refused_both_ways(count):
 
 
 @pytest.mark.parametrize(
-    ("data", "said", "offset"),
+    ("data", "said"),
     [
-        (b"", "header is missing", 0),
-        (b"\x0a", "integer does not end", 1),
-        (b"\x0a\x05\x08", "field 1 ends 4 bytes after its message", 0),
-        (b"\x0a" + b"\x80" * 10 + b"\x00", "integer of more than 10 bytes", 1),
-        (b"\x00\x00", "field number 0", 0),
-        (b"\x0b\x0c", "wire type 3 of field 1", 0),
-        (b"\x08\x01", "header is integer, expected message or text", 0),
-        (FIRST_REPLY[:2] + b"\x08\x81\x80\x0c" + FIRST_REPLY[6:], "no message of FRI", 2),
-        (FIRST_REPLY[:6] + b"\x18\x00\x18\x00" + FIRST_REPLY[10:], "header.sequence is missing", 2),
+        (b"", "header is missing"),
+        (b"\x0a", "no message of protobuf"),
+        (b"\x0a\x05\x08", "no message of protobuf"),
+        (b"\x0a" + b"\x80" * 10 + b"\x00", "no message of protobuf"),
+        (b"\x00\x00", "no message of protobuf"),
+        (b"\x0b\x0c", "header is group"),
+        (b"\x08\x01", "header is integer"),
+        (FIRST_REPLY + b"\xf3\x04\xf4\x04", "field 78 is a group"),
+        (FIRST_REPLY + b"\x0d1234", "header is float"),
+        (FIRST_REPLY + delimited(1, b"\x09" + bytes(8)), "header.identifier is double"),
+        (FIRST_REPLY[:2] + b"\x08\x81\x80\x0c" + FIRST_REPLY[6:], "no message of FRI"),
+        (FIRST_REPLY[:2] + b"\x18\x00\x18\x00" + FIRST_REPLY[6:], "header.identifier is missing"),
+        (FIRST_REPLY[:6] + b"\x18\x00\x18\x00" + FIRST_REPLY[10:], "header.sequence is missing"),
+        (delimited(1, FIRST_REPLY[2:6] + b"\x10\x80\x80\x80\x80\x10\x18\x00"), "= 4294967296 is"),
     ],
 )  # fmt: skip
-def test_bad_bytes_say_what_and_where(data, said, offset):
-    with pytest.raises(WireFormatError, match=said) as error:
+def test_bad_bytes_say_what(data, said):
+    with pytest.raises(WireFormatError, match=said):
         decode_command(data, V1)
-    assert error.value.offset == offset
 
 
 def test_the_other_message_is_named():
@@ -243,9 +250,8 @@ def test_values_of_ios_have_their_type():
 @given(st.binary(max_size=1600))
 def test_random_bytes_are_refused_and_nothing_else(data):
     for generation in (None, *GENERATIONS):
-        with pytest.raises(WireFormatError) as error:
+        with pytest.raises(WireFormatError):
             decode_monitoring(data, generation)
-        assert 0 <= error.value.offset <= len(data)
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
@@ -269,8 +275,5 @@ def test_mutated_messages_are_read_or_refused_and_nothing_else(generation, data)
             len(inside).to_bytes(4, "little") + inside + zlib.crc32(inside).to_bytes(4, "little")
         )
     for version in (None, generation):
-        try:
-            read = decode_monitoring(bytes(mutated), version)
-        except WireFormatError as refused:
-            read = refused.offset
-        assert isinstance(read, Monitoring) or 0 <= read <= len(mutated)
+        with suppress(WireFormatError):
+            assert isinstance(decode_monitoring(bytes(mutated), version), Monitoring)
