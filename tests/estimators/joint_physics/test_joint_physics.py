@@ -121,8 +121,7 @@ def test_stepping_estimates_what_a_recording_does(
 
 def _predicted(given: Prediction, columns: FloatArray) -> FloatArray:
     result = np.empty((2, columns.shape[1], len(columns)))  # torque [N m], leverage [N² m²]
-    weighed = given.kept, given.less, given.sizes, given.weights, given.roots, given.root_sizes
-    predict(columns, *weighed, *result)
+    predict(columns, *vars(given).values(), *result)
     return result
 
 
@@ -388,7 +387,8 @@ def test_the_commands_train_and_evaluate_it(
     refused = limo("train", run, *given, "--epochs", "3")
     assert refused.returncode == 2
     assert "--epochs is of networks" in refused.stderr
-    assert (trained := limo("train", run, *given, "--json")).returncode == 0, trained.stderr
+    trained = limo("train", run, *given, "--json")
+    assert trained.returncode == 0, trained.stderr
     rmse = json.loads(trained.stdout)["rmse"]
     assert max(rmse["held_out"]) < 0.1 * min(rmse["simulation"])
     evaluated = limo("evaluate", run, *given[:2], "--model", given[-1], "--out", tmp_path / "out")
