@@ -196,6 +196,10 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
+    from limo_driver.runtime.packages import require_own_packages
+
+    if name != "LimoError":  # by which to catch what this raises
+        require_own_packages()
     value = globals()[name] = getattr(import_module(_HOME[name]), name)
     return value
 

@@ -1,4 +1,7 @@
-"""Imports are declared, what is declared is imported, and constraints fit both."""
+"""Imports are declared, what is declared is imported, and constraints fit both.
+
+`python tests/install/test_declared.py` writes requirements-light.txt anew from pyproject.toml.
+"""
 
 from __future__ import annotations
 
@@ -36,6 +39,14 @@ EXTRAS = {
     for extra, texts in PROJECT["optional-dependencies"].items()
 }
 EVERY = [*BASE, *(item for items in EXTRAS.values() for item in items)]
+LIGHT = ROOT / "requirements-light.txt"
+TRAINING = "torch"  # all that a light installation lacks
+
+
+def light() -> str:
+    """Return the requirements of everything but training."""
+    lines = (text for text in PROJECT["dependencies"] if Requirement(text).name != TRAINING)
+    return "\n".join(("# limo without training; by tests/install/test_declared.py", *lines, ""))
 
 
 def imports_of(source: str) -> set[str]:
@@ -91,3 +102,12 @@ def test_constraints_fit_what_is_declared():
         if not item.specifier.contains(pinned.get(canonicalize_name(item.name), "0"))
     ]
     assert not wrong, f"constraints.txt does not fit pyproject.toml: {wrong}"
+
+
+def test_a_light_installation_lacks_what_trains_and_nothing_else():
+    assert LIGHT.read_text(encoding="utf-8") == light()
+    assert names(BASE) - names(map(Requirement, light().splitlines()[1:])) == {TRAINING}
+
+
+if __name__ == "__main__":
+    LIGHT.write_text(light(), encoding="utf-8")

@@ -40,7 +40,7 @@ _LOOK: Final = 0.2  # [s] between two looks whether it has to end
 TIMEOUT: Final = 120.0  # [s]; a fresh process compiles first
 _LONGEST: Final = 600.0  # [s]
 _NICE: Final = 10
-_COMMAND: Final = (sys.executable, "-m", "estimators.service.store.vetting")
+_COMMAND: Final = (sys.executable, "-P", "-m", "estimators.service.store.vetting")
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model.descriptions.description import JointDynamics, RobotDescription, StatedServo
 from limo_driver.model.descriptions.geometry import numbers, rpy_of
 from limo_driver.model.descriptions.usd_shapes import write_shapes
+from limo_driver.runtime.packages import require_package
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -52,13 +53,13 @@ def open_stage(path: Path) -> Any:  # noqa: ANN401  # a stage of USD
     """Open a USD file.
 
     Raises:
-        ConfigError: usd-core is not installed, it cannot be opened, is not in metres and kilograms,
-            or has layers outside its folder.
+        MissingPackageError: usd-core is not installed.
+        ConfigError: It cannot be opened, is not in metres and kilograms, or has layers outside its
+            folder.
     """
-    try:
-        from pxr import Tf, Usd, UsdGeom, UsdPhysics
-    except ImportError:
-        raise ConfigError("is USD, which needs `pip install limo[usd]`", path=path) from None
+    require_package("pxr", f"{path}: reading USD")
+    from pxr import Tf, Usd, UsdGeom, UsdPhysics
+
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
