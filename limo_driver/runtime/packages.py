@@ -10,7 +10,7 @@ from typing import Final
 
 from limo_driver.errors import HiddenPackageError, MissingPackageError
 
-_OWN: Final = ("backends", "estimators", "limopa")  # beside `limo_driver`
+_OWN: Final = ("backends", "estimators", "limopa")  # next to `limo_driver`
 _DISTRIBUTION: Final = {"pxr": "usd-core", "rerun": "rerun-sdk"}  # of a module called otherwise
 
 

@@ -53,7 +53,7 @@ NOT_RUN = {
     "fleet.md": ["needs a cluster"],
     "fri.md": ["needs a real arm"],
     "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
-    "start.md": ["installs limo, and runs what runs this"],
+    "start.md": ["installs limo, and runs what runs this"] * 3,
     "streaming.md": ["needs two other machines"],
     "ultrasound.md": [
         "takes a minute, and is what the workflow does",
