@@ -48,15 +48,16 @@ class FlangeWrench:
                 f"one of {', '.join(frames)}"
             )
         self._model = model
-        self._place = np.linalg.solve(frames[model.flange], frames[self.frame])  # in the flange
+        place = np.linalg.solve(frames[model.flange], frames[self.frame])  # in the flange
+        shift = np.cross(np.eye(3), place[:3, 3]).T  # of w, w x place
+        turn = place[:3, :3].T
+        self._moved = np.block([[turn, turn @ shift], [np.zeros((3, 3)), turn]])
 
     def jacobian(self, position: FloatArray) -> FloatArray:
         """Return the Jacobian of the frame in its own axes, (6, n), for one position (n,)."""
-        J = self._model.flange_jacobian(position)
-        flange = self._model.flange_pose(position)[:3, :3]
-        J[:3] += np.cross(J[3:].T, flange @ self._place[:3, 3]).T
-        turned = (flange @ self._place[:3, :3]).T
-        return np.vstack([turned @ J[:3], turned @ J[3:]])
+        axes = self._model.flange_pose(position)[:3, :3].T
+        at_flange = axes @ self._model.flange_jacobian(position).reshape(2, 3, -1)
+        return self._moved @ at_flange.reshape(6, -1)
 
     def of(self, position: FloatArray, external: FloatArray, deviation: FloatArray) -> Wrench:
         """Return the wrench on the arm.

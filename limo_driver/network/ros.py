@@ -18,6 +18,9 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+import zenoh
+import zenoh.ext
+
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages import (
     JOINT_STATE,
@@ -30,15 +33,12 @@ from limo_driver.network.messages import (
     RosAttachment,
 )
 from limo_driver.network.messages.joint_state import GID_SIZE
-from limo_driver.network.streaming import declare_history, declare_stream
+from limo_driver.network.streaming import declare_history
 from limo_driver.quoting import in_line
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    import zenoh
-    import zenoh.ext
 
 # As `rosidl` computes them of the definitions, the same from Jazzy to Kilted.
 HASHES: Final = {
@@ -49,7 +49,7 @@ HASHES: Final = {
 }
 NODE: Final = "limo"  # that the publishers belong to
 # Quality of service, what is empty is the default: reliability, durability, history, depth, ...
-_STREAM: Final = "2::,10:,:,:,,"  # best effort, volatile, the last 10
+_STREAM: Final = "::,10:,:,:,,"  # reliable, volatile, the last 10
 _HISTORY: Final = ":1:,{}:,:,:,,"  # reliable, transient local
 _TOKEN_PARTS: Final = 13  # of a publisher or subscriber
 _TOPIC: Final = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -148,7 +148,13 @@ class RosPublisher(Closing):
         if topic.kept:
             self._publisher = declare_history(session, topic.key, topic.kept)
             return
-        self._publisher = stream = declare_stream(session, topic.key)
+        # As rmw_zenoh does: dropped only where its queue is full, in which messages wait together.
+        stream = session.declare_publisher(
+            topic.key,
+            encoding=zenoh.Encoding.APPLICATION_CDR,
+            congestion_control=zenoh.CongestionControl.DROP,
+        )
+        self._publisher = stream
         self.wanted = bool(stream.matching_status.matching)
         stream.declare_matching_listener(self._match)  # ends with the publisher
 

@@ -48,7 +48,7 @@ STREAMS: Final = {
     "wrench_covariance": MATRIX,  # (6, 6), in the same frame
 }
 EVENTS: Final = "events"
-_WAITING: Final = 32  # estimates; older ones are lost rather than late
+_WAITING: Final = 8  # estimates; older ones are lost rather than late
 _STATES: Final = 4096
 
 
@@ -97,17 +97,18 @@ class RosBridge(Closing):
         self._told = set[str]()
         self._codec = JointStateCodec(model.joint_names, keys.arm)
         self._reader = None if states is None else RosReader(model.joint_names, keys.arm)
-        self._unread: deque[zenoh.Sample] = deque(maxlen=_STATES)
         self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=_STATES)  # by stamp [ns]
         self._node, self._events = RosNode(session, published), 0
         of_states = keys.joints if states is None else states.key_of_any_hash
         estimates = session.declare_subscriber(keys.estimate, RingChannel(_WAITING))
+        states_subscriber = session.declare_subscriber(of_states, RingChannel(_STATES))
+        self._states = states_subscriber.handler
         *_, events = self._node.publishers
         liveliness = session.liveliness()
         graph = f"@ros2_lv/{published[0].domain}/**"
         self._followed = [
             estimates,
-            session.declare_subscriber(of_states, self._unread.append),
+            states_subscriber,
             liveliness.declare_subscriber(graph, self._look, history=True),
             follow_history(session, keys.event, lambda sample: self._put_event(events, sample)),
         ]
@@ -192,8 +193,7 @@ class RosBridge(Closing):
 
     def _take_states(self) -> None:
         """Keep the poses of the states that came; those of ROS in the order of the arm."""
-        while self._unread:
-            sample = self._unread.popleft()
+        while (sample := self._states.try_recv()) is not None:
             payload = sample.payload.to_bytes()
             try:
                 if self._reader is not None:
