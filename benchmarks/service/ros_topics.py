@@ -222,7 +222,7 @@ def foreign_peer(port: int, folder: Path, topics: Sequence[str]) -> Generator[An
             ask("heard")  # once it is there
             yield ask
         finally:
-            process.stdin.close()
+            process.kill()  # its library leaves threads behind
 
 
 def _write_definitions(folder: Path) -> None:

@@ -124,7 +124,7 @@ class RosBridge(Closing):
 
     def _look(self, sample: zenoh.Sample) -> None:
         why = unlike(str(sample.key_expr), self._topics)
-        if why and why not in self._told and sample.kind is zenoh.SampleKind.PUT:
+        if why and why not in self._told and sample.kind == zenoh.SampleKind.PUT:
             self._told.add(why)
             self._tell(why)
 

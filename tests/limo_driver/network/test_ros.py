@@ -13,7 +13,7 @@ from limo_driver.network.messages import (
     RosAttachment,
     decode_joint_state,
 )
-from limo_driver.network.ros import HASHES, RosPublisher, RosReader, RosTopic, unlike
+from limo_driver.network.ros import HASHES, RosNode, RosPublisher, RosReader, RosTopic, unlike
 from limo_driver.network.streaming import JointStatePublisher, Keys, open_session
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
@@ -36,6 +36,11 @@ class TestTopic:
             "@ros2_lv/7/a1b2/0/1/MP/%/%/limo/%left%joint_states/"
             f"sensor_msgs::msg::dds_::JointState_/{HASH}/::,10:,:,:,,"
         )
+
+    def test_a_history_is_transient_local_and_has_a_depth(self):
+        token = RosTopic("events", 0, "rcl_interfaces/msg/Log", kept=100).token("ab", 7)
+        assert token.startswith("@ros2_lv/0/ab/0/7/MP/%/%/limo/%events/rcl_interfaces::msg::dds_::")
+        assert token.endswith("/:1:,100:,:,:,,")
 
     @pytest.mark.parametrize("name", ["", "/", "a//b", "a/", "1a", "a-b", "a/*", "**", "a b"])
     def test_refuses_a_name_that_ros_has_not(self, name):
@@ -110,6 +115,16 @@ class TestPublishing:
         assert raw[:17] == (
             (7).to_bytes(8, "little") + stamp.to_bytes(8, "little", signed=True) + b"\x10"
         )
+
+    def test_a_node_has_a_token_of_its_own(self, two_sessions):
+        first, second = two_sessions
+        wanted = [RosTopic("a"), RosTopic("b")]
+        with RosNode(first, wanted):
+            got = second.liveliness().get("@ros2_lv/**", timeout=60.0)
+            tokens = {str(reply.ok.key_expr) for reply in got}
+        zid = str(first.zid())
+        own = {topic.token(zid, number) for number, topic in enumerate(wanted, 1)}
+        assert tokens == {f"@ros2_lv/0/{zid}/0/0/NN/%/%/limo", *own}
 
     def test_the_token_goes_with_the_publisher(self, two_sessions):
         first, second = two_sessions
