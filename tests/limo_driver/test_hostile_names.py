@@ -2,6 +2,7 @@
 
 import ast
 import shutil
+import string
 import subprocess
 import xml.etree.ElementTree as ET  # of files that limo wrote
 from dataclasses import replace
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 
 import limo_driver as limo
 from estimators.embedded.export import export_c
+from estimators.embedded.ros2_package import export_ros2
 from limo_driver import quoting
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Armature, CoulombFriction, Simulation
@@ -127,6 +129,16 @@ def test_a_comment_of_c_ends_where_it_did(names, tmp_path_factory):
     assert bare.stdout.count(b"return") == len(names) + 1
 
 
+@often
+@given(LISTS)
+def test_a_literal_of_c_is_of_one_line_and_of_nothing_else(names):
+    for name in names:
+        literal = quoting.in_c_string(name)
+        assert set(literal[1:-1]) <= {*" _-.\\", *map(chr, range(48, 58)), *string.ascii_letters}
+        said = ast.literal_eval(f"b{literal}")
+        assert said == name.encode("utf-8", "surrogateescape")
+
+
 # Every writer, on an arm with such names ---------------------------------------------------------
 
 
@@ -168,6 +180,27 @@ def test_exported_c_is_compiled_to_what_it_was(arm, tmp_path):
     defined = [line.split()[-1] for line in symbols.stdout.splitlines() if " T " in line]
     assert defined
     assert all(name.startswith("limo_") for name in defined)
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
+def test_a_ros_package_has_them_as_texts(arm, tmp_path):
+    export_ros2(arm, tmp_path, 250.0)
+    for file in tmp_path.glob("*.xml"):
+        ET.fromstring(file.read_text("utf-8"))  # noqa: S314
+    config = yaml.safe_load((tmp_path / "config" / "wrench_broadcaster.yaml").read_text("utf-8"))
+    (parameters,) = config.values()
+    names = list(arm.model.joint_names)
+    assert parameters["ros__parameters"]["joints"] == names
+    shown = tmp_path / "show.cpp"
+    shown.write_text(
+        '#include <cstdio>\n#include "src/arm.hpp"\n'
+        "int main() { for (const auto &n : limo_dynamics::joint_names())\n"
+        "std::fwrite(n.c_str(), 1, n.size() + 1, stdout); }\n"
+    )
+    strict = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-Wno-unused", "-trigraphs"]
+    subprocess.run(["g++", *strict, shown.name, "-o", "show"], cwd=tmp_path, check=True)
+    said = subprocess.run([tmp_path / "show"], capture_output=True, check=True).stdout
+    assert said.decode().split("\0")[:-1] == names
 
 
 @pytest.mark.parametrize("target", ["drake", "isaaclab", "urdf"])

@@ -56,6 +56,7 @@ LONG = (
     "serve",
     "evaluate",
     "export_onnx",
+    "export_ros2",
     "load_model",
 )
 

@@ -175,6 +175,49 @@ def export_c(
     return written(estimator, out, rate, delay, false_alarms, name, recordings)
 
 
+def export_ros2(
+    model: ResidualModel[Any] | Simulation | Path | str,
+    out: Path | str,
+    rate: float = 1000.0,
+    delay: float = 0.1,
+    false_alarms: float = 1.0,
+    name: str = "limo",
+    free: Sequence[Recording | Path | str] = (),
+    frame: str = "",
+) -> CodeExport:
+    """Write a colcon package of ROS 2 around what `export_c` writes.
+
+    It has an implementation of inverse_dynamics_solver's interface, and a controller of
+    ros2_control that publishes external torques and the wrench which explains them.
+
+    Args:
+        model: A fitted model or a simulation, or the folder of one or the sim.yaml of the other.
+        out: Folder of the package, for example `ws/src/limo_dynamics`.
+        rate: Of the controller manager [Hz].
+        delay: By which estimates and wrenches are late [s].
+        false_alarms: Of contact on the whole arm, that are bearable [1/h].
+        name: With which all names begin; the package is `<name>_dynamics`.
+        free: See `export_c`.
+        frame: Of the wrench, a link or site fixed to the last link; the flange if empty.
+
+    Returns:
+        The C in it, with what it was made for.
+
+    Raises:
+        ConfigError: As for `export_c`, or the arm has no such frame.
+
+    Example:
+        >>> print(limo.export_ros2("sim.yaml", "ws/src/limo_dynamics", rate=1000.0))
+    """
+    from estimators.embedded.ros2_package import export_ros2 as written
+
+    if isinstance(model, (Path, str)):
+        model = trained_of(model) if Path(model).is_dir() else simulation_of(model)
+    estimator: Any = model
+    recordings = [recording_of(item) for item in free]
+    return written(estimator, out, rate, delay, false_alarms, name, recordings, frame)
+
+
 def export_onnx(
     model: ResidualModel[Any] | Path | str, out: Path | str, name: str = "limo"
 ) -> Path:
