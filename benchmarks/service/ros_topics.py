@@ -4,13 +4,15 @@
     python benchmarks/service/ros_topics.py --rate 1000 --seconds 30
 
 This process publishes joint states and estimates as `limo serve` does, `limo bridge` makes topics
-of them, and a third process, which is zenoh-ros2-sdk and shares no code with limo, hears all of them
-under the type hashes that it computes itself. Latency is from the stamp of an estimate to the
-peer's callback. Events that were told before the peer came are
+of them, and a third process, which is zenoh-ros2-sdk and shares no code with limo, hears all under
+the type hashes that it computes itself. Latency is from the stamp of an estimate to the peer's
+callback. Events that were told before the peer came are
 asked for as zenoh-ros2-sdk does, which takes the last one, and as rmw_zenoh does, by an advanced
 subscriber of Zenoh under the peer's own key. Then the peer
 publishes joint states, which limo hears.
 """
+
+# ruff: noqa: ANN401  # the peer's library has no types
 
 from __future__ import annotations
 
@@ -40,7 +42,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 
 def main() -> None:
     """Measure, and print a line for each topic."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rate", type=float, default=1000.0, help="of the estimates [Hz]")
     parser.add_argument("--seconds", type=float, default=30.0, help="of each direction")
     parser.add_argument("--peer", nargs="+", help=argparse.SUPPRESS)
@@ -114,7 +116,7 @@ def _show(name: str, sent: int, count: int, rate: float, *spread: float, **more:
     print(f"{name:20}{sent:8}{share:9.2f}%{rate:9.1f}{middle:8.2f}{high:8.2f}{most:10.2f}")
 
 
-def _spread(values: Sequence[float]) -> list[float]:
+def _spread(values: Sequence[float] | np.ndarray) -> list[float]:
     return [
         float(v) for v in np.percentile(values if len(values) else [np.nan], [50.0, 99.0, 100.0])
     ]
@@ -140,9 +142,8 @@ class Source:
 
         self.names = RobotModel.load(ROBOT).joint_names
         keys, n = Keys(ARM), len(self.names)
-        self._states, self._estimates = (
-            codec(self.names, ARM) for codec in (JointStateCodec, TorqueEstimateCodec)
-        )
+        self._states = JointStateCodec(self.names, ARM)
+        self._estimates = TorqueEstimateCodec(self.names, ARM)
         self._of_states = declare_stream(session, keys.joints)
         self._of_estimates = declare_stream(session, keys.estimate)
         self._of_events = declare_history(session, keys.event)
@@ -213,10 +214,11 @@ def foreign_peer(port: int, folder: Path, topics: Sequence[str]) -> Generator[An
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
         assert process.stdin is not None
         assert process.stdout is not None
+        to_peer, from_peer = process.stdin, process.stdout
 
         def ask(question: str) -> Any:
-            print(question, file=process.stdin, flush=True)
-            return json.loads(process.stdout.readline())
+            print(question, file=to_peer, flush=True)
+            return json.loads(from_peer.readline())
 
         try:
             ask("heard")  # once it is there
@@ -272,7 +274,7 @@ def peer(port: int, folder: Path, topics: Sequence[str]) -> None:
         if kind == LOG:
             session, heard[ALL] = subscriber.session_mgr, []
 
-            def take(sample: Any) -> None:
+            def take(sample: Any, session: Any = session) -> None:
                 event = session.store.deserialize_cdr(sample.payload.to_bytes(), LOG)
                 heard[ALL].append((time.time_ns(), event))
 

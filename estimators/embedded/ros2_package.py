@@ -93,7 +93,7 @@ def export_ros2(
 
 
 def _parameters(model: RobotModel, frame: str, name: str) -> dict[str, Any]:
-    """Return what the controller is told, which may be changed where links have a prefix."""
+    """Return the controller's parameters, which may be changed where links have a prefix."""
     parameters = {
         "type": f"{name}_dynamics/WrenchBroadcaster",
         "joints": list(model.joint_names),

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from limo_driver.network.streaming import Keys
     from limo_driver.types import FloatArray
 
-# What is published beside events, by the last part of its name.
+# What is published as well as events, by the last part of its name.
 STREAMS: Final = {
     "torque": JOINT_STATE,  # effort: estimated [N m]
     "torque_std": JOINT_STATE,  # effort: one standard deviation of its error [N m]
@@ -73,7 +73,7 @@ class RosBridge(Closing):
         published: What `topics` returns.
         frame: Of the wrench, a link or site fixed to the last link; the flange if empty.
         states: Topic of ROS 2 with its joint states, where no driver of limo's publishes them.
-        tell: Told, once each, of ROS nodes that hear nothing for another type.
+        tell: Called once for each ROS node that hears nothing, for it expects another type.
 
     Raises:
         ConfigError: The arm has no such frame.
@@ -94,7 +94,7 @@ class RosBridge(Closing):
         self.ended = threading.Event()  # and why, unless it was closed
         self.error: ConfigError | None = None
         self._model, self._topics, self._tell = model, published, tell
-        self._told = set[str]()
+        self._warned = set[str]()
         self._codec = JointStateCodec(model.joint_names, keys.arm)
         self._reader = None if states is None else RosReader(model.joint_names, keys.arm)
         self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=_STATES)  # by stamp [ns]
@@ -124,8 +124,8 @@ class RosBridge(Closing):
 
     def _look(self, sample: zenoh.Sample) -> None:
         why = unlike(str(sample.key_expr), self._topics)
-        if why and why not in self._told and sample.kind == zenoh.SampleKind.PUT:
-            self._told.add(why)
+        if why and why not in self._warned and sample.kind == zenoh.SampleKind.PUT:
+            self._warned.add(why)
             self._tell(why)
 
     def _put_event(self, events: RosPublisher, sample: zenoh.Sample) -> None:
