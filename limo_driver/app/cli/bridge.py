@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -74,7 +75,8 @@ def command(
         RosBridge(session, keys, model, published, frame, source, _warn) as bridge,
     ):
         say(f"/{published[0].name} ... /{published[-1].name}, wrench in {bridge.wrench.frame}")
-        bridge.ended.wait(duration)
+        with suppress(KeyboardInterrupt):
+            bridge.ended.wait(duration)
     if bridge.error is not None:
         raise bridge.error
     counts = ", ".join(f"{n} {what.replace('_', ' ')}" for what, n in bridge.counts.items())

@@ -112,7 +112,7 @@ class RosBridge(Closing):
             liveliness.declare_subscriber(graph, self._look, history=True),
             follow_history(session, keys.event, lambda sample: self._put_event(events, sample)),
         ]
-        self._thread = threading.Thread(target=self._follow, args=(estimates.handler,))
+        self._thread = threading.Thread(target=self._follow, args=(estimates.handler,), daemon=True)
         self._thread.start()
 
     def close(self) -> None:
