@@ -73,7 +73,7 @@ format: $(VENV)/.installed-dev ## mend what ruff can mend
 	$(BIN)/ruff format .
 
 # A wheel is built from the source of the release, and tried in an environment of its own.
-release: $(VENV)/.installed-dev docs ## build dist/, the site in its source, and try it in an empty folder
+release: $(VENV)/.installed-dev docs test-matrix ## build dist/, the site in its source, and try it in an empty folder
 	rm -rf dist
 	$(BIN)/python -m build --outdir dist .
 	$(BIN)/python -m pytest tests/install

@@ -10,10 +10,12 @@ was interrupted is called again and goes on.
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
 import time
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -38,10 +40,20 @@ class Row:
     pinned: bool = True  # whether other packages of such a Python are as `constraints.txt` has them
 
 
+def lowest() -> tuple[str, ...]:
+    """Return the oldest releases of what limo needs that its bounds allow."""
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    bounds = (re.match(r"([\w-]+(?:\[\w+\])?)>=([\d.]+)", x) for x in declared["dependencies"])
+    return tuple(f"{bound[1]}=={bound[2]}.*" for bound in bounds if bound)
+
+
+# The rows of other Pythons take several GB each: from PyPI comes the build of torch for GPUs.
 ROWS: Final = {
     "mujoco-3.12": Row(("mujoco==3.12.*",), WITH_MUJOCO),
     "mujoco-3": Row(("mujoco>=3.12,<4",), WITH_MUJOCO),
     "mujoco-4": Row((), WITH_MUJOCO),  # the pinned one
+    "lowest": Row((*lowest(), "click<8.2"), ("tests",), "python3.11", pinned=False),  # old typer
+    "newest": Row((), ("tests",), "python3.14", pinned=False),
 }
 
 
