@@ -14,10 +14,10 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # the URDF is the user's own file
 
-import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
