@@ -8,7 +8,7 @@ TESTS := $(BIN)/python tests/lanes/run.py --workers $(WORKERS)
 # Images of containers often set it: then each of many processes compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo docs test test-numerics test-slow test-all lint format clean
+.PHONY: help demo docs test test-numerics test-matrix test-slow test-all lint format clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
@@ -52,6 +52,9 @@ test: $(VENV)/.installed-dev ## run the tests that a change needs, in five minut
 
 test-numerics: $(VENV)/.installed-dev ## run what hangs on arithmetic as other processors would: 2 minutes
 	$(BIN)/python tests/on_other_processors.py --numprocesses $(WORKERS) --dist loadfile
+
+test-matrix: $(VENV)/.installed-dev ## run what hangs on packages with others than the pinned, MuJoCo 3 and 4
+	$(BIN)/python tests/matrix.py
 
 test-slow: $(VENV)/.installed-dev ## run the tests that `make test` leaves out; each is marked with why
 	$(TESTS) --slow
