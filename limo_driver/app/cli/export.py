@@ -47,6 +47,12 @@ def command(
         list[Path] | None,
         typer.Option(help="C: recording of motion that nothing touched; several times."),
     ] = None,
+    mujoco: Annotated[
+        int | None,
+        typer.Option(
+            help="MJCF: release that shall read it, 3 or 4; the installed one if not given."
+        ),
+    ] = None,
     name: Annotated[
         str, typer.Option(help="C, ONNX: of the files; in C all names in them begin with it.")
     ] = "limo",
@@ -81,7 +87,7 @@ def command(
         return
     from limo_driver.app.library.exporting import export
 
-    found = export(sim, to, out, into, on)
+    found = export(sim, to, out, into, on, mujoco)
     if as_json:
         _print_json(found)
     else:
@@ -129,6 +135,7 @@ def _print_json(found: Export) -> None:
         "kept": list(found.kept),
         "dropped": list(found.dropped),
         "unwritten": list(found.unwritten),
+        "needs": found.needs,
         "difference": list(found.error),
         "torque": list(found.torque),
         "share": found.share,
@@ -149,6 +156,8 @@ def show(found: Export) -> None:
         console.print(f"dropped: {line}")
     for line in found.unwritten:
         console.print(f"not written: {line}")
+    if found.needs:
+        console.print(f"needs: {found.needs}")
     for item in found.remainder:
         console.print(f"left: {item}")
     for line in str(found).splitlines():
