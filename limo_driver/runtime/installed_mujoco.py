@@ -24,9 +24,8 @@ try:
 
     VERSION: Final = str(mujoco.__version__)
 except (ImportError, AttributeError) as error:  # a folder without its library has no version
-    raise ConfigError(
-        f"MuJoCo cannot be imported ({str(error).splitlines()[0]}); {_AGAIN}"
-    ) from error
+    reason = str(error).partition(". ")[0].splitlines()[0]
+    raise ConfigError(f"MuJoCo cannot be imported ({reason}); {_AGAIN}") from error
 
 RELEASE: Final = tuple(int(part) for part in VERSION.split(".")[:2])
 if RELEASE < OLDEST:

@@ -32,7 +32,7 @@ from limo_driver.model.descriptions.mjcf.writer import TURNING, ArmWriter
 from limo_driver.model.descriptions.urdf_checks import LARGEST
 from limo_driver.model.descriptions.xml_text import MOST_JOINTS
 from limo_driver.runtime.given_files import apart
-from limo_driver.runtime.installed_mujoco import mujoco
+from limo_driver.runtime.installed_mujoco import PLASTIC, RELEASE, VERSION, mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -107,6 +107,8 @@ def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
         return model
     except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
+        if "springyield" in reason and RELEASE[0] < PLASTIC:
+            reason += f"; it needs MuJoCo {PLASTIC}, {VERSION} is installed"
         raise ConfigError(f"MuJoCo cannot compile it: {reason}", path=path) from None
 
 

@@ -194,6 +194,12 @@ def test_what_the_installed_mujoco_cannot_prove_is_refused(arm, tmp_path):
         exported(arm(), tmp_path / "out", mujoco=4)
 
 
+@pytest.mark.skipif(RELEASE[0] > 3, reason="needs MuJoCo 3, which has no plastic springs")
+def test_a_file_for_mujoco_4_is_refused_with_what_it_needs(arm):
+    with pytest.raises(ConfigError, match=r"it needs MuJoCo 4, 3\.\d+\.\d+ is installed"):
+        Simulation.load(arm(own=' stiffness="30" springyield="0.1"'))
+
+
 def test_there_are_two_releases(arm, tmp_path):
     with pytest.raises(ConfigError, match="`mujoco` is 5, expected 3 or 4"):
         exported(arm(), tmp_path / "out", mujoco=5)
