@@ -114,13 +114,14 @@ def write(
     if kind == USD:
         place = out / (name or f"{into.stem}_found.usda")
         copied = _copied(files_of(into), into, out)
-        text = write_layer(target, place)
+        text, driven = write_layer(target, place)
         error, torque = errors(place, kind, expressed, on)
         names = simulation.model.joint_names
-        files = (place, *copied)
+        files = (place, *driven.files, *copied)
+        gone = (*target.dropped, *driven.dropped)
         return Export(
-            place, files, kind, _added(text), left, names, error, torque, target.kept,
-            target.dropped, unwritten(simulation, kind),
+            place, files, kind, _added(text), left, names, error, torque, target.kept, gone,
+            driven.unwritten,
         )  # fmt: skip
     texts = edited_mjcf(target) if kind == MJCF else edited_urdf(target, kind)
     places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
