@@ -30,6 +30,7 @@ from limo_driver.model.descriptions.usd_joints import (
     actuators_of,
     axis_of,
     rate_of_steps,
+    schemas_of,
     targets_of,
     value_of,
 )
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 _PID: Final = "NewtonPIDControlAPI"
 _NETWORK: Final = "NewtonNeuralControlAPI"
 _HELD: Final = {_PID: ("ki",), _NETWORK: ("dead_band", "punch"), PD: ()}  # beyond a servo, by law
+_STEPS: Final = "delaySteps"
 _SAME: Final = 1e-6  # relative: attributes are floats of 32 bits
 _WHOLE: Final = 1e-6  # [s], by which a delay may miss its steps
 _RISE: Final = 1e-3  # [rad], over which the punch of a network builds up
@@ -92,7 +94,7 @@ class _Drive:
         return stated is not None and alike(self._numbers(stated), self._numbers(self.known), _SAME)
 
     def _numbers(self, own: StatedServo | StatedMotor) -> tuple[float, ...]:
-        gains = (own.kp, own.kd) if isinstance(own, StatedServo) else (own.gain,)
+        gains = (own.kp, own.kd) if isinstance(own, StatedServo) else ()
         return (*gains, own.limit or 0.0, round(own.delay * self.rate))
 
     def schemas(self) -> Mapping[str, Mapping[str, float]]:
@@ -110,7 +112,7 @@ class _Drive:
             found[MOTOR] = line | ({} if limit is None else {"maxMotorEffort": limit})
         elif limit is not None:
             found[LIMIT] = {"maxEffort": limit}
-        return found | ({DELAY: {"delaySteps": self.steps}} if self.steps else {})
+        return found | ({DELAY: {_STEPS: self.steps}} if self.steps else {})
 
     def unwritten(self, name: str) -> Iterator[str]:
         """Yield a line for each of its numbers that no schema has."""
@@ -152,7 +154,7 @@ def write_actuators(
         if own.is_stated(known.get(name)):
             continue
         late |= own.steps > 0
-        network = place.with_name(f"{place.stem}_{name}.onnx")
+        network = place.with_name(f"{name}_actuator.onnx")
         if own.law == _NETWORK and isinstance(own.drive, PositionServo):
             with whole(network) as draft:
                 draft.write_bytes(_network(own.drive))
@@ -161,7 +163,7 @@ def write_actuators(
         if _stop_drive(joints[name]):
             dropped.append(f"joint {name}: its UsdPhysics drive, for which the NewtonActuator is")
     if late and stated_rate is None:
-        unwritten.append(f"the rate of steps of which delays count: taken for {RATE:g} Hz")
+        unwritten.append(f"the rate of steps of delays: no scene states one, {RATE:g} Hz is taken")
     return Actuators(tuple(files), tuple(unwritten), tuple(dropped))
 
 
@@ -191,7 +193,7 @@ def _prim(stage: Any, joint: Any) -> Any:  # noqa: ANN401
     while stage.GetPrimAtPath(place):
         place = place.GetParentPath().AppendChild(f"{place.name}_")
     made = stage.DefinePrim(place, ACTUATOR)
-    made.CreateRelationship(TARGETS).SetTargets([path])
+    made.CreateRelationship(TARGETS, False).SetTargets([path])
     return made
 
 
@@ -199,14 +201,16 @@ def _write(prim: Any, own: _Drive, network: str) -> None:  # noqa: ANN401
     from pxr import Sdf
 
     schemas, kinds = own.schemas(), Sdf.ValueTypeNames
-    prim.SetMetadata("apiSchemas", Sdf.TokenListOp.CreateExplicit(list(schemas)))
+    if schemas_of(prim) != set(schemas):
+        prim.SetMetadata("apiSchemas", Sdf.TokenListOp.CreateExplicit(list(schemas)))
     for values in schemas.values():
         for name, value in values.items():
-            kind = kinds.Int if isinstance(value, int) else kinds.Float
-            prim.CreateAttribute(f"newton:{name}", kind).Set(value)
+            kind = kinds.Int if name == _STEPS else kinds.Float
+            if value_of(prim, f"newton:{name}", np.nan) != np.float32(value):
+                prim.CreateAttribute(f"newton:{name}", kind, False).Set(value)
     if own.law == _NETWORK:
         asset = Sdf.AssetPath(f"./{network}")
-        prim.CreateAttribute("newton:modelPath", kinds.Asset).Set(asset)
+        prim.CreateAttribute("newton:modelPath", kinds.Asset, False).Set(asset)
 
 
 def _stop_drive(joint: Any) -> bool:  # noqa: ANN401

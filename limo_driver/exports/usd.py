@@ -77,15 +77,17 @@ def write_layer(target: Target, place: Path) -> Layer:
     for name, body in _inertials(target).items():
         _write_inertial(bodies[name], body)
     names = target.model.joint_names
-    written = dict(zip(names, map(_kept, target.split.joints), strict=True))
-    for name, wanted in written.items():
+    now = dict(zip(names, map(_kept, target.split.joints), strict=True))
+    for name, wanted in now.items():
         _write_joint(joints[name], wanted)
     actuators = write_actuators(stage, joints, target.simulation, target.model.description, place)
     users = {name: _kept(target.users.get(name, JointDynamics())) for name in names}
-    if entries := origin_entries(users, written, {}):
+    if entries := origin_entries(users, now, {}):
         layer.customLayerData = {TITLE: json.dumps(entries)}
-    layer.subLayerPaths[0] = f"./{into.name}"
-    text = layer.ExportToString()
+    written = Sdf.Layer.CreateAnonymous(".usda")  # no stage looks for what lies beside it
+    written.TransferContent(layer)
+    written.subLayerPaths[0] = f"./{into.name}"
+    text = written.ExportToString()
     with whole(place) as draft:
         draft.write_text(text, encoding="utf-8")
     return Layer(text, actuators)
@@ -168,4 +170,4 @@ def _set_changed(prim: Any, schema: str, pairs: Mapping[str, tuple[float | None,
         old = stated or 0.0
         if abs(old - value) > _SAME * max(abs(old), abs(value)):
             prim.AddAppliedSchema(schema)
-            prim.CreateAttribute(name, Sdf.ValueTypeNames.Float).Set(value)
+            prim.CreateAttribute(name, Sdf.ValueTypeNames.Float, False).Set(value)

@@ -134,7 +134,7 @@ def drives_of(stage: Any, joints: Iterable[Any]) -> tuple[dict[str, Any], list[s
     for joint in joints:
         actuator, servo = moved.get(joint.GetPath()), _servo(joint)
         if actuator is not None:
-            schemas = _schemas(actuator)
+            schemas = schemas_of(actuator)
             servo = _of_actuator(actuator, schemas, rate)
             if left := sorted(schemas - _READ):
                 notes.append(f"not represented: {', '.join(left)} of {actuator.GetName()}")
@@ -143,7 +143,7 @@ def drives_of(stage: Any, joints: Iterable[Any]) -> tuple[dict[str, Any], list[s
     return found, notes
 
 
-def _schemas(prim: Any) -> set[str]:  # noqa: ANN401
+def schemas_of(prim: Any) -> set[str]:  # noqa: ANN401
     """Return the schemas applied to a prim, whether or not USD knows them."""
     from pxr import Sdf
 
