@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.bodies import parts_of, pseudo_inertia
 from limo_driver.exports.changes.origin import TITLE, origin_entries
 from limo_driver.exports.newton import Actuators, write_actuators
@@ -94,10 +95,18 @@ def write_layer(target: Target, place: Path) -> Layer:
 
 
 def files_of(into: Path) -> list[Path]:
-    """Return a USD file and all files that it refers to: layers, textures."""
-    from pxr import UsdUtils
+    """Return a USD file and all files that it refers to: layers, textures.
 
-    layers, assets, _ = UsdUtils.ComputeAllDependencies(str(into))
+    Raises:
+        ConfigError: Its path has characters that USD does not refer to.
+    """
+    from pxr import Tf, UsdUtils
+
+    try:
+        layers, assets, _ = UsdUtils.ComputeAllDependencies(str(into))
+    except Tf.ErrorException:
+        said = "has a path that no layer of USD can refer to: it has line ends or the like; rename"
+        raise ConfigError(f"{said} it", path=into) from None
     found = [into, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]
     return [path for path in dict.fromkeys(item.resolve() for item in found) if path.is_file()]
 

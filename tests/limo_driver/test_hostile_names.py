@@ -3,9 +3,11 @@
 import ast
 import shutil
 import subprocess
+import unicodedata
 import xml.etree.ElementTree as ET  # of files that limo wrote
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 import yaml
@@ -16,7 +18,13 @@ import limo_driver as limo
 from estimators.embedded.export import export_c
 from limo_driver import quoting
 from limo_driver.errors import ConfigError
-from limo_driver.physics import Armature, CoulombFriction, Simulation
+from limo_driver.physics import (
+    Armature,
+    CoulombFriction,
+    PositionServo,
+    PreslidingHysteresis,
+    Simulation,
+)
 
 HOSTILE = (
     "*/ int main(void){return 7;} /*", "??/\n int broken", '""" + __import__("os") + """', "\\",
@@ -130,6 +138,8 @@ def test_a_comment_of_c_ends_where_it_did(names, tmp_path_factory):
 # Every writer, on an arm with such names ---------------------------------------------------------
 
 
+IN_USD = ["\u540d\u524d", "__import__", "None", "a\u0301"]
+CREEPING = PreslidingHysteresis(joint=2, law="lugre", sigma_0=300.0, tau_c=0.6)
 IN_URDF = [name for name in HOSTILE if "$(" not in name]  # which says that it is a xacro
 
 
@@ -170,8 +180,10 @@ def test_exported_c_is_compiled_to_what_it_was(arm, tmp_path):
     assert all(name.startswith("limo_") for name in defined)
 
 
-@pytest.mark.parametrize("target", ["drake", "isaaclab", "urdf"])
+@pytest.mark.parametrize("target", ["drake", "isaaclab", "mjcf", "urdf"])
 def test_exports_are_read_back(arm, target, tmp_path):
+    servo = PositionServo(joint=1, kp=9.0, torque_limit=3.0)
+    arm = replace(arm, effects=(*arm.effects, CREEPING), drives=(servo,))
     written = limo.export(arm, target, tmp_path / "out")
     files = [file for file in (tmp_path / "out").rglob("*") if file.is_file()]
     assert written.file in files
@@ -179,10 +191,34 @@ def test_exports_are_read_back(arm, target, tmp_path):
         if file.suffix == ".py":
             kinds = {type(item).__name__ for item in ast.parse(file.read_text("utf-8")).body}
             assert kinds <= {"Expr", "ImportFrom", "Assign"}
-        elif file.suffix == ".urdf":
+        elif file.suffix in {".urdf", ".xml"}:
             names = {joint.get("name") for joint in ET.parse(file).iter("joint")}  # noqa: S314
             assert set(arm.model.joint_names) <= names
     assert limo.RobotModel.load(written.file).joint_names == arm.model.joint_names
+    assert is_shown_only(str(written))
+    again = limo.export(arm, target, tmp_path / "again", into=written.file)
+    assert again.diff == ""
+
+
+@pytest.mark.parametrize("names", [*zip(IN_URDF, IN_USD * 7, strict=False)], ids=ascii)
+def test_a_layer_of_usd_is_read_back(names, tmp_path):
+    pytest.importorskip("pxr", reason="needs usd-core: pip install limo[usd]")
+    given, joint = names  # names of prims have letters, digits and _ only, of any language
+    text = (Path(__file__).parents[1] / "regression" / "data" / "two_links.usda").read_text("utf-8")
+    path = tmp_path / "own" / (quoting.for_xml(given).replace("/", "")[:60] + ".usda")
+    path.parent.mkdir()
+    path.write_text(text.replace("turns_a", joint), "utf-8")
+    drives = (PositionServo(joint=1, kp=9.0, dead_band=0.01, torque_limit=3.0),)
+    sim = replace(Simulation(str(path), (CREEPING,)), drives=drives)
+    if any(unicodedata.category(letter) == "Cc" for letter in path.name):
+        with pytest.raises(ConfigError, match="no layer of USD can refer to") as refused:
+            limo.export(sim, "usd", tmp_path / "out")
+        assert is_shown_only(str(refused.value))
+        return
+    written = limo.export(sim, "usd", tmp_path / "out")
+    assert all(file.parent == tmp_path / "out" and file.is_file() for file in written.files)
+    assert len(written.files) == 3
+    assert limo.RobotModel.load(written.file).joint_names == (joint, "turns_b")
     assert is_shown_only(str(written))
 
 
