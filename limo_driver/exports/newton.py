@@ -88,7 +88,7 @@ class _Drive:
         return round(self.known.delay * self.rate)
 
     def is_stated(self, stated: StatedServo | StatedMotor | None) -> bool:
-        """Say whether a file has it already, and it is nothing beside."""
+        """Say whether a file has it already, and it is nothing more."""
         if self.motor is not None or self.law != PD or type(stated) is not type(self.known):
             return False
         return stated is not None and alike(self._numbers(stated), self._numbers(self.known), _SAME)
@@ -140,7 +140,7 @@ def write_actuators(
         joints: Prims of joints, by name.
         simulation: With the drives.
         description: Of the file.
-        place: Of the layer, beside which networks are written.
+        place: Of the layer; networks are written into its folder.
 
     Raises:
         ConfigError: A network is needed, and `onnx` is not installed; or cannot be written.

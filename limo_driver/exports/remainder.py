@@ -140,8 +140,8 @@ def missing_numbers(servo: JointDrive, joint: str, keys: Iterable[str]) -> Itera
     """
     for key in keys:
         if (value := beyond_default(servo, key)) is not None:
-            said = f"{key} {value:.4g} {unit_of(servo, key)} of the servo of {joint}"
-            yield f"{said}: no {_kind(servo)} actuator has it"
+            number = f"{key} {value:.4g} {unit_of(servo, key)} of the servo of {joint}"
+            yield f"{number}: no {_kind(servo)} actuator has it"
 
 
 def beyond_default(servo: JointDrive, key: str) -> Any:  # noqa: ANN401  # as it is stated

@@ -85,7 +85,7 @@ def write_layer(target: Target, place: Path) -> Layer:
     users = {name: _kept(target.users.get(name, JointDynamics())) for name in names}
     if entries := origin_entries(users, now, {}):
         layer.customLayerData = {TITLE: json.dumps(entries)}
-    written = Sdf.Layer.CreateAnonymous(".usda")  # no stage looks for what lies beside it
+    written = Sdf.Layer.CreateAnonymous(".usda")  # which no stage has open
     written.TransferContent(layer)
     written.subLayerPaths[0] = f"./{into.name}"
     text = written.ExportToString()
@@ -105,8 +105,10 @@ def files_of(into: Path) -> list[Path]:
     try:
         layers, assets, _ = UsdUtils.ComputeAllDependencies(str(into))
     except Tf.ErrorException:
-        said = "has a path that no layer of USD can refer to: it has line ends or the like; rename"
-        raise ConfigError(f"{said} it", path=into) from None
+        raise ConfigError(
+            "has line ends or the like in its path, which no layer of USD can refer to; rename it",
+            path=into,
+        ) from None
     found = [into, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]
     return [path for path in dict.fromkeys(item.resolve() for item in found) if path.is_file()]
 

@@ -55,7 +55,8 @@ def command(
     """Write a simulation into a copy of a MuJoCo or URDF file; only what was found changes.
 
     For Drake, a URDF has rotor inertias; for Isaac Lab, friction and armature stand in a file of
-    Python beside it; of USD, a layer over the file is written.
+    Python beside it; of USD, a layer over the file
+    is written, with friction, armature and drives as PhysX, Newton and Isaac Lab 3 have them.
 
     Inertias, a payload as a body, dry friction, damping, armature, springs and gravity are written
     where the format has them. The difference is shown, and the size of what the format has no

@@ -1,4 +1,4 @@
-"""What USD says of a joint beside its place: friction, drive, and which joint it follows.
+"""What USD has of a joint but its place: friction, drive, and which joint it follows.
 
 PhysX, and Newton with Isaac Lab 3, each have words of their own for armature, friction, damping and
 speed; where a joint has both, those of PhysX count. A drive is one of `UsdPhysics`, or a
@@ -156,7 +156,7 @@ def schemas_of(prim: Any) -> set[str]:  # noqa: ANN401
 
 
 def _of_actuator(prim: Any, schemas: set[str], rate: float) -> StatedServo | StatedMotor | None:  # noqa: ANN401
-    """Return what an actuator is: a servo of position or velocity, or one that is told torques."""
+    """Return what an actuator is: a servo of position or velocity, or of torque."""
     if PD not in schemas:
         return None
     kp, kd = value_of(prim, "newton:kp"), value_of(prim, "newton:kd")
