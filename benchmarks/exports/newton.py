@@ -22,13 +22,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "tests" / "limo_driver" / "model" / "descriptions")]
 
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 if TYPE_CHECKING:
     import limo_driver as limo
     from limo_driver.types import FloatArray
@@ -134,7 +135,8 @@ def _in_newton(simulation: limo.Simulation, python: str, **given: FloatArray) ->
         for line in exported.unwritten:
             print(f"not written: {line}")
         names = np.array(simulation.model.joint_names)
-        np.savez(folder / "given.npz", names=names, step=np.array(STEP), **given)
+        arrays: dict[str, Any] = {**given, "names": names, "step": np.array(STEP)}
+        np.savez(folder / "given.npz", **arrays)
         files = [str(exported.file), str(folder / "given.npz"), str(folder / "found.npy")]
         # its own text
         subprocess.run([python, "-c", _IN_NEWTON, *files], check=True, stdout=subprocess.DEVNULL)
@@ -171,7 +173,7 @@ def _driven(simulation: limo.Simulation, python: str) -> list[float]:
     servos = [
         PositionServo(joint=1, kp=400.0, kd=20.0, torque_limit=50.0, delay=0.015),
         PositionServo(joint=2, kp=900.0, kd=30.0, torque_limit=150.0),
-        DcMotor(joint=2, kt=0.1, resistance=1.0, supply=24.0, gear=80.0),
+        DcMotor(joint=2, kt=0.1, resistance=4.0, supply=24.0, gear=300.0),
         PositionServo(joint=3, kp=300.0, kd=10.0, ki=50.0, integral_limit=10.0),
         PositionServo(joint=4, kp=600.0, kd=10.0, dead_band=0.005, punch=1.0, torque_limit=80.0),
         *(PositionServo(joint=j, kp=200.0, kd=5.0, torque_limit=4.0) for j in (5, 6, 7)),
