@@ -98,17 +98,21 @@ def files_of(into: Path) -> list[Path]:
     """Return a USD file and all files that it refers to: layers, textures.
 
     Raises:
-        ConfigError: Its path has characters that USD does not refer to.
+        ConfigError: Its name has characters that no layer can refer to.
     """
-    from pxr import Tf, UsdUtils
+    from pxr import Sdf, Tf, UsdUtils
 
     try:
-        layers, assets, _ = UsdUtils.ComputeAllDependencies(str(into))
-    except Tf.ErrorException:
+        Sdf.AssetPath(name := into.name)
+    except Tf.ErrorException:  # control characters
+        name = "\\"
+    if "\\" in name:  # which is taken for a slash
         raise ConfigError(
-            "has line ends or the like in its path, which no layer of USD can refer to; rename it",
+            "has a line end, a backslash or the like in its name, to which no layer of USD can "
+            "refer; rename it",
             path=into,
-        ) from None
+        )
+    layers, assets, _ = UsdUtils.ComputeAllDependencies(str(into))
     found = [into, *(Path(layer.realPath) for layer in layers), *map(Path, assets)]
     return [path for path in dict.fromkeys(item.resolve() for item in found) if path.is_file()]
 

@@ -1,6 +1,7 @@
 """Names of somebody else are data in whatever limo writes: each language reads them as such."""
 
 import ast
+import re
 import shutil
 import subprocess
 import unicodedata
@@ -205,13 +206,13 @@ def test_a_layer_of_usd_is_read_back(names, tmp_path):
     pytest.importorskip("pxr", reason="needs usd-core: pip install limo[usd]")
     given, joint = names  # names of prims have letters, digits and _ only, of any language
     text = (Path(__file__).parents[1] / "regression" / "data" / "two_links.usda").read_text("utf-8")
-    path = tmp_path / "own" / (quoting.for_xml(given).replace("/", "")[:60] + ".usda")
+    path = tmp_path / "own" / (re.sub("[/#]", "", quoting.for_xml(given))[:60] + ".usda")
     path.parent.mkdir()
     path.write_text(text.replace("turns_a", joint), "utf-8")
     drives = (PositionServo(joint=1, kp=9.0, dead_band=0.01, torque_limit=3.0),)
     sim = replace(Simulation(str(path), (CREEPING,)), drives=drives)
-    if any(unicodedata.category(letter) == "Cc" for letter in path.name):
-        with pytest.raises(ConfigError, match="no layer of USD can refer to") as refused:
+    if "\\" in path.name or any(unicodedata.category(letter) == "Cc" for letter in path.name):
+        with pytest.raises(ConfigError, match="no layer of USD can refer") as refused:
             limo.export(sim, "usd", tmp_path / "out")
         assert is_shown_only(str(refused.value))
         return
