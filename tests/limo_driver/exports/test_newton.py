@@ -71,7 +71,7 @@ def exported(arm, drives, effects=EFFECTS, name="found"):
     from pxr import Usd
 
     place = arm.with_name(f"{name}.usda")
-    target = target_of(Simulation(str(arm), effects, drives=drives), arm, "usd")
+    target = target_of(Simulation(str(arm), effects, drives=drives), arm, "usd", 4)
     layer = write_layer(target, place)
     stage = Usd.Stage.Open(str(place))
     return place, layer, lambda name: stage.GetPrimAtPath(f"/robot/{name}")
