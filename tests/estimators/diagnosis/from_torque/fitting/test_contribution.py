@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     material,
     own_joints,
     sure,
+    surely_less,
 )
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.residuals.noise import Noise
@@ -120,3 +122,13 @@ def test_what_is_small_beside_a_large_effect_may_be_imprecision_of_that(arm, dra
     solution = fitted(problem, tuple(sorted((own, *beside))), noise)
     assert 0.5 < material(problem, solution, own) < 1.0
     assert convincing(problem, solution, own) == named
+
+
+@pytest.mark.parametrize(("square", "less"), [(0.0070, True), (0.0058, False)])
+def test_joints_count_in_squares_of_their_own_errors(square, less):
+    """Of 0.1 N m at the first, of 1 N m at the second, and of nothing where nothing is left."""
+    left, bare = np.array([[0.0, 0.8, 0.0]]), np.array([[np.sqrt(square), 0.0, 0.0]])
+    recordings, slow = [SimpleNamespace(duration=60.0)], SimpleNamespace(time=np.zeros(1))
+    observed = SimpleNamespace(recordings=recordings, recording=np.zeros(1, dtype=int), slow=slow)
+    scale, rows = np.array([0.1, 1.0, 0.0]), np.ones((1, 3), dtype=bool)
+    assert surely_less(left, bare, scale, observed, rows) is less
