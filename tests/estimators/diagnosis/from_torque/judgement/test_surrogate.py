@@ -68,9 +68,7 @@ def test_rows_at_rest_are_not_looked_at(observed):
     )
 
 
-def test_a_drift_is_predicted_in_its_own_recording_alone(
-    rigid, training_recording, test_recording
-):
+def test_a_drift_is_predicted_in_its_own_recording_alone(rigid, training_recording, test_recording):
     both = Observations.of(rigid, [training_recording, test_recording], 10.0)
     own = both.recording == 1
     drift = np.where(own, np.sin(0.1 * both.slow.time), 0.0)
