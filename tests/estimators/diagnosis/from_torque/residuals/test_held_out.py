@@ -57,10 +57,12 @@ def test_blocks_are_of_one_length_from_the_first_row_to_the_last(block):
     time = 5.0 + np.arange(4 * HELD_OUT.blocks + 1.0)
     rows = SimpleNamespace(
         kept=np.arange(time.size), recordings=[None], recording=np.zeros(time.size),
-        slow=SimpleNamespace(time=time), bandwidth=1e9, moving=np.ones((time.size, 2), dtype=bool),
+        slow=SimpleNamespace(time=time), bandwidth=HELD_OUT.reach, moving=np.ones((time.size, 2), dtype=bool),
     )  # fmt: skip
     split = Split.of(rows, [block])
     np.testing.assert_array_equal(time[split.apart], 5.0 + 4.0 * block + np.arange(4))
+    near = np.clip([4 * block - 1, 4 * block + 5], 0, time.size)  # a second on either side
+    np.testing.assert_array_equal(np.flatnonzero(~split.fitted[:, 0]), np.arange(*near))
     assert (split.held_out == split.apart[:, None]).all()
 
 
