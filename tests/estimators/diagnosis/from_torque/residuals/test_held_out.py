@@ -57,7 +57,8 @@ def test_blocks_are_of_one_length_from_the_first_row_to_the_last(block):
     time = 5.0 + np.arange(4 * HELD_OUT.blocks + 1.0)
     rows = SimpleNamespace(
         kept=np.arange(time.size), recordings=[None], recording=np.zeros(time.size),
-        slow=SimpleNamespace(time=time), bandwidth=HELD_OUT.reach, moving=np.ones((time.size, 2), dtype=bool),
+        slow=SimpleNamespace(time=time), bandwidth=HELD_OUT.reach,
+        moving=np.ones((time.size, 2), dtype=bool),
     )  # fmt: skip
     split = Split.of(rows, [block])
     np.testing.assert_array_equal(time[split.apart], 5.0 + 4.0 * block + np.arange(4))
