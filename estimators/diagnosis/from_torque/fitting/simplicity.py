@@ -162,7 +162,7 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
     new = solution.having(tuple(load if i == wrong else i for i in solution.members))
     mass, *moment = coefficients(problem, new, load)[:4].tolist()
     unit, lever = candidates[load].prior.deviation[:2].tolist()  # [kg], [kg m]
-    if mass <= 0.0 or float(np.linalg.norm(moment)) > REACH * mass * lever / unit:
+    if float(np.linalg.norm(moment)) > REACH * mass * lever / unit:  # as of any negative mass
         return solution
     ahead, behind = (simulated(problem, item) for item in (new, solution))
     return solution if _surely_worse(problem, ahead, behind) else new

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from noisy_recordings import observed
 
+from estimators.diagnosis.from_torque.fitting import settling, simplicity
 from estimators.diagnosis.from_torque.fitting.contribution import material
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.fitting.settling import (
+    _in_errors,
     _of_one_width,
     _runaway,
     pruned,
@@ -90,6 +93,12 @@ def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(c
     assert pruned(problem, runaway).members == (payload,)
 
 
+def test_deviations_of_joints_add_up_in_squares():
+    one, left = SimpleNamespace(fitted=None), np.array([[1.0, 0.5]])
+    problem = SimpleNamespace(split=SimpleNamespace(fitted=left > 0), left=lambda _: left)
+    assert _in_errors(problem, one, np.array([[3.0, 2.0]])) == pytest.approx(3.0**2 + 4.0**2)
+
+
 @pytest.mark.slow("fits the bodies of an arm of seven joints")
 def test_links_that_would_be_no_bodies_give_way_to_what_can_be():
     """Two sensors tell half of the torque: more mass would have to be gone than is there."""
@@ -159,6 +168,53 @@ def test_stated_friction_that_is_but_sharper_goes_where_friction_along_the_range
     assert [less.candidates[i].effect for i in one.members] == ["position_dependent_friction"]
     alone = fitted(problem, (sharper,), noise)
     assert _of_one_width(problem, alone, quiet) == (problem, alone)
+
+
+EVERY = np.ones((4, 2), dtype=bool)  # row of two joints
+
+
+def errors(at_second):
+    """Errors of 1 N m at the first joint, and of some at the second."""
+    return np.where(EVERY, [1.0, at_second], 0.0)
+
+
+@pytest.mark.parametrize(("lacking", "stay"), [(1.11, (1,)), (1.13, (0, 1))])
+def test_friction_that_is_but_sharper_stays_where_a_joint_errs_clearly_more_without(
+    monkeypatch, lacking, stay
+):
+    left = {(1,): errors(lacking), (1, 0): errors(1.0)}
+    kinds, friction = ("wrong_parameter", "missing"), "position_dependent_friction"
+    candidates = [
+        SimpleNamespace(other_width=k == 0, kind=kind, effect=friction, joints=(1,))
+        for k, kind in enumerate(kinds)
+    ]
+    problem = SimpleNamespace(
+        candidates=candidates, split=SimpleNamespace(fitted=EVERY), left=lambda fit: fit
+    )
+    monkeypatch.setattr(settling, "refined", lambda problem, solution, _: (problem, solution))
+    monkeypatch.setattr(
+        settling,
+        "fitted",
+        lambda _, members, noise: SimpleNamespace(
+            members=members, noise=noise, fitted=left[members]
+        ),
+    )
+    both = SimpleNamespace(members=(0, 1), noise=None)
+    assert _of_one_width(problem, both, quiet)[1].members == stay
+
+
+@pytest.mark.parametrize("held_out", [True, False])
+@pytest.mark.parametrize(("more", "well"), [(1.11, True), (1.13, False)])
+def test_fewer_do_as_well_where_no_joint_errs_clearly_more(monkeypatch, more, well, held_out):
+    """Neither on motion held out nor on all of it."""
+    one, other = errors(1.0), errors(more)
+    turns = (one, other if held_out else one)
+    monkeypatch.setattr(simplicity, "in_turn", lambda *_: (turns, EVERY))
+    problem = SimpleNamespace(observed=SimpleNamespace(moving=EVERY), left=lambda fit: fit)
+    some, fewer = (
+        SimpleNamespace(members=(), fitted=fit) for fit in (one, one if held_out else other)
+    )
+    assert simplicity._does_as_well(problem, some, fewer) is well
 
 
 def test_friction_of_one_joint_stays_where_that_of_two_coupled_predicts_alike(problem_of):
@@ -255,14 +311,22 @@ def test_a_last_link_that_lacks_mass_carries_no_load(seen):
     assert loaded(problem, lighter) is lighter
 
 
-@pytest.mark.parametrize(("stated", "suspicious"), [(12.7, False), (15.0, True)])
+@pytest.mark.parametrize(
+    ("stated", "tolerance", "error", "suspicious"),
+    [(12.7, 0.1, 0.02, False), (15.0, 0.1, 0.02, True), (15.0, 0.01, 5.3, False)],
+)
 def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(
-    seen, stated, suspicious
+    seen, stated, tolerance, error, suspicious
 ):
-    """Three deviations of a tenth allow 10 N m s/rad to be stated as 14.3 at most."""
+    """Three deviations of a tenth allow 10 N m s/rad to be stated as 14.3 at most.
+
+    What the motion hardly shows may be ten times its tolerance off, and not just anything.
+    """
     rubbing = ViscousFriction(joint=2, f_v=stated)
     recorded = seen(ViscousFriction(joint=2, f_v=10.0))
-    given = replace(recorded.simulation, effects=(rubbing,), tolerances=Tolerances(friction=0.1))
-    problem, noise = laid_out(recorded.beside(given))
+    given = replace(recorded.simulation, effects=(rubbing,))
+    given = replace(given, tolerances=Tolerances(friction=tolerance))
+    problem, _ = laid_out(recorded.beside(given))
+    noise = Noise.independent(np.full(2, error), problem.split.fitted)
     found = suspects(problem, fitted(problem, (), noise), joints=())
     assert found == ({("viscous_friction", (1,))} if suspicious else set())

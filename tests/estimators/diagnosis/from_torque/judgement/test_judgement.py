@@ -201,6 +201,7 @@ def test_a_black_box_that_fails_predicts_nothing_and_says_so(
     left = 0.1 * np.random.default_rng(0).standard_normal(observed.moving.shape)
     found = remaining_residual(observed, left)
     assert not found.clearly_predictable.any()
+    assert not RemainingResidual(0 * FLOOR, 0 * FLOOR, 0 * left).clearly_predictable.any()
     (failure,) = found.failures
     assert "LinAlgError: Singular matrix" in str(failure)
 
