@@ -198,10 +198,15 @@ def with_friction(observed: Observations) -> Observations:
     return observed.beside(observed.simulation, around=improvement.simulation())
 
 
+def level_of(observed: Observations, rough: FloatArray) -> FloatArray:
+    """Return the plausible RMS of a missing torque at each joint, above rough noise (n,) [N m]."""
+    return np.maximum(rmse(observed.residual, observed.moving), 3 * rough)
+
+
 def _competing(
     observed: Observations, columns: ColumnTable, bare: Sequence[int], rough: FloatArray
 ) -> list[Candidate]:
-    level = np.maximum(rmse(observed.residual, observed.moving), 3 * rough)
+    level = level_of(observed, rough)
     tried = [
         hypothesis
         for j in bare
