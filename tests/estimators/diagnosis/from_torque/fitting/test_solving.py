@@ -311,22 +311,14 @@ def test_a_last_link_that_lacks_mass_carries_no_load(seen):
     assert loaded(problem, lighter) is lighter
 
 
-@pytest.mark.parametrize(
-    ("stated", "tolerance", "error", "suspicious"),
-    [(12.7, 0.1, 0.02, False), (15.0, 0.1, 0.02, True), (15.0, 0.01, 5.3, False)],
-)
+@pytest.mark.parametrize(("stated", "suspicious"), [(12.7, False), (15.0, True)])
 def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(
-    seen, stated, tolerance, error, suspicious
+    seen, stated, suspicious
 ):
-    """Three deviations of a tenth allow 10 N m s/rad to be stated as 14.3 at most.
-
-    What the motion hardly shows may be ten times its tolerance off, and not just anything.
-    """
+    """Three deviations of a tenth allow 10 N m s/rad to be stated as 14.3 at most."""
     rubbing = ViscousFriction(joint=2, f_v=stated)
     recorded = seen(ViscousFriction(joint=2, f_v=10.0))
-    given = replace(recorded.simulation, effects=(rubbing,))
-    given = replace(given, tolerances=Tolerances(friction=tolerance))
-    problem, _ = laid_out(recorded.beside(given))
-    noise = Noise.independent(np.full(2, error), problem.split.fitted)
+    given = replace(recorded.simulation, effects=(rubbing,), tolerances=Tolerances(friction=0.1))
+    problem, noise = laid_out(recorded.beside(given))
     found = suspects(problem, fitted(problem, (), noise), joints=())
     assert found == ({("viscous_friction", (1,))} if suspicious else set())
