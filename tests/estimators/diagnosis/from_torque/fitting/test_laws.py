@@ -9,15 +9,20 @@ import pytest
 from lanes import sampled
 
 from estimators.diagnosis import diagnose
-from estimators.diagnosis.from_torque.fitting.laws import sentence_of
+from estimators.diagnosis.from_torque.fitting.laws import Setting, refine, sentence_of
+from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem
 from estimators.diagnosis.from_torque.hypotheses.catalogue import every, rivals
+from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.selection.candidates import LawEvidence
+from estimators.diagnosis.stages import quiet
+from estimators.regression.evidence import joined
 from limo_driver.physics import (
     Backlash,
     CoulombFriction,
     PreslidingHysteresis,
     Simulation,
+    StribeckFriction,
     TimeDelay,
     Tolerances,
     ViscousFriction,
@@ -127,3 +132,18 @@ def test_a_cubic_elasticity_competes_with_a_linear_one(given, training_recording
     (cubic,) = rivals(linear)
     (effect,) = cubic.realise(np.array([100.0, -3.0]))
     assert (effect.stiffness, effect.cubic) == pytest.approx((1000.0, -3e-9))
+
+
+def test_settings_go_to_where_they_are_likeliest(given, seen):
+    dip = StribeckFriction(joint=2, tau_s=0.5, v_s=0.02, delta=2.0)
+    true = replace(given, effects=(*given.effects, dip))
+    problem = RegressionProblem.of(Observations.of(given, [seen(true)], 10.0), quiet)
+    noise = Noise.independent(np.full(2, 0.01), problem.split.fitted)
+    around = Setting(
+        problem.observed, problem.columns, problem.nuisance.prior, joined(), problem.target, noise,
+        problem.split.fitted, problem.level,
+    )  # fmt: skip
+    tried = next(x.hypothesis for x in problem.candidates if x.place == (dip.name, (1,)))
+    assert tried.settings == (0.006, 1.0)  # a third of the width, and of another shape
+    best, _ = refine(tried, around)
+    assert best.settings == pytest.approx((0.02, 2.0), rel=0.05)
