@@ -31,7 +31,7 @@ RELEASE: Final = tuple(int(part) for part in VERSION.split(".")[:2])
 if RELEASE < OLDEST:
     raise ConfigError(
         f"MuJoCo {VERSION} is installed, expected {'.'.join(map(str, OLDEST))} or newer: "
-        "pip install --upgrade mujoco"
+        "pip install -U mujoco"
     )
 
 __all__ = ["OLDEST", "PLASTIC", "RELEASE", "RELEASES", "VERSION", "mujoco"]

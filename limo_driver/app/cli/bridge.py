@@ -57,7 +57,7 @@ def command(
 
     Examples:
         limo bridge --arm iiwa14 --connect tcp/127.0.0.1:7447
-        limo bridge --arm left --robot arm.urdf --wrench-frame tool0 --ros-domain 3
+        limo bridge --arm left --robot arm.urdf --wrench-frame tool0
     """
     from limo_driver.app.live.ros_bridge import RosBridge, topics
     from limo_driver.model import RobotModel

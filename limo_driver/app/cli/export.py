@@ -86,7 +86,7 @@ def command(
         limo export sim.yaml --to mjcf --into model.xml --out improved/
         limo export diagnosis/sim.yaml --to urdf --out improved/
         limo export model/ --to c --free calm.parquet --out firmware/
-        limo export model/ --to ros2 --wrench-frame tool0 --out ws/src/limo_dynamics
+        limo export model/ --to ros2 --out ws/src/limo_dynamics
     """
     from limo_driver.errors import ConfigError
 

@@ -119,12 +119,15 @@ class TestPublishing:
     def test_a_node_has_a_token_of_its_own(self, two_sessions):
         first, second = two_sessions
         wanted = [RosTopic("a"), RosTopic("b")]
-        with RosNode(first, wanted):
-            got = second.liveliness().get("@ros2_lv/**", timeout=60.0)
-            tokens = {str(reply.ok.key_expr) for reply in got}
         zid = str(first.zid())
         own = {topic.token(zid, number) for number, topic in enumerate(wanted, 1)}
-        assert tokens == {f"@ros2_lv/0/{zid}/0/0/NN/%/%/limo", *own}
+
+        def tokens():
+            got = second.liveliness().get("@ros2_lv/**", timeout=60.0)
+            return {str(reply.ok.key_expr) for reply in got}
+
+        with RosNode(first, wanted):
+            wait_until(lambda: tokens() == {f"@ros2_lv/0/{zid}/0/0/NN/%/%/limo", *own})
 
     def test_the_token_goes_with_the_publisher(self, two_sessions):
         first, second = two_sessions
