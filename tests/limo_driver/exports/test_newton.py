@@ -141,6 +141,7 @@ def test_limits_delays_and_motors_are_those_of_the_drives(arm):
     assert said in read.model.notes
 
 
+@pytest.mark.slow("reads USD in processes of its own")
 def test_delays_count_in_steps_of_the_scene(arm):
     def scene(stage):
         from pxr import Sdf, UsdPhysics
@@ -201,6 +202,7 @@ def driven(stage):
         drive.CreateDampingAttr().Set(float(np.deg2rad(0.6)))
 
 
+@pytest.mark.slow("reads USD in processes of its own")
 def test_the_actuator_is_the_whole_drive_and_a_drive_that_is_there_stays(arm):
     edited(arm, driven)
     same = replace(LIMITED, torque_limit=50.0)  # as the file has it
@@ -216,6 +218,7 @@ def test_the_actuator_is_the_whole_drive_and_a_drive_that_is_there_stays(arm):
     assert again.actuators.dropped == ()
 
 
+@pytest.mark.slow("reads USD in processes of its own")
 def test_an_actuator_of_the_file_is_the_one_that_changes(arm):
     def shared(stage):
         for name in ("both", "more"):
@@ -235,6 +238,7 @@ def test_an_actuator_of_the_file_is_the_one_that_changes(arm):
 # Read -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow("reads USD in processes of its own")
 def test_a_file_in_newtons_words_alone_is_read(arm):
     def write(stage):
         from pxr import Sdf
@@ -260,6 +264,7 @@ def test_a_file_in_newtons_words_alone_is_read(arm):
     np.testing.assert_allclose(model.inertials["lower"].tensor(), tensor, atol=1e-12)
 
 
+@pytest.mark.slow("reads USD in processes of its own")
 def test_an_inertia_in_newtons_words_changes_with_the_other(arm):
     def write(stage):
         from pxr import Sdf
@@ -275,6 +280,7 @@ def test_an_inertia_in_newtons_words_changes_with_the_other(arm):
     np.testing.assert_allclose(tensor, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], atol=1e-7)
 
 
+@pytest.mark.slow("reads USD in processes of its own")
 def test_a_joint_that_newton_has_mimic_another_follows_it(arm):
     def write(stage):
         from pxr import Sdf
