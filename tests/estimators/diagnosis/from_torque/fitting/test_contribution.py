@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
+from estimators.diagnosis.from_torque.fitting import contribution
 from estimators.diagnosis.from_torque.fitting.contribution import (
     convincing,
     material,
@@ -96,6 +97,15 @@ def test_what_fades_before_any_row_is_held_out_counts_over_all_rows_however_litt
     expected = np.sqrt((rmse(bare, moving) / rmse(left, moving)) ** 2 - 1.0)[0]
     assert material(problem, solution, drift) == pytest.approx(expected, rel=1e-6)
     assert sure(problem, solution, drift)
+
+
+def test_what_rows_held_out_miss_at_any_of_its_joints_they_cannot_deny(sprung, monkeypatch):
+    problem, noise = sprung
+    absent = place_of(problem, "payload", 7)
+    solution = fitted(problem, (absent,), noise)
+    assert not sure(problem, solution, absent)
+    monkeypatch.setattr(contribution, "_misses", lambda *_: np.arange(7) == 2)
+    assert sure(problem, solution, absent)
 
 
 def test_an_effect_acts_at_its_joints_and_a_body_at_all(sprung):

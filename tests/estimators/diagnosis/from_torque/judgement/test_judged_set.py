@@ -125,6 +125,8 @@ def test_the_lesser_harm_stays_where_nothing_less_can_be(rubbing):
     assert not as_given
     assert rmse(found.proven, rows)[0] > 1.2 * rmse(given, rows)[0]
     assert rmse(found.proven, rows)[1] < 0.5 * rmse(given, rows)[1]
+    less, _ = beside(rubbing, 0.9, 3.0).harmless()
+    assert rmse(less.proven, rows)[0] < 1.1 * rmse(given, rows)[0]
 
 
 def test_only_what_acts_on_a_harmed_joint_alone_is_as_stated(rubbing):

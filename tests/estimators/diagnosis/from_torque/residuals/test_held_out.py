@@ -135,8 +135,8 @@ def test_one_block_leaves_nothing_to_resample(observed):
 def test_a_joint_without_held_out_rows_does_not_spoil_the_interval(observed):
     rows = np.ones(observed.residual.shape, dtype=bool)
     rows[:, 1] = False
-    residual = observed.residual
-    low, high = bootstrap(residual, 0.1 * residual, 0.01 * np.ones(2), observed, rows)
+    residual = 100.0 * observed.residual
+    low, high = bootstrap(residual, 0.1 * residual, np.ones(2), observed, rows)
     assert np.isfinite([low, high]).all()
     assert 0.9 < low <= high <= 1.0
 
