@@ -90,6 +90,7 @@ def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(c
     mean[coefficient] = gear.stiffness / 10.0  # 10 N m/rad, under a load of ten newton metres
     runaway = replace(solution, fitted=replace(solution.fitted, mean=mean))
     assert _runaway(problem, runaway) == soft
+    assert _of_links_that_can_be(problem, runaway, quiet, None)[1] is runaway  # it has no link
     assert pruned(problem, runaway).members == (payload,)
 
 
