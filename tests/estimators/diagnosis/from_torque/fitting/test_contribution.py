@@ -14,6 +14,7 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     convincing,
     material,
     own_joints,
+    strains,
     sure,
     surely_less,
 )
@@ -21,6 +22,7 @@ from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, 
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import QuadraticDrag, SpringLoad, Tolerances, TorqueOffset
@@ -132,6 +134,23 @@ def test_what_is_small_beside_a_large_effect_may_be_imprecision_of_that(arm, dra
     solution = fitted(problem, tuple(sorted((own, *beside))), noise)
     assert 0.5 < material(problem, solution, own) < 1.0
     assert convincing(problem, solution, own) == named
+
+
+@pytest.mark.parametrize(
+    ("of_sensors", "less", "strained"), [(0, 0, True), (0, 1, False), (4, 1, False)]
+)
+def test_several_stated_values_at_their_limits_strain_a_fit_and_sensors_do_not(
+    of_sensors, less, strained
+):
+    entered = np.array([True] * 4 + [False] * 4)
+    number = CONTRIBUTION.relieved - less
+    limits = np.where(
+        np.isin(np.arange(8), [*range(number), *range(4, 4 + of_sensors)]), 1.0, np.nan
+    )
+    nuisance = SimpleNamespace(prior=SimpleNamespace(index=entered), entered=entered)
+    search = SimpleNamespace(evidence=SimpleNamespace(at_limit=lambda fit: fit))
+    some = SimpleNamespace(search=search, fitted=np.full(8, np.nan))
+    assert strains(SimpleNamespace(nuisance=nuisance), some, limits) is strained
 
 
 @pytest.mark.parametrize(("square", "less"), [(0.0070, True), (0.0058, False)])

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
-from estimators.diagnosis.from_torque.fitting import settling, simplicity
+from estimators.diagnosis.from_torque.fitting import settling, simplicity, solving
 from estimators.diagnosis.from_torque.fitting.contribution import material
-from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted, simulated
 from estimators.diagnosis.from_torque.fitting.settling import (
     _in_errors,
     _of_one_width,
@@ -24,6 +24,7 @@ from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplifi
 from estimators.diagnosis.from_torque.fitting.solving import _of_links_that_can_be
 from estimators.diagnosis.from_torque.judgement.judgement import acts_most
 from estimators.diagnosis.from_torque.residuals.noise import Noise
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
@@ -98,6 +99,32 @@ def test_deviations_of_joints_add_up_in_squares():
     one, left = SimpleNamespace(fitted=None), np.array([[1.0, 0.5]])
     problem = SimpleNamespace(split=SimpleNamespace(fitted=left > 0), left=lambda _: left)
     assert _in_errors(problem, one, np.array([[3.0, 2.0]])) == pytest.approx(3.0**2 + 4.0**2)
+
+
+def test_what_sensors_add_is_left_by_the_simulation_of_a_fit(problem_of):
+    problem, noise = problem_of(TorqueOffset(joint=1, offset=0.05))
+    solution, rows = fitted(problem, (), noise), problem.split.fitted
+    added = rmse(problem.sensed(solution.fitted), rows)
+    its = simulated(problem, solution) - problem.left_without_sensors(solution.fitted)
+    assert (rmse(its, rows) < 0.01 * added).all()
+
+
+def test_lines_are_looked_for_beside_those_that_a_set_has(monkeypatch):
+    found = (
+        None,
+        SimpleNamespace(effect="torque_ripple", joints=(1,), settings=(7.0,)),
+        SimpleNamespace(effect="backlash", joints=(0,), settings=(0.1,)),
+    )
+    problem = SimpleNamespace(
+        candidates=[SimpleNamespace(hypothesis=item) for item in found],
+        observed=None, left=lambda fit: fit, with_candidates=list,
+    )  # fmt: skip
+    known = []
+    monkeypatch.setattr(
+        solving, "ripples", lambda _, left, lines: known.append((left, lines)) or ()
+    )
+    solving._scanned(problem, SimpleNamespace(members=(0, 1, 2), fitted="left"))
+    assert known == [("left", {1: (7.0,)})]
 
 
 @pytest.mark.slow("fits the bodies of an arm of seven joints")
