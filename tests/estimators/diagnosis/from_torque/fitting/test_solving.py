@@ -109,6 +109,21 @@ def test_what_sensors_add_is_left_by_the_simulation_of_a_fit(problem_of):
     assert (rmse(its, rows) < 0.01 * added).all()
 
 
+@pytest.mark.parametrize(
+    ("members", "gone", "left"),
+    [((2, 3), 2, (3, 0, 1)), ((2, 3), 3, (2,)), ((0, 1, 3), 0, (1, 3)), ((0, 2), 2, (0, 1))],
+)
+def test_a_joint_that_loses_a_law_of_friction_has_plain_friction_again(members, gone, left):
+    """But none that was taken out as such, and none for what is no friction."""
+    effects = ("coulomb_friction", "viscous_friction", "presliding_hysteresis", "spring_load")
+    candidates = [
+        SimpleNamespace(effect=effect, joints=(0,), place=(effect, (0,)), slot=effect)
+        for effect in effects
+    ]
+    problem = SimpleNamespace(candidates=candidates, base=(0, 1))
+    assert RegressionProblem.less(problem, members, (gone,)) == left
+
+
 def test_lines_are_looked_for_beside_those_that_a_set_has(monkeypatch):
     found = (
         None,
