@@ -8,7 +8,7 @@ TESTS := $(BIN)/python tests/lanes/run.py --workers $(WORKERS)
 # Images of containers often set it: then each of many processes compiles all that it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo docs test test-numerics test-slow test-all lint format clean
+.PHONY: help demo docs test test-numerics test-matrix test-slow test-all lint format release clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*##/\t/'
@@ -53,6 +53,9 @@ test: $(VENV)/.installed-dev ## run the tests that a change needs, in five minut
 test-numerics: $(VENV)/.installed-dev ## run what hangs on arithmetic as other processors would: 2 minutes
 	$(BIN)/python tests/on_other_processors.py --numprocesses $(WORKERS) --dist loadfile
 
+test-matrix: $(VENV)/.installed-dev ## run what hangs on packages with others than the pinned, MuJoCo 3 and 4
+	$(BIN)/python tests/matrix.py
+
 test-slow: $(VENV)/.installed-dev ## run the tests that `make test` leaves out; each is marked with why
 	$(TESTS) --slow
 
@@ -69,5 +72,11 @@ format: $(VENV)/.installed-dev ## mend what ruff can mend
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# A wheel is built from the source of the release, and tried in an environment of its own.
+release: $(VENV)/.installed-dev docs test-matrix ## build dist/, the site in its source, and try it in an empty folder
+	rm -rf dist
+	$(BIN)/python -m build --outdir dist .
+	$(BIN)/python -m pytest tests/install
+
 clean: ## remove what the other targets made
-	rm -rf $(VENV) out
+	rm -rf $(VENV) out dist

@@ -41,7 +41,8 @@ _SIGNS: Final = re.compile(
     re.VERBOSE,
 )
 _NAMES: Final = re.compile(  # what has a number in it and tells none
-    r"iiwa 14|ROS 2|\(0 to 1\)|CiA 402|Med 7|\b95 % intervals?|intervals? of 95 %"
+    r"iiwa 14|ROS 2|MuJoCo [34]\b|from 3 to 4"
+    r"|\(0 to 1\)|CiA 402|Med 7|\b95 % intervals?|intervals? of 95 %"
     r"|\b(?:[Jj]oints?|runs?) \d(?:(?:, | to | and | or )\d)*\b|\bseed \d+"
 )
 _NUMBER: Final = re.compile(r"(?<![\w.\-/])-?\d+(?:[ ]\d{3})*(?:\.\d+)?(?:e[-+]\d+)?(?![\w/])")

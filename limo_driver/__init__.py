@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from estimators.rigid_body import JointTerms, Rows
     from estimators.service.settings import RetrainingSettings, ServiceSettings
     from limo_driver.app.library.diagnosing import diagnose
-    from limo_driver.app.library.exporting import export, export_c, export_onnx
+    from limo_driver.app.library.exporting import export, export_c, export_onnx, export_ros2
     from limo_driver.app.library.fleets import diagnose_fleet
     from limo_driver.app.library.inspecting import inspect
     from limo_driver.app.library.learning import (
@@ -114,6 +114,7 @@ _HOME = {
     "export": "limo_driver.app.library.exporting",
     "export_c": "limo_driver.app.library.exporting",
     "export_onnx": "limo_driver.app.library.exporting",
+    "export_ros2": "limo_driver.app.library.exporting",
     "identify": "limo_driver.app.library.learning",
     "inspect": "limo_driver.app.library.inspecting",
     "load_model": "limo_driver.app.library.learning",
@@ -169,6 +170,7 @@ __all__ = [
     "export",
     "export_c",
     "export_onnx",
+    "export_ros2",
     "identify",
     "inspect",
     "load_model",
@@ -196,6 +198,10 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
+    from limo_driver.runtime.packages import require_own_packages
+
+    if name != "LimoError":  # by which to catch what this raises
+        require_own_packages()
     value = globals()[name] = getattr(import_module(_HOME[name]), name)
     return value
 

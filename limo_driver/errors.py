@@ -8,9 +8,10 @@ LimoError
 │   │   └── ParameterError              a value that a parameter cannot have, with what it can
 │   └── ModelStoreError                 a model folder that does not fit, by name
 ├── PlugInError (ImportError)           names the distribution and the entry point
+├── MissingPackageError (ImportError)   says what to install
+├── HiddenPackageError (ImportError)    names the file that stands where limo's package should
 ├── BackendError
 │   ├── BackendNotFoundError (LookupError)      names the known backends
-│   ├── BackendUnavailableError (ImportError)   names the extra to install
 │   ├── ConnectionLostError (ConnectionError)
 │   ├── CycleTimeoutError (TimeoutError)
 │   ├── ServiceNotReadyError (TimeoutError)     says who was heard last
@@ -116,6 +117,38 @@ class PlugInError(LimoError, ImportError):
         )
 
 
+class MissingPackageError(LimoError, ImportError):
+    """A package that not every installation has is not there.
+
+    Args:
+        purpose: What needs it.
+        package: As it is imported.
+        requirement: What to install, for example `onnx>=1.17`.
+    """
+
+    def __init__(self, purpose: str, package: str, requirement: str) -> None:
+        self.purpose, self.package, self.requirement = purpose, package, requirement
+        super().__init__(
+            f"{purpose} needs {package}, which is not installed: pip install '{requirement}'"
+        )
+
+
+class HiddenPackageError(LimoError, ImportError):
+    """Another package is imported where one of limo's is meant.
+
+    Args:
+        package: Its name, for example `backends`.
+        found: File that is imported instead.
+    """
+
+    def __init__(self, package: str, found: str) -> None:
+        self.package, self.found = package, found
+        super().__init__(
+            f"`import {package}` finds {found}, which hides limo's package of that name; rename "
+            "it, or start Python elsewhere or with -P"
+        )
+
+
 class BackendError(LimoError):
     """A robot backend failed."""
 
@@ -126,14 +159,6 @@ class BackendNotFoundError(BackendError, LookupError):
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         self.kind, self.name, self.known = kind, name, tuple(sorted(known))
         super().__init__(f"no {kind} is called {name!r}; known: {', '.join(self.known) or 'none'}")
-
-
-class BackendUnavailableError(BackendError, ImportError):
-    """The backend exists, but what it needs is not installed."""
-
-    def __init__(self, name: str, extra: str, cause: str) -> None:
-        self.backend, self.extra, self.cause = name, extra, cause
-        super().__init__(f"backend {name!r} needs the extra limo[{extra}]: {cause}")
 
 
 class ConnectionLostError(BackendError, ConnectionError):

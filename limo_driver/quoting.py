@@ -57,6 +57,16 @@ def in_c_comment(text: str) -> str:
     return _ENDS_COMMENT.sub(r"\\\g<0>", shown)
 
 
+def in_c_string(text: str) -> str:
+    """Return a text as a literal of C or C++, in quotes; of UTF-8, whatever the source is."""
+    shown = (c if c.isascii() and (c.isalnum() or c in " _-.") else _octal(c) for c in text)
+    return f'"{"".join(shown)}"'
+
+
+def _octal(c: str) -> str:
+    return "".join(f"\\{byte:03o}" for byte in c.encode("utf-8", "surrogateescape"))
+
+
 def in_docstring(text: str) -> str:
     """Return a text as it stands in a docstring of Python, in triple quotes."""
     return ascii(text)[1:-1].replace('"', '\\"')

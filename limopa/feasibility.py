@@ -33,7 +33,6 @@ _SLIDE_MARGIN = 0.1  # of the range of a joint that slides, kept at most from ei
 _WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
 _LISTED = 4  # links that a message names
 PROBES = 1000  # random configurations that show which pairs do
-_PARALLEL = 1e-12  # [m^4], squared sine of the angle times both squared lengths
 
 
 class Condition(StrEnum):
@@ -315,7 +314,7 @@ def segment_distance(p1: FloatArray, q1: FloatArray, p2: FloatArray, q2: FloatAr
         f += d2 * r
     s = 0.0
     det = a * e - b * b
-    if a > 0.0 and det > _PARALLEL * max(a * e, 1e-300):
+    if det > 0.0:  # of segments side by side any point will do, as one by rounding does
         s = min(max((b * f - c * e) / det, 0.0), 1.0)
     t = (b * s + f) / e if e > 0.0 else 0.0
     if t < 0.0 or t > 1.0 or e == 0.0:

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import llvmlite.binding as llvm
-import mujoco
 import numpy as np
 from numba import config, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
@@ -37,6 +36,7 @@ from backends.mujoco_sim.realisation import Plant
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effects.laws import PARAMETERS
 from limo_driver.runtime.compiled import compiled
+from limo_driver.runtime.installed_mujoco import RELEASE, mujoco
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,7 +44,9 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 # The compiled loop finds these symbols by name, also when it comes from the cache.
-llvm.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("libmujoco.*"))))
+# Another release may have left its own in that folder.
+_OWN = f"libmujoco.*{RELEASE[0]}.{RELEASE[1]}.*"
+llvm.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob(_OWN))))
 _step1 = types.ExternalFunction("mj_step1", types.void(types.uintp, types.uintp))
 _step2 = types.ExternalFunction("mj_step2", types.void(types.uintp, types.uintp))
 

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import mujoco
 import numpy as np
 
 from limo_driver.runtime.compiled import compiled
+from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import mujoco
 import numpy as np
 
 from backends.mujoco_sim import layout
@@ -34,6 +33,7 @@ from limo_driver.errors import (
     ShapeError,
 )
 from limo_driver.robot.safety import START_TOLERANCE
+from limo_driver.runtime.installed_mujoco import mujoco
 from limo_driver.runtime.parameters import seed_of
 from limo_driver.types import (
     FloatArray,

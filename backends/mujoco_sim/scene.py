@@ -10,14 +10,15 @@ off: the safety contract, not an end stop, keeps the arm inside its range.
 
 from __future__ import annotations
 
+import re
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET  # the URDF is the user's own file
 
-import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 _LEFT_OUT = ("visual", "mujoco", "transmission", "gazebo")
 # Of an equality: as firm as MuJoCo allows, and as quick as it integrates.
 _FIRM, _QUICK_STEPS = 0.9999, 2
+_VALUE = re.compile(r'"[^"]*"')
+_ENDS = str.maketrans({"\n": "&#10;", "\r": "&#13;", "\t": "&#9;"})
 _LEFT_OUT_OF_JOINTS = ("dynamics", "safety_controller", "mimic", "calibration")
 
 
@@ -125,7 +128,8 @@ def bare_mjcf(robot: RobotModel) -> str:
     spec.option.gravity = np.array(robot.pin_model.gravity.linear)
     _couple(spec, robot)
     spec.compile()
-    return str(spec.to_xml())
+    text = str(spec.to_xml())  # with line ends of names as they are, which XML reads as spaces
+    return _VALUE.sub(lambda found: found[0].translate(_ENDS), text)
 
 
 def _read(robot: RobotModel) -> mujoco.MjSpec:

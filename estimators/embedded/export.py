@@ -163,7 +163,7 @@ def export_c(
     require_folder(Path(folder), "C code", (header.name, source.name))
     for path, text in ((header, code.header()), (source, code.source())):
         with whole(path) as draft:
-            draft.write_text(_named(text, name), encoding="utf-8")
+            draft.write_text(named(text, name), encoding="utf-8")
     reached = tuple(level.tolist())
     return CodeExport(header, source, rate, stream.delay, reached, bool(free), false_alarms)
 
@@ -180,7 +180,7 @@ def simulation_of(model: LiveEstimator) -> Simulation:
     return simulation
 
 
-def _named(text: str, name: str) -> str:
+def named(text: str, name: str) -> str:
     """Return code whose names begin with `name` instead of limo."""
     return (
         text.replace("limo_", f"{name}_")

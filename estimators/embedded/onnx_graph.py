@@ -18,6 +18,7 @@ from estimators.hybrid import HybridModel
 from estimators.neural.lstm import Lstm, LstmFcl, cell_name
 from estimators.neural.mlp import Mlp
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.packages import require_package
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,13 +46,13 @@ def write_onnx(model: object, path: Path) -> None:
         path: The file.
 
     Raises:
-        ConfigError: The model has no network, or one without a form in ONNX; `onnx` is not
-            installed; or the file cannot be written.
+        MissingPackageError: `onnx` is not installed.
+        ConfigError: The model has no network, or one without a form in ONNX, or the file cannot
+            be written.
     """
-    try:
-        import onnx
-    except ImportError:
-        raise ConfigError("ONNX needs `pip install limo[onnx]`") from None
+    require_package("onnx", "an export to ONNX")
+    import onnx
+
     if not isinstance(model, HybridModel):
         name = getattr(model, "name", type(model).__name__)
         raise ConfigError(f"a model of kind {name} has no network that ONNX could hold")

@@ -102,23 +102,6 @@ class Prediction:
             np.array([own.root.size for own in terms]),
         )
 
-    def of_columns(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return x · w [N m] and the leverage x Rᵀ R xᵀ [N² m²] of columns (n, T, K), (T, n)."""
-        n, T, _ = columns.shape
-        torque, leverage = np.empty((T, n)), np.empty((T, n))
-        predict(
-            columns,
-            self.kept,
-            self.less,
-            self.sizes,
-            self.weights,
-            self.roots,
-            self.root_sizes,
-            torque,
-            leverage,
-        )
-        return torque, leverage
-
 
 @compiled(
     reads=("columns", "kept", "less", "sizes", "weights", "roots", "root_sizes"),

@@ -121,7 +121,11 @@ def parameters_of(inertial: Inertial) -> FloatArray:
     return np.array([m, *(m * c), I[0, 0], I[0, 1], I[1, 1], I[0, 2], I[1, 2], I[2, 2]])
 
 
-@compiled(reads=("position", "velocity", "acceleration"), nogil=True, fastmath={"contract", "nsz"})
+@compiled(
+    reads=("rotation", "translation", "position", "velocity", "acceleration"),
+    nogil=True,
+    fastmath={"contract", "nsz"},
+)
 def fill_regressor(
     parent: NDArray[np.int64],
     rotation: FloatArray,
@@ -234,7 +238,7 @@ def to_child(R: FloatArray, x: _Vector) -> _Vector:
     )
 
 
-@compiled(nogil=True, fastmath={"contract", "nsz"})
+@compiled(reads=("fixed", "translation"), nogil=True, fastmath={"contract", "nsz"})
 def origin(fixed: FloatArray, translation: FloatArray, along: _Vector, position: float) -> _Vector:
     """Return where the frame of a joint is in that of the one before; `along` it slides."""
     x, y, z = times(along, position)
@@ -251,7 +255,7 @@ def slide(along: _Vector, w: _Vector, velocity: float, acceleration: float) -> _
     return add(times(along, acceleration), times(cross(w, along), 2.0 * velocity))
 
 
-@compiled(nogil=True, fastmath={"contract", "nsz"})
+@compiled(reads=("fixed",), nogil=True, fastmath={"contract", "nsz"})
 def write_rotation(fixed: FloatArray, axis: _Vector, angle: float, R: FloatArray) -> None:
     """Write fixed · Rot(axis, angle), child to parent, into R; fixed alone where the axis is 0."""
     x, y, z = axis
@@ -310,7 +314,16 @@ def link_parameters(model: RobotModel) -> FloatArray:
 
 
 @compiled(
-    reads=("parameters", "position", "velocity", "acceleration"),
+    reads=(
+        "rotation",
+        "translation",
+        "axis",
+        "gravity",
+        "parameters",
+        "position",
+        "velocity",
+        "acceleration",
+    ),
     nogil=True,
     fastmath={"contract", "nsz"},
 )

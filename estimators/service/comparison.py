@@ -12,8 +12,6 @@ from math import ceil, inf
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from estimators.model_folder import load_model, provenance
 from estimators.service.gate import BLOCK, LEVEL, accuracy, compare, plain
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
     import threading
     from pathlib import Path
 
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from estimators.residual_model import ResidualModel
@@ -94,6 +93,9 @@ def difference_figure(comparison: Comparison, joints: tuple[str, ...], names: li
         joints: Their names.
         names: Of champion and challenger.
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(7.0, 0.42 * len(joints) + 1.5), layout="constrained")
     FigureCanvasAgg(figure)
     ax = figure.subplots()

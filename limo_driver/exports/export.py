@@ -16,6 +16,7 @@ from limo_driver.exports.changes.target import target_of
 from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_format
 from limo_driver.exports.mjcf.assets import assets_of
 from limo_driver.exports.mjcf.file import FIRMNESS, edited_mjcf, rubs_anew
+from limo_driver.exports.mjcf.slips import have_changed, write_rests
 from limo_driver.exports.proof import errors
 from limo_driver.exports.remainder import Remainder, proof_motion, remainders, unwritten
 from limo_driver.exports.urdf import actuators, edited_urdf
@@ -23,11 +24,13 @@ from limo_driver.exports.usd import files_of, write_layer
 from limo_driver.model.descriptions.description import DOWN
 from limo_driver.physics import GravityDirection
 from limo_driver.runtime.display import Displayed
+from limo_driver.runtime.installed_mujoco import RELEASE, VERSION
 from limo_driver.runtime.outputs import require_apart, require_folder, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from limo_driver.exports.changes.target import Target
     from limo_driver.exports.xml_edits import XmlText
     from limo_driver.physics import Simulation
     from limo_driver.types import Motion
@@ -50,6 +53,7 @@ class Export(Displayed):
     kept: tuple[str, ...] = ()  # lines: what the file states of joints and nothing was said of
     dropped: tuple[str, ...] = ()  # lines: what an earlier export wrote and is not found any more
     unwritten: tuple[str, ...] = ()  # lines: numbers of drives that the format does not have
+    needs: str = ""  # what a reader has to be, if not every one can read it
 
     @property
     def share(self) -> float:
@@ -83,6 +87,7 @@ def write(
     out: Path,
     motion: Motion | None = None,
     name: str = "",
+    release: int = RELEASE[0],
 ) -> Export:
     """Write a simulation into a copy of a file, and prove it.
 
@@ -93,11 +98,17 @@ def write(
         out: Folder for the copy, and for what it includes and names.
         motion: On which what is missing is counted; a minute through the range if not given.
         name: Of the copy; that of the file if empty.
+        release: Of MuJoCo, that shall read it: 3 or 4.
 
     Raises:
         ConfigError: It is of another arm, or cannot be written.
     """
-    target = target_of(simulation, into, kind)
+    if release > RELEASE[0]:
+        raise ConfigError(
+            f"what MuJoCo {release} reads cannot be proven by the {VERSION} that is installed; "
+            f"expected `mujoco` of at most {RELEASE[0]}, or MuJoCo {release} itself"
+        )
+    target = target_of(simulation, into, kind, release)
     simulation = target.simulation
     on = proof_motion(simulation.model)
     left = remainders(simulation, target.split, motion or on)
@@ -114,17 +125,18 @@ def write(
     if kind == USD:
         place = out / (name or f"{into.stem}_found.usda")
         copied = _copied(files_of(into), into, out)
-        text = write_layer(target, place)
+        text, driven = write_layer(target, place)
         error, torque = errors(place, kind, expressed, on)
         names = simulation.model.joint_names
-        files = (place, *copied)
+        files = (place, *driven.files, *copied)
+        gone = (*target.dropped, *driven.dropped)
         return Export(
-            place, files, kind, _added(text), left, names, error, torque, target.kept,
-            target.dropped, unwritten(simulation, kind),
+            place, files, kind, _added(text), left, names, error, torque, target.kept, gone,
+            driven.unwritten,
         )  # fmt: skip
     texts = edited_mjcf(target) if kind == MJCF else edited_urdf(target, kind)
     places, copied = _places(texts, into, out, name), _copy(texts, into, out, kind)
-    _write_texts(texts, places)
+    _write_texts(texts, places, target)
     if kind == ISAAC_LAB:
         beside = places[0].with_suffix(".py")
         with whole(beside) as draft:
@@ -141,14 +153,17 @@ def write(
             break
         firm |= dict.fromkeys(soft, firmness)
         texts = edited_mjcf(target, firm)
-        _write_texts(texts, places)
+        _write_texts(texts, places, target)
         error, torque = errors(places[0], kind, expressed, on)
     diff = "".join(_diff(text, place) for text, place in zip(texts, places, strict=True))
     files = (*places, *copied)
     names = simulation.model.joint_names
     kept, gone = target.kept, target.dropped
     missing = unwritten(simulation, kind)
-    return Export(places[0], files, kind, diff, left, names, error, torque, kept, gone, missing)
+    needs = _needs(target) if kind == MJCF else ""
+    return Export(
+        places[0], files, kind, diff, left, names, error, torque, kept, gone, missing, needs
+    )  # fmt: skip
 
 
 def _places(texts: Sequence[XmlText], into: Path, out: Path, name: str) -> tuple[Path, ...]:
@@ -159,7 +174,26 @@ def _places(texts: Sequence[XmlText], into: Path, out: Path, name: str) -> tuple
     return places
 
 
-def _write_texts(texts: Sequence[XmlText], places: Sequence[Path]) -> None:
+def _needs(target: Target) -> str:
+    """Say which MuJoCo has all that is in a file, and what else a reader has to know."""
+    needed = target.needed_mujoco()
+    if not any(wanted.slips for wanted in target.split.joints):
+        return f"MuJoCo {needed} or newer" if needed else ""
+    return (
+        f"MuJoCo {needed} or newer; whoever sets qpos sets data.plastic as well, which keyframes "
+        "here state"
+    )
+
+
+def _write_texts(texts: Sequence[XmlText], places: Sequence[Path], target: Target) -> None:
+    """Write texts, and into keyframes what hangs on all of them."""
+    _put_texts(texts, places)
+    if have_changed(target):
+        write_rests(texts, places[0])
+        _put_texts(texts, places)
+
+
+def _put_texts(texts: Sequence[XmlText], places: Sequence[Path]) -> None:
     for text, place in zip(texts, places, strict=True):
         place.parent.mkdir(parents=True, exist_ok=True)
         with whole(place) as draft:

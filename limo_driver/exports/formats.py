@@ -8,7 +8,7 @@ MJCF: Final = "mjcf"
 URDF: Final = "urdf"
 DRAKE: Final = "drake"  # a URDF with the tags of Drake, which knows no dry friction
 ISAAC_LAB: Final = "isaaclab"  # a URDF, and actuators in Python beside it
-USD: Final = "usd"  # a layer over the user's file, with the attributes of PhysX
+USD: Final = "usd"  # a layer over the user's file, with the attributes of PhysX and of Newton
 KINDS: Final = (MJCF, URDF, DRAKE, ISAAC_LAB, USD)
 
 WITH_FRICTION: Final = (MJCF, URDF, ISAAC_LAB, USD)

@@ -4,6 +4,7 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray, Motion
 
 _FINE: Final = 2e-3  # [s], steps in which memory goes on
+_HEAVY: Final = 1e12  # [kg m²]
 MOVING: Final = 0.02  # [rad/s], above which a joint counts as moving
 
 
@@ -39,15 +41,17 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
         locked: Positions of others, by name; the rest stays where the file has it.
         motion: T samples of n joints.
     """
-    import mujoco
-
     from limo_driver.model.descriptions.mjcf import joint_name
+    from limo_driver.model.descriptions.mjcf.plasticity import keep_springs
+    from limo_driver.runtime.installed_mujoco import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(path))
+    remembering = copy(model)
+    keep_springs(model, plastic=False)
     bits = mujoco.mjtDisableBit
-    model.opt.disableflags |= int(
-        bits.mjDSBL_CONTACT | bits.mjDSBL_LIMIT | bits.mjDSBL_EQUALITY | bits.mjDSBL_ACTUATION
-    )
+    off = int(bits.mjDSBL_CONTACT | bits.mjDSBL_LIMIT | bits.mjDSBL_EQUALITY)
+    model.opt.disableflags |= off | int(bits.mjDSBL_ACTUATION)
+    remembering.opt.disableflags |= off
     data = mujoco.MjData(model)
     there = {joint_name(model, k): k for k in range(model.njnt)}
     for name, value in locked.items():
@@ -71,7 +75,7 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
             mujoco.mj_inverse(model, data)
             qpos[plays.position] = middle
         found[:] = needed[velocities]
-    return torque + _torque_of_motors(model, data, positions, velocities, motion)
+    return torque + _torque_of_memory(remembering, data.qpos, positions, velocities, motion)
 
 
 class _Plays(NamedTuple):
@@ -100,41 +104,47 @@ def _plays(model: Any) -> _Plays:  # noqa: ANN401
     )
 
 
-def _torque_of_motors(  # noqa: ANN202
+def _torque_of_memory(  # noqa: ANN202
     model: Any,  # noqa: ANN401
-    data: Any,  # noqa: ANN401
+    start: FloatArray,
     positions: Any,  # noqa: ANN401
     velocities: Any,  # noqa: ANN401
     motion: Motion,
 ):
-    """Return what has to be held against motors without input, (T, n) [N m].
+    """Return what has to be held against motors without input and plastic springs, (T, n) [N m].
 
-    What they remember goes on as MuJoCo steps it, along the motion.
+    What they remember goes on as MuJoCo steps it, along the motion: of joints so heavy that no
+    torque changes it.
     """
-    import mujoco
-
     from limo_driver.model.descriptions.mjcf import is_passive_motor
+    from limo_driver.model.descriptions.mjcf.plasticity import keep_springs, plastic_springs, relax
+    from limo_driver.runtime.installed_mujoco import mujoco
 
     torque = np.zeros_like(motion.position)
     passive = np.array([is_passive_motor(model, u) for u in range(len(model.actuator_trntype))])
-    if not passive.any():
+    if not (passive.any() or plastic_springs(model)):
         return torque
     model.actuator_gainprm[~passive] = model.actuator_biasprm[~passive] = 0.0
-    model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    keep_springs(model, plastic=True)
+    model.dof_armature[:] = _HEAVY
+    data = mujoco.MjData(model)
     steps = np.diff(motion.time, append=2 * motion.time[-1] - motion.time[-2])
     parts = np.ceil(steps / _FINE).astype(int)
     row, fine = np.repeat(np.arange(len(steps)), parts), np.repeat(steps / parts, parts)
     first = np.cumsum(parts) - parts
     since = ((np.arange(len(row)) - first[row]) * fine)[:, None]
-    rate = motion.velocity[row] + motion.acceleration[row] * since
     place = motion.position[row] + motion.velocity[row] * since
     place += 0.5 * motion.acceleration[row] * since**2
-    option, qpos, qvel, given = model.opt, data.qpos, data.qvel, data.qfrc_actuator
+    rate = np.diff(place, axis=0, append=place[-1:]) / fine[:, None]
+    option, qpos, qvel = model.opt, data.qpos, data.qvel
+    driven, sprung = data.qfrc_actuator, data.qfrc_spring
     held = np.zeros_like(rate)
+    qpos[:], qpos[positions] = start, place[0]
+    relax(model, data)
     for q, v, step, found in zip(place, rate, fine.tolist(), held, strict=True):
         option.timestep, qpos[positions], qvel[velocities] = step, q, v
         mujoco.mj_step(model, data)
-        found[:] = given[velocities]
+        found[:] = driven[velocities] + sprung[velocities]
     torque -= held[first]
     return torque
 

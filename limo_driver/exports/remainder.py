@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.exports.formats import ISAAC_LAB, MJCF
+from limo_driver.exports.formats import ISAAC_LAB, MJCF, USD
 from limo_driver.physics import Armature, Backlash, PreslidingHysteresis, SensorEffect, spoken
 from limo_driver.runtime.parameters import parameters_of
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from limo_driver.exports.changes.joints import EffectSplit
     from limo_driver.model import RobotModel
@@ -121,21 +121,27 @@ def unwritten(simulation: Simulation, kind: str) -> tuple[str, ...]:
     names = simulation.model.joint_names
     servos = [drive for drive in simulation.drives if drive.channel is not None]
     if kind == MJCF:
-        return tuple(_numbers(servos, names))
-    if kind == ISAAC_LAB or not servos:  # whose module says so itself
+        pairs = ((servo, names[servo.joint - 1]) for servo in servos)
+        return tuple(line for pair in pairs for line in missing_numbers(*pair, BEYOND_ACTUATORS))
+    if kind in {ISAAC_LAB, USD} or not servos:  # which say so themselves
         return ()
     where = ", ".join(names[servo.joint - 1] for servo in servos)
     kinds = " and ".join(dict.fromkeys(_kind(servo) for servo in servos))
     return (f"{kinds} drives of {where}: this format has no number for them",)
 
 
-def _numbers(servos: list[JointDrive], names: tuple[str, ...]) -> Iterator[str]:
-    for servo in servos:
-        reason = f"no {_kind(servo)} actuator has it"
-        for key in BEYOND_ACTUATORS:
-            if (value := beyond_default(servo, key)) is not None:
-                joint, unit = names[servo.joint - 1], unit_of(servo, key)
-                yield f"{key} {value:.4g} {unit} of the servo of {joint}: {reason}"
+def missing_numbers(servo: JointDrive, joint: str, keys: Iterable[str]) -> Iterator[str]:
+    """Yield a line for each number of a drive that no actuator of a target has.
+
+    Args:
+        servo: The drive.
+        joint: Name of its joint.
+        keys: Parameters that the target's actuators do not have.
+    """
+    for key in keys:
+        if (value := beyond_default(servo, key)) is not None:
+            number = f"{key} {value:.4g} {unit_of(servo, key)} of the servo of {joint}"
+            yield f"{number}: no {_kind(servo)} actuator has it"
 
 
 def beyond_default(servo: JointDrive, key: str) -> Any:  # noqa: ANN401  # as it is stated

@@ -184,7 +184,7 @@ def _write_payloads(text: XmlText, target: Target) -> None:
 
 
 def write_rotors(
-    text: XmlText, armature: Mapping[str, float], origin: FileOrigin, *, keep: bool = False
+    text: XmlText, armature: Mapping[str, float], origin: FileOrigin, *, keep: bool
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Write the inertia of drives, as seen at the joints, into a URDF.
 

@@ -87,7 +87,8 @@ class XmlText:
         new = in_xml(value).encode()
         spans = self._spans(element)
         if name in spans:
-            _, start, stop = spans[name]
+            before, start, stop = spans[name]
+            self._forget(before, stop)
             self._edits.append((start, stop, b'"' + new + b'"'))
         else:
             self._edits.append(
@@ -100,7 +101,12 @@ class XmlText:
         for name in names:
             if name in spans:
                 start, _, stop = spans[name]
+                self._forget(start, stop)
                 self._edits.append((start, stop, b""))
+
+    def _forget(self, start: int, stop: int) -> None:
+        """Take back what was done to an attribute, which is edited once more."""
+        self._edits = [x for x in self._edits if not (start <= x[0] < x[1] <= stop)]
 
     def cut(self, start: int, stop: int, new: str = "") -> None:
         """Put something in place of some bytes of the file."""

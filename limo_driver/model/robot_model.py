@@ -26,7 +26,7 @@ from limo_driver.model.descriptions.chain import (
     unstated_limits,
     with_drives_apart,
 )
-from limo_driver.model.descriptions.description import joined_reference, split_reference
+from limo_driver.model.descriptions.description import SITE, joined_reference, split_reference
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.model.descriptions.reading import read_description
 from limo_driver.model.descriptions.shapes import (
@@ -264,6 +264,11 @@ class RobotModel(ArmDynamics, Displayed):
             Multiples of 2π (..., n) [rad]; without them the same pose is within half a turn.
         """
         return np.where(self.turning, 2 * np.pi * np.round(position / (2 * np.pi)), 0.0)
+
+    @property
+    def flange(self) -> str:
+        """Name of the frame farthest along the links fixed to the last one, or called so."""
+        return str(self.pin_tree.frames[self._flange].name.removeprefix(SITE))
 
     @property
     def last_frames(self) -> dict[str, FloatArray]:

@@ -74,6 +74,9 @@ def described_effects(
         if stated.gap:
             found.append(Backlash(joint=joint, gap=stated.gap))
         found += _bristles(joint, stated.bristles)
+        if stated.slips:
+            stiffness, width = zip(*stated.slips, strict=True)
+            found.append(PreslidingHysteresis(joint=joint, stiffness=stiffness, width=width))
         if stated.ripples:
             amplitude, cycles, phase = zip(*stated.ripples, strict=True)
             needed = tuple(angle + math.pi for angle in phase)  # to hold against it

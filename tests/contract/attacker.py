@@ -81,8 +81,10 @@ class Attacker:
         ] != item.mode:  # Damiao motors have one mode for all
             return
         quanta = self.rig.quanta
-        # What was heard, and what is believed, are two things while something fails.
-        guessed = {"torque"} if self.failing and np.any(item.carried) else set()
+        # What was heard, and what is believed, are two things while something fails, and while
+        # drives are silent: the gravity that is taken off here is that of where they are now.
+        unknown = self.failing or self.state.stale
+        guessed = {"torque"} if unknown and np.any(item.carried) else set()
         for name in {"position", "torque", "stiffness", "damping"} - guessed:
             if (given := getattr(sent, name, None)) is not None:
                 off = np.abs(given - getattr(item, name))

@@ -51,9 +51,11 @@ NOT_RUN = {
     "diagnosis_measured.md": ["takes hours", "needs recordings of a real arm"],
     "embedding.md": ["needs minutes of free motion"],
     "fleet.md": ["needs a cluster"],
+    "formats.md": ["part of a program of yours"],
     "fri.md": ["needs a real arm"],
     "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
-    "start.md": ["installs limo, and runs what runs this"],
+    "ros2.md": ["needs a robot, and ends at Ctrl-C", "writes into a workspace of ROS"],
+    "start.md": ["installs limo, and runs what runs this"] * 3,
     "streaming.md": ["needs two other machines"],
     "ultrasound.md": [
         "takes a minute, and is what the workflow does",

@@ -1,4 +1,7 @@
-"""Imports are declared, what is declared is imported, and constraints fit both."""
+"""Imports are declared, what is declared is imported, and what is released fits both.
+
+`python tests/install/test_declared.py` writes requirements-light.txt anew from pyproject.toml.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -37,6 +41,22 @@ EXTRAS = {
     for extra, texts in PROJECT["optional-dependencies"].items()
 }
 EVERY = [*BASE, *(item for items in EXTRAS.values() for item in items)]
+ON_CONDA = {  # of a distribution that is called otherwise on conda-forge
+    "matplotlib": "matplotlib-base",
+    "mujoco": "mujoco-python",
+    "pin": "pinocchio",
+    "torch": "pytorch",
+}
+BESIDE = {"python", "msgpack-python"}  # the second is an extra of python-can
+RECIPE = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text("utf-8"))
+LIGHT = ROOT / "requirements-light.txt"
+TRAINING = "torch"  # all that a light installation lacks
+
+
+def light() -> str:
+    """Return the requirements of everything but training."""
+    lines = (text for text in PROJECT["dependencies"] if Requirement(text).name != TRAINING)
+    return "\n".join(("# limo without training; by tests/install/test_declared.py", *lines, ""))
 
 
 def imports_of(source: str) -> set[str]:
@@ -92,3 +112,41 @@ def test_constraints_fit_what_is_declared():
         if not item.specifier.contains(pinned.get(canonicalize_name(item.name), "0"))
     ]
     assert not wrong, f"constraints.txt does not fit pyproject.toml: {wrong}"
+
+
+def test_a_light_installation_lacks_what_trains_and_nothing_else():
+    assert LIGHT.read_text(encoding="utf-8") == light()
+    assert names(BASE) - names(map(Requirement, light().splitlines()[1:])) == {TRAINING}
+
+
+def test_every_file_tells_the_same_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    changes = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    newest = re.search(r"^## (\d+\.\d+\.\d+)", changes, re.MULTILINE)
+    assert newest is not None
+    told = {citation["version"], RECIPE["context"]["version"], newest.group(1)}
+    assert told == {PROJECT["version"]}
+
+
+def test_the_recipe_has_what_is_declared():
+    wanted = {(ON_CONDA.get(item.name, item.name), item.specifier) for item in BASE}
+    listed = [Requirement(line.replace(" ", "")) for line in RECIPE["requirements"]["run"]]
+    found = {(item.name, item.specifier) for item in listed if item.name not in BESIDE}
+    assert found == wanted
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / ".github" / "workflows").glob("*.yml")), ids=str)
+def test_workflows_call_targets_that_there_are(file):
+    jobs = yaml.safe_load(file.read_text("utf-8"))["jobs"].values()
+    ran = [step["run"] for job in jobs for step in job["steps"] if "run" in step]
+    makefile = (ROOT / "Makefile").read_text("utf-8")
+    assert ran
+    for command in ran:
+        make, *targets = command.split()
+        assert make == "make"
+        for target in targets:
+            assert re.search(rf"^{re.escape(target)}:", makefile, re.MULTILINE), command
+
+
+if __name__ == "__main__":
+    LIGHT.write_text(light(), encoding="utf-8")

@@ -1,11 +1,15 @@
 """Names of somebody else are data in whatever limo writes: each language reads them as such."""
 
 import ast
+import re
 import shutil
+import string
 import subprocess
+import unicodedata
 import xml.etree.ElementTree as ET  # of files that limo wrote
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 import yaml
@@ -14,9 +18,16 @@ from hypothesis import strategies as st
 
 import limo_driver as limo
 from estimators.embedded.export import export_c
+from estimators.embedded.ros2_package import export_ros2
 from limo_driver import quoting
 from limo_driver.errors import ConfigError
-from limo_driver.physics import Armature, CoulombFriction, Simulation
+from limo_driver.physics import (
+    Armature,
+    CoulombFriction,
+    PositionServo,
+    PreslidingHysteresis,
+    Simulation,
+)
 
 HOSTILE = (
     "*/ int main(void){return 7;} /*", "??/\n int broken", '""" + __import__("os") + """', "\\",
@@ -127,9 +138,21 @@ def test_a_comment_of_c_ends_where_it_did(names, tmp_path_factory):
     assert bare.stdout.count(b"return") == len(names) + 1
 
 
+@often
+@given(LISTS)
+def test_a_literal_of_c_is_of_one_line_and_of_nothing_else(names):
+    for name in names:
+        literal = quoting.in_c_string(name)
+        assert set(literal[1:-1]) <= {*" _-.\\", *map(chr, range(48, 58)), *string.ascii_letters}
+        said = ast.literal_eval(f"b{literal}")
+        assert said == name.encode("utf-8", "surrogateescape")
+
+
 # Every writer, on an arm with such names ---------------------------------------------------------
 
 
+IN_USD = ["\u540d\u524d", "__import__", "None", "a\u0301"]
+CREEPING = PreslidingHysteresis(joint=2, law="lugre", sigma_0=300.0, tau_c=0.6)
 IN_URDF = [name for name in HOSTILE if "$(" not in name]  # which says that it is a xacro
 
 
@@ -170,8 +193,42 @@ def test_exported_c_is_compiled_to_what_it_was(arm, tmp_path):
     assert all(name.startswith("limo_") for name in defined)
 
 
-@pytest.mark.parametrize("target", ["drake", "isaaclab", "urdf"])
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
+def test_a_ros_package_has_them_as_texts(arm, tmp_path):
+    export_ros2(arm, tmp_path, 250.0)
+    for file in tmp_path.glob("*.xml"):
+        ET.fromstring(file.read_text("utf-8"))  # noqa: S314
+    config = yaml.safe_load((tmp_path / "config" / "wrench_broadcaster.yaml").read_text("utf-8"))
+    (parameters,) = config.values()
+    names = list(arm.model.joint_names)
+    assert parameters["ros__parameters"]["joints"] == names
+    shown = tmp_path / "show.cpp"
+    shown.write_text(
+        '#include <cstdio>\n#include "src/arm.hpp"\n'
+        "int main() { for (const auto &n : limo_dynamics::joint_names())\n"
+        "std::fwrite(n.c_str(), 1, n.size() + 1, stdout); }\n"
+    )
+    strict = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-Wno-unused", "-trigraphs"]
+    subprocess.run(["g++", *strict, shown.name, "-o", "show"], cwd=tmp_path, check=True)
+    said = subprocess.run([tmp_path / "show"], capture_output=True, check=True).stdout
+    assert said.decode().split("\0")[:-1] == names
+
+
+OTHERS = pytest.mark.slow("writes these names to the other formats, too")
+
+
+@pytest.mark.parametrize(
+    ("arm", "target"),
+    [
+        pytest.param(2 * k, target, marks=[] if (k - i) % 4 == 0 else [OTHERS])
+        for k in range(len(IN_URDF) // 2)
+        for i, target in enumerate(["drake", "isaaclab", "mjcf", "urdf"])
+    ],
+    indirect=["arm"],
+)
 def test_exports_are_read_back(arm, target, tmp_path):
+    servo = PositionServo(joint=1, kp=9.0, torque_limit=3.0)
+    arm = replace(arm, effects=(*arm.effects, CREEPING), drives=(servo,))
     written = limo.export(arm, target, tmp_path / "out")
     files = [file for file in (tmp_path / "out").rglob("*") if file.is_file()]
     assert written.file in files
@@ -179,10 +236,44 @@ def test_exports_are_read_back(arm, target, tmp_path):
         if file.suffix == ".py":
             kinds = {type(item).__name__ for item in ast.parse(file.read_text("utf-8")).body}
             assert kinds <= {"Expr", "ImportFrom", "Assign"}
-        elif file.suffix == ".urdf":
+        elif file.suffix in {".urdf", ".xml"}:
             names = {joint.get("name") for joint in ET.parse(file).iter("joint")}  # noqa: S314
             assert set(arm.model.joint_names) <= names
     assert limo.RobotModel.load(written.file).joint_names == arm.model.joint_names
+    assert is_shown_only(str(written))
+    again = limo.export(arm, target, tmp_path / "again", into=written.file)
+    assert again.diff == ""
+
+
+MANY = pytest.mark.slow("reads USD in processes of its own, for the tenth name as for the first")
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        pytest.param(names, marks=[MANY] if k % 9 else [])
+        for k, names in enumerate(zip(IN_URDF, IN_USD * 7, strict=False))
+    ],
+    ids=ascii,
+)
+def test_a_layer_of_usd_is_read_back(names, tmp_path):
+    pytest.importorskip("pxr", reason="needs usd-core: pip install limo[usd]")
+    given, joint = names  # names of prims have letters, digits and _ only, of any language
+    text = (Path(__file__).parents[1] / "regression" / "data" / "two_links.usda").read_text("utf-8")
+    path = tmp_path / "own" / (re.sub("[/#]", "", quoting.for_xml(given))[:60] + ".usda")
+    path.parent.mkdir()
+    path.write_text(text.replace("turns_a", joint), "utf-8")
+    drives = (PositionServo(joint=1, kp=9.0, dead_band=0.01, torque_limit=3.0),)
+    sim = replace(Simulation(str(path), (CREEPING,)), drives=drives)
+    if "\\" in path.name or any(unicodedata.category(letter) == "Cc" for letter in path.name):
+        with pytest.raises(ConfigError, match="no layer of USD can refer") as refused:
+            limo.export(sim, "usd", tmp_path / "out")
+        assert is_shown_only(str(refused.value))
+        return
+    written = limo.export(sim, "usd", tmp_path / "out")
+    assert all(file.parent == tmp_path / "out" and file.is_file() for file in written.files)
+    assert len(written.files) == 3
+    assert limo.RobotModel.load(written.file).joint_names == (joint, "turns_b")
     assert is_shown_only(str(written))
 
 

@@ -147,7 +147,7 @@ class SimulatedDrives(Closing):
         ]
         given += ["--fifo"] if fifo else []
         self._process = subprocess.Popen(  # noqa: S603  # this interpreter, with our own options
-            [sys.executable, "-c", _COMMAND, "drives", *given, "--seed", str(seed), "--json"],
+            [sys.executable, "-P", "-c", _COMMAND, "drives", *given, "--seed", str(seed), "--json"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -16,7 +16,13 @@ if TYPE_CHECKING:
 
 _MASK32, _MASK64 = (1 << 32) - 1, (1 << 64) - 1
 _NEGATIVE: Final = {1, (1 << 33) - 1}  # upper bits of a number that was written with 32 bits, or 64
-_TYPES: Final = ("integer", "double", "message or text", "group", "group", "float")
+_TYPES: Final = (
+    "integer", "double", "message or text", "group", "end of a group", "float", "type 6", "type 7"
+)  # fmt: skip
+_READ: Final = {0, 1, 2, 5}  # of these
+_SIZES: Final = {1: 8, 5: 4}  # bytes, of the types of field that have no length
+_LONGEST: Final = 10  # bytes of an integer
+_NUMBERS: Final = range(1, 1 << 29)  # of fields
 
 
 class MisfitError(Exception):
@@ -130,6 +136,11 @@ class Doubles(Part):
 
     def read(self, part: Any) -> tuple[float, ...] | None:
         count, values = self.wire.most, self._values(part)[:]
+        if self.wire.wrapped and part.HasField(self.name):
+            try:
+                check_unknown(getattr(part, self.name))
+            except MisfitError as misfit:
+                raise misfit.inside(self.name) from None
         if len(values) != count:
             if not (part.HasField(self.name) if self.wire.wrapped else values):
                 return None
@@ -152,23 +163,23 @@ class Nested(Part):
         super().__init__(name, wire, required=required)
         self.of = of
 
-    def taken(self, raw: Any) -> Any:
+    def taken(self, raw: Any, index: str = "") -> Any:
         try:
             return self.of.read(raw)
         except MisfitError as misfit:
-            raise misfit.inside(self.name) from None
+            raise misfit.inside(self.name + index) from None
 
     def write(self, part: Any, value: Any) -> None:
         inner = getattr(part, self.name)
         inner.SetInParent()  # an empty one is there, too
         self.put(inner, value)
 
-    def put(self, inner: Any, value: Any) -> None:
-        """Put a message into one of protobuf."""
+    def put(self, inner: Any, value: Any, index: str = "") -> None:
+        """Put a message into one of protobuf; `index` says which of several."""
         try:
             self.of.write(inner, value)
         except MisfitError as misfit:
-            raise misfit.inside(self.name) from None
+            raise misfit.inside(self.name + index) from None
 
 
 class Several(Part):
@@ -187,7 +198,9 @@ class Several(Part):
     def read(self, part: Any) -> tuple[Any, ...]:
         raws = getattr(part, self.name)
         self._check(raws)
-        values = [self._item.taken(raw) for raw in raws]
+        if isinstance(item := self._item, Nested):
+            return tuple([item.taken(raw, f".{k}") for k, raw in enumerate(raws)])
+        values = [item.taken(raw) for raw in raws]
         return tuple([value for value in values if value is not None])
 
     def write(self, part: Any, value: Sequence[Any]) -> None:
@@ -195,9 +208,9 @@ class Several(Part):
             return
         self._check(value)
         raws, item = getattr(part, self.name), self._item
-        for one in value:
+        for k, one in enumerate(value):
             if isinstance(item, Nested):
-                item.put(raws.add(), one)
+                item.put(raws.add(), one, f".{k}")
             else:
                 raws.append(item.given(one))
 
@@ -231,20 +244,19 @@ class Message:
 
     def __init__(self, kind: Any, parts: Sequence[Part], parser: Any) -> None:
         self.kind, self.parts, self.parser = kind, parts, parser
-        self._names = {field.number: field.name for field in parser.DESCRIPTOR.fields}
         self._writers = [(part.write, part) for part in parts]
 
-    def parse(self, payload: bytes) -> Any:
-        """Return protobuf's message of some bytes."""
+    def parse(self, payload: bytes, before: int = 0) -> Any:
+        """Return protobuf's message of a datagram that has so many bytes before it."""
         try:
             return self.parser.FromString(payload)
         except DecodeError as error:
-            raise WireFormatError(f"no message of protobuf: {error}") from None
+            blame(bytes(before) + payload, self.parser.DESCRIPTOR, before)
+            raise WireFormatError(f"no message of protobuf: {error}", before) from None
 
     def read(self, part: Any) -> Any:
         """Return the value of protobuf's message."""
-        for unknown in UnknownFieldSet(part):
-            self._check_unknown(unknown.field_number, _TYPES[unknown.wire_type])
+        check_unknown(part)
         values = [field.read(part) for field in self.parts]
         for field, value in zip(self.parts, values, strict=True):
             if value is None and field.required:
@@ -260,9 +272,61 @@ class Message:
                 except (TypeError, ValueError, OverflowError) as error:
                     raise field.misfit(f" = {item!r} cannot be written: {error}") from None
 
-    def _check_unknown(self, number: int, given: str) -> None:
-        """Refuse a known field of another type than its own: protobuf takes that for unknown."""
-        if number in self._names:
-            raise MisfitError(self._names[number], f" is {given}, which it never is")
+
+def check_unknown(part: Any) -> None:
+    """Refuse a known field of another type than its own: protobuf takes that for unknown."""
+    for unknown in UnknownFieldSet(part):
+        number, given = unknown.field_number, _TYPES[unknown.wire_type]
+        if (field := part.DESCRIPTOR.fields_by_number.get(number)) is not None:
+            expected = _TYPES[{field.TYPE_UINT64: 0, field.TYPE_DOUBLE: 1}.get(field.type, 2)]
+            raise MisfitError(field.name, f" is {given}, expected {expected}")
         if given == "group":
             raise MisfitError(f"field {number}", " is a group, of which FRI has none")
+
+
+def blame(data: bytes, kind: Any, at: int, path: str = "") -> None:
+    """Raise for the first field that protobuf cannot read; it says no more than that one is there.
+
+    Args:
+        data: Of which nothing comes after the message.
+        kind: Protobuf's description of the message.
+        at: Where it begins.
+        path: Of the message, with a point after it.
+    """
+    while at < len(data):
+        tag, start = _integer(data, at, f"{path}tag")
+        number, of_type, size = tag >> 3, tag & 7, 0
+        field = kind.fields_by_number.get(number)
+        name = path + (f"field {number}" if field is None else field.name)
+        if number not in _NUMBERS or of_type not in _READ:
+            raise WireFormatError(f"{name} is {_TYPES[of_type]}, of which FRI has none", at)
+        if of_type in _SIZES:
+            size = _SIZES[of_type]
+        else:
+            value, start = _integer(data, start, name)
+            size = value if of_type else 0
+        if (after := start + size - len(data)) > 0:
+            raise WireFormatError(f"{name} ends {after} bytes after its message", at)
+        at = start + size
+        if of_type == 2 and field is not None:  # noqa: PLR2004  # a message, or packed numbers
+            _blame_inside(data[:at], field, start, name)
+
+
+def _blame_inside(data: bytes, field: Any, at: int, name: str) -> None:
+    if field.message_type is not None:
+        blame(data, field.message_type, at, f"{name}.")
+    elif field.type == field.TYPE_DOUBLE and (size := len(data) - at) % _SIZES[1]:
+        raise WireFormatError(f"{name} has {size} bytes, which are no doubles", at)
+    elif field.type == field.TYPE_UINT64:
+        while at < len(data):
+            _, at = _integer(data, at, name)
+
+
+def _integer(data: bytes, at: int, name: str) -> tuple[int, int]:
+    """Return an integer and the offset after it."""
+    value = 0
+    for k, byte in enumerate(data[at : at + _LONGEST]):
+        value |= (byte & 0x7F) << 7 * k
+        if byte < 0x80:  # noqa: PLR2004  # the last group of seven bits
+            return value, at + k + 1
+    raise WireFormatError(f"{name} is an integer that does not end", at)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from backends.fri.codec.fields import Part
 
 MOST_LAYOUTS: Final = 32  # that are remembered
+MOST_WRITTEN: Final = 4  # messages
 _CHANGING: Final = {"sequence", "reflected", "seconds", "nanoseconds"}  # integers
 _HIGHEST: Final = (1 << 32) - 1
 _FILLED: Final = {byte: struct.unpack("<d", bytes([byte] * 8))[0] for byte in (1, 2)}
@@ -191,7 +192,7 @@ class Template(Generic[Message]):
         part = protobuf_of(message, self._generation)
         if not any(_has_lists(value) for value in message):
             self._written.insert(0, _Written(message, part, self._fields))
-            del self._written[MOST_LAYOUTS // 8 :]
+            del self._written[MOST_WRITTEN:]
         return datagram_of(part, self._generation)
 
     def _learn(self, data: bytes, message: Message) -> None:

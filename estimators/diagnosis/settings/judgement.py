@@ -78,8 +78,8 @@ class BlackBoxSettings:
         "longer leaves few; shorter lets errors that are alike predict one another")
     folds: int = setting(5, "", "of time, each left out once",
         "more cost time; fewer train on less")
-    waves: int = setting(3, "per revolution", "of its dependence on position, at most",
-        "more fit noise; fewer see less")
+    waves: tuple[float, ...] = setting((1.0, 2.0, 3.0), "per revolution",
+        "of its dependence on position", "more fit noise; fewer see less")
     hats: int = setting(12, "", "of its dependence on time",
         "more fit noise; fewer miss what changes quickly")
     at_rest: float = setting(1e-3, "rad/s", "below which a joint rests, for its stiction",

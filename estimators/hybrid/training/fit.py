@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.hybrid.fitted_network import FittedNetwork
 from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING
-from estimators.hybrid.training.settings import DEVICES, WIDTHS, TrainingSettings
+from estimators.hybrid.training.settings import DEVICES, WIDTHS, TrainingSettings, require_torch
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError, DivergedError
 
@@ -111,11 +111,13 @@ def find_device(name: str) -> torch.device:
 
     Raises:
         ConfigError: The name is unknown, or the device is not there.
+        MissingPackageError: PyTorch is not installed.
     """
-    import torch
-
     if name not in DEVICES:
         raise ConfigError(f"no device is called {name!r}; known: {', '.join(DEVICES)}")
+    require_torch()
+    import torch
+
     found = torch.cuda.is_available()
     if name == "cuda" and not found:
         raise ConfigError("device: PyTorch sees no CUDA device; take auto or cpu")

@@ -9,6 +9,7 @@ from estimators.hybrid.features import Features, feature_set
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import BANDWIDTH
+from limo_driver.runtime.packages import require_package
 from limo_driver.runtime.parameters import Declared, parameter
 
 SCHEDULES: Final = ("cosine", "plateau")
@@ -226,3 +227,12 @@ def paper_settings(
         carried=1,
         keep="last",
     )
+
+
+def require_torch() -> None:
+    """Check, before anything long begins, that a network can be trained here.
+
+    Raises:
+        MissingPackageError: PyTorch is not installed; a light installation lacks it.
+    """
+    require_package("torch", "training a network")

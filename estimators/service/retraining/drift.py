@@ -29,7 +29,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.service.comparison import MOVES
-from limo_driver.errors import BackendUnavailableError, ShapeError
+from limo_driver.errors import ShapeError
+from limo_driver.runtime.packages import require_package
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,14 +57,13 @@ class DriftDetector:
         n: Number of joints.
 
     Raises:
-        BackendUnavailableError: The package `river` is not installed.
+        MissingPackageError: The package `river` is not installed.
     """
 
     def __init__(self, n: int) -> None:
-        try:
-            from river.drift import PageHinkley
-        except ImportError as error:
-            raise BackendUnavailableError("drift detection", "service", str(error)) from None
+        require_package("river", "detection of drift")
+        from river.drift import PageHinkley
+
         self._test = PageHinkley
         self.n = n
         self.restart()
@@ -114,7 +114,7 @@ class DriftWatch:
         n: Number of joints.
 
     Raises:
-        BackendUnavailableError: The package `river` is not installed.
+        MissingPackageError: The package `river` is not installed.
     """
 
     def __init__(self, n: int) -> None:

@@ -236,7 +236,7 @@ class Unfinished:
 
     stage: str
     reason: str  # why a challenger is, or was, trained
-    tries: int = 0  # trainings that may still begin for this reason
+    tries: int  # trainings that may still begin for this reason
     champion: int | None = None  # on probation
     before: int | None = None  # that it goes back to
     # Its squared errors beside those before, at most, as the shadow predicted; None: not known.

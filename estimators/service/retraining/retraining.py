@@ -34,7 +34,7 @@ from estimators.service.retraining.judge import (
 )
 from estimators.service.training.logged_motion import Span
 from estimators.service.training.process import TrainingProcess
-from limo_driver.errors import BackendUnavailableError, LimoError, ModelStoreError
+from limo_driver.errors import LimoError, MissingPackageError, ModelStoreError
 from limo_driver.network.messages import Level
 
 if TYPE_CHECKING:
@@ -290,7 +290,7 @@ class Retraining:
     def _watch(self) -> DriftWatch | None:
         try:
             return DriftWatch(self._server.models.physics.model.n)
-        except BackendUnavailableError as error:
+        except MissingPackageError as error:
             self._server.outlet.event("drift", f"drift is not detected: {error}", Level.WARN)
             return None
 

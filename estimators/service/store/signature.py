@@ -10,8 +10,9 @@ import json
 from typing import TYPE_CHECKING, Final, cast
 
 from estimators.service.store.aliases import replace_file as replace
-from limo_driver.errors import ModelStoreError
+from limo_driver.errors import MissingPackageError, ModelStoreError
 from limo_driver.runtime.given_files import read_bytes, read_json_file
+from limo_driver.runtime.packages import require_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -135,8 +136,10 @@ def _library() -> tuple[ModuleType, ModuleType]:
         ModelStoreError: It is not installed.
     """
     try:
-        from cryptography.hazmat.primitives import serialization
-        from cryptography.hazmat.primitives.asymmetric import ed25519
-    except ImportError as error:
-        raise ModelStoreError(f"signatures need the extra limo[secure]: {error}") from None
+        require_package("cryptography", "a signature")
+    except MissingPackageError as error:
+        raise ModelStoreError(str(error)) from None
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric import ed25519
+
     return serialization, ed25519

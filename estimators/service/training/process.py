@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from estimators.service.store.store import ModelStore
     from estimators.service.training.logged_motion import Span
 
-_COMMAND: Final = (sys.executable, "-m", "estimators.service.training.trainer")
+_COMMAND: Final = (sys.executable, "-P", "-m", "estimators.service.training.trainer")
 _ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 _GLANCE: Final = 0.01  # [s] that a look at the process takes
 _LATE: Final = 10.0  # [s] beyond its limit, after which a process that did not end itself is killed

@@ -58,12 +58,17 @@ def check_kind(kind: str) -> None:
 
     Raises:
         ConfigError: No estimator that learns beside a service is called so.
+        MissingPackageError: It is a network, and PyTorch is not installed.
         PlugInError: It is of another distribution and cannot be used.
     """
     known = (SAME, *trained_by_name(), *NETWORKS)
     if kind not in known:
         raise ConfigError(f"no kind of challenger is {kind!r}; known: {', '.join(known)}")
-    if kind not in (SAME, *NETWORKS):
+    if kind in NETWORKS:
+        from estimators.hybrid.training.settings import require_torch
+
+        require_torch()
+    elif kind != SAME:
         to_train(kind, (SAME, *NETWORKS))
 
 
@@ -77,7 +82,8 @@ def learned(kind: str, champion: ResidualModel[Any], recording: Recording) -> Re
         recording: To learn from.
 
     Raises:
-        ConfigError: There is no such kind, or PyTorch is not there for a network.
+        ConfigError: There is no such kind.
+        MissingPackageError: PyTorch is not there for a network.
         ModelStoreError: A champion does not say how it was trained.
         RecordingError: The recording says too little.
     """

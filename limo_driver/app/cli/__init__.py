@@ -29,10 +29,12 @@ def main() -> None:
         from limo_driver.app.console.arguments import in_options
         from limo_driver.app.console.command_line import command_line, compilation_line
         from limo_driver.errors import LimoError, ServiceNotReadyError
+        from limo_driver.runtime.packages import require_own_packages
 
         # A program that reads figures from stdout need not read about compilation.
         silent = "--json" in sys.argv and not sys.stderr.isatty()
         try:
+            require_own_packages()
             line = command_line()
             with compilation_line(silent=silent):
                 line(prog_name="limo")  # `python -c` would call it -c

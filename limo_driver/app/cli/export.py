@@ -11,6 +11,7 @@ import typer
 from limo_driver.app.console.terminal import say
 
 if TYPE_CHECKING:
+    from estimators.embedded.export import CodeExport
     from limo_driver.exports.export import Export
 
 
@@ -18,16 +19,16 @@ def command(
     sim: Annotated[
         Path,
         typer.Argument(
-            help="The simulation, a sim.yaml; for C also a model/, for ONNX a model/ only."
+            help="The simulation, a sim.yaml; for C, ROS 2 also a model/, for ONNX a model/ only."
         ),
     ],
     to: Annotated[
-        str, typer.Option(help="Format: mjcf, urdf, drake, isaaclab or usd; or c, onnx.")
+        str, typer.Option(help="Format: mjcf, urdf, drake, isaaclab or usd; or c, ros2, onnx.")
     ],
     out: Annotated[
         Path,
         typer.Option(
-            help="Folder for the copy, or the copy (.xml, .urdf); for C and ONNX a folder."
+            help="Folder for the copy, or the copy (.xml, .urdf); for C, ROS 2 and ONNX a folder."
         ),
     ],
     into: Annotated[
@@ -47,15 +48,30 @@ def command(
         list[Path] | None,
         typer.Option(help="C: recording of motion that nothing touched; several times."),
     ] = None,
+    mujoco: Annotated[
+        int | None,
+        typer.Option(
+            help="MJCF: release that shall read it, 3 or 4; the installed one if not given."
+        ),
+    ] = None,
     name: Annotated[
         str, typer.Option(help="C, ONNX: of the files; in C all names in them begin with it.")
     ] = "limo",
+    frame: Annotated[
+        str,
+        typer.Option(
+            "--wrench-frame",
+            metavar="LINK",
+            help="ROS 2: link or site fixed to the last link, of the wrench; else the flange.",
+        ),
+    ] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
     """Write a simulation into a copy of a MuJoCo or URDF file; only what was found changes.
 
     For Drake, a URDF has rotor inertias; for Isaac Lab, friction and armature stand in a file of
-    Python beside it; of USD, a layer over the file is written.
+    Python beside it; of USD, a layer over the file
+    is written, with friction, armature and drives as PhysX, Newton and Isaac Lab 3 have them.
 
     Inertias, a payload as a body, dry friction, damping, armature, springs and gravity are written
     where the format has them. The difference is shown, and the size of what the format has no
@@ -63,46 +79,43 @@ def command(
     of motion is compared with the prediction.
 
     With `--to c`, the estimator of a model or simulation is written as a C11 file and its header,
-    for a control loop of your own; with `--to onnx`, the network of a model by itself.
+    for a control loop of your own; with `--to ros2`, a colcon package around it, with plug-ins of
+    inverse_dynamics_solver and ros2_control; with `--to onnx`, the network of a model by itself.
 
     Examples:
         limo export sim.yaml --to mjcf --into model.xml --out improved/
         limo export diagnosis/sim.yaml --to urdf --out improved/
         limo export model/ --to c --free calm.parquet --out firmware/
+        limo export model/ --to ros2 --out ws/src/limo_dynamics
     """
+    from limo_driver.errors import ConfigError
+
     if to == "onnx":
         from limo_driver.app.library.exporting import export_onnx
 
         file = export_onnx(sim, out, name)
         say(json.dumps({"files": [str(file)]}) if as_json else str(file))
         return
-    if to == "c":
-        _write_c(sim, out, rate, delay, false_alarms, name, free or [], as_json=as_json)
+    if frame and to != "ros2":
+        raise ConfigError(f"--wrench-frame is of --to ros2, not of --to {to}")
+    if to in {"c", "ros2"}:
+        from limo_driver.app.library.exporting import export_c, export_ros2
+
+        given = (sim, out, rate, delay, false_alarms, name, free or [])
+        _show_code(export_c(*given) if to == "c" else export_ros2(*given, frame), as_json=as_json)
         return
     from limo_driver.app.library.exporting import export
 
-    found = export(sim, to, out, into, on)
+    found = export(sim, to, out, into, on, mujoco)
     if as_json:
         _print_json(found)
     else:
         show(found)
 
 
-def _write_c(
-    model: Path,
-    out: Path,
-    rate: float,
-    delay: float,
-    false_alarms: float,
-    name: str,
-    free: list[Path],
-    *,
-    as_json: bool,
-) -> None:
+def _show_code(found: CodeExport, *, as_json: bool) -> None:
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.exporting import export_c
 
-    found = export_c(model, out, rate, delay, false_alarms, name, free)
     if as_json:
         values = {
             "files": [str(found.header), str(found.source)],
@@ -129,6 +142,7 @@ def _print_json(found: Export) -> None:
         "kept": list(found.kept),
         "dropped": list(found.dropped),
         "unwritten": list(found.unwritten),
+        "needs": found.needs,
         "difference": list(found.error),
         "torque": list(found.torque),
         "share": found.share,
@@ -149,6 +163,8 @@ def show(found: Export) -> None:
         console.print(f"dropped: {line}")
     for line in found.unwritten:
         console.print(f"not written: {line}")
+    if found.needs:
+        console.print(f"needs: {found.needs}")
     for item in found.remainder:
         console.print(f"left: {item}")
     for line in str(found).splitlines():

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 from limo_driver.errors import ConfigError, LimoError
+from limo_driver.runtime.packages import require_package
 from limo_driver.runtime.processes import WorkerProcess, end_with_parent
 
 if TYPE_CHECKING:
@@ -162,15 +163,13 @@ class RayCluster(Generic[TaskT, OutcomeT]):
         workers: How many run side by side at most; as many as there are cores, if none.
 
     Raises:
-        ConfigError: Ray is not installed, no cluster answers, or its nodes have other versions of
-            limo.
+        MissingPackageError: Ray is not installed.
+        ConfigError: No cluster answers, or its nodes have other versions of limo.
     """
 
     def __init__(self, job: Job[TaskT, OutcomeT], workers: int | None) -> None:
-        try:
-            self._ray: Any = import_module("ray")
-        except ImportError as error:
-            raise ConfigError(f"Ray needs `pip install limo[fleet]`: {error}") from None
+        require_package("ray", "a cluster of Ray")
+        self._ray: Any = import_module("ray")
         self._workers = workers
         self._tasks: dict[Any, TaskT] = {}  # by Ray's reference
         self._own = not self._ray.is_initialized()

@@ -50,6 +50,7 @@ def export(
     out: Path | str,
     into: Path | str | None = None,
     on: Recording | Path | str | None = None,
+    mujoco: int | None = None,
 ) -> Export:
     """Write a simulation into a copy of a MuJoCo or URDF file, and prove that it is in it.
 
@@ -68,6 +69,8 @@ def export(
             else a bare one is made.
         on: Recording on whose motion the size of what cannot be expressed is counted; a minute
             through most of the joints' range if not given.
+        mujoco: Release that shall read an MJCF file, 3 or 4: the latter has slip elements, the
+            former one bristle in their place; the installed one if not given.
 
     Returns:
         The files, a diff, what is not expressed with its size, and the proof.
@@ -82,7 +85,11 @@ def export(
     from limo_driver.exports.export import write
     from limo_driver.exports.formats import KINDS, MJCF, USD, edited_format
     from limo_driver.recordings.bandwidth import bandwidth_for
+    from limo_driver.runtime.installed_mujoco import RELEASE, RELEASES
 
+    release = mujoco or RELEASE[0]
+    if mujoco not in (None, *RELEASES):
+        raise ConfigError(f"`mujoco` is {mujoco}, expected {' or '.join(map(str, RELEASES))}")
     if to not in KINDS:
         raise ConfigError(f"there is no export to {to!r}, expected one of {', '.join(KINDS)}")
     found = simulation_of(simulation)
@@ -100,13 +107,13 @@ def export(
     if into is None and own.kind.lower() == edited_format(to):
         into = found.model.urdf
     if into is not None:
-        return write(found, Path(into), to, folder, motion, name)
+        return write(found, Path(into), to, folder, motion, name, release)
     if to == USD:
         raise ConfigError("an export to usd is a layer over a USD file: give it with `into`")
     with TemporaryDirectory() as bare_folder:
         bare = Path(bare_folder) / f"{found.model.urdf.stem}.{'xml' if to == MJCF else 'urdf'}"
         bare.write_text(_bare(found, to), encoding="utf-8")
-        written = write(found, bare, to, folder, motion, name)
+        written = write(found, bare, to, folder, motion, name, release)
         return replace(written, diff=f"{written.file.name} is new\n")
 
 
@@ -166,6 +173,49 @@ def export_c(
     estimator: Any = model
     recordings = [recording_of(item) for item in free]
     return written(estimator, out, rate, delay, false_alarms, name, recordings)
+
+
+def export_ros2(
+    model: ResidualModel[Any] | Simulation | Path | str,
+    out: Path | str,
+    rate: float = 1000.0,
+    delay: float = 0.1,
+    false_alarms: float = 1.0,
+    name: str = "limo",
+    free: Sequence[Recording | Path | str] = (),
+    frame: str = "",
+) -> CodeExport:
+    """Write a colcon package of ROS 2 around what `export_c` writes.
+
+    It has an implementation of inverse_dynamics_solver's interface, and a controller of
+    ros2_control that publishes external torques and the wrench which explains them.
+
+    Args:
+        model: A fitted model or a simulation, or the folder of one or the sim.yaml of the other.
+        out: Folder of the package, for example `ws/src/limo_dynamics`.
+        rate: Of the controller manager [Hz].
+        delay: By which estimates and wrenches are late [s].
+        false_alarms: Of contact on the whole arm, that are bearable [1/h].
+        name: With which all names begin; the package is `<name>_dynamics`.
+        free: See `export_c`.
+        frame: Of the wrench, a link or site fixed to the last link; the flange if empty.
+
+    Returns:
+        The C in it, with what it was made for.
+
+    Raises:
+        ConfigError: As for `export_c`, or the arm has no such frame.
+
+    Example:
+        >>> print(limo.export_ros2("sim.yaml", "ws/src/limo_dynamics", rate=1000.0))
+    """
+    from estimators.embedded.ros2_package import export_ros2 as written
+
+    if isinstance(model, (Path, str)):
+        model = trained_of(model) if Path(model).is_dir() else simulation_of(model)
+    estimator: Any = model
+    recordings = [recording_of(item) for item in free]
+    return written(estimator, out, rate, delay, false_alarms, name, recordings, frame)
 
 
 def export_onnx(

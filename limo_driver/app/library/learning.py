@@ -309,6 +309,7 @@ def train(
 
     Raises:
         ConfigError: There is no such model, or settings were given for one that has none.
+        MissingPackageError: It is a network, and PyTorch is not installed.
         PlugInError: It is of another distribution and cannot be used.
         RecordingError: A recording is of another robot, or too short.
         DivergedError: The loss of a network is no longer finite.

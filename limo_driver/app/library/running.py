@@ -174,7 +174,7 @@ def _published(
 ) -> Generator[tuple[Callable[[JointState], None], FirstEstimate | None]]:
     """Give what publishes states, and what says whether estimates of them come, if one waits."""
     from limo_driver.network.readiness import FirstEstimate
-    from limo_driver.network.ros import RosPublisher, RosTopic
+    from limo_driver.network.ros import RosNode, RosTopic
     from limo_driver.network.streaming import JointStatePublisher, open_session
 
     topic = None if stream.ros_domain is None else RosTopic(domain=stream.ros_domain)
@@ -186,7 +186,8 @@ def _published(
     with ExitStack() as open_:
         session = open_.enter_context(open_session(stream.connect, stream.listen, stream.config))
         arm.keep_time()
-        also = None if topic is None else open_.enter_context(RosPublisher(session, topic)).publish
+        node = None if topic is None else open_.enter_context(RosNode(session, [topic]))
+        also = None if node is None else node.publishers[0].publish
         publisher = JointStatePublisher(session, name, arm.spec.joint_names, also)
         publish = open_.enter_context(publisher).publish
         wait = stream.wait_for_estimates

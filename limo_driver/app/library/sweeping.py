@@ -100,6 +100,7 @@ def sweep(
         Every trial, ranked settings, and the best trial, whose model lies in its `folder`.
 
     Raises:
+        MissingPackageError: PyTorch is not installed.
         ConfigError: The space cannot be read or has a combination that cannot be, no trial could be
             trained, the folder cannot be written to, or nodes of the cluster have other versions.
         RecordingError: A recording cannot be used.
@@ -143,10 +144,13 @@ def _ended(
     progress: Callable[[SweepTrial | None, int, int], None],
 ) -> tuple[SweepTrial, ...]:
     """Train what is not finished yet; return all trials with how they ended."""
+    from estimators.hybrid.training.settings import require_torch
     from limo_driver.app.library.executors import executor_of, run_all
 
     ended = {t.key: done for t in trials if (done := store.finished(t)) is not None}
     left = [trial for trial in trials if trial.key not in ended]
+    if left:
+        require_torch()
     progress(None, len(ended), len(trials))
     for trial, outcome in run_all(executor_of(job, *where), left) if left else ():
         if isinstance(outcome, str):

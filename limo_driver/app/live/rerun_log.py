@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.errors import BackendUnavailableError, ConfigError, WireFormatError
+from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages import decode_event
 from limo_driver.pages import arm_view
+from limo_driver.runtime.packages import require_package
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class RerunLog(Closing):
 
     Raises:
         ConfigError: The target is none of these, or its folder is not there.
-        BackendUnavailableError: The extra limo[rerun] is not installed.
+        MissingPackageError: The extra limo[rerun] is not installed.
     """
 
     def __init__(self, arm: str, model: RobotModel, target: str) -> None:
@@ -177,10 +178,9 @@ class RerunLog(Closing):
 
 
 def _rerun() -> Any:  # noqa: ANN401  # rerun's module
-    try:
-        import rerun
-    except ImportError as error:
-        raise BackendUnavailableError("Rerun", "rerun", str(error)) from None
+    require_package("rerun", "a view in Rerun")
+    import rerun
+
     return rerun
 
 

@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.exports.formats import MJCF, WITH_ARMATURE, WITH_FRICTION
-from limo_driver.model.descriptions.description import JointDynamics, StatedBristles, StatedRipple
+from limo_driver.model.descriptions.description import (
+    JointDynamics,
+    StatedBristles,
+    StatedRipple,
+    StatedSlip,
+)
 from limo_driver.physics import (
     Armature,
     AsymmetricFriction,
@@ -48,7 +53,9 @@ class EffectSplit:
     stand_ins: tuple[tuple[Effect, Effect], ...]  # an effect, and what is expressed instead
 
 
-def split(simulation: Simulation, target: str, *, with_play: bool = False) -> EffectSplit:
+def split(
+    simulation: Simulation, target: str, *, with_play: bool = False, with_slips: bool = False
+) -> EffectSplit:
     """Split the effects of a simulation into what a target expresses and what it does not.
 
     Args:
@@ -56,6 +63,7 @@ def split(simulation: Simulation, target: str, *, with_play: bool = False) -> Ef
         target: One of `KINDS`.
         with_play: Whether play may be written, as a hinge between drive and link: of joints whose
             drive has an inertia.
+        with_slips: Whether slip elements may be written, as plastic springs.
     """
     driven = {x.joint for x in simulation.effects if isinstance(x, Armature) and x.inertia > 0}
     with_play = with_play and target == MJCF
@@ -82,8 +90,9 @@ def split(simulation: Simulation, target: str, *, with_play: bool = False) -> Ef
             joints[j] = replace(joints[j], gap=joints[j].gap + effect.gap)
         else:
             j = effect.joints[0] - 1
-            shown = stand_in(effect, target) or effect
-            after = _with(joints[j], shown, target) or _with_motor(joints[j], shown, target)
+            is_slip = with_slips and target == MJCF and _slips(effect)
+            shown = effect if is_slip else stand_in(effect, target) or effect
+            after = _with(joints[j], shown, target) or _with_memory(joints[j], shown, target)
             if after is None:
                 left.append(effect)
                 continue
@@ -120,6 +129,10 @@ def stand_in(effect: Effect, target: str) -> Effect | None:
             return ViscousFriction(joint=effect.joint, f_v=0.5 * (plus + minus))
         case _:
             return None
+
+
+def _slips(effect: Effect) -> bool:
+    return isinstance(effect, PreslidingHysteresis) and effect.law == MAXWELL_SLIP
 
 
 def as_bristles(effect: PreslidingHysteresis) -> PreslidingHysteresis | None:
@@ -184,7 +197,7 @@ def _with(known: JointDynamics, effect: Effect, target: str) -> JointDynamics | 
             return None
 
 
-def _with_motor(known: JointDynamics, effect: Effect, target: str) -> JointDynamics | None:
+def _with_memory(known: JointDynamics, effect: Effect, target: str) -> JointDynamics | None:
     """Return the numbers of a joint whose friction has memory, or that cogs, likewise."""
     if target != MJCF:
         return None
@@ -193,6 +206,9 @@ def _with_motor(known: JointDynamics, effect: Effect, target: str) -> JointDynam
             lines = zip(effect.amplitude, effect.cycles_per_rev, effect.phase, strict=True)
             added = [StatedRipple(A, N, _against(phi)) for A, N, phi in lines if A]
             return replace(known, ripples=(*known.ripples, *added))
+        case PreslidingHysteresis(law="maxwell_slip"):
+            pairs = zip(effect.stiffness, effect.width, strict=True)
+            return replace(known, slips=(*known.slips, *(StatedSlip(*pair) for pair in pairs)))
         case PreslidingHysteresis(law="lugre", sigma_0=float(stiffness), tau_c=float(sliding)):
             breakaway = sliding + (effect.tau_s or 0.0)
             speed = effect.v_s or LAWS["lugre"].optional["v_s"]

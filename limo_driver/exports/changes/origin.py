@@ -15,7 +15,12 @@ import re
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.model.descriptions.description import JointDynamics, StatedBristles, StatedRipple
+from limo_driver.model.descriptions.description import (
+    JointDynamics,
+    StatedBristles,
+    StatedRipple,
+    StatedSlip,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +30,7 @@ if TYPE_CHECKING:
 
 TITLE: Final = "limo wrote"  # of the comment
 _NAMES: Final = tuple(item.name for item in fields(JointDynamics))
-_TUPLES: Final = {"bristles": StatedBristles, "ripples": StatedRipple}
+_TUPLES: Final = {"bristles": StatedBristles, "slips": StatedSlip, "ripples": StatedRipple}
 _SAME: Final = 1e-8  # relative: files round to ten digits
 _SAME_FLOAT: Final = 1e-6  # relative: in USD, numbers are floats of 32 bits
 _ADDED: Final = "added"  # attributes that the file's own elements did not have

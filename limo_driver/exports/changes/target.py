@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from itertools import groupby
 from typing import TYPE_CHECKING, Final
 
-import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
@@ -38,6 +37,7 @@ from limo_driver.physics import (
 )
 from limo_driver.physics.described import REFLECTED, described_effects, reflected
 from limo_driver.physics.effect import Friction
+from limo_driver.runtime.installed_mujoco import OLDEST, PLASTIC, mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -68,19 +68,33 @@ class Target:
     replaced: tuple[str, ...] = ()  # bodies of the file that loads stand for now, or that go
     added: Mapping[str, AddedBody] = field(default_factory=dict)  # bodies that exports added
 
+    def joints(self) -> list[tuple[str, JointDynamics, JointDynamics]]:
+        """Return of each joint its name, what the file states, and what it shall have."""
+        known = self.model.description.dynamics
+        pairs = zip(self.model.joint_names, self.split.joints, strict=True)
+        return [(name, known.get(name, JointDynamics()), wanted) for name, wanted in pairs]
+
+    def needed_mujoco(self) -> str:
+        """Return the oldest MuJoCo that has all that joints shall have; empty if any that does."""
+        if any(wanted.slips for wanted in self.split.joints):
+            return f"{PLASTIC}.0"
+        has_motors = any(wanted.bristles or wanted.ripples for wanted in self.split.joints)
+        return ".".join(map(str, OLDEST)) if has_motors else ""
+
     def added_by_now(self, written: Mapping[str, Inertial]) -> dict[str, AddedBody]:
         """Return the bodies that exports have added once these loads are written as these."""
         kept = {name: body for name, body in self.added.items() if name not in self.replaced}
         return kept | {name: AddedBody(self.last, body) for name, body in written.items()}
 
 
-def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
+def target_of(simulation: Simulation, into: Path, kind: str, release: int) -> Target:
     """Compare a file with a simulation.
 
     Args:
         simulation: What was found.
         into: The file.
         kind: One of `KINDS`.
+        release: Of MuJoCo, that shall read it: 4 or more has plastic springs.
 
     Raises:
         ConfigError: It is of another kind, or of another arm.
@@ -112,7 +126,9 @@ def target_of(simulation: Simulation, into: Path, kind: str) -> Target:
     whole = replace(simulation, effects=(*simulation.effects, *kept))
     lines = kept_lines(kept, model.joint_names)
     with_play = kind == MJCF and (_can_have_play(into) or bool(model.description.plays))
-    parts_split = split(whole, kind, with_play=with_play)
+    slips = any(own.slips for own in dynamics.values())
+    with_slips = kind == MJCF and release >= PLASTIC and (slips or _can_slip(into))
+    parts_split = split(whole, kind, with_play=with_play, with_slips=with_slips)
     loads = placed(parts_split.payloads, replaced, _names(model))
     joints, more = without(parts_split.joints, reflected(model, dynamics), model)
     return Target(
@@ -141,6 +157,13 @@ def _names(model: RobotModel) -> set[str]:
 def _can_have_play(into: Path) -> bool:
     """Say whether joints can be added to an MJCF file: keyframes list positions by number."""
     return not mujoco.MjSpec.from_file(str(into)).keys
+
+
+def _can_slip(into: Path) -> bool:
+    """Say whether plastic springs slip as they should: RK4 and DISCRETE bend them within a step."""
+    kinds = mujoco.mjtIntegrator
+    exact = (kinds.mjINT_EULER, kinds.mjINT_IMPLICIT, kinds.mjINT_IMPLICITFAST)
+    return mujoco.MjSpec.from_file(str(into)).option.integrator in exact
 
 
 def _check_same(own: RobotModel, model: RobotModel, into: Path) -> None:

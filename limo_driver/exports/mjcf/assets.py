@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import mujoco
-
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -13,19 +13,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.loads import write_added
-from limo_driver.exports.changes.origin import alike, write_origin
+from limo_driver.exports.changes.origin import alike, write_comment, write_origin
 from limo_driver.exports.mjcf.assets import write_folders
-from limo_driver.exports.mjcf.servos import append_motors, write_motors, write_servos
+from limo_driver.exports.mjcf.servos import append_lines, write_motors, write_servos
+from limo_driver.exports.mjcf.slips import write_slips
 from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
 from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.model.descriptions.mjcf import check_includes
 from limo_driver.quoting import in_xml
+from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from limo_driver.physics import Payload
 
 _SAME: Final = 1e-9  # relative
+NEEDS: Final = "limo needs"  # title of a comment
 _TURNED: Final = ("quat", "axisangle", "xyaxes", "zaxis", "euler", "diaginertia")
 # Of the constraint that is dry friction, from soft to the firmest that MuJoCo allows; 0.9 and 20 ms
 # if nothing is said. It may not answer quicker than in two steps.
@@ -73,9 +75,8 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
     for name, body in target.inertials.items():
         _write_inertial(texts, name, body, spec, into)
     motors, added = list[str](), dict[str, frozenset[str]]()
-    for j, name in enumerate(target.model.joint_names):
-        stated = target.model.description.dynamics.get(name, JointDynamics())
-        values = _joint_values(stated, target.split.joints[j], degrees=bool(spec.compiler.degree))
+    for j, (name, stated, wanted) in enumerate(target.joints()):
+        values = _joint_values(stated, wanted, degrees=bool(spec.compiler.degree))
         if firm and j in firm:
             values["solimpfriction"] = firm[j]
             if firm[j] == FIRMNESS[-1]:
@@ -92,9 +93,11 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
                 if attribute not in gone:
                     text.set(element, attribute, value)
         plays = target.model.description.plays
-        write_play(texts, name, stated, target.split.joints[j], plays, spec, into)
-        motors += write_motors(texts, name, stated, target.split.joints[j], into)
-    append_motors(texts[0], motors)
+        write_play(texts, name, stated, wanted, plays, spec, into)
+        motors += write_motors(texts, name, stated, wanted, into)
+    append_lines(texts[0], "actuator", motors)
+    write_slips(texts, target, into)
+    write_comment(texts[0], NEEDS, _needs(target))
     names = target.model.joint_names
     write_origin(
         texts[0],
@@ -109,6 +112,17 @@ def edited_mjcf(target: Target, firm: Mapping[int, str] | None = None) -> tuple[
     if not np.allclose(gravity, target.model.gravity, rtol=_SAME, atol=1e-12):
         _write_gravity(texts[0], gravity)
     return texts
+
+
+def _needs(target: Target) -> dict[str, str]:
+    """Return what a reader has to be, if limo wrote what not every one has."""
+    users = target.users
+    is_new = any(
+        not alike((own.slips, own.bristles, own.ripples), (x.slips, x.bristles, x.ripples))
+        for name, _, x in target.joints()
+        if (own := users.get(name, JointDynamics()))
+    )
+    return {"MuJoCo": needed} if is_new and (needed := target.needed_mujoco()) else {}
 
 
 def _back_to_users(target: Target, j: int, added: frozenset[str]) -> frozenset[str]:

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 _GENERAL: Final = "general"
 _ROUNDING: Final = 1e-9  # time steps
 _TAG: Final = "dcmotor"
-_SECTION: Final = "actuator"
 _SAME: Final = 1e-9  # relative; and rad
+_LEAST: Final = "1e-6"  # [N m/A], without which MuJoCo 3 takes no motor: it damps with 1e-12
 
 
 def write_servos(texts: Sequence[XmlText], target: Target, timestep: float, into: Path) -> None:
@@ -190,7 +190,7 @@ def write_motors(
         into: The file, for messages.
 
     Returns:
-        Lines of motors that the file lacks, for `append_motors`.
+        Lines of motors that the file lacks, for `append_lines`.
 
     Raises:
         ConfigError: What the file has stands in a default class, which others may share.
@@ -220,29 +220,30 @@ def write_motors(
             name = in_xml(f"{joint}_{attribute}" + (f"_{number}" if len(has) > 1 else ""))
             lines.append(
                 f'<{_TAG} name="{name}" joint="{in_xml(joint)}" input="none" resistance="1" '
-                f'{attribute}="{as_list(*values)}"/>'
+                f'motorconst="{_LEAST}" {attribute}="{as_list(*values)}"/>'
             )
     return lines
 
 
-def append_motors(text: XmlText, lines: Sequence[str]) -> None:
-    """Write motors behind all actuators that there are, whose numbers stay.
+def append_lines(text: XmlText, section: str, lines: Sequence[str]) -> None:
+    """Write actuators or tendons behind all that there are, whose numbers stay.
 
     Args:
         text: Of the file.
-        lines: Of `write_motors`.
+        section: Tag of the element that holds such lines.
+        lines: Of `write_motors` or `write_slips`.
     """
     if not lines:
         return
-    sections = [child for child in text.root.children if child.tag == _SECTION]
+    sections = [child for child in text.root.children if child.tag == section]
     if sections and not sections[-1].is_empty:
         for line in lines:
             text.append(sections[-1], line)
     else:
-        text.append(text.root, f"<{_SECTION}>")
+        text.append(text.root, f"<{section}>")
         for line in lines:
             text.append(text.root, f"  {line}")
-        text.append(text.root, f"</{_SECTION}>")
+        text.append(text.root, f"</{section}>")
 
 
 def _motors_of(
@@ -262,7 +263,8 @@ def _is_own(element: Element, joint: str, attribute: str) -> bool:
     """Say whether an export wrote a motor, which says nothing else."""
     name = element.attributes.get("name", "")
     known = {"name", "joint", "input", "resistance", attribute}
-    return name.startswith(f"{joint}_{attribute}") and element.attributes.keys() == known
+    stated = element.attributes.keys() - {"motorconst"}
+    return name.startswith(f"{joint}_{attribute}") and stated == known
 
 
 def _alike_numbers(first: Sequence[float], second: Sequence[float]) -> bool:

@@ -33,6 +33,13 @@ class StatedBristles(NamedTuple):
     speed: float  # [rad/s], over which breakaway fades to sliding
 
 
+class StatedSlip(NamedTuple):
+    """A spring of a joint that slips where it is bent far enough: a Maxwell-slip element."""
+
+    stiffness: float  # [N m/rad]
+    width: float  # [rad], deflection at which it slips
+
+
 class StatedRipple(NamedTuple):
     """Torque on a joint that repeats with its angle: amplitude sin(cycles q + phase)."""
 
@@ -53,6 +60,7 @@ class JointDynamics:
     cubic: float = 0.0  # [N m/rad³], by which that spring stiffens
     drag: float = 0.0  # [N m s²/rad²], in proportion to the square of the speed
     bristles: tuple[StatedBristles, ...] = ()
+    slips: tuple[StatedSlip, ...] = ()
     ripples: tuple[StatedRipple, ...] = ()
     gap: float = 0.0  # [rad], of a play
 

@@ -38,7 +38,7 @@ _MOVABLE: Final = (*_TURNING, _SLIDING)
 _NOT_FELT: Final = {
     "spring": ("stiffness", "cubic"),
     "drag": ("drag",),
-    "friction with memory": ("bristles",),
+    "friction with memory": ("bristles", "slips"),
     "cogging": ("ripples",),
     "play": ("gap",),
 }

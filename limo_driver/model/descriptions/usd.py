@@ -1,8 +1,7 @@
-"""Arms in USD: rigid bodies, joints, and what PhysX keeps of them, as a description.
+"""Arms in USD: rigid bodies, joints, and what PhysX and Newton keep of them, as a description.
 
-Read are `UsdPhysics` joints, masses and gravity, and the PhysX attributes of an axis of a joint:
-armature, dry and viscous friction, speed, and which joint it mimics. Angles are degrees there, also
-within other units.
+Read are `UsdPhysics` joints, masses and gravity, and what `usd_joints` finds of each joint. Angles
+are degrees there, also within other units.
 """
 
 # usd-core ships no usable stubs, and is an extra.
@@ -18,27 +17,36 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.description import JointDynamics, RobotDescription, StatedServo
+from limo_driver.model.descriptions.description import (
+    JointDynamics,
+    RobotDescription,
+    StatedMotor,
+    StatedServo,
+)
 from limo_driver.model.descriptions.geometry import numbers, rpy_of
+from limo_driver.model.descriptions.usd_joints import (
+    KINDS,
+    axis_of,
+    contradictions,
+    couple,
+    drives_of,
+    dynamics_of,
+    scale_of,
+    stated,
+    value_of,
+)
 from limo_driver.model.descriptions.usd_shapes import write_shapes
+from limo_driver.runtime.packages import require_package
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from limo_driver.types import FloatArray
 
-DEGREES: Final = 180.0 / math.pi  # [deg/rad]
-_KINDS: Final = {
-    "PhysicsRevoluteJoint": "revolute",
-    "PhysicsPrismaticJoint": "prismatic",
-    "PhysicsFixedJoint": "fixed",
-}
 _AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+INERTIA: Final = "newton:inertia"  # about the centre of mass, in axes of the body
+ORDER: Final = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of its six numbers
 _FAST: Final = 1e5  # [deg/s], above which a limit of speed is none
 _STANDARD: Final = 9.81  # [m/s²], where a scene states no gravity
 
-
-_MIMIC: Final = re.compile(r"(physxMimicJoint:\w+):referenceJoint")
 _PLACE: Final = re.compile(r":(\d+):\d+: (.+?)(?: at '| in <|'\s|'$)")  # in what USD says
 _ASSET: Final = re.compile(r"@([^@]+)@")
 
@@ -52,13 +60,13 @@ def open_stage(path: Path) -> Any:  # noqa: ANN401  # a stage of USD
     """Open a USD file.
 
     Raises:
-        ConfigError: usd-core is not installed, it cannot be opened, is not in metres and kilograms,
-            or has layers outside its folder.
+        MissingPackageError: usd-core is not installed.
+        ConfigError: It cannot be opened, is not in metres and kilograms, or has layers outside its
+            folder.
     """
-    try:
-        from pxr import Tf, Usd, UsdGeom, UsdPhysics
-    except ImportError:
-        raise ConfigError("is USD, which needs `pip install limo[usd]`", path=path) from None
+    require_package("pxr", f"{path}: reading USD")
+    from pxr import Tf, Usd, UsdGeom, UsdPhysics
+
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
@@ -131,16 +139,6 @@ def bodies_of(stage: Any, path: Path) -> dict[str, Any]:  # noqa: ANN401
     return found
 
 
-def axis_of(joint: Any) -> str:  # noqa: ANN401
-    """Return the instance under which PhysX keeps the axis of a joint."""
-    return "linear" if _KINDS.get(joint.GetTypeName()) == "prismatic" else "angular"
-
-
-def scale_of(joint: Any) -> float:  # noqa: ANN401
-    """Return how many units of a joint in USD one of limo's is: degrees, or metres."""
-    return 1.0 if axis_of(joint) == "linear" else DEGREES
-
-
 def read_usd(path: Path) -> RobotDescription:
     """Read a USD file as a description.
 
@@ -157,7 +155,7 @@ def read_usd(path: Path) -> RobotDescription:
     ET.SubElement(root, "link", name="world")
     shifts = {name: _frame(tree[name], 1).place if name in tree else np.zeros(3) for name in bodies}
     dynamics: dict[str, JointDynamics] = {}
-    servos: dict[str, StatedServo] = {}
+    notes = list[str]()
     hulls: dict[str, FloatArray] = {}
     for name, prim in bodies.items():
         link = _write_link(root, name, prim, shifts[name], path, is_base=name not in tree)
@@ -165,16 +163,19 @@ def read_usd(path: Path) -> RobotDescription:
     _write_base(root, stage, joints, bodies, tree, path)
     for name, joint in tree.items():
         _write_joint(root, stage, joint, name, shifts)
-        dynamics[joint.GetName()] = _dynamics(joint)
-        if (servo := _servo(joint)) is not None:
-            servos[joint.GetName()] = servo
-    notes = _couple(root, stage, tree.values())
+        dynamics[joint.GetName()] = dynamics_of(joint)
+        notes += contradictions(joint)
+    notes += couple(root, stage, tree.values())
+    drives, more = drives_of(stage, tree.values())
+    notes += more
     if not any(link.find("collision") is not None for link in root.findall("link")):
         notes.append("has no collision shapes: motion is planned without, or not at all")
-    if any(_value(joint, "physxJoint:jointFriction") for joint in joints):
+    if any(value_of(joint, "physxJoint:jointFriction") for joint in joints):
         notes.append("not represented: physxJoint:jointFriction, which goes with the load")
+    servos = {name: own for name, own in drives.items() if isinstance(own, StatedServo)}
+    motors = {name: own for name, own in drives.items() if isinstance(own, StatedMotor)}
     return RobotDescription(
-        root, path, "USD", dynamics, _gravity(stage), shifts, hulls, tuple(notes), servos
+        root, path, "USD", dynamics, _gravity(stage), shifts, hulls, tuple(notes), servos, motors
     )
 
 
@@ -184,7 +185,7 @@ def _upward(stage: Any, joints: list[Any], path: Path) -> list[Any]:  # noqa: AN
     found = list[Any]()
     for joint in joints:
         parent, child = _ends(stage, joint)
-        if joint.GetTypeName() not in _KINDS:
+        if joint.GetTypeName() not in KINDS:
             raise ConfigError(
                 f"joint {joint.GetName()} is a {joint.GetTypeName()}; limo's joints have one axis",
                 path=path,
@@ -240,8 +241,8 @@ def _write_link(
     stated = UsdPhysics.MassAPI(prim)
     mass = float(stated.GetMassAttr().Get() or 0.0)
     com, moments = stated.GetCenterOfMassAttr().Get(), stated.GetDiagonalInertiaAttr().Get()
-    whole = mass > 0 and np.isfinite(com).all() and np.min(moments) > 0
-    if not whole:
+    tensor = _tensor(moments, stated.GetPrincipalAxesAttr().Get(), prim)
+    if mass <= 0 or not np.isfinite(com).all() or tensor is None:
         if is_base:
             return link
         raise ConfigError(
@@ -249,9 +250,6 @@ def _write_link(
             "not take them from shapes",
             path=path,
         )
-    turned = stated.GetPrincipalAxesAttr().Get()
-    R = _matrix(turned) if turned.GetLength() else np.eye(3)
-    tensor = R @ np.diag(np.array(moments, dtype=np.float64)) @ R.T
     element = ET.SubElement(link, "inertial")
     place = np.array(com, dtype=np.float64) - shift
     ET.SubElement(element, "origin", xyz=numbers(place), rpy="0 0 0")
@@ -259,6 +257,20 @@ def _write_link(
     keys, entries = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), tensor[np.triu_indices(3)].tolist()
     ET.SubElement(element, "inertia", dict(zip(keys, map(repr, entries), strict=True)))
     return link
+
+
+def _tensor(moments: Any, turned: Any, prim: Any) -> FloatArray | None:  # noqa: ANN401
+    """Return the inertia of a body about its centre of mass, (3, 3) [kg m²]; None if not stated."""
+    if moments is not None and np.min(moments) > 0:
+        R = _matrix(turned) if turned.GetLength() else np.eye(3)
+        return np.asarray(R @ np.diag(np.array(moments, dtype=np.float64)) @ R.T)
+    six = prim.GetAttribute(INERTIA)
+    if not six or not six.HasAuthoredValue() or len(six.Get()) != len(ORDER):
+        return None
+    tensor = np.zeros((3, 3))
+    for (i, j), value in zip(ORDER, six.Get(), strict=True):
+        tensor[i, j] = tensor[j, i] = value
+    return tensor
 
 
 def _write_base(
@@ -301,10 +313,10 @@ def _write_joint(
 ) -> None:
     parent = str(_ends(stage, joint)[0].GetName())
     first, second = _frame(joint, 0), _frame(joint, 1)
-    kind = _KINDS[joint.GetTypeName()]
+    kind = KINDS[joint.GetTypeName()]
     axis = second.R @ np.array(_AXES[str(joint.GetAttribute("physics:axis").Get() or "X")])
     low, high = (
-        float(_value(joint, f"physics:{which}Limit", default) / scale_of(joint))
+        float(value_of(joint, f"physics:{which}Limit", default) / scale_of(joint))
         for which, default in (("lower", -math.inf), ("upper", math.inf))
     )
     if kind == "revolute" and not (math.isfinite(low) and math.isfinite(high)):
@@ -318,8 +330,8 @@ def _write_joint(
         return
     ET.SubElement(element, "axis", xyz=numbers(axis))
     bounds = {} if kind == "continuous" else {"lower": repr(low), "upper": repr(high)}
-    speed = _physx(joint, "maxJointVelocity")
-    drive = _value(joint, f"drive:{axis_of(joint)}:physics:maxForce", math.inf)
+    speed = stated(joint, "maxJointVelocity", 1e6)
+    drive = value_of(joint, f"drive:{axis_of(joint)}:physics:maxForce", math.inf)
     ET.SubElement(
         element,
         "limit",
@@ -329,68 +341,6 @@ def _write_joint(
             "velocity": repr(speed / scale_of(joint) if speed < _FAST else 0.0),
         },
     )
-
-
-def _couple(root: ET.Element, stage: Any, joints: Iterable[Any]) -> list[str]:  # noqa: ANN401
-    """Let joints follow those that PhysX has them mimic, q + gearing q_ref + offset = 0.
-
-    Returns:
-        What could not be represented.
-    """
-    notes, written = list[str](), {str(x.get("name")): x for x in root.findall("joint")}
-    for joint in joints:
-        for relation in joint.GetRelationships():
-            if (found := _MIMIC.fullmatch(relation.GetName())) is None:
-                continue
-            targets = relation.GetTargets()
-            leader = stage.GetPrimAtPath(targets[0]) if len(targets) == 1 else None
-            if not leader or axis_of(leader) != axis_of(joint) or leader.GetName() not in written:
-                notes.append(f"not represented: which joint {joint.GetName()} mimics")
-                continue
-            gearing, offset = (_value(joint, f"{found[1]}:{key}") for key in ("gearing", "offset"))
-            law = {
-                "multiplier": repr(-gearing),
-                "offset": repr(-offset / scale_of(joint)),
-            }
-            ET.SubElement(written[joint.GetName()], "mimic", {"joint": leader.GetName(), **law})
-    return notes
-
-
-def _dynamics(joint: Any) -> JointDynamics:  # noqa: ANN401
-    return JointDynamics(
-        friction=_physx(joint, "dynamicFrictionEffort"),
-        damping=_physx(joint, "viscousFrictionCoefficient") * scale_of(joint),
-        armature=_physx(joint, "armature"),
-    )
-
-
-def _servo(joint: Any) -> StatedServo | None:  # noqa: ANN401
-    drive = f"drive:{axis_of(joint)}:physics"
-    kp, kd = (_value(joint, f"{drive}:{name}") for name in ("stiffness", "damping"))
-    if not kp or str(_text(joint, f"{drive}:type")) == "acceleration":
-        return None
-    limit = _value(joint, f"{drive}:maxForce", math.inf)
-    scale = scale_of(joint)
-    return StatedServo(kp * scale, kd * scale, limit if math.isfinite(limit) else None)
-
-
-def _physx(joint: Any, name: str) -> float:  # noqa: ANN401
-    """Return what PhysX keeps of the axis of a joint, or else of the joint."""
-    of_axis = joint.GetAttribute(f"physxJointAxis:{axis_of(joint)}:{name}")
-    stated = of_axis and of_axis.HasAuthoredValue()
-    whole = _value(joint, f"physxJoint:{name}", 1e6 if name == "maxJointVelocity" else 0.0)
-    return float(of_axis.Get()) if stated else whole
-
-
-def _value(prim: Any, name: str, default: float = 0.0) -> float:  # noqa: ANN401
-    found = prim.GetAttribute(name)
-    value = found.Get() if found else None
-    return default if value is None else float(value)
-
-
-def _text(prim: Any, name: str) -> str:  # noqa: ANN401
-    found = prim.GetAttribute(name)
-    return str(found.Get() or "") if found else ""
 
 
 def _gravity(stage: Any) -> tuple[float, float, float]:  # noqa: ANN401

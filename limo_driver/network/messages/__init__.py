@@ -5,11 +5,19 @@
 | joint state | sensor_msgs/msg/JointState |
 | estimate | limo_msgs/msg/TorqueEstimate, our own |
 | event | rcl_interfaces/msg/Log, with a JSON object as text |
+| wrench, and its covariance | geometry_msgs/msg/WrenchStamped, std_msgs/msg/Float64MultiArray |
 
 Whatever comes off a wire is either decoded or a `WireFormatError` that names the offset.
 """
 
-from limo_driver.network.messages.cdr import JOINT_STATE, LOG, SCHEMAS, TORQUE_ESTIMATE
+from limo_driver.network.messages.cdr import (
+    JOINT_STATE,
+    LOG,
+    MATRIX,
+    SCHEMAS,
+    TORQUE_ESTIMATE,
+    WRENCH,
+)
 from limo_driver.network.messages.joint_state import (
     Attachment,
     JointStateCodec,
@@ -26,12 +34,15 @@ from limo_driver.network.messages.torque_estimate import (
     decode_event,
     decode_torque_estimate,
 )
+from limo_driver.network.messages.wrench import encode_matrix, encode_wrench
 
 __all__ = [
     "JOINT_STATE",
     "LOG",
+    "MATRIX",
     "SCHEMAS",
     "TORQUE_ESTIMATE",
+    "WRENCH",
     "Attachment",
     "Event",
     "JointStateCodec",
@@ -43,5 +54,7 @@ __all__ = [
     "decode_event",
     "decode_joint_state",
     "decode_torque_estimate",
+    "encode_matrix",
+    "encode_wrench",
     "relabelled",
 ]

@@ -33,6 +33,8 @@ _NUMBERS = {order + code: struct.Struct(order + code) for order in "<>" for code
 _MOST_PADDING = 3  # bytes after the last field; some senders fill up to a whole word
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TORQUE_ESTIMATE = "limo_msgs/msg/TorqueEstimate"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+MATRIX = "std_msgs/msg/Float64MultiArray"
 LOG = "rcl_interfaces/msg/Log"
 ENCODING = "ros2msg"  # of the schemas, as MCAP calls it
 
@@ -115,6 +117,11 @@ class CdrWriter:
         self.number("I", len(texts))
         for text in texts:
             self.string(text)
+
+    def doubles(self, values: FloatArray) -> None:
+        """Append so many numbers, without their count."""
+        self.data += b"\x00" * padding(len(self.data), 8)
+        self.data += values.astype("<f8").tobytes()
 
 
 class RobotCodec:

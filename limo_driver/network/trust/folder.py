@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from limo_driver.errors import ConfigError
 from limo_driver.network.trust.roles import ROLES, access_control
 from limo_driver.runtime.outputs import reason, require_folder
+from limo_driver.runtime.packages import require_package
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Mapping
@@ -58,9 +59,11 @@ def write_trust(
         force: Write over what an earlier call wrote.
 
     Raises:
-        ConfigError: Something is there already or cannot be written, hosts or days cannot be
-            used, or the extra limo[secure] is not installed.
+        MissingPackageError: The extra limo[secure] is not installed.
+        ConfigError: Something is there already or cannot be written, or hosts or days cannot be
+            used.
     """
+    require_package("cryptography", "a certificate")
     from limo_driver.network.trust.certificates import Authority
 
     _check(hosts, days)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 DAMAGE: Final = (OSError, pa.ArrowException, UnicodeDecodeError)  # of a file that is none
 _WIDEST: Final = 1 << 15  # bytes of a column in one row: 4096 numbers; images have more
 _MOST: Final = 4096  # columns
+_FEW: Final = 64  # rows that are read at once before it is known how wide they are
 
 
 class ParquetRows(NamedTuple):
@@ -69,13 +70,18 @@ def parquet_rows(
     spent.take(rows=about.num_rows)
     if about.num_columns > _MOST:
         raise error(f"has {about.num_columns} columns, expected at most {_MOST}", path=path)
-    leaves, texts = _leaves(about)
+    leaves, texts, lists = _leaves(about)
     first = next(file.iter_batches(1, columns=leaves, use_threads=False), None)
-    sizes = {} if first is None else dict(zip(first.schema.names, first.columns, strict=True))
-    wide = {name for name, row in sizes.items() if row.nbytes > _WIDEST}
+    columns = [] if first is None else zip(first.schema.names, first.columns, strict=True)
+    sizes = {name: row.nbytes for name, row in columns}
+    for leaf in lists:  # the first of which need not be the longest
+        name = leaf.split(".")[0]
+        if sizes.get(name, 0) <= _WIDEST:
+            sizes[name] = max(sizes.get(name, 0), _widest(path, leaf, spent))
+    wide = {name for name, size in sizes.items() if size > _WIDEST}
     kept = [name for name in leaves if name not in wide and name.split(".")[0] not in wide]
     schema = file.read_row_groups([], columns=kept).schema
-    width = sum(sizes[name].nbytes for name in sizes if name not in wide)
+    width = sum(size for name, size in sizes.items() if name not in wide)
     width += sum(_longest(path, name, spent) for name in texts if name in kept)
     most = min(STRETCH, most_rows(width))
     every = file.schema_arrow
@@ -89,13 +95,13 @@ def parquet_rows(
     return ParquetRows(batches(), schema, width, aside)
 
 
-def _leaves(about: pq.FileMetaData) -> tuple[list[str], list[str]]:
-    """Return the columns that are not bytes of anything, as of images, and those that are texts.
+def _leaves(about: pq.FileMetaData) -> tuple[list[str], list[str], list[str]]:
+    """Return columns that are no bytes, as of images, those that are texts, and those of lists.
 
     Nothing else of the metadata is looked at: what is said of row groups ends the process where it
     is damaged.
     """
-    leaves, texts = list[str](), list[str]()
+    leaves, texts, lists = list[str](), list[str](), list[str]()
     for k in range(about.num_columns):
         column = about.schema.column(k)
         kind = column.logical_type.type
@@ -104,7 +110,24 @@ def _leaves(about: pq.FileMetaData) -> tuple[list[str], list[str]]:
         leaves.append(column.path)
         if kind == "STRING":
             texts.append(column.path)
-    return leaves, texts
+        if column.max_repetition_level:
+            lists.append(column.path)
+    return leaves, texts, lists
+
+
+def _widest(path: Path, name: str, spent: Spent) -> int:
+    """Return how much a row of lists takes at most [bytes], of so few that they fit into memory.
+
+    Reading ends where that is too much.
+    """
+    widest = 0
+    with pq.ParquetFile(path, pre_buffer=False) as file:
+        for few in file.iter_batches(_FEW, columns=[name], use_threads=False):
+            widest = max(widest, -(-few.nbytes // few.num_rows))
+            if widest > _WIDEST:
+                break
+            spent.check_time()
+    return widest
 
 
 def _longest(path: Path, name: str, spent: Spent) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import socket
+from contextlib import closing
 from types import SimpleNamespace
 
 import numpy as np
@@ -153,6 +155,30 @@ class TestConnecting:
             connected(monkeypatch, Waiting(foreign=3))
         with pytest.raises(ConnectionLostError, match="nobody sent to UDP port 30200"):
             connected(monkeypatch, Waiting())
+
+
+class TestDatagrams:
+    @pytest.mark.parametrize(
+        ("waited", "age"), [(0.0, 0.0), (5.0, 5.0), (10.0, 10.0), (10.001, 0.0), (-1.0, 0.0)]
+    )
+    def test_have_waited_since_the_kernel_took_them_for_ten_seconds_at_most(
+        self, waited, age, monkeypatch
+    ):
+        """A greater age is a step of the clock."""
+        taken, later = 1_700_000_000_000_000_123, round(1e9 * waited)
+        clock = SimpleNamespace(time_ns=lambda: taken + later)
+        monkeypatch.setattr(connection, "time", clock)
+        stamp = connection._TIMESPEC.pack(*divmod(taken, 10**9))
+        kind = (socket.SOL_SOCKET, connection._KERNEL_TIME)
+        assert connection._age([(*kind, stamp)]) == pytest.approx(age, abs=1e-12)
+
+    def test_come_whole_up_to_one_byte_too_many(self):
+        """So that what is too long is told from what is just as long as it may be."""
+        endpoint = connection.Endpoint("127.0.0.1", 0)
+        with closing(endpoint), socket.socket(type=socket.SOCK_DGRAM) as sender:
+            for size in (messages.MAX_DATAGRAM, messages.MAX_DATAGRAM + 1):
+                sender.sendto(bytes(size), ("127.0.0.1", endpoint.port))
+                assert len(endpoint.receive(60.0).data) == size
 
 
 class TestVelocityFilter:

@@ -154,8 +154,18 @@ class TestEffects:
         assert (session.confirmed, session.unconfirmed) == ("step 2", 1)
         session.take(packet(2, reflected=1))  # it goes back: that is no news
         assert session.confirmed == "step 2"
+        session.note_answer("step 4")
         session.take(packet(90_000_000))  # it counts anew
-        assert (session.confirmed, session.unconfirmed) == ("step 3", 0)
+        assert (session.confirmed, session.unconfirmed) == ("step 4", 0)
+
+    def test_are_all_missed_once_the_last_one_is(self):
+        session, missed = RobotSession(0.1), []
+        for k in range(6):
+            session.take(packet(k, reflected=99))
+            missed.append((session.overdue, session.all_overdue))
+            if k < 3:
+                session.note_answer()
+        assert missed == [(False, False)] * 3 + [(True, False)] * 2 + [(True, True)]
 
 
 class TestRobotTime:

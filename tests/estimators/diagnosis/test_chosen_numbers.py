@@ -24,7 +24,7 @@ MATHEMATICS = {
 }
 NAMED = {  # constants of a module that no result hangs on
     "MOST": "characters of a headline",
-    "_MOMENTS": "indices of parameters",
+    "_BODY": "indices of parameters",
 }
 
 

@@ -12,13 +12,14 @@ from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
 from estimators.joint_physics.calibration import leverage_of
 from estimators.joint_physics.columns import SETTLED, JointColumns
+from estimators.joint_physics.prediction import Prediction, predict
 from estimators.model_folder import as_manifest, load_model, read_manifest
 from estimators.regression.empirical_bayes import fit, most_probable_prior
 from estimators.regression.evidence import NormalEquations
 from limo_driver.errors import ModelStoreError, NotFittedError, RecordingError, ShapeError
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording
-from limo_driver.types import JointSample, Motion
+from limo_driver.types import FloatArray, JointSample, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -118,13 +119,19 @@ def test_stepping_estimates_what_a_recording_does(
         np.testing.assert_array_equal(estimate.outside[0], whole.outside[t])
 
 
+def _predicted(given: Prediction, columns: FloatArray) -> FloatArray:
+    result = np.empty((2, columns.shape[1], len(columns)))  # torque [N m], leverage [N² m²]
+    predict(columns, *vars(given).values(), *result)
+    return result
+
+
 def test_packed_weights_predict_what_whole_matrices_do(
     model: JointPhysics, test_recording: Recording
 ) -> None:
     fitted, motion = model.fitted, test_recording.motion(BANDWIDTH)[:200]
     torque = model.simulation.predict(motion)
     X = model.columns.advance(model.columns.init(), motion, torque)[0].columns
-    learned, leverage = fitted.prediction.of_columns(X)
+    learned, leverage = _predicted(fitted.prediction, X)
     for j, x in enumerate(X):
         np.testing.assert_allclose(learned[:, j], x @ fitted.weights[j], rtol=0, atol=1e-9)
         expected = leverage_of(x, fitted.root[j])
@@ -140,7 +147,7 @@ def test_the_estimate_is_made_of_its_parts_to_the_bit(
     fitted, motion = model.fitted, test_recording.motion(BANDWIDTH)[:200]
     torque, _ = model.simulation.advance(model.simulation.init(), motion)
     rows, _ = model.columns.advance(model.columns.init(), motion, torque)
-    learned, leverage = fitted.prediction.of_columns(rows.columns)
+    learned, leverage = _predicted(fitted.prediction, rows.columns)
     unknown = fitted.unknown.variance(rows.columns, rows.about)
     certain, unsure, fading, farthest = fitted.calibration.rows
     whole, _ = model.advance(model.init(), motion)
@@ -384,9 +391,7 @@ def test_the_commands_train_and_evaluate_it(
     assert trained.returncode == 0, trained.stderr
     rmse = json.loads(trained.stdout)["rmse"]
     assert max(rmse["held_out"]) < 0.1 * min(rmse["simulation"])
-    evaluated = limo(
-        "evaluate", run, "--model", tmp_path / "model", "--sim", sim, "--out", tmp_path / "out"
-    )
+    evaluated = limo("evaluate", run, *given[:2], "--model", given[-1], "--out", tmp_path / "out")
     assert evaluated.returncode == 0, evaluated.stderr
     assert "95 % interval" in evaluated.stdout
     figures = json.loads((tmp_path / "out" / "evaluation.json").read_text())

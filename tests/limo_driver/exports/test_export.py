@@ -125,7 +125,7 @@ def test_what_is_not_expressible_is_said_with_its_size(model, tmp_path):
         AsymmetricFriction(joint=4, tau_plus=1.2, tau_minus=0.8, v_eps=0.01),
     )
     simulation = replace(bare, effects=effects)
-    written = limo.export(simulation, "mjcf", tmp_path / "out")
+    written = limo.export(simulation, "mjcf", tmp_path / "out", mujoco=3)
     said = {item.place: str(item) for item in written.remainder}
     offset = said["torque_offset, joint 2"]
     assert offset == ("torque_offset, joint 2 is not expressible: 0.3 N m RMS remain (joint 2)")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import zenoh
+from rosbags.typesys import Stores, get_typestore
 from sessions import configurations_of_two, wait_until
 
 from limo_driver.errors import ConfigError, WireFormatError
@@ -12,7 +13,7 @@ from limo_driver.network.messages import (
     RosAttachment,
     decode_joint_state,
 )
-from limo_driver.network.ros import RosPublisher, RosReader, RosTopic
+from limo_driver.network.ros import HASHES, RosNode, RosPublisher, RosReader, RosTopic, unlike
 from limo_driver.network.streaming import JointStatePublisher, Keys, open_session
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
@@ -36,6 +37,11 @@ class TestTopic:
             f"sensor_msgs::msg::dds_::JointState_/{HASH}/::,10:,:,:,,"
         )
 
+    def test_a_history_is_transient_local_and_has_a_depth(self):
+        token = RosTopic("events", 0, "rcl_interfaces/msg/Log", kept=100).token("ab", 7)
+        assert token.startswith("@ros2_lv/0/ab/0/7/MP/%/%/limo/%events/rcl_interfaces::msg::dds_::")
+        assert token.endswith("/:1:,100:,:,:,,")
+
     @pytest.mark.parametrize("name", ["", "/", "a//b", "a/", "1a", "a-b", "a/*", "**", "a b"])
     def test_refuses_a_name_that_ros_has_not(self, name):
         with pytest.raises(ConfigError, match="expected letters, digits and '_' between slashes"):
@@ -45,6 +51,34 @@ class TestTopic:
     def test_refuses_a_domain_that_ros_has_not(self, domain):
         with pytest.raises(ConfigError, match=rf"domain is {domain}, expected 0 to 232"):
             RosTopic(domain=domain)
+
+
+@pytest.mark.parametrize("kind", HASHES)
+def test_hashes_of_types_are_those_of_ros(kind):
+    for version in (Stores.ROS2_JAZZY, Stores.ROS2_KILTED):
+        assert HASHES[kind] == get_typestore(version).hash_rihs01(kind)
+
+
+class TestSubscribersOfAnotherType:
+    TOPIC = RosTopic("arm/wrench", 3, "geometry_msgs/msg/WrenchStamped")
+
+    def token(self, kind="geometry_msgs::msg::dds_::WrenchStamped_", of=TOPIC.type, name="wrench"):
+        return f"@ros2_lv/3/ab/0/4/MS/%/%/rviz/%arm%{name}/{kind}/{HASHES.get(of, of)}/::,10:,:,:,,"
+
+    def test_one_line_says_what_it_expects(self):
+        assert unlike(self.token(of="RIHS01_0"), [RosTopic(), self.TOPIC]) == (
+            "node rviz hears nothing of arm/wrench: it expects "
+            "geometry_msgs::msg::dds_::WrenchStamped_ of hash RIHS01_0, and gets "
+            f"geometry_msgs::msg::dds_::WrenchStamped_ of {HASHES[self.TOPIC.type]}"
+        )
+        assert "expects std_msgs" in unlike(
+            self.token("std_msgs::msg::dds_::String_"), [self.TOPIC]
+        )
+
+    def test_others_are_passed_over(self):
+        publisher = self.token(of="RIHS01_0").replace("/MS/", "/MP/")
+        for token in (self.token(), self.token(name="x", of="RIHS01_0"), publisher, "@ros2_lv/3"):
+            assert unlike(token, [self.TOPIC]) == ""
 
 
 class TestPublishing:
@@ -81,6 +115,19 @@ class TestPublishing:
         assert raw[:17] == (
             (7).to_bytes(8, "little") + stamp.to_bytes(8, "little", signed=True) + b"\x10"
         )
+
+    def test_a_node_has_a_token_of_its_own(self, two_sessions):
+        first, second = two_sessions
+        wanted = [RosTopic("a"), RosTopic("b")]
+        zid = str(first.zid())
+        own = {topic.token(zid, number) for number, topic in enumerate(wanted, 1)}
+
+        def tokens():
+            got = second.liveliness().get("@ros2_lv/**", timeout=60.0)
+            return {str(reply.ok.key_expr) for reply in got}
+
+        with RosNode(first, wanted):
+            wait_until(lambda: tokens() == {f"@ros2_lv/0/{zid}/0/0/NN/%/%/limo", *own})
 
     def test_the_token_goes_with_the_publisher(self, two_sessions):
         first, second = two_sessions

@@ -213,18 +213,20 @@ def _supplied(rows: FloatArray, error: FloatArray, velocity: FloatArray) -> floa
 
 
 @compiled(nogil=True)
-def _warm(
+def _drive(
     rows: FloatArray,
     volts: FloatArray,
     heat: FloatArray,
+    supply: float,
     error: FloatArray,
     velocity: FloatArray,
     h: float,
 ) -> None:
-    """Lower the voltage that drives warm motors, and warm them by a step."""
+    """Write the voltages that drive motors, lower where they are warm, and warm them by a step."""
     for j in range(error.size):
+        volts[j] = supply
         if rows[j, DERATING] > 0.0:
-            volts[j] = derated(rows[j], volts[j], heat[j])
+            volts[j] = derated(rows[j], supply, heat[j])
             heat[j] = heated(rows[j], heat[j], error[j], velocity[j], h)
 
 
@@ -243,7 +245,8 @@ def _inertia(
     for j in range(n):
         unit[j] = 1.0
         inverse_dynamics(rotation, translation, axis, weightless, links, q, still, unit, column)
-        M[:, j] = column
+        for i in range(n):  # M[:, j] = column would compile the message of its error
+            M[i, j] = column[i]
         unit[j] = 0.0
 
 
@@ -313,23 +316,25 @@ def _advance(
     longest: float,
 ) -> tuple[FloatArray, bool]:
     """Return the positions (T, n) [rad] of one stretch without a gap, and whether all settled."""
+    # to set rows of arrays whole would compile the message of its error, as long as all of this
     T, n = command.shape
     result = np.empty((T, n))
-    zero = rows[:, ZERO]
-    start, begun = position[0], np.full(n, -math.inf)
-    q, v = start - zero, np.zeros(n)
+    zero, begun = rows[:, ZERO], np.full(n, -math.inf)
+    q, v, place = np.empty(n), np.zeros(n), np.empty(n)  # of the rigid body, and as it is measured
     target, pace, integral = command[0].copy(), np.zeros(n), np.zeros(n)
     at = np.zeros(n, dtype=np.int64)
     bias, error, after, mean = np.empty(n), np.empty(n), np.zeros(n), np.zeros(n)
     still, M, fresh = np.zeros(n), np.empty((n, n)), -math.inf
     ahead = np.zeros(n)  # drives, within their play
     heat, volts = np.zeros(n), np.ones(n)
+    for j in range(n):
+        result[0, j] = position[0, j]
+        q[j] = position[0, j] - zero[j]
     inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
     for j in range(n):
         integral[j] = held(rows[j], q[j] + zero[j], bias[j])
         ahead[j] = slack(rows[j], bias[j])
         q[j] += ahead[j]
-    result[0] = start
     for i in range(T - 1):
         for j in range(n):
             if begins_anew(rows[j], begun[j], time[i]):
@@ -350,18 +355,18 @@ def _advance(
                 wanted, at[j] = commanded(time, own, before, begin, begin + h)
                 again = sent_again(own, before, at[j])
                 target[j], pace[j] = led(rows[j], wanted, again, target[j], pace[j], h)
-                error[j] = error_of(rows[j], target[j], q[j] + zero[j])
+                place[j] = q[j] + zero[j]
+                error[j] = error_of(rows[j], target[j], place[j])
                 integral[j] = integrated(rows[j], integral[j], error[j], h)
-            volts[:] = _supplied(rows, error, v)
-            _warm(rows, volts, heat, error, v, h)
-            if not _settled(rows, q + zero, v, error, integral, M, bias, volts, h, after, mean):
+            _drive(rows, volts, heat, _supplied(rows, error, v), error, v, h)
+            if not _settled(rows, place, v, error, integral, M, bias, volts, h, after, mean):
                 return result, False
             for j in range(n):
                 integral[j] = caught_up(rows[j], integral[j], error[j], mean[j], h)
                 ahead[j] = slack(rows[j], _load(bias, M, after, v, h, j))
                 q[j] += h * mean[j]
-            v[:] = after
-        result[i + 1] = q - ahead + zero
+            for j in range(n):
+                v[j], result[i + 1, j] = after[j], q[j] - ahead[j] + zero[j]
     return result, True
 
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
 
@@ -207,8 +208,28 @@ def surely_better(
     Each block is held out in turn, and whichever of them had been recorded.
     """
     (left, bare), rows = in_turn(problem, solution, ahead, behind)
-    scaled = (bare**2 - left**2) / _square(left, rows)
-    return surely_positive(scaled[:, joints], problem.observed, rows[:, joints])
+    left, bare, rows = left[:, joints], bare[:, joints], rows[:, joints]
+    return surely_less(left, bare, rmse(left, rows), problem.observed, rows)
+
+
+def surely_less(
+    left: FloatArray,
+    bare: FloatArray,
+    scale: FloatArray,
+    observed: Observations,
+    rows: NDArray[np.bool_],
+) -> bool:
+    """Say whether one residual is surely smaller than another, whichever blocks were recorded.
+
+    Args:
+        left: The one, (K, n) [N m].
+        bare: The other.
+        scale: In which those of each joint are counted, (n,) [N m].
+        observed: Where time comes from.
+        rows: That count, (K, n).
+    """
+    gained = (bare**2 - left**2) / np.maximum(scale, TINY) ** 2
+    return surely_positive(gained, observed, rows)
 
 
 def in_turn(

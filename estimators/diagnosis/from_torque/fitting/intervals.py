@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 _Found = TypeVar("_Found", Finding, Identified, "Finding | Identified")
 _Z95 = 1.96
-_MOMENTS = [4, 5, 7, 6, 8, 9]  # xx, xy, xz, yy, yz, zz among the parameters of a link
+_BODY = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # of a link: m, com, xx, xy, xz, yy, yz, zz
 Place = tuple[str, "Sequence[int]", bool]
 
 
@@ -137,7 +137,7 @@ def _in_units(body: Inertial, relative: FloatArray) -> FloatArray:
     """Return deviations of mass, centre of mass and inertia, given the relative ones (10,)."""
     scale = np.diag(relative_inertia(body)).copy()
     scale[1:4] /= body.mass  # of m c
-    return np.concatenate([(scale * relative)[:4], (scale * relative)[_MOMENTS]])
+    return (scale * relative)[_BODY]
 
 
 def seen_by_sites(load: Inertial, model: RobotModel) -> str:

@@ -162,19 +162,16 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
     low, high = np.array(hypothesis.bounds).T
     # Positive settings span decades; others are angles and rest positions.
     scaled = low > 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(scaled, high / low, 1.0)
 
     def settings(x: FloatArray) -> tuple[float, ...]:
         x = np.clip(x, 0.0, 1.0)
-        ratio = np.where(scaled, high / np.where(scaled, low, 1.0), 1.0)
         return tuple(np.where(scaled, low * ratio**x, low + (high - low) * x).tolist())
 
     start = np.array(hypothesis.settings)
     with np.errstate(divide="ignore", invalid="ignore"):
-        x0 = np.where(
-            scaled,
-            np.log(start / np.where(scaled, low, 1.0)) / np.log(high / np.where(scaled, low, 1.0)),
-            (start - low) / (high - low),
-        )
+        x0 = np.where(scaled, np.log(start / low) / np.log(ratio), (start - low) / (high - low))
     family, begin = hypothesis.family, np.clip(x0, REFINEMENT.inside, 1.0 - REFINEMENT.inside)
 
     def cost(x: FloatArray) -> float:

@@ -21,7 +21,13 @@ from estimators.diagnosis.from_torque.selection.nuisance import (
     nuisance_of,
     without_sensors,
 )
-from estimators.diagnosis.from_torque.selection.search import Search, base_of, rubs, with_friction
+from estimators.diagnosis.from_torque.selection.search import (
+    Search,
+    base_of,
+    level_of,
+    rubs,
+    with_friction,
+)
 from estimators.diagnosis.held_out import Split, rmse
 from estimators.diagnosis.settings.fitting import SOLVING
 from estimators.diagnosis.settings.residuals import NOISE
@@ -73,7 +79,7 @@ class RegressionProblem:
         rough = roughness(residual, observed.moving, observed.least_noise)
         nuisance = nuisance_of(observed, columns, rough)
         progress("columns of every effect at every place", 0.2)
-        level = np.maximum(rmse(residual, observed.moving), 3 * rough)
+        level = level_of(observed, rough)
         candidates = candidates_of(observed, columns, level)
         base = base_of(candidates, observed.simulation)
         return cls(observed, columns, nuisance, candidates, split, residual, level, base)

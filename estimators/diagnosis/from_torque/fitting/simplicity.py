@@ -24,11 +24,12 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     in_turn,
     strains,
     surely_better,
+    surely_less,
 )
 from estimators.diagnosis.from_torque.fitting.laws import compete
 from estimators.diagnosis.from_torque.fitting.problem import simulated
 from estimators.diagnosis.headline import LINK_INERTIA
-from estimators.diagnosis.held_out import rmse, surely_positive
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.regression.definite import first_best, ranked
 from estimators.regression.evidence import REACH
@@ -161,7 +162,7 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
     new = solution.having(tuple(load if i == wrong else i for i in solution.members))
     mass, *moment = coefficients(problem, new, load)[:4].tolist()
     unit, lever = candidates[load].prior.deviation[:2].tolist()  # [kg], [kg m]
-    if mass <= 0.0 or float(np.linalg.norm(moment)) > REACH * mass * lever / unit:
+    if float(np.linalg.norm(moment)) > REACH * mass * lever / unit:  # as of any negative mass
         return solution
     ahead, behind = (simulated(problem, item) for item in (new, solution))
     return solution if _surely_worse(problem, ahead, behind) else new
@@ -207,5 +208,4 @@ def _surely_worse(problem: RegressionProblem, ahead: FloatArray, behind: FloatAr
         behind: That of what has it.
     """
     rows = problem.split.held_out
-    scale = np.maximum(rmse(behind, rows), TINY)
-    return surely_positive((ahead**2 - behind**2) / scale**2, problem.observed, rows)
+    return surely_less(behind, ahead, rmse(behind, rows), problem.observed, rows)

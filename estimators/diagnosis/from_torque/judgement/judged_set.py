@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.fitting.contribution import TINY, left_by_base, own_joints
+from estimators.diagnosis.from_torque.fitting.contribution import (
+    TINY,
+    left_by_base,
+    own_joints,
+    surely_less,
+)
 from estimators.diagnosis.from_torque.fitting.linearised import polished
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution, fitted
 from estimators.diagnosis.from_torque.judgement.judgement import (
@@ -21,7 +26,7 @@ from estimators.diagnosis.from_torque.judgement.judgement import (
     worse_at,
 )
 from estimators.diagnosis.from_torque.judgement.ordinary import beyond_siblings, to_identify
-from estimators.diagnosis.held_out import rmse, surely_positive
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.residuals import HELD_OUT
 
@@ -210,9 +215,8 @@ class JudgedSet:
         """
         problem, rows = self.problem, self.problem.split.held_out
         clearly = harmed(problem, self.proven, self.remaining)
-        given, scale = problem.observed.residual, np.maximum(self.remaining.floor, TINY)
-        lost = (self.proven**2 - given**2) / scale**2
-        if clearly or not surely_positive(lost, problem.observed, rows):
+        given, floor = problem.observed.residual, self.remaining.floor
+        if clearly or not surely_less(given, self.proven, floor, problem.observed, rows):
             return clearly
         worse = rmse(self.proven, rows) > (1.0 + HELD_OUT.rounding) * rmse(given, rows)
         return tuple(np.flatnonzero(worse).tolist())

@@ -15,13 +15,14 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     material,
     own_joints,
     sure,
+    surely_less,
     without,
 )
 from estimators.diagnosis.from_torque.judgement.ordinary import convinced, ordinary, to_identify
 from estimators.diagnosis.from_torque.judgement.surrogate import predictable_part
 from estimators.diagnosis.from_torque.residuals.noise import roughness
 from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies, listed
-from estimators.diagnosis.held_out import rmse, surely_positive
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
@@ -239,8 +240,8 @@ def gains(
     """
     bare = bool(problem.base)
     given = left_by_tolerances(problem, solution) if bare else problem.observed.residual
-    gained = (given**2 - proven**2) / np.maximum(remaining.floor, TINY) ** 2
-    return surely_positive(gained, problem.observed, problem.split.held_out)
+    rows = problem.split.held_out
+    return surely_less(proven, given, remaining.floor, problem.observed, rows)
 
 
 def harmed(

@@ -201,9 +201,9 @@ def beyond_siblings(problem: RegressionProblem, solution: Solution) -> dict[int,
             if (candidate := problem.candidates[member]).effect == effect
             and candidate.joints in bare
         }
-        *others, second, first = [0.0, 0.0, *sorted(part for part in parts if part > 0)]
-        if len(others) >= ORDINARY.compared and first > ORDINARY.times * second:
-            found[parts[first]] = first / second
+        some = sorted(part for part in parts if part > 0)
+        if len(some) >= ORDINARY.compared and some[-1] > ORDINARY.times * some[-2]:
+            found[parts[some[-1]]] = some[-1] / some[-2]
     return found
 
 

@@ -75,14 +75,13 @@ def _features(observed: Observations, j: int) -> FloatArray:
     motion, load = observed.motion, observed.load
     q, v = motion.position[:, j], motion.velocity[:, j]
     sign = np.tanh(v / BLACK_BOX.speeds[0])
-    size = np.abs(load) / np.maximum(np.abs(load).max(axis=0), 1e-9)
     own = [np.tanh(v / speed) for speed in BLACK_BOX.speeds]
     own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
     stops = [PreslidingHysteresis.stop(j + 1, width) for width in BLACK_BOX.widths]
     own += [over_joint(stop, observed) for stop in stops]
-    waves = [f(k * q) for k in range(1, BLACK_BOX.waves + 1) for f in (np.sin, np.cos)]
+    waves = [f(k * q) for k in BLACK_BOX.waves for f in (np.sin, np.cos)]
     own += waves + [sign * wave for wave in waves]
-    own += [sign * size[:, k] for k in range(observed.n)]
+    own += [sign * np.abs(load[:, k]) for k in range(observed.n)]
     own += [load[:, k] for k in range(observed.n)]
     for k in range(observed.n):
         if k != j:
@@ -205,6 +204,6 @@ def _narrowest(energy: FloatArray, part: float) -> tuple[int, int]:
     """Return the fewest rows in a row, first to before last, that have a part of the energy."""
     total = np.concatenate([[0.0], np.cumsum(energy)])
     ends = np.searchsorted(total, total[:-1] + part * total[-1] * (1 - 1e-9))
-    lengths = np.where(ends < total.size, ends - np.arange(energy.size), energy.size + 1)
-    first = int(np.argmin(lengths))
-    return first, int(first + min(lengths[first], energy.size - first))
+    ends = ends[ends < total.size]  # from later rows on, too little follows
+    first = int(np.argmin(ends - np.arange(ends.size)))
+    return first, int(ends[first])

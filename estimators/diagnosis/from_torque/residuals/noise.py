@@ -114,14 +114,13 @@ def _whitened(
     Run after run of rows of which equally many before are known.
     """
     result = np.empty((columns.shape[0], wanted.size))
-    if not wanted.size:
-        return result
-    same = (np.diff(known) == 0) & (np.diff(wanted) == 1)
-    ends = np.append(np.flatnonzero(~same) + 1, wanted.size)
-    for p in range(columns.shape[0]):
-        first = 0
-        for end in ends:
-            order, row, size = known[first], wanted[first], end - first
+    first = 0
+    while first < wanted.size:
+        order, row, end = known[first], wanted[first], first + 1
+        while end < wanted.size and known[end] == order and wanted[end] - end == row - first:
+            end += 1
+        size = end - first
+        for p in range(columns.shape[0]):
             errors, given = result[p, first:end], columns[p, row : row + size]
             for i in range(size):
                 errors[i] = given[i]
@@ -131,7 +130,7 @@ def _whitened(
                     errors[i] -= weight[order, lag - 1] * before[i]
             for i in range(size):
                 errors[i] /= white[order]
-            first = end
+        first = end
     return result
 
 

@@ -130,12 +130,12 @@ class Search:
         return [Explained(key, self.gain(key)) for key in ranked(sorted(found), self.gain)[:width]]
 
     def _with_one_more(self, members: tuple[int, ...]) -> tuple[NDArray[np.int64], FloatArray]:
-        """Return the candidates that fit beside a set, (p,), and the gain with each of them."""
+        """Return the candidates that fit beside a set, (p,), and the gain less their prices."""
         taken = np.isin(self._slots, self._slots[list(members)])
         taken[list(members)] = True
         some = np.flatnonzero(~taken)
         gains = self.evidence.gains(self._priors, members, some)
-        return some, gains - self._prices[list(members)].sum() - self._prices[some]
+        return some, gains - self._prices[some]
 
     def _settled(self, best: Explained) -> Explained:
         """Take members out and swap them while that helps: each time the set is likelier."""
@@ -198,10 +198,15 @@ def with_friction(observed: Observations) -> Observations:
     return observed.beside(observed.simulation, around=improvement.simulation())
 
 
+def level_of(observed: Observations, rough: FloatArray) -> FloatArray:
+    """Return the plausible RMS of a missing torque at each joint, above rough noise (n,) [N m]."""
+    return np.maximum(rmse(observed.residual, observed.moving), 3 * rough)
+
+
 def _competing(
     observed: Observations, columns: ColumnTable, bare: Sequence[int], rough: FloatArray
 ) -> list[Candidate]:
-    level = np.maximum(rmse(observed.residual, observed.moving), 3 * rough)
+    level = level_of(observed, rough)
     tried = [
         hypothesis
         for j in bare

@@ -11,7 +11,6 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, Final
 
-import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
@@ -28,10 +27,12 @@ from limo_driver.model.descriptions.mjcf.joints import (
     joint_name,
     loops,
 )
+from limo_driver.model.descriptions.mjcf.plasticity import OWN, plastic_springs
 from limo_driver.model.descriptions.mjcf.writer import TURNING, ArmWriter
 from limo_driver.model.descriptions.urdf_checks import LARGEST
 from limo_driver.model.descriptions.xml_text import MOST_JOINTS
 from limo_driver.runtime.given_files import apart
+from limo_driver.runtime.installed_mujoco import PLASTIC, RELEASE, VERSION, mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -106,6 +107,8 @@ def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
         return model
     except (ValueError, RuntimeError, MemoryError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
+        if "springyield" in reason and RELEASE[0] < PLASTIC:
+            reason += f"; it needs MuJoCo {PLASTIC}, {VERSION} is installed"
         raise ConfigError(f"MuJoCo cannot compile it: {reason}", path=path) from None
 
 
@@ -167,8 +170,9 @@ def _left_aside(model: Any, root: int, coupled: int) -> list[str]:  # noqa: ANN4
         notes.append(f"left aside: {', '.join(body_name(model, b) for b in sorted(others))}")
     if left := model.neq - coupled:
         notes.append(f"not represented: {left} equality constraint{'s' * (left > 1)}")
-    if model.ntendon:
-        notes.append(f"not represented: {model.ntendon} tendon{'s' * (model.ntendon > 1)}")
+    springs = sum(spring.tendon != OWN for spring in plastic_springs(model))
+    if tendons := model.ntendon - springs:
+        notes.append(f"not represented: {tendons} tendon{'s' * (tendons > 1)}")
     for values, what in (
         (model.dof_dampingpoly[:, 1:], "damping of higher powers of the speed"),
         (

@@ -7,12 +7,18 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, Final
 
-import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.description import JointDynamics, StatedBristles, StatedRipple
+from limo_driver.model.descriptions.description import (
+    JointDynamics,
+    StatedBristles,
+    StatedRipple,
+    StatedSlip,
+)
+from limo_driver.model.descriptions.mjcf.plasticity import OWN, plastic_springs
 from limo_driver.model.descriptions.xml_text import read_xml
+from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -73,14 +79,17 @@ def effort(model: Any, joint: int) -> float:  # noqa: ANN401
 def dynamics(model: Any, joint: int) -> JointDynamics:  # noqa: ANN401
     """Return what a file states of a joint beside its body."""
     dof = int(model.jnt_dofadr[joint])
+    plastic = [spring for spring in plastic_springs(model) if spring.joint == joint]
+    is_elastic = all(spring.tendon != OWN for spring in plastic)
     return JointDynamics(
         friction=float(model.dof_frictionloss[dof]),
         damping=float(model.dof_damping[dof]),
         armature=float(model.dof_armature[dof]),
-        stiffness=float(model.jnt_stiffness[joint]),
+        stiffness=float(model.jnt_stiffness[joint]) if is_elastic else 0.0,
         rest=float(model.qpos_spring[model.jnt_qposadr[joint]]),
         cubic=float(model.jnt_stiffnesspoly[joint][1]),
         drag=float(model.dof_dampingpoly[dof][0]),
+        slips=tuple(StatedSlip(spring.stiffness, spring.width) for spring in plastic),
         **_motors(model, joint),
     )
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from xml.etree import ElementTree as ET
 
-import mujoco
 import numpy as np
 
 from limo_driver.errors import ConfigError
@@ -27,6 +26,7 @@ from limo_driver.model.descriptions.mjcf.joints import (
     joint_name,
     play_of,
 )
+from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

@@ -153,27 +153,55 @@ def test_any_other_number_of_joints_is_refused_both_ways(count):
 
 
 @pytest.mark.parametrize(
-    ("data", "said"),
+    ("data", "said", "offset"),
     [
-        (b"", "header is missing"),
-        (b"\x0a", "no message of protobuf"),
-        (b"\x0a\x05\x08", "no message of protobuf"),
-        (b"\x0a" + b"\x80" * 10 + b"\x00", "no message of protobuf"),
-        (b"\x00\x00", "no message of protobuf"),
-        (b"\x0b\x0c", "header is group"),
-        (b"\x08\x01", "header is integer"),
-        (FIRST_REPLY + b"\xf3\x04\xf4\x04", "field 78 is a group"),
-        (FIRST_REPLY + b"\x0d1234", "header is float"),
-        (FIRST_REPLY + delimited(1, b"\x09" + bytes(8)), "header.identifier is double"),
-        (FIRST_REPLY[:2] + b"\x08\x81\x80\x0c" + FIRST_REPLY[6:], "no message of FRI"),
-        (FIRST_REPLY[:2] + b"\x18\x00\x18\x00" + FIRST_REPLY[6:], "header.identifier is missing"),
-        (FIRST_REPLY[:6] + b"\x18\x00\x18\x00" + FIRST_REPLY[10:], "header.sequence is missing"),
-        (delimited(1, FIRST_REPLY[2:6] + b"\x10\x80\x80\x80\x80\x10\x18\x00"), "= 4294967296 is"),
+        (b"", "header is missing", None),
+        (b"\x0a", "header is an integer that does not end", 1),
+        (b"\x0a\x05\x08", "header ends 4 bytes after its message", 0),
+        (b"\x0a" + b"\x80" * 10 + b"\x00", "header is an integer that does not end", 1),
+        (b"\x00\x00", "field 0 is integer, of which FRI has none", 0),
+        (b"\x0f", "header is type 7, of which FRI has none", 0),
+        (FIRST_REPLY + b"\x12\x03\x0a\x01\x09", "data.joint_position.values ends 8 bytes", 81),
+        (FIRST_REPLY + b"\x12\x01\x80", "data.tag is an integer that does not end", 79),
+        (
+            FIRST_REPLY + delimited(2, delimited(1, delimited(1, b"tip"))),
+            "data.joint_position.values has 3 bytes, which are no doubles", 83,
+        ),
+        (b"\x0b\x0c", "header is group, expected message or text", None),
+        (b"\x08\x01", "header is integer, expected message or text", None),
+        (FIRST_REPLY + b"\xf3\x04\xf4\x04", "field 78 is a group, of which FRI has none", None),
+        (FIRST_REPLY + b"\x0d1234", "header is float, expected message or text", None),
+        (
+            FIRST_REPLY + delimited(1, b"\x09" + bytes(8)),
+            "header.identifier is double, expected integer", None,
+        ),
+        (
+            FIRST_REPLY + delimited(2, delimited(1, b"\x08\x01")),
+            "data.joint_position.values is integer, expected double", None,
+        ),
+        (FIRST_REPLY[:2] + b"\x08\x81\x80\x0c" + FIRST_REPLY[6:], "no message of FRI", None),
+        (
+            FIRST_REPLY[:2] + b"\x18\x00\x18\x00" + FIRST_REPLY[6:],
+            "header.identifier is missing", None,
+        ),
+        (
+            FIRST_REPLY[:6] + b"\x18\x00\x18\x00" + FIRST_REPLY[10:],
+            "header.sequence is missing", None,
+        ),
+        (
+            delimited(1, FIRST_REPLY[2:6] + b"\x10\x80\x80\x80\x80\x10\x18\x00"),
+            "header.sequence = 4294967296 is outside 0 to 4294967295", None,
+        ),
+        (
+            FIRST_REPLY + delimited(2, delimited(5, bytes.fromhex("0a016110001801")) + b"\x2a\x00"),
+            "data.io.1.name is missing", None,
+        ),
     ],
 )  # fmt: skip
-def test_bad_bytes_say_what(data, said):
-    with pytest.raises(WireFormatError, match=said):
+def test_bad_bytes_say_what_and_where(data, said, offset):
+    with pytest.raises(WireFormatError, match=said) as error:
         decode_command(data, V1)
+    assert error.value.offset == offset
 
 
 def test_the_other_message_is_named():
@@ -250,8 +278,9 @@ def test_values_of_ios_have_their_type():
 @given(st.binary(max_size=1600))
 def test_random_bytes_are_refused_and_nothing_else(data):
     for generation in (None, *GENERATIONS):
-        with pytest.raises(WireFormatError):
+        with pytest.raises(WireFormatError) as error:
             decode_monitoring(data, generation)
+        assert "no message of protobuf" not in str(error.value)  # without a word where
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)

@@ -23,7 +23,12 @@ from backends.fri.codec.messages import (
     SessionState,
     Timestamp,
 )
-from backends.fri.codec.template import MOST_LAYOUTS, CommandTemplate, MonitoringTemplate
+from backends.fri.codec.template import (
+    MOST_LAYOUTS,
+    MOST_WRITTEN,
+    CommandTemplate,
+    MonitoringTemplate,
+)
 from backends.fri.codec.version import Generation
 from limo_driver.errors import WireFormatError
 
@@ -89,6 +94,7 @@ def test_change_of_state_is_seen_at_once():
             data = encode_monitoring(message, Generation.ONE)
             assert template.decode(data).connection == info
             assert template.encode(message) == data
+    assert len(template._written) == MOST_WRITTEN
 
 
 def test_analog_inputs_do_not_leave_the_hot_path(monkeypatch):
@@ -108,6 +114,7 @@ def test_analog_inputs_do_not_leave_the_hot_path(monkeypatch):
     for k in range(1, 20):
         data = encode_monitoring(message(k), Generation.ONE)
         assert template.decode(data) == message(k)
+        assert template.encode(message(k)) == data
 
 
 def test_integer_padded_to_the_length_of_a_double_stays_an_integer():

@@ -12,7 +12,7 @@ import pytest
 from estimators.service.inference.history import History
 from estimators.service.inference.live_model import Window
 from estimators.service.retraining.drift import DriftDetector, DriftWatch
-from limo_driver.errors import BackendUnavailableError, ShapeError
+from limo_driver.errors import MissingPackageError, ShapeError
 
 RATE = 100.0
 ALL = np.array([True, True])
@@ -70,8 +70,8 @@ class TestDetector:
             DriftDetector(2).step(np.ones(3), ALL)
 
     def test_says_what_to_install(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setitem(sys.modules, "river.drift", None)
-        with pytest.raises(BackendUnavailableError, match=r"limo\[service\]"):
+        monkeypatch.setitem(sys.modules, "river", None)
+        with pytest.raises(MissingPackageError, match="pip install 'river"):
             DriftDetector(2)
 
 

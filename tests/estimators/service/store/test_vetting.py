@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -144,6 +145,20 @@ def test_a_hanging_version_is_ended(
     assert vetted.reason == "gave no answer within 5 s"
     with pytest.raises(ProcessLookupError):
         os.kill(int(own.read_text()), 0)
+
+
+def test_time_without_a_processor_does_not_count() -> None:
+    core = min(os.sched_getaffinity(0))
+    loop = f"import os; os.sched_setaffinity(0, {{{core}}})\nwhile True: pass"
+    busy = [subprocess.Popen([sys.executable, "-c", loop]) for _ in range(2)]
+    try:
+        while vetting._waited(busy[0].pid) < 0.1:  # each has half of the core
+            assert all(each.poll() is None for each in busy)
+            time.sleep(0.01)
+    finally:
+        for each in busy:
+            each.kill()
+            each.wait()
 
 
 @pytest.mark.parametrize(

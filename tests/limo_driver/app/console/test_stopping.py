@@ -32,6 +32,7 @@ COMMANDS = {
     "diagnose": "diagnose run.parquet --sim sim.yaml --out diagnosis",
     "serve": "serve --arm {} --model model --duration 20",
     "watch": "watch --duration 20",
+    "bridge": "bridge --arm {} --duration 20",
     "models": "models add model --golden run.parquet",
     "convert": "convert run.parquet --out {}.mcap",
     "secure": "secure --out {} --driver a --service b",

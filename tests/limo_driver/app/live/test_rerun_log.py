@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from limo_driver.app.live.rerun_log import RerunLog, _from_z
-from limo_driver.errors import BackendUnavailableError, ConfigError
+from limo_driver.errors import ConfigError, MissingPackageError
 from limo_driver.model import RobotModel
 from limo_driver.network.messages import Event
 from limo_driver.network.messages.torque_estimate import Level
@@ -90,9 +90,9 @@ def test_other_targets_are_refused(tmp_path, monkeypatch, model, target, said):
         RerunLog("arm", model, target)
 
 
-def test_without_rerun_the_extra_is_named(monkeypatch, model):
+def test_without_rerun_it_says_what_to_install(monkeypatch, model):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(BackendUnavailableError, match=r"limo\[rerun\]"):
+    with pytest.raises(MissingPackageError, match="pip install 'rerun-sdk"):
         RerunLog("arm", model, "viewer")
 
 

@@ -10,7 +10,7 @@ from mjcf_arms import arm_of
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
-from limo_driver.exports.mjcf.servos import append_motors, write_motors
+from limo_driver.exports.mjcf.servos import append_lines, write_motors
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model.descriptions.description import JointDynamics, StatedBristles, StatedRipple
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, TorqueRipple
@@ -87,7 +87,7 @@ def test_slip_elements_are_one_bristle_that_leaves_little(model, tmp_path):
     slips = PreslidingHysteresis(
         joint=1, stiffness=(300.0, 88.0, 25.0), width=(0.0017, 0.0052, 0.013)
     )
-    written = limo.export(with_effects(model, slips), "mjcf", tmp_path / "out")
+    written = limo.export(with_effects(model, slips), "mjcf", tmp_path / "out", mujoco=3)
     assert written.share < 0.01
     (left,) = written.remainder
     height = float(np.dot(slips.stiffness, slips.width))
@@ -134,8 +134,8 @@ def test_a_default_class_is_not_changed(tmp_path):
     path = tmp_path / "model.xml"
     text = arm_of(2).replace(
         "<worldbody>",
-        '<default><default class="m"><dcmotor input="none" resistance="1" lugre="9 0 1 1 0.1"/>'
-        "</default></default><worldbody>",
+        '<default><default class="m"><dcmotor input="none" resistance="1" motorconst="1e-6" '
+        'lugre="9 0 1 1 0.1"/></default></default><worldbody>',
         1,
     )
     motor = '<actuator><dcmotor class="m" joint="hinge0"/></actuator></mujoco>'
@@ -168,7 +168,7 @@ def edited(tmp_path, has, text=MOTORS):
     (path := tmp_path / "motors.xml").write_text(text, "utf-8")
     file = XmlText(path)
     stated = JointDynamics(bristles=(MINE,), ripples=(LINE,)) if text == MOTORS else JointDynamics()
-    append_motors(file, write_motors((file,), "a", stated, has, path))
+    append_lines(file, "actuator", write_motors((file,), "a", stated, has, path))
     return file.text()
 
 

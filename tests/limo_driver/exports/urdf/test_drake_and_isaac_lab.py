@@ -101,7 +101,7 @@ def test_rotors_are_those_of_actuators_in_transmissions_of_joints(tmp_path):
     text = XmlText(path)
     assert rotors_of(text) == {"e": 0.1}
     armature = {"a": 0.2, "b": 0.0, "c": 0.3, "d": 0.4, "e": 0.5}
-    users, wanted = write_rotors(text, armature, FileOrigin())
+    users, wanted = write_rotors(text, armature, FileOrigin(), keep=False)
     assert users == {"a": 0.0, "b": 0.0, "c": 0.0, "d": 0.0, "e": 0.1}
     assert wanted == armature
     path.write_text(text.text())

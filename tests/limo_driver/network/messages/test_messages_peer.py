@@ -7,8 +7,10 @@ from rosbags import typesys
 from limo_driver.network.messages import (
     JOINT_STATE,
     LOG,
+    MATRIX,
     SCHEMAS,
     TORQUE_ESTIMATE,
+    WRENCH,
     Event,
     JointStateCodec,
     Level,
@@ -16,6 +18,8 @@ from limo_driver.network.messages import (
     decode_event,
     decode_joint_state,
     decode_torque_estimate,
+    encode_matrix,
+    encode_wrench,
 )
 
 STAMP = 1_700_000_000_123_456_789
@@ -106,3 +110,26 @@ def test_event(store):
     assert bytes(store.serialize_cdr(theirs, LOG)) == event.encode()
     big_endian = bytes(store.serialize_cdr(theirs, LOG, little_endian=False))
     assert decode_event(big_endian) == event
+
+
+def test_wrench(store):
+    values = np.arange(6.0)
+    types = store.types
+    force, torque = (
+        types["geometry_msgs/msg/Vector3"](*v.tolist()) for v in (values[:3], values[3:])
+    )
+    wrench = types["geometry_msgs/msg/Wrench"](force, torque)
+    for frame in ("", "flange", "tool0"):
+        theirs = types[WRENCH](header(store, frame), wrench)
+        assert encode_wrench(STAMP, frame, values) == bytes(store.serialize_cdr(theirs, WRENCH))
+
+
+def test_matrix(store):
+    values = np.arange(36.0).reshape(6, 6)
+    for label in ("", "flange", "tool0", "wrench in tool0"):
+        dimension, layout = (
+            store.types[f"std_msgs/msg/MultiArray{of}"] for of in ("Dimension", "Layout")
+        )
+        dimensions = [dimension(label, 6, 36), dimension(label, 6, 6)]
+        theirs = store.types[MATRIX](layout(dimensions, 0), values.ravel())
+        assert encode_matrix(label, values) == bytes(store.serialize_cdr(theirs, MATRIX))

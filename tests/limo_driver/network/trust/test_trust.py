@@ -13,7 +13,7 @@ from sessions import wait_until
 from typer.testing import CliRunner
 
 from limo_driver.app.cli.secure import command
-from limo_driver.errors import ConfigError, ConnectionLostError
+from limo_driver.errors import ConfigError, ConnectionLostError, MissingPackageError
 from limo_driver.network.claims import Witness, claim
 from limo_driver.network.config import read_config, require_passage
 from limo_driver.network.messages import decode_joint_state
@@ -458,10 +458,9 @@ class TestFolder:
         with pytest.raises(ConfigError, match="valid for 0 days, expected 1 or more"):
             write_trust(tmp_path, self.HOSTS, days=0)
 
-    def test_names_the_extra_that_is_not_installed(self, tmp_path, monkeypatch):
-        monkeypatch.delitem(sys.modules, "limo_driver.network.trust.certificates", raising=False)
+    def test_says_what_to_install(self, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, "cryptography", None)
-        with pytest.raises(ConfigError, match=r"need the extra limo\[secure\]"):
+        with pytest.raises(MissingPackageError, match="pip install 'cryptography"):
             write_trust(tmp_path, self.HOSTS)
 
     def test_every_role_has_a_configuration_that_zenoh_reads(self, trust):

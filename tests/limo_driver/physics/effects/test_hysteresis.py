@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from limo_driver.physics import PreslidingHysteresis
 from limo_driver.physics.effect import JointMotion
+from limo_driver.physics.effects.laws import STEP, dahl
 
 LAW = PreslidingHysteresis(joint=1, stiffness=(900.0, 120.0), width=(5e-4, 4e-3))
 SLIDING = 900.0 * 5e-4 + 120.0 * 4e-3
@@ -99,8 +100,15 @@ def test_a_closed_path_never_yields_energy(values, path):
 
 def test_dahl_of_exponent_1_and_lugre_without_stribeck_are_the_same_law():
     path = 0.01 * np.sin(np.linspace(0, 20, 500)) * np.linspace(1, 0.2, 500)
-    lugre, dahl = (PreslidingHysteresis(joint=1, **SMOOTH[i]) for i in (0, 1))
-    np.testing.assert_allclose(torque(lugre, path), torque(dahl, path), atol=1e-9)
+    lugre, other = (PreslidingHysteresis(joint=1, **SMOOTH[i]) for i in (0, 1))
+    np.testing.assert_allclose(torque(lugre, path), torque(other, path), atol=1e-9)
+
+
+@pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
+def test_dahl_that_slides_goes_on_sliding(exponent):
+    path = np.zeros((3, 4))
+    path[STEP] = 0.01
+    np.testing.assert_array_equal(dahl(np.array([2.0]), path, 1000.0, 2.0, exponent), 2.0)
 
 
 @pytest.mark.parametrize("v", [0.05, -0.05, 0.01])

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from noisy_recordings import observed
 
+from estimators.diagnosis.from_torque.fitting import contribution
 from estimators.diagnosis.from_torque.fitting.contribution import (
     convincing,
     material,
     own_joints,
+    strains,
     sure,
+    surely_less,
 )
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import QuadraticDrag, SpringLoad, Tolerances, TorqueOffset
@@ -96,6 +101,15 @@ def test_what_fades_before_any_row_is_held_out_counts_over_all_rows_however_litt
     assert sure(problem, solution, drift)
 
 
+def test_what_rows_held_out_miss_at_any_of_its_joints_they_cannot_deny(sprung, monkeypatch):
+    problem, noise = sprung
+    absent = place_of(problem, "payload", 7)
+    solution = fitted(problem, (absent,), noise)
+    assert not sure(problem, solution, absent)
+    monkeypatch.setattr(contribution, "_misses", lambda *_: np.arange(7) == 2)
+    assert sure(problem, solution, absent)
+
+
 def test_an_effect_acts_at_its_joints_and_a_body_at_all(sprung):
     problem, _ = sprung
     assert own_joints(problem, place_of(problem, "spring_load", 3)) == [2]
@@ -120,3 +134,30 @@ def test_what_is_small_beside_a_large_effect_may_be_imprecision_of_that(arm, dra
     solution = fitted(problem, tuple(sorted((own, *beside))), noise)
     assert 0.5 < material(problem, solution, own) < 1.0
     assert convincing(problem, solution, own) == named
+
+
+@pytest.mark.parametrize(
+    ("of_sensors", "less", "strained"), [(0, 0, True), (0, 1, False), (4, 1, False)]
+)
+def test_several_stated_values_at_their_limits_strain_a_fit_and_sensors_do_not(
+    of_sensors, less, strained
+):
+    entered = np.array([True] * 4 + [False] * 4)
+    number = CONTRIBUTION.relieved - less
+    limits = np.where(
+        np.isin(np.arange(8), [*range(number), *range(4, 4 + of_sensors)]), 1.0, np.nan
+    )
+    nuisance = SimpleNamespace(prior=SimpleNamespace(index=entered), entered=entered)
+    search = SimpleNamespace(evidence=SimpleNamespace(at_limit=lambda fit: fit))
+    some = SimpleNamespace(search=search, fitted=np.full(8, np.nan))
+    assert strains(SimpleNamespace(nuisance=nuisance), some, limits) is strained
+
+
+@pytest.mark.parametrize(("square", "less"), [(0.0070, True), (0.0058, False)])
+def test_joints_count_in_squares_of_their_own_errors(square, less):
+    """Of 0.1 N m at the first, of 1 N m at the second, and of nothing where nothing is left."""
+    left, bare = np.array([[0.0, 0.8, 0.0]]), np.array([[np.sqrt(square), 0.0, 0.0]])
+    recordings, slow = [SimpleNamespace(duration=60.0)], SimpleNamespace(time=np.zeros(1))
+    observed = SimpleNamespace(recordings=recordings, recording=np.zeros(1, dtype=int), slow=slow)
+    scale, rows = np.array([0.1, 1.0, 0.0]), np.ones((1, 3), dtype=bool)
+    assert surely_less(left, bare, scale, observed, rows) is less

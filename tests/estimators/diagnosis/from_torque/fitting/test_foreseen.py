@@ -64,3 +64,8 @@ def test_nothing_is_foreseen_of_a_joint_that_rests(rigid, known, training_record
     found = Foreseen.of(known, rigid, ()).rms(Observations.of(rigid, [still], 10.0))
     assert found[0] > 0.0
     assert found[1] == 0.0
+
+
+def test_the_same_motion_twice_foresees_the_same(rigid, known, training_recording):
+    found, twice = Foreseen.of(known, rigid, ()), [training_recording, training_recording]
+    np.testing.assert_allclose(found.rms(Observations.of(rigid, twice, 10.0)), found.rms(known))

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from noisy_recordings import motion
 
 from estimators.diagnosis import diagnose
+from estimators.diagnosis.from_torque.fitting import lateness
 from estimators.diagnosis.from_torque.fitting.lateness import long_after
+from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.hypotheses.responses import response
+from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     CoulombFriction,
     Simulation,
@@ -80,6 +85,47 @@ def test_every_joint_may_be_late_by_much():
     laws = list(dict.fromkeys(law for _, law in tried))
     assert len(laws) == 2
     assert tried == [((joint,), law) for joint in range(3) for law in laws]
+
+
+@pytest.mark.parametrize("most", [0.5, 50.0])  # [nat]
+@pytest.mark.parametrize(
+    ("begins", "long", "found"), [(0.0, False, True), (0.05, False, False), (0.05, True, True)]
+)
+def test_what_does_not_begin_to_help_is_tried_where_it_may_be_late_by_much(
+    most, begins, long, found
+):
+    def fit(late):
+        gain = most * (1.0 - abs(late.delay / 0.08 - 1.0)) if late.delay > begins else 0.0
+        return gain, np.array([9.0, late.delay])
+
+    alone = SimpleNamespace(joint=0, own=[1], place=[4, 7], fit=fit)
+    best = lateness._latest(alone, None, TimeDelay(joint=1), long=long)
+    assert (best is not None) is found
+    if best is not None:
+        assert (best.name, best.time, best.gain) == ("delay", 0.08, most)
+        assert (best.changed, best.coefficients.tolist()) == ([7], [0.08])
+
+
+@pytest.mark.parametrize(
+    ("gains", "unknown", "late"),
+    [((90.0, 50.0), (), 0), ((90.0, 50.0), (1,), 1), ((0.1, 0.1), (), None)],
+)
+def test_of_joints_that_are_late_the_unexplained_and_then_the_clearest_comes_first(
+    arm, monkeypatch, gains, unknown, late
+):
+    moved = turning(1, 10.0)
+    given = with_friction(arm)
+    recording = Recording.from_arrays(moved.time, moved.position, given.predict(moved))
+    problem = RegressionProblem.of(Observations.of(given, [recording], 10.0), quiet)
+    beside = fitted(problem, (), Noise.independent(np.full(2, 0.01), problem.split.fitted))
+    found = [lateness._Late(j, "lag", 0.02, gains[j], beside, [0], np.array([0.3])) for j in (0, 1)]
+    monkeypatch.setattr(lateness, "_of_joint", lambda *given, **_: found[given[2]])
+    made = lateness.made_late(problem, beside, unknown)
+    assert (made is None) == (late is None)
+    if made is not None:
+        (member,) = made[1].members
+        assert made[0].candidates[member].place == ("time_delay", (late,))
+        assert made[1].fitted.mean[[0, -1]] == pytest.approx([0.3, 1.0])
 
 
 @pytest.mark.slow("diagnoses two recordings, and looks for a delay where none seems to help")

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from lanes import sampled
 
 from estimators.diagnosis import diagnose
-from estimators.diagnosis.from_torque.fitting.laws import sentence_of
+from estimators.diagnosis.from_torque.fitting import laws
+from estimators.diagnosis.from_torque.fitting.laws import confused, sentence_of
+from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.from_torque.fitting.settling import refined
 from estimators.diagnosis.from_torque.hypotheses.catalogue import every, rivals
+from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.selection.candidates import LawEvidence
+from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     Backlash,
     CoulombFriction,
     PreslidingHysteresis,
     Simulation,
+    StribeckFriction,
     TimeDelay,
     Tolerances,
     ViscousFriction,
@@ -110,15 +117,15 @@ def test_laws_that_come_to_the_same_are_not_told_apart(given, seen):
 
 
 def test_odds_are_those_of_the_evidence():
-    laws = (LawEvidence("Dahl", 50.0), LawEvidence("LuGre", 50.0 - np.log(120.0)))
-    assert sentence_of(laws) == " Its law is Dahl, 120 times likelier than LuGre."
-    assert sentence_of((laws[0], LawEvidence("LuGre", -50.0))).endswith(
+    two = (LawEvidence("Dahl", 50.0), LawEvidence("LuGre", 50.0 - np.log(120.0)))
+    assert sentence_of(two) == " Its law is Dahl, 120 times likelier than LuGre."
+    assert sentence_of((two[0], LawEvidence("LuGre", -50.0))).endswith(
         "Dahl, beyond doubt likelier than LuGre."
     )
-    assert sentence_of((laws[0], LawEvidence("LuGre", 49.0))).endswith(
+    assert sentence_of((two[0], LawEvidence("LuGre", 49.0))).endswith(
         "(Dahl, LuGre) these recordings cannot tell."
     )
-    assert sentence_of(laws[:1]) == sentence_of(()) == ""
+    assert sentence_of(two[:1]) == sentence_of(()) == ""
 
 
 def test_a_cubic_elasticity_competes_with_a_linear_one(given, training_recording):
@@ -127,3 +134,33 @@ def test_a_cubic_elasticity_competes_with_a_linear_one(given, training_recording
     (cubic,) = rivals(linear)
     (effect,) = cubic.realise(np.array([100.0, -3.0]))
     assert (effect.stiffness, effect.cubic) == pytest.approx((1000.0, -3e-9))
+
+
+def test_settings_go_to_where_they_are_likeliest(given, seen):
+    dip = StribeckFriction(joint=2, tau_s=0.5, v_s=0.02, delta=2.0)
+    true = replace(given, effects=(*given.effects, dip))
+    problem = RegressionProblem.of(Observations.of(given, [seen(true)], 10.0), quiet)
+    noise = Noise.independent(np.full(2, 0.01), problem.split.fitted)
+    places = [candidate.place for candidate in problem.candidates]
+    member = places.index((dip.name, (1,)))
+    # a third of the width, and of another shape
+    assert problem.candidates[member].hypothesis.settings == (0.006, 1.0)
+    told: list[float] = []
+    problem, solution = refined(
+        problem, fitted(problem, (member,), noise), lambda _, done: told.append(done)
+    )
+    assert 0.0 < max(told) < 1.0
+    (member,) = solution.members
+    found = problem.candidates[member].hypothesis
+    assert (found.effect, found.settings) == (dip.name, pytest.approx((0.02, 2.0), rel=0.05))
+
+
+def test_what_brings_most_of_what_a_member_does_is_confused_with_it(monkeypatch):
+    """The best of each effect, beside the rest of the set; not what is in the set already."""
+    effects = ["own", "rest", "play", "play", "slip", "other"]
+    candidates = [SimpleNamespace(slot=k, effect=effect) for k, effect in enumerate(effects)]
+    evidence = {(1,): 5.0, (1, 0): 105.0, (1, 2): 95.0, (1, 3): 97.0, (1, 4): 10.0, (1, 5): 99.0}
+    search = SimpleNamespace(gain=evidence.__getitem__)
+    monkeypatch.setattr(laws, "compete", lambda other, _: other.effect != "other")
+    solution = SimpleNamespace(search=search, members=(0, 1))
+    assert confused(SimpleNamespace(candidates=candidates), solution, 0) == [3]

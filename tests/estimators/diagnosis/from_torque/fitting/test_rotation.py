@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from noisy_recordings import observed
@@ -50,6 +52,14 @@ def test_sums_are_kept_for_sets_of_the_same_members(sprung):
     rotation, _ = rotation_and_residual(problem, solution)
     assert problem.rotation(solution.noise, ()) is rotation
     assert problem.rotation(solution.noise.larger(np.full(7, 2.0)), ()) is not rotation
+
+
+def test_of_another_residual_sums_are_others(sprung):
+    problem, solution = sprung
+    rotation, _ = rotation_and_residual(problem, solution)
+    other = replace(problem, target=0.5 * problem.target)
+    assert other.rotation(solution.noise, solution.members) is not rotation
+    assert problem.with_candidates(problem.candidates).rotation(solution.noise, ()) is rotation
 
 
 def test_the_simulation_of_a_fit_is_kept_until_another_is_asked_for(sprung):

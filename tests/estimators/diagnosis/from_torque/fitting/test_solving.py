@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from noisy_recordings import observed
 
+from estimators.diagnosis.from_torque.fitting import settling, simplicity, solving
 from estimators.diagnosis.from_torque.fitting.contribution import material
-from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted, simulated
 from estimators.diagnosis.from_torque.fitting.settling import (
+    _in_errors,
     _of_one_width,
     _runaway,
     pruned,
@@ -21,6 +24,7 @@ from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplifi
 from estimators.diagnosis.from_torque.fitting.solving import _of_links_that_can_be
 from estimators.diagnosis.from_torque.judgement.judgement import acts_most
 from estimators.diagnosis.from_torque.residuals.noise import Noise
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
@@ -87,7 +91,55 @@ def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(c
     mean[coefficient] = gear.stiffness / 10.0  # 10 N m/rad, under a load of ten newton metres
     runaway = replace(solution, fitted=replace(solution.fitted, mean=mean))
     assert _runaway(problem, runaway) == soft
+    assert _of_links_that_can_be(problem, runaway, quiet, None)[1] is runaway  # it has no link
     assert pruned(problem, runaway).members == (payload,)
+
+
+def test_deviations_of_joints_add_up_in_squares():
+    one, left = SimpleNamespace(fitted=None), np.array([[1.0, 0.5]])
+    problem = SimpleNamespace(split=SimpleNamespace(fitted=left > 0), left=lambda _: left)
+    assert _in_errors(problem, one, np.array([[3.0, 2.0]])) == pytest.approx(3.0**2 + 4.0**2)
+
+
+def test_what_sensors_add_is_left_by_the_simulation_of_a_fit(problem_of):
+    problem, noise = problem_of(TorqueOffset(joint=1, offset=0.05))
+    solution, rows = fitted(problem, (), noise), problem.split.fitted
+    added = rmse(problem.sensed(solution.fitted), rows)
+    its = simulated(problem, solution) - problem.left_without_sensors(solution.fitted)
+    assert (rmse(its, rows) < 0.01 * added).all()
+
+
+@pytest.mark.parametrize(
+    ("members", "gone", "left"),
+    [((2, 3), 2, (3, 0, 1)), ((2, 3), 3, (2,)), ((0, 1, 3), 0, (1, 3)), ((0, 2), 2, (0, 1))],
+)
+def test_a_joint_that_loses_a_law_of_friction_has_plain_friction_again(members, gone, left):
+    """But none that was taken out as such, and none for what is no friction."""
+    effects = ("coulomb_friction", "viscous_friction", "presliding_hysteresis", "spring_load")
+    candidates = [
+        SimpleNamespace(effect=effect, joints=(0,), place=(effect, (0,)), slot=effect)
+        for effect in effects
+    ]
+    problem = SimpleNamespace(candidates=candidates, base=(0, 1))
+    assert RegressionProblem.less(problem, members, (gone,)) == left
+
+
+def test_lines_are_looked_for_beside_those_that_a_set_has(monkeypatch):
+    found = (
+        None,
+        SimpleNamespace(effect="torque_ripple", joints=(1,), settings=(7.0,)),
+        SimpleNamespace(effect="backlash", joints=(0,), settings=(0.1,)),
+    )
+    problem = SimpleNamespace(
+        candidates=[SimpleNamespace(hypothesis=item) for item in found],
+        observed=None, left=lambda fit: fit, with_candidates=list,
+    )  # fmt: skip
+    known = []
+    monkeypatch.setattr(
+        solving, "ripples", lambda _, left, lines: known.append((left, lines)) or ()
+    )
+    solving._scanned(problem, SimpleNamespace(members=(0, 1, 2), fitted="left"))
+    assert known == [("left", {1: (7.0,)})]
 
 
 @pytest.mark.slow("fits the bodies of an arm of seven joints")
@@ -159,6 +211,53 @@ def test_stated_friction_that_is_but_sharper_goes_where_friction_along_the_range
     assert [less.candidates[i].effect for i in one.members] == ["position_dependent_friction"]
     alone = fitted(problem, (sharper,), noise)
     assert _of_one_width(problem, alone, quiet) == (problem, alone)
+
+
+EVERY = np.ones((4, 2), dtype=bool)  # row of two joints
+
+
+def errors(at_second):
+    """Errors of 1 N m at the first joint, and of some at the second."""
+    return np.where(EVERY, [1.0, at_second], 0.0)
+
+
+@pytest.mark.parametrize(("lacking", "stay"), [(1.11, (1,)), (1.13, (0, 1))])
+def test_friction_that_is_but_sharper_stays_where_a_joint_errs_clearly_more_without(
+    monkeypatch, lacking, stay
+):
+    left = {(1,): errors(lacking), (1, 0): errors(1.0)}
+    kinds, friction = ("wrong_parameter", "missing"), "position_dependent_friction"
+    candidates = [
+        SimpleNamespace(other_width=k == 0, kind=kind, effect=friction, joints=(1,))
+        for k, kind in enumerate(kinds)
+    ]
+    problem = SimpleNamespace(
+        candidates=candidates, split=SimpleNamespace(fitted=EVERY), left=lambda fit: fit
+    )
+    monkeypatch.setattr(settling, "refined", lambda problem, solution, _: (problem, solution))
+    monkeypatch.setattr(
+        settling,
+        "fitted",
+        lambda _, members, noise: SimpleNamespace(
+            members=members, noise=noise, fitted=left[members]
+        ),
+    )
+    both = SimpleNamespace(members=(0, 1), noise=None)
+    assert _of_one_width(problem, both, quiet)[1].members == stay
+
+
+@pytest.mark.parametrize("held_out", [True, False])
+@pytest.mark.parametrize(("more", "well"), [(1.11, True), (1.13, False)])
+def test_fewer_do_as_well_where_no_joint_errs_clearly_more(monkeypatch, more, well, held_out):
+    """Neither on motion held out nor on all of it."""
+    one, other = errors(1.0), errors(more)
+    turns = (one, other if held_out else one)
+    monkeypatch.setattr(simplicity, "in_turn", lambda *_: (turns, EVERY))
+    problem = SimpleNamespace(observed=SimpleNamespace(moving=EVERY), left=lambda fit: fit)
+    some, fewer = (
+        SimpleNamespace(members=(), fitted=fit) for fit in (one, one if held_out else other)
+    )
+    assert simplicity._does_as_well(problem, some, fewer) is well
 
 
 def test_friction_of_one_joint_stays_where_that_of_two_coupled_predicts_alike(problem_of):

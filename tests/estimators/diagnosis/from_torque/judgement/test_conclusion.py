@@ -24,6 +24,7 @@ from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import OBSERVABLE
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import CoulombFriction, SpringLoad
 from limo_driver.recordings.recording import Recording
@@ -81,7 +82,7 @@ def test_more_evidence_that_motion_held_out_denies_is_said_to(problem, noise):
 
 
 @pytest.mark.parametrize(
-    ("size", "note"), [(0.8, "takes too little off motion held out"), (1.5, "")]
+    ("size", "note"), [(0.8, "takes too little off motion held out"), (1.2, "")]
 )
 def test_more_evidence_that_takes_off_too_little_is_said_to(problem, noise, size, note):
     """Where what it would take off is so many times what a finding has to, in noise floors."""
@@ -97,6 +98,7 @@ def test_known_values_move_in_their_own_units(problem, noise):
     assert (dry.nominal, dry.unit) == (1.0, "N m")
     assert dry.fitted == pytest.approx(1.1, abs=0.02)
     assert dry.sigmas == pytest.approx((dry.fitted - 1.0) / 0.15)
+    assert 0.0 < dry.left < 0.1  # of a tolerance, so many rows leave little open
 
 
 def test_rows_are_counted_from_all_of_them_to_those_that_are_judged(problem):
@@ -151,6 +153,15 @@ def test_what_was_found_is_not_said_to_be_unobservable(problem, noise):
     found = fitted(problem, (spring_of(problem),), noise)
     beside = {x.effect for x in not_observable(problem, found, remaining)}
     assert beside == nothing - {"spring_load"}
+
+
+def test_what_no_tolerance_is_like_shows_as_soon_as_noise_allows(problem, noise):
+    remaining = RemainingResidual(1e-4 * FLOOR, 0 * FLOOR, 0 * problem.target)
+    said = not_observable(problem, fitted(problem, (), noise), remaining)
+    (drift,) = (item.reason for item in said if item.effect == "torque_drift")
+    each = FLOOR / np.sqrt(problem.split.fitted.sum(axis=0))  # [N m], of what all rows have
+    least = float(drift.removeprefix("less than ").split()[0])
+    assert least == pytest.approx(np.sqrt(2 * OBSERVABLE.price) * each.max(), rel=0.2)
 
 
 def test_a_joint_that_moves_in_no_stretch_held_out_is_told():

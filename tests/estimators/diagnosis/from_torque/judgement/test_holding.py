@@ -17,11 +17,11 @@ from limo_driver.recordings.recording import Recording
 
 @pytest.fixture(scope="module")
 def holds():
-    """Joint 1 creeps, the others move."""
+    """Joint 1 creeps, joint 7 rests, the others move."""
     time = np.arange(0.0, 20.0, 0.01)
     motion = wander(time, np.zeros(7), 1, (0.1, 0.3), (0.3, 0.4))
     position = motion.position.copy()
-    position[:, 0] = 0.01 * np.sin(0.5 * time)
+    position[:, 0], position[:, 6] = 0.01 * np.sin(0.5 * time), 0.3
     friction = tuple(ViscousFriction(joint=j, f_v=2.0) for j in (1, 2))
     simulation = Simulation("iiwa14", friction)
     noise = 0.1 * np.random.default_rng(2).standard_normal(position.shape)
@@ -38,6 +38,7 @@ def test_ranges_are_those_of_the_motion(holds):
     assert holds.position[0] == pytest.approx((-0.01, 0.01), abs=1e-3)
     assert holds.speed[0][1] == pytest.approx(0.005, rel=0.1)
     assert holds.speed[1][1] > 0.1
+    assert holds.position[6] == holds.speed[6] == (0.0, 0.0)
 
 
 def test_a_slope_that_creep_does_not_show_stays_as_stated(holds):

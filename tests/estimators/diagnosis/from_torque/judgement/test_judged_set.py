@@ -14,7 +14,7 @@ from estimators.diagnosis.from_torque.judgement.judgement import worse_at
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.stages import quiet
-from limo_driver.physics import CoulombFriction, Simulation, SpringLoad, ViscousFriction
+from limo_driver.physics import CoulombFriction, Simulation, SpringLoad, Tolerances, ViscousFriction
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,9 @@ def test_values_moved_where_they_are_surely_worse_stay_as_stated(right, changed)
     body = observed.simulation.model.inertials[link]
     lighter = replace(body, mass=changed * body.mass)
     moved = observed.beside(replace(observed.simulation, inertials={link: lighter}))
-    found, as_given = JudgedSet.beside_one(right, nothing, moved).harmless()
+    worse = JudgedSet.beside_one(right, nothing, moved)
+    assert worse._harmed == (0,)  # joint 2 does not feel that link
+    found, as_given = worse.harmless()
     assert as_given
     np.testing.assert_array_equal(found.proven, observed.residual)
 
@@ -112,6 +114,21 @@ def test_values_of_one_joint_stay_where_bodies_harm_another(rubbing):
     assert left[1] < 0.5 * given[1]
 
 
+def test_the_lesser_harm_stays_where_nothing_less_can_be(rubbing):
+    """Without tolerances there is but what was found, which makes the arm better, or nothing."""
+    problem, true = rubbing
+    exact = replace(problem.observed.simulation, tolerances=Tolerances(inertia=0.0, friction=0.0))
+    exact = RegressionProblem.of(problem.observed.beside(exact), quiet)
+    harmful = beside((exact, true), 0.9, 3.0)
+    rows, given = exact.split.held_out, exact.observed.residual
+    found, as_given = harmful.harmless()
+    assert not as_given
+    assert rmse(found.proven, rows)[0] > 1.2 * rmse(given, rows)[0]
+    assert rmse(found.proven, rows)[1] < 0.5 * rmse(given, rows)[1]
+    less, _ = beside(rubbing, 0.9, 3.0).harmless()
+    assert rmse(less.proven, rows)[0] < 1.1 * rmse(given, rows)[0]
+
+
 def test_only_what_acts_on_a_harmed_joint_alone_is_as_stated(rubbing):
     harmful = beside(rubbing, 1.0, 3.0, first=6.0)
     found, as_given = harmful.harmless()
@@ -127,6 +144,7 @@ def test_a_set_that_serves_takes_the_place_of_one_that_harms(rubbing):
     harmful, serving = beside(rubbing, 0.8, 3.0), beside(rubbing, 1.0, 1.8)
     assert not harmful.serves
     assert serving.serves
+    assert not beside(rubbing, 1.0, 1.0).serves  # it is as given, no better and no worse
     assert worse_at(serving.problem, serving.proven, harmful.proven, harmful.remaining) == (1,)
     assert harmful.or_better(serving) is serving
     assert serving.or_better(harmful) is serving

@@ -11,10 +11,12 @@ from noisy_recordings import NOISE, observed
 
 from estimators.diagnosis.from_torque.fitting.contribution import contribution, contribution_of_all
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.from_torque.judgement.findings import findings_of
 from estimators.diagnosis.from_torque.judgement.judgement import (
     RemainingResidual,
     abstained,
     acts_most,
+    equivalents,
     harmed,
     identical,
     margin,
@@ -130,6 +132,29 @@ def test_a_name_is_kept_back_where_much_is_left_that_it_does_not_explain(
     assert joints == ((1,) if unknown else ())
 
 
+def test_a_finding_is_told_by_what_it_removes_and_by_how_far_it_leads(sprung):
+    problem, solution, _ = sprung
+    (member,), after = solution.members, np.array([0.1, 0.2])
+    remaining = RemainingResidual(FLOOR, 0 * FLOOR, 0 * problem.target)
+    (found,) = findings_of(problem, solution, (member,), remaining, 10 * FLOOR, after)
+    removed = contribution(problem, solution, member)
+    assert found.heldout_rmse.before == pytest.approx(np.sqrt(after**2 + removed))
+    assert found.heldout_rmse.after == tuple(after)
+    same = equivalents(problem, solution, member)
+    assert found.signs["lead"] == margin(problem, solution, member, same)
+
+
+def test_the_best_of_each_place_that_brings_as_much_would_do_as_well():
+    """But for its own place, and those that are taken."""
+    places = ["own", "drag", "drag", "spring", "little", "taken", "own", "taken"]
+    evidence = [10.0, 7.0, 9.0, 9.5, 5.0, 12.0, 9.9, 11.0]  # [nat], beside what is taken
+    candidates = [SimpleNamespace(place=place, own=k) for k, place in enumerate(places)]
+    search = SimpleNamespace(gain=lambda members: evidence[members[-1]])
+    solution = SimpleNamespace(search=search, members=(5, 0))
+    found = equivalents(SimpleNamespace(candidates=candidates), solution, 0)
+    assert [item.own for item in found] == [3, 2]
+
+
 @pytest.mark.parametrize(
     ("nothing", "rival", "lead"), [(-4.0, 7.0, 3.0), (8.0, 7.0, 2.0), (-4.0, -5.0, 14.0)]
 )
@@ -201,6 +226,7 @@ def test_a_black_box_that_fails_predicts_nothing_and_says_so(
     left = 0.1 * np.random.default_rng(0).standard_normal(observed.moving.shape)
     found = remaining_residual(observed, left)
     assert not found.clearly_predictable.any()
+    assert not RemainingResidual(0 * FLOOR, 0 * FLOOR, 0 * left).clearly_predictable.any()
     (failure,) = found.failures
     assert "LinAlgError: Singular matrix" in str(failure)
 

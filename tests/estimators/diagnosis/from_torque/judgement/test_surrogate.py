@@ -66,3 +66,13 @@ def test_rows_at_rest_are_not_looked_at(observed):
     np.testing.assert_array_equal(
         predictable_part(observed, residual, 0), predictable_part(observed, spoilt, 0)
     )
+
+
+def test_a_drift_is_predicted_in_its_own_recording_alone(rigid, training_recording, test_recording):
+    both = Observations.of(rigid, [training_recording, test_recording], 10.0)
+    own = both.recording == 1
+    drift = np.where(own, np.sin(0.1 * both.slow.time), 0.0)
+    rows = both.moving[:, 0]
+    guess = predictable_part(both, drift + 0.03 * coloured(both, 0), 0)
+    assert explained(drift, guess, rows & own) > 0.9
+    assert np.sqrt(np.mean(guess[rows & ~own] ** 2)) < 0.1

@@ -52,15 +52,20 @@ def test_every_recording_has_rows_of_both_kinds_and_a_guard_between(split, obser
         assert np.abs(held[:, None] - fitted[None]).min() >= 0.9
 
 
+@pytest.mark.parametrize(("bandwidth", "before"), [(1e9, 0), (HELD_OUT.reach, 1)])
 @pytest.mark.parametrize("block", [0, 3, HELD_OUT.blocks - 1])
-def test_blocks_are_of_one_length_from_the_first_row_to_the_last(block):
+def test_blocks_are_of_one_length_from_the_first_row_to_the_last(block, bandwidth, before):
+    """The rows near to them are within 3 % of the time, and as far as the filter reaches."""
     time = 5.0 + np.arange(4 * HELD_OUT.blocks + 1.0)
     rows = SimpleNamespace(
         kept=np.arange(time.size), recordings=[None], recording=np.zeros(time.size),
-        slow=SimpleNamespace(time=time), bandwidth=1e9, moving=np.ones((time.size, 2), dtype=bool),
+        slow=SimpleNamespace(time=time), bandwidth=bandwidth,
+        moving=np.ones((time.size, 2), dtype=bool),
     )  # fmt: skip
     split = Split.of(rows, [block])
     np.testing.assert_array_equal(time[split.apart], 5.0 + 4.0 * block + np.arange(4))
+    near = np.clip([4 * block - before, 4 * block + 5], 0, time.size)
+    np.testing.assert_array_equal(np.flatnonzero(~split.fitted[:, 0]), np.arange(*near))
     assert (split.held_out == split.apart[:, None]).all()
 
 
@@ -130,8 +135,8 @@ def test_one_block_leaves_nothing_to_resample(observed):
 def test_a_joint_without_held_out_rows_does_not_spoil_the_interval(observed):
     rows = np.ones(observed.residual.shape, dtype=bool)
     rows[:, 1] = False
-    residual = observed.residual
-    low, high = bootstrap(residual, 0.1 * residual, 0.01 * np.ones(2), observed, rows)
+    residual = 100.0 * observed.residual
+    low, high = bootstrap(residual, 0.1 * residual, np.ones(2), observed, rows)
     assert np.isfinite([low, high]).all()
     assert 0.9 < low <= high <= 1.0
 

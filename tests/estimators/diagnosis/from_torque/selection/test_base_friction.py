@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from estimators.diagnosis.from_torque.selection.candidates import BASE, candidat
 from estimators.diagnosis.from_torque.selection.columns import ColumnTable
 from estimators.diagnosis.from_torque.selection.search import (
     base_of,
+    level_of,
     rubs,
     with_friction,
     without_friction,
@@ -104,6 +106,12 @@ def test_the_search_starts_with_the_friction_of_bare_joints(bare, true, training
 def test_a_simulation_with_friction_at_all_joints_is_left_as_it_is(rigid, training_recording):
     observed = Observations.of(rigid, [training_recording], 10.0)
     assert with_friction(observed) is observed
+
+
+def test_what_may_be_missing_is_as_large_as_the_residual_and_three_times_the_noise_at_least():
+    moving = np.array([[True, True], [True, True], [False, False]])
+    seen = SimpleNamespace(residual=np.array([[3.0, 0.1], [-4.0, 0.1], [9.0, 9.0]]), moving=moving)
+    assert level_of(seen, np.array([1.0, 0.2])) == pytest.approx([np.sqrt(12.5), 0.6])
 
 
 def gains(observed):

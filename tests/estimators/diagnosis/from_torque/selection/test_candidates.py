@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from estimators.diagnosis.from_torque.hypotheses.responses import Response
 from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.from_torque.selection import candidates
 from estimators.diagnosis.from_torque.selection.candidates import candidates_of
 from estimators.diagnosis.from_torque.selection.columns import ColumnTable
 from estimators.diagnosis.settings.selection import CANDIDATES
@@ -60,6 +63,20 @@ def test_what_is_missing_makes_a_plausible_torque_at_the_joint_where_it_is_stron
             strength = np.maximum(strength, CANDIDATES.seldom * strength.max())
         some = strength > 1e-9
         assert item.prior.deviation[some] == pytest.approx(1.0 / strength[some])
+
+
+def test_of_a_list_what_hardly_shows_is_as_what_seldom_does_and_what_never_does_is_nothing():
+    found = [Response((0,), np.full((1, 4), size)) for size in (1.0, 0.01, 0.0)]
+    places = SimpleNamespace(effect="slip", joints=(0,), positive=True, is_list=True, most=3.0)
+    item = candidates._entered(places, found, ColumnTable(4, 1), np.array([2.0]))
+    assert item.prior.deviation == pytest.approx([2.0, 2.0 / CANDIDATES.seldom, 0.0])
+
+
+def test_a_stated_value_may_change_by_what_is_plausible_at_the_joint_where_it_is_strongest():
+    found = Response((0, 1), np.array([[0.1] * 4, [0.4] * 4]))
+    coupling = SimpleNamespace(name="coupling", joints=(1, 2))
+    item = candidates._revised(coupling, [found], None, ColumnTable(4, 2), np.ones(2))
+    assert item.prior.deviation == pytest.approx([2.5])
 
 
 def test_a_load_is_as_heavy_as_arms_carry_at_the_end_of_the_last_link():

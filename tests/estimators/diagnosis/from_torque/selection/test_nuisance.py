@@ -145,6 +145,7 @@ def test_gains_have_a_tolerance_only_where_one_is_stated(observed):
     tolerant = replace(observed.simulation, tolerances=Tolerances(gain=0.1))
     found, columns, at = gains_of(observed.beside(tolerant))
     assert found.prior.deviation[at] == pytest.approx([0.1, 0.1])
+    assert [found.parameters[k].value(0.02) for k in at] == pytest.approx([0.02, 0.02])
     one = columns.apply(found.prior.index[at[:1]], np.ones(1))
     np.testing.assert_allclose(one[:, 0], observed.simulated[:, 0], atol=1e-9)
     assert not one[:, 1].any()

@@ -156,6 +156,14 @@ def test_gain_is_log_evidence_less_the_rarity_of_each_place_and_variant(columns)
     assert search.gain((2, 0)) == pytest.approx(evidence - price)
 
 
+@pytest.mark.parametrize("rare", [3, 6])
+def test_of_two_that_bring_as_much_the_one_of_fewer_variants_is_added(columns, rare):
+    some = [candidate(at, variants=10**18 if at == rare else 1) for at in (3, 6)]
+    search = search_of(columns, columns[:, 3] + columns[:, 6] + noise(7), some)
+    (first,) = search.ranked((), 1)
+    assert names(search, first) == {3, 6} - {rare}
+
+
 def test_ranked_additions_are_best_first(columns):
     y = columns[:, 3] + 0.5 * columns[:, 6] + noise(7)
     search = search_of(columns, y)
