@@ -4,6 +4,7 @@ import pytest
 from lanes import sampled
 
 import limo_driver as limo
+from limo_driver.exports.changes.origin import alike
 from limo_driver.exports.changes.target import dropped_lines
 from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.physics import (
@@ -32,6 +33,17 @@ def arm(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(ARM, encoding="utf-8")
     return path
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "same"),
+    [
+        (0.0, 9e-13, True), (0.0, 1.1e-12, False), (2.0, 2.0 + 1.9e-8, True),
+        (2.0, 2.0 + 2.1e-8, False), ((1.0, 0.0), (1.0, 1e-3), False), ((1.0,), (1.0, 1.0), False),
+    ],
+)  # fmt: skip
+def test_numbers_of_files_are_the_same_but_for_their_rounding(first, second, same):
+    assert alike(first, second) is same
 
 
 def test_a_simulation_that_says_nothing_changes_nothing(arm, tmp_path):
