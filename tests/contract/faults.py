@@ -213,7 +213,7 @@ class FriFaults:
     def fri_mode_flips(self, random):
         cycles = int(random.choice([1, 1, 5]))
         modes = [mode for mode in m.CommandMode if mode is not self.arm.mode]
-        mode, state = random.choice(modes), random.choice(list(m.SessionState)[:3])
+        mode, state = random.choice(modes), random.choice(list(m.SessionState)[:4])
         off = (m.DriveState.ACTIVE,) * 6 + (m.DriveState.OFF,)
         change = [
             lambda made: made._replace(ipo=made.ipo._replace(command_mode=mode)),
