@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import zenoh
 import zenoh.ext
@@ -155,7 +155,8 @@ class RosPublisher(Closing):
             congestion_control=zenoh.CongestionControl.DROP,
         )
         self._publisher = stream
-        self.wanted = bool(stream.matching_status.matching)
+        status: Any = stream.matching_status  # a `bool` in the stubs, but no such thing
+        self.wanted = bool(status.matching)
         stream.declare_matching_listener(self._match)  # ends with the publisher
 
     def publish(self, payload: bytes, sequence: int, stamp_ns: int) -> None:

@@ -168,7 +168,8 @@ class Simulation(Displayed):
         """
         if split_reference(str(path))[0].lower().endswith(_DESCRIPTIONS):
             model = RobotModel.load(path)
-            return cls(str(path), described_effects(model), drives=described_drives(model))
+            drives = described_drives(model)
+            return cls(str(path), described_effects(model), drives=drives, described=model)
         read = load(Path(path))
         return Simulation(
             read.robot, read.effects, read.inertials, read.tolerances, read.sensors, read.drives

@@ -72,9 +72,6 @@ class MotionSettings:
         "compared at a lower bandwidth",
         "more keeps noise of the joints that carry most; fewer takes one late torque for noise",
         chosen="it is those of the Franka's upper arm, four of seven")
-    rows: int = setting(120, "rows", "that have to be left at a lower bandwidth",
-        "more leave short recordings noisy; fewer judge by little",
-        chosen="twice the least of any diagnosis")
     lowest: float = setting(1.0, "Hz", "bandwidth below which none is lowered for noise",
         "higher keeps noise; lower leaves nothing but gravity and friction to compare")
     travel: float = setting(0.05, "rad", "of a joint that counts, or m of one that slides",

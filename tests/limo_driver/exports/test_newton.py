@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lanes import sampled
 
 from limo_driver.exports.changes.target import target_of
 from limo_driver.exports.usd import write_layer
@@ -90,7 +91,7 @@ def test_joints_have_the_words_of_newton_beside_those_of_physx(arm):
     assert found.actuators.unwritten == found.actuators.dropped == ()
 
 
-@pytest.mark.parametrize("drives", SETS, ids=["limits", "laws", "others"])
+@sampled("drives", SETS, "reads USD in processes of its own", ids=["limits", "laws", "others"])
 def test_all_that_is_written_is_in_newtons_schemas(arm, drives):
     from pxr import Sdf
 

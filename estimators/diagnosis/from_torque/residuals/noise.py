@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.settings.residuals import MOTION, NOISE, ROWS
+from limo_driver.physics import Armature, BodyEffect
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
@@ -223,7 +224,7 @@ def clear_bandwidth(
         recording.check_robot(simulation.model)
     seconds = sum(len(recording) / recording.rate for recording in recordings)
     while (
-        ROWS.per_bandwidth * bandwidth / 2.0 * seconds >= MOTION.rows
+        ROWS.per_bandwidth * bandwidth / 2.0 * seconds >= ROWS.least
         and bandwidth / 2.0 >= MOTION.lowest
         and _noisy(simulation, recordings, bandwidth)
     ):
@@ -242,9 +243,12 @@ def lowered_for(bandwidth: float, usual: float) -> str:
 def _noisy(simulation: Simulation, recordings: Sequence[Recording], bandwidth: float) -> bool:
     """Say whether the upper half of a bandwidth [Hz] is noise at a third of the joints or more.
 
-    Those of the wrist carry too little to show it.
+    Those of the wrist carry too little to show it. What needs torque to accelerate are the links,
+    what they carry, and the rotors, which are often the most of it; friction is as noisy as the
+    sign of a velocity, and says nothing of accelerations.
     """
-    bodies = replace(simulation, effects=())
+    accelerated = (each for each in simulation.effects if isinstance(each, BodyEffect | Armature))
+    bodies = replace(simulation, effects=tuple(accelerated))
     needed, measured, error = (np.zeros(bodies.model.n) for _ in range(3))
     counts = np.zeros(bodies.model.n, dtype=bool)
     for recording in recordings:

@@ -1,11 +1,13 @@
 """Noise of positions, twice differentiated, is not compared with torques."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.diagnosis.from_torque.residuals.noise import clear_bandwidth
 from limo_driver.app.library.diagnosing import diagnose
-from limo_driver.physics import Simulation
+from limo_driver.physics import Armature, Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.types.motion import Motion
 
@@ -51,7 +53,17 @@ def test_frequencies_at_which_accelerations_are_noise_are_left_out(arm):
 
 
 def test_few_rows_stay(arm):
-    assert clear_bandwidth(arm, [recorded(arm, 1e-3, seconds=9.0)], USUAL) == USUAL
+    for seconds, expected in ((4.7, USUAL), (5.0, USUAL / 2)):
+        assert clear_bandwidth(arm, [recorded(arm, 1e-3, seconds=seconds)], USUAL) == expected
+
+
+def test_what_rotors_need_counts_as_what_links_need(arm):
+    """Those of a wrist with harmonic drives need a hundred times as much as its links."""
+    rotors = Armature(joint=1, inertia=100.0), Armature(joint=2, inertia=9.0)
+    geared = replace(arm, effects=rotors)
+    slight = recorded(geared, 1e-4)
+    assert clear_bandwidth(geared, [slight], USUAL) < USUAL
+    assert clear_bandwidth(arm, [slight], USUAL) == USUAL
 
 
 def test_fast_motion_is_no_noise_even_of_bodies_that_are_half_too_heavy(arm):
