@@ -3,18 +3,29 @@
 `benchmarks/files/bombs.py` prints what each costs a whole command.
 """
 
+import json
 import os
+import sqlite3
+import struct
 import threading
+import time
+import zipfile
+import zlib
+from contextlib import closing
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+import limo_driver as limo
 from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.logs.mcap_file import read_mcap
 from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.declarations import read_json, read_yaml
-from limo_driver.runtime.given_files import check_file
+from limo_driver.runtime.given_files import ReadingBudget, check_file
 from limo_driver.trajectory import Trajectory
 
 PATIENCE = 60.0  # [s]; matters only where something waits for ever
@@ -89,6 +100,91 @@ def test_simulations_of_too_many_effects_are_refused(tmp_path):
     effect = "  - {effect: viscous_friction, joint: 1, coefficient: 1.0}\n"
     path.write_text("robot: iiwa14\neffects:\n" + effect * 60_000)
     assert "expected at most 262144" in refused(read_yaml, path)
+
+
+def wide(path):
+    """Write an array of 10^12 rows of no width in a few hundred bytes."""
+    with zipfile.ZipFile(path, "w") as file, file.open("q.npy", "w") as array:
+        shape = {"descr": "<f8", "fortran_order": False, "shape": (10**12, 0)}
+        np.lib.format.write_array_header_1_0(array, shape)
+
+
+def computed(path):
+    """Write a bag whose messages SQLite computes for ever."""
+    with closing(sqlite3.connect(path)) as bag:
+        bag.execute("CREATE TABLE topics(id, name, type, serialization_format)")
+        bag.execute(
+            "CREATE VIEW messages AS WITH RECURSIVE m(id) AS (SELECT 1 UNION ALL SELECT id + 1 "
+            "FROM m) SELECT id, 1 topic_id, id timestamp, x'00' data FROM m"
+        )
+
+
+def packed(path):
+    """Write a matrix of 320 MB that is packed a thousand times."""
+    count, packing = 40_000_000, zlib.compressobj(1)
+    head = [14, 8 * count + 48, 6, 8, 6, 0, 5, 8, count, 1, 1 << 16 | 1, ord("q"), 9, 8 * count]
+    data = packing.compress(struct.pack("<14I", *head)) + b"".join(
+        packing.compress(bytes(count)) for _ in range(8)
+    )
+    data += packing.flush()
+    start = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H2sII", 0x100, b"IM", 15, len(data))
+    path.write_bytes(start + data)
+
+
+def textual(path):
+    """Write episodes whose times are texts."""
+    (path / "meta").mkdir(parents=True)
+    (path / "data").mkdir()
+    features = {"observation.state": {"names": {"motors": ["a"]}}}
+    info = {"codebase_version": "v2.1", "fps": 100, "total_episodes": 1, "features": features}
+    (path / "meta" / "info.json").write_text(json.dumps(info))
+    table = {"observation.state": [[0.0]], "timestamp": ["soon"], "episode_index": [0]}
+    pq.write_table(pa.table(table), path / "data" / "file-000.parquet")
+
+
+def nested(path):
+    """Write a description of a data set that is nested deeply."""
+    (path / "meta").mkdir(parents=True)
+    (path / "meta" / "info.json").write_text("[" * 100_000)
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "said"),
+    [
+        ("log.npz", wide, "holds no rows of numbers"),
+        ("log.db3", computed, "a table is computed"),
+        ("log.mat", packed, "more than 256 MiB of memory to read"),
+        ("digits.json", lambda path: path.write_text(f'[{{"t": {"1" * 5000}}}]'), "thousands of"),
+        ("texts", textual, "row 0 is 'soon', expected a number"),
+        ("deep", nested, "nested far deeper than a log"),
+    ],
+)
+def test_logs_that_would_take_minutes_or_all_memory_are_refused(tmp_path, name, write, said):
+    path = tmp_path / name
+    write(path)
+    began = time.thread_time()
+    with pytest.raises(RecordingError, match=said) as refused:
+        limo.read(path, "iiwa14")
+    assert "\n" not in str(refused.value)
+    assert name in str(refused.value)
+    assert time.thread_time() - began < ReadingBudget.seconds
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        pytest.param(
+            '<worldbody><replicate count="1000000000"><geom size="1"/></replicate></worldbody>',
+            "s of CPU time to read",
+            marks=pytest.mark.slow("takes all of its budget"),
+        ),
+        ('<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>', "compile"),
+    ],
+)
+def test_robots_that_unpack_without_end_are_refused(tmp_path, inside, said):
+    path = tmp_path / "arm.xml"
+    path.write_text(f'<mujoco model="small">{inside}</mujoco>')
+    assert said in refused(RobotModel.load, path)
 
 
 def test_folders_and_what_is_not_there_are_left_to_who_opens_them(tmp_path):
