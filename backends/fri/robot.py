@@ -302,9 +302,9 @@ class FriRobot(Robot):
             self._missed += 1
             self._session.figures.stale += 1
             return None
-        asks = None if self._lead.doubts else message
-        self._missed, self._replied, self._asks = 0, False, asks
+        self._missed, self._replied, self._asks = 0, False, message
         if self._session.state is not _ACTIVE:
+            self._asks = None if self._lead.doubts else message
             self._reply(None)
         elif self._session.waits:
             self._replies.settle(self._hold_for)

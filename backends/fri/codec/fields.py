@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,7 +13,7 @@ from backends.fri.codec import messages as m
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 _MASK32, _MASK64 = (1 << 32) - 1, (1 << 64) - 1
 _NEGATIVE: Final = {1, (1 << 33) - 1}  # upper bits of a number that was written with 32 bits, or 64
@@ -58,6 +59,10 @@ class Part:
     def write(self, part: Any, value: Any) -> None:
         """Put a value into a message of protobuf."""
         setattr(part, self.name, self.given(value))
+
+    def writer(self, part: Any) -> Callable[[Any], None]:
+        """Return what puts values into a message of protobuf, one after the other."""
+        return partial(self.write, part)
 
     def taken(self, raw: Any) -> Any:
         """Return the value of what protobuf parsed."""
@@ -149,9 +154,17 @@ class Doubles(Part):
         return tuple(values)
 
     def write(self, part: Any, value: Sequence[float]) -> None:
-        if len(value) != self.wire.most:
-            raise self.misfit(f" has {len(value)} values, expected {self.wire.most}")
-        self._values(part)[:] = value
+        self.writer(part)(value)
+
+    def writer(self, part: Any) -> Callable[[Any], None]:
+        values, count = self._values(part), self.wire.most
+
+        def write(value: Sequence[float]) -> None:
+            if len(value) != count:
+                raise self.misfit(f" has {len(value)} values, expected {count}")
+            values[:] = value
+
+        return write
 
 
 class Nested(Part):

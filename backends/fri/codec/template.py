@@ -12,7 +12,6 @@ A few layouts are in use at a time, since counters and nanoseconds take one to f
 from __future__ import annotations
 
 import struct
-from functools import partial
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
 
@@ -139,7 +138,7 @@ class _Written:
                 self._constants.append(path)
             else:
                 self._numbers.append(path)
-                self._puts.append(partial(field.write, part))
+                self._puts.append(field.writer(part))
 
     def write(self, message: Any) -> Any:
         """Return protobuf's message of another one; None where more than numbers differs."""

@@ -30,15 +30,13 @@ class Generation(Enum):
     TWO_FIVE = "2.5"
     TWO_SEVEN = "2.7"
 
+    def __init__(self, value: str) -> None:
+        self.framed = value == "2.7"  # length and checksum stand around the protobuf
+
     @property
     def generation(self) -> Generation:
         """Itself, so that a version and a generation can be given alike."""
         return self
-
-    @property
-    def framed(self) -> bool:
-        """Whether length and checksum stand around the protobuf."""
-        return self is Generation.TWO_SEVEN
 
     @property
     def versions(self) -> tuple[FriVersion, ...]:
