@@ -201,12 +201,12 @@ class WireFormatError(BackendError, ValueError):
 
     Args:
         message: What was expected.
-        offset: Byte offset at which decoding stopped.
+        offset: Byte offset at which decoding stopped; None where that is not known.
     """
 
-    def __init__(self, message: str, offset: int) -> None:
+    def __init__(self, message: str, offset: int | None = None) -> None:
         self.offset = offset
-        super().__init__(f"{message} at byte {offset}")
+        super().__init__(message if offset is None else f"{message} at byte {offset}")
 
 
 class JointLimitError(BackendError, ValueError):

@@ -4,7 +4,8 @@
 |-------------------|-------------------------------------------------------------------------|
 | IDLE              | none                                                                    |
 | MONITORING_*      | 1.x: the commanded position, mirrored; from 2.5 on: the header only     |
-| COMMANDING_WAIT   | the position of the robot's application, mirrored; no torque, no wrench |
+| COMMANDING_WAIT   | the position of the robot's application, mirrored; no torque, no wrench; |
+|                   | none yet in the first packets after COMMANDING_ACTIVE (`Lead.doubts`)   |
 | COMMANDING_ACTIVE | the set-point, or that position with a torque or wrench                 |
 """
 
@@ -297,7 +298,7 @@ class Lead:
             if not self.commanded:
                 self.mode = command_mode(message)
             self._examine(message)
-        elif state is SessionState.COMMANDING_WAIT:
+        elif state is SessionState.COMMANDING_WAIT and not self.doubts:
             self._left = None  # it begins in order
 
     def _examine(self, message: Monitoring) -> None:
@@ -322,11 +323,22 @@ class Lead:
                 f"in COMMANDING_ACTIVE, the robot counts its packets anew: {now} came after {last}"
             )
 
+    @property
+    def doubts(self) -> bool:
+        """Whether the robot may not really wait, as it says right after COMMANDING_ACTIVE.
+
+        One that does becomes active only by answers. Without any, one that is active again never
+        waited.
+        """
+        left = self._left
+        waits = self._session.state is SessionState.COMMANDING_WAIT
+        return waits and left is not None and self._session.packets - left.packet < FLICKER
+
     def _flickered(self, measured: FloatArray) -> bool:
         """Say whether a robot that left COMMANDING_ACTIVE cannot have done so.
 
-        Nobody can be back at once, without COMMANDING_WAIT, where the arm has not moved: packets
-        that said so were wrong, and the arm has been following commands all the time.
+        Nobody can be back at once, without answers in COMMANDING_WAIT, where the arm has not moved:
+        packets that said so were wrong, and the arm has been following commands all the time.
         """
         left = self._left
         if left is None:

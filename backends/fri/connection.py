@@ -10,9 +10,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
 
-from backends.fri.codec.codec import decode_monitoring
+from backends.fri.codec.codec import decode_monitoring, detect
 from backends.fri.codec.messages import MAX_DATAGRAM
-from backends.fri.codec.version import FriVersion, Generation, detect
+from backends.fri.codec.version import FriVersion, Generation
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, WireFormatError
 
 if TYPE_CHECKING:

@@ -18,10 +18,9 @@ from ipaddress import IPv4Address, IPv4Network
 from pathlib import Path
 from typing import Any, Final
 
-from backends.fri.codec.decoding import decode
-from backends.fri.codec.layouts import LAYOUTS
+from backends.fri.codec.codec import decode_monitoring, detect
 from backends.fri.codec.messages import PORTS, Quality, SessionState
-from backends.fri.codec.version import Generation, detect
+from backends.fri.codec.version import Generation
 from backends.fri.connection import Datagram, Endpoint, SilentRobotError, resolve, unusable
 from backends.fri.robot import FriRobot
 from backends.fri.session import MOST_UNCONFIRMED, advice, drives_off, long_period, safety_stop
@@ -286,7 +285,7 @@ class Heard:
         self.senders[sender] += 1
         try:
             generation = detect(datagram.data) or Generation.ONE
-            message = decode(datagram.data, LAYOUTS[generation].monitoring, generation)
+            message = decode_monitoring(datagram.data, generation)
         except WireFormatError as error:
             self.problem = str(error)
             return

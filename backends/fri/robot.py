@@ -302,7 +302,8 @@ class FriRobot(Robot):
             self._missed += 1
             self._session.figures.stale += 1
             return None
-        self._missed, self._replied, self._asks = 0, False, message
+        asks = None if self._lead.doubts else message
+        self._missed, self._replied, self._asks = 0, False, asks
         if self._session.state is not _ACTIVE:
             self._reply(None)
         elif self._session.waits:

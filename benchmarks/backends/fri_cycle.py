@@ -19,7 +19,6 @@ import sys
 import tempfile
 import time
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -83,8 +82,8 @@ def packets(version: FriVersion, count: int) -> tuple[list[bytes], np.ndarray]:
     for k, position in enumerate(path):
         message = monitoring(version.generation, sequence=k)
         stamp = m.Timestamp(*divmod(start + k * 1_000_000, 1_000_000_000))
-        data = replace(message.data, measured_position=tuple(position), timestamp=stamp)
-        message = replace(message, header=m.Header(k, max(k - 1, 0)), data=data)
+        data = message.data._replace(measured_position=tuple(position), timestamp=stamp)
+        message = message._replace(header=m.Header(k, max(k - 1, 0)), data=data)
         made.append(encode_monitoring(message, version))
     return made, path
 

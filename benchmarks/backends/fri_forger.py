@@ -19,7 +19,6 @@ import socket
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -57,7 +56,7 @@ def packets(seed: int) -> list[bytes]:
             arm.ipo, arm.position = np.array(POSE) + shift, np.array(POSE) - shift
             message = arm.message()
             if rng.random() < 0.1:
-                message = replace(message, ipo=None)
+                message = message._replace(ipo=None)
             data = bytearray(encode_monitoring(message, arm.generation))
             if rng.random() < 0.2:
                 data[rng.randrange(len(data))] = rng.randrange(256)

@@ -9,7 +9,6 @@ import select
 import struct
 from collections import deque
 from contextlib import suppress
-from dataclasses import replace
 from types import SimpleNamespace
 
 import can
@@ -207,27 +206,24 @@ class FriFaults:
             self.arm.sequence = (self.arm.sequence + int(random.integers(50, 10**6))) % 2**32
         else:
             bit = 1 << int(random.integers(32))
-            self.change(1, lambda made: replace(
-                made, header=replace(made.header, sequence=made.header.sequence ^ bit)
-            ))  # fmt: skip
+            flipped = lambda header: header._replace(sequence=header.sequence ^ bit)  # noqa: E731
+            self.change(1, lambda made: made._replace(header=flipped(made.header)))
         return 4, 2 * h  # it may show with the next packet only
 
     def fri_mode_flips(self, random):
         cycles = int(random.choice([1, 1, 5]))
         modes = [mode for mode in m.CommandMode if mode is not self.arm.mode]
-        mode, state = random.choice(modes), random.choice(list(m.SessionState)[:3])
+        mode, state = random.choice(modes), random.choice(list(m.SessionState)[:4])
         off = (m.DriveState.ACTIVE,) * 6 + (m.DriveState.OFF,)
         change = [
-            lambda made: replace(made, ipo=replace(made.ipo, command_mode=mode)),
-            lambda made: replace(
-                made, connection=replace(made.connection, quality=m.Quality.POOR)
+            lambda made: made._replace(ipo=made.ipo._replace(command_mode=mode)),
+            lambda made: made._replace(connection=made.connection._replace(quality=m.Quality.POOR)
             ),
-            lambda made: replace(
-                made, robot=replace(made.robot, safety_state=m.SafetyState.STOP0_OR_1)
+            lambda made: made._replace(
+                robot=made.robot._replace(safety_state=m.SafetyState.STOP0_OR_1)
             ),
-            lambda made: replace(made, robot=replace(made.robot, drive_states=off)),
-            lambda made: replace(
-                made, connection=replace(made.connection, session_state=state)
+            lambda made: made._replace(robot=made.robot._replace(drive_states=off)),
+            lambda made: made._replace(connection=made.connection._replace(session_state=state)
             ),
         ][which := int(random.integers(5))]  # fmt: skip
         if which == 4:  # the robot ignores what is answered to a state that it does not have

@@ -157,10 +157,10 @@ class FriRig(FriFaults, Rig):
             data = made.data
             if "position" in values:
                 there = np.array(data.measured_position) + values["position"]
-                data = replace(data, measured_position=tuple(there.tolist()))
+                data = data._replace(measured_position=tuple(there.tolist()))
             if "torque" in values:
-                data = replace(data, measured_torque=tuple(values["torque"].tolist()))
-            return replace(made, data=data)
+                data = data._replace(measured_torque=tuple(values["torque"].tolist()))
+            return made._replace(data=data)
 
         arm.message = message
 

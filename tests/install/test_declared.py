@@ -21,6 +21,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 PACKAGES = ("limo_driver", "backends", "estimators", "limopa")
 DISTRIBUTION = {  # of an import that is called otherwise than what is installed
     "can": "python-can",
+    "google": "protobuf",
     "pinocchio": "pin",
     "pxr": "usd-core",
     "rerun": "rerun-sdk",

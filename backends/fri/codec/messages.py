@@ -1,15 +1,18 @@
-"""The two FRI messages as frozen values; the codec turns them into bytes and back.
+"""The two FRI messages as named tuples; the codec turns them into bytes and back.
 
 The arm sends a `Monitoring` every send period and the client answers with a `Command`. Joint values
 are tuples of exactly seven floats; what a message leaves out is None. SI units throughout, with the
-send period as the wire has it, in milliseconds.
+send period as the wire has it, in milliseconds. Each field says where it stands on the wire, in the
+order of its number.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final, TypeAlias
+from typing import Annotated, Final, NamedTuple, TypeAlias
+
+from backends.fri.codec.version import Generation
 
 JOINTS: Final = 7
 MAX_DATAGRAM: Final = 1500  # bytes, each way
@@ -22,7 +25,46 @@ MONITORING_ID: Final = 0x245142
 COMMAND_ID: Final = 0x34001
 WRENCH: Final = 6  # [Fx Fy Fz τA τB τC]
 
-Joints: TypeAlias = tuple[float, ...]  # seven values
+ALL: Final = frozenset(Generation)
+ONE: Final = frozenset({Generation.ONE})
+FRAMED: Final = frozenset({Generation.TWO_SEVEN})
+LATER, BARE = ALL - ONE, ALL - FRAMED
+
+UINT32: Final = (0, (1 << 32) - 1)
+UINT64: Final = (0, (1 << 64) - 1)
+INT32: Final = (-(1 << 31), (1 << 31) - 1)
+
+Numbers: TypeAlias = tuple[float, ...]
+Joints: TypeAlias = Numbers  # seven values
+
+
+@dataclass(frozen=True)
+class Wire:
+    """Field of a message on the wire; one without a default is required."""
+
+    number: int
+    span: tuple[int, int] = UINT32  # of an integer
+    most: int | None = None  # values of a repeated field
+    fewest: int = 0
+    wrapped: bool = False  # in a message of their own, as its field 1
+    packed: bool = False  # behind one tag
+    only: frozenset[Generation] = ALL
+
+
+def _joints(number: int, only: frozenset[Generation] = ALL) -> Wire:
+    return Wire(number, most=JOINTS, fewest=JOINTS, wrapped=True, only=only)
+
+
+def _vector(number: int, only: frozenset[Generation] = ALL) -> Wire:
+    return Wire(number, most=WRENCH, wrapped=True, packed=True, only=only)
+
+
+def _transformations(number: int) -> Wire:
+    return Wire(number, most=MAX_TRANSFORMATIONS)
+
+
+def _elements(count: int, only: frozenset[Generation]) -> Wire:
+    return Wire(2, most=count, fewest=count, packed=True, only=only)
 
 
 class SessionState(IntEnum):
@@ -118,20 +160,18 @@ class RedundancyStrategy(IntEnum):
     NONE = 4
 
 
-@dataclass(frozen=True)
-class Header:
+class Header(NamedTuple):
     """Counters of a message."""
 
-    sequence: int  # of the sender, uint32
-    reflected: int  # last sequence that the sender received, uint32
+    sequence: Annotated[int, Wire(2)]  # of the sender
+    reflected: Annotated[int, Wire(3)]  # last sequence that the sender received
 
 
-@dataclass(frozen=True)
-class Timestamp:
+class Timestamp(NamedTuple):
     """Time of the robot, as Unix time."""
 
-    seconds: int
-    nanoseconds: int
+    seconds: Annotated[int, Wire(1)]
+    nanoseconds: Annotated[int, Wire(2)]
 
     @property
     def nanoseconds_since_epoch(self) -> int:
@@ -139,15 +179,14 @@ class Timestamp:
         return self.seconds * 1_000_000_000 + self.nanoseconds
 
 
-@dataclass(frozen=True)
-class IoValue:
+class IoValue(NamedTuple):
     """An input or output and its value."""
 
-    name: str  # "Group.Name"
-    type: IoType
-    direction: IoDirection
-    digital: int | None = None
-    analog: float | None = None
+    name: Annotated[str, Wire(1)]  # "Group.Name"
+    type: Annotated[IoType, Wire(2)]
+    direction: Annotated[IoDirection, Wire(3)]
+    digital: Annotated[int | None, Wire(4, UINT64)] = None
+    analog: Annotated[float | None, Wire(5)] = None
 
     @property
     def value(self) -> bool | int | float | None:
@@ -159,110 +198,106 @@ class IoValue:
         return self.digital
 
 
-@dataclass(frozen=True)
-class Transformation:
+class Transformation(NamedTuple):
     """A named frame: twelve matrix elements in 1.x, [x y z qw qx qy qz] from 2.5 on."""
 
-    name: str
-    elements: tuple[float, ...]
-    timestamp: Timestamp | None = None
+    name: Annotated[str, Wire(1)]
+    elements: Annotated[Numbers, _elements(12, ONE), _elements(7, LATER)]
+    timestamp: Annotated[Timestamp | None, Wire(3)] = None
 
 
-@dataclass(frozen=True)
-class Redundancy:
+class Redundancy(NamedTuple):
     """Redundancy resolution of a seven-axis arm (from 2.5 on)."""
 
-    strategy: RedundancyStrategy
-    value: float
+    strategy: Annotated[RedundancyStrategy, Wire(1)]
+    value: Annotated[float, Wire(2)]
 
 
-@dataclass(frozen=True)
-class RobotInfo:
+class RobotInfo(NamedTuple):
     """State of the arm as a whole."""
 
-    number_of_joints: int | None = None
-    safety_state: SafetyState | None = None
-    drive_states: tuple[DriveState, ...] = ()
-    operation_mode: OperationMode | None = None
-    control_mode: ControlMode | None = None
+    number_of_joints: Annotated[int | None, Wire(1, INT32)] = None
+    safety_state: Annotated[SafetyState | None, Wire(2)] = None
+    drive_states: Annotated[tuple[DriveState, ...], Wire(5, most=JOINTS)] = ()
+    operation_mode: Annotated[OperationMode | None, Wire(6)] = None
+    control_mode: Annotated[ControlMode | None, Wire(7)] = None
 
 
-@dataclass(frozen=True)
-class MonitorData:
+class MonitorData(NamedTuple):
     """Measurements of the arm."""
 
-    measured_position: Joints | None = None  # [rad]
-    measured_torque: Joints | None = None  # [N m]
-    commanded_position: Joints | None = None  # [rad], only 1.x
-    commanded_torque: Joints | None = None  # [N m]
-    external_torque: Joints | None = None  # [N m], measured minus the robot's own model
-    external_force: tuple[float, ...] | None = None  # (<= 6,) [N, N m], only 2.7
-    io: tuple[IoValue, ...] = ()
-    measured_pose: Transformation | None = None  # from 2.5 on
-    measured_redundancy: Redundancy | None = None  # from 2.5 on
-    timestamp: Timestamp | None = None
+    measured_position: Annotated[Joints | None, _joints(1)] = None  # [rad]
+    measured_torque: Annotated[Joints | None, _joints(2)] = None  # [N m]
+    commanded_position: Annotated[Joints | None, _joints(3, ONE)] = None  # [rad]
+    commanded_torque: Annotated[Joints | None, _joints(4)] = None  # [N m]
+    external_torque: Annotated[Joints | None, _joints(5)] = None  # [N m], beyond the robot's model
+    external_force: Annotated[Numbers | None, _vector(6, FRAMED)] = None  # (<= 6,) [N, N m]
+    io: Annotated[tuple[IoValue, ...], Wire(8, most=MAX_IO)] = ()
+    measured_pose: Annotated[Transformation | None, Wire(9, only=LATER)] = None
+    measured_redundancy: Annotated[Redundancy | None, Wire(10, only=LATER)] = None
+    timestamp: Annotated[Timestamp | None, Wire(15)] = None
 
 
-@dataclass(frozen=True)
-class ConnectionInfo:
+class ConnectionInfo(NamedTuple):
     """State of the session and its connection."""
 
-    session_state: SessionState
-    quality: Quality
-    send_period: int | None = None  # [ms]
-    receive_multiplier: int | None = None  # the client answers every that many packets
+    session_state: Annotated[SessionState, Wire(1)]
+    quality: Annotated[Quality, Wire(2)]
+    send_period: Annotated[int | None, Wire(3)] = None  # [ms]
+    receive_multiplier: Annotated[int | None, Wire(4)] = None  # packets to an answer
 
 
-@dataclass(frozen=True)
-class IpoData:
+class IpoData(NamedTuple):
     """Command of the robot's own application at this moment."""
 
-    joint_position: Joints | None = None  # [rad]
-    pose: Transformation | None = None  # from 2.5 on
-    redundancy: Redundancy | None = None  # from 2.5 on
-    command_mode: CommandMode | None = None
-    overlay_type: OverlayType | None = None
-    tracking_performance: float | None = None  # 0 to 1; 0 outside COMMANDING_ACTIVE
+    joint_position: Annotated[Joints | None, _joints(1)] = None  # [rad]
+    pose: Annotated[Transformation | None, Wire(2, only=LATER)] = None
+    redundancy: Annotated[Redundancy | None, Wire(3, only=LATER)] = None
+    command_mode: Annotated[CommandMode | None, Wire(10)] = None
+    overlay_type: Annotated[OverlayType | None, Wire(11)] = None
+    tracking_performance: Annotated[float | None, Wire(12)] = None  # 0 to 1
 
 
-@dataclass(frozen=True)
-class EndOfMessage:
+class Checksum(NamedTuple):
+    """Checksum of a message."""
+
+    crc32: Annotated[int | None, Wire(1, INT32)] = None
+
+
+class EndOfMessage(NamedTuple):
     """Optional end of a message (up to 2.5)."""
 
-    message_length: int | None = None
-    crc32: int | None = None
+    message_length: Annotated[int | None, Wire(1, INT32)] = None
+    checksum: Annotated[Checksum | None, Wire(2)] = None
 
 
-@dataclass(frozen=True)
-class Monitoring:
+class Monitoring(NamedTuple):
     """Message that the arm sends in every send period."""
 
-    header: Header
-    robot: RobotInfo | None = None
-    data: MonitorData | None = None
-    connection: ConnectionInfo | None = None
-    ipo: IpoData | None = None
-    requested_transformations: tuple[Transformation, ...] = ()
-    end: EndOfMessage | None = None
+    header: Annotated[Header, Wire(1)]
+    robot: Annotated[RobotInfo | None, Wire(2)] = None
+    data: Annotated[MonitorData | None, Wire(3)] = None
+    connection: Annotated[ConnectionInfo | None, Wire(4)] = None
+    ipo: Annotated[IpoData | None, Wire(5)] = None
+    requested_transformations: Annotated[tuple[Transformation, ...], _transformations(6)] = ()
+    end: Annotated[EndOfMessage | None, Wire(15, only=BARE)] = None
 
 
-@dataclass(frozen=True)
-class CommandData:
+class CommandData(NamedTuple):
     """Set-points of the client."""
 
-    joint_position: Joints | None = None  # [rad]
-    wrench: tuple[float, ...] | None = None  # (6,) [Fx Fy Fz τA τB τC], [N, N m]
-    joint_torque: Joints | None = None  # [N m], added to joint impedance control
-    transformations: tuple[Transformation, ...] = ()
-    io: tuple[IoValue, ...] = ()
-    pose: Transformation | None = None  # from 2.5 on
-    redundancy: Redundancy | None = None  # from 2.5 on
+    joint_position: Annotated[Joints | None, _joints(1)] = None  # [rad]
+    wrench: Annotated[Numbers | None, _vector(2)] = None  # (6,) [Fx Fy Fz τA τB τC], [N, N m]
+    joint_torque: Annotated[Joints | None, _joints(3)] = None  # [N m], added to impedance control
+    transformations: Annotated[tuple[Transformation, ...], _transformations(4)] = ()
+    io: Annotated[tuple[IoValue, ...], Wire(5, most=MAX_IO)] = ()
+    pose: Annotated[Transformation | None, Wire(6, only=LATER)] = None
+    redundancy: Annotated[Redundancy | None, Wire(7, only=LATER)] = None
 
 
-@dataclass(frozen=True)
-class Command:
+class Command(NamedTuple):
     """Message that the client answers with."""
 
-    header: Header
-    data: CommandData | None = None
-    end: EndOfMessage | None = None
+    header: Annotated[Header, Wire(1)]
+    data: Annotated[CommandData | None, Wire(2)] = None
+    end: Annotated[EndOfMessage | None, Wire(15, only=BARE)] = None

@@ -6,13 +6,12 @@ The limits are limo's model: KUKA's own 'illegal axis delta' stands in its manua
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from backends.fri.codec.decoding import decode
-from backends.fri.codec.layouts import LAYOUTS
+from backends.fri.codec.codec import decode_command
 from backends.fri.codec.messages import (
     JOINTS,
     MAX_IO,
@@ -265,7 +264,7 @@ class Signals:
             elif isinstance(io.value, float) and not math.isfinite(io.value):
                 yield f"sets {io.name!r} to {io.value}"
             else:
-                self._ios[io.name] = replace(known, digital=io.digital, analog=io.analog)
+                self._ios[io.name] = known._replace(digital=io.digital, analog=io.analog)
         for frame in data.transformations:
             if frame.name not in self._frames:
                 yield f"sends the transformation {frame.name!r}, which was not requested"
@@ -291,7 +290,7 @@ def spoken(data: bytes, version: FriVersion) -> str:
         if generation is version.generation:
             continue
         try:
-            decode(data, LAYOUTS[generation].command, generation)
+            decode_command(data, generation)
         except WireFormatError:
             continue
         framing = "framed" if generation.framed else "not framed"

@@ -5,7 +5,7 @@ code with the driver but the codec.
 """
 
 import random
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from fri_messages import monitoring
@@ -110,13 +110,13 @@ class Fuzzer:
         joints = tuple(rng.choice(WILD) for _ in range(7))
         name = rng.choice(["measured_position", "measured_torque", "ipo", "all", "counts"])
         if name == "ipo":
-            return replace(message, ipo=replace(message.ipo, joint_position=joints))
+            return message._replace(ipo=message.ipo._replace(joint_position=joints))
         if name == "counts":
-            return replace(message, header=m.Header(rng.randrange(2**32), rng.randrange(2**32)))
+            return message._replace(header=m.Header(rng.randrange(2**32), rng.randrange(2**32)))
         if name == "all":
             bare = rng.choice(["data", "ipo", "connection", "robot"])
-            return replace(message, **{bare: None})
-        return replace(message, data=replace(message.data, **{name: joints}))
+            return message._replace(**{bare: None})
+        return message._replace(data=message.data._replace(**{name: joints}))
 
     def spoiled(self, data):
         rng = self.random

@@ -1,6 +1,5 @@
 """What the FRI tests share: messages of every version, made or drawn."""
 
-from dataclasses import replace
 from pathlib import Path
 from subprocess import run
 from sys import executable
@@ -14,7 +13,7 @@ from backends.fri.codec.version import FriVersion, Generation
 some = settings(max_examples=12, deadline=None)  # each runs for every generation
 GENERATIONS = tuple(Generation)
 VERSIONS = tuple(FriVersion)
-SCHEMA = Path(__file__).parents[3] / "backends" / "fri" / "codec" / "fri.proto"
+SCHEMA = Path(__file__).with_name("fri.proto")
 POSE = (0.0, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0)
 
 uint32 = st.integers(0, 2**32 - 1)
@@ -54,7 +53,8 @@ robots = st.builds(
 connections = st.builds(
     m.ConnectionInfo, an(m.SessionState), an(m.Quality), maybe(uint32), maybe(uint32)
 )
-ends = st.builds(m.EndOfMessage, maybe(int32), maybe(int32))
+checksums = st.builds(m.Checksum, maybe(int32))
+ends = st.builds(m.EndOfMessage, maybe(int32), maybe(checksums))
 
 
 def transformations(generation):
@@ -150,7 +150,7 @@ def monitoring(
             tracking_performance=1.0,
         ),
     )
-    return replace(message, **changes)
+    return message._replace(**changes)
 
 
 def compile_schema(folder):

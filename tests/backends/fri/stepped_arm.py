@@ -6,7 +6,7 @@ machine: `SteppedRobot` lets its arm take one cycle before every `receive`.
 
 import socket
 import threading
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from fri_messages import POSE, monitoring
@@ -52,23 +52,21 @@ class SteppedArm:
 
     def message(self, **changes):
         message = monitoring(self.generation, self.sequence, self.state)
-        data = replace(
-            message.data,
+        data = message.data._replace(
             measured_position=tuple(self.position),
             measured_torque=tuple(self.torque),
             timestamp=m.Timestamp(*divmod(self.ns, 10**9)),
             io=self.io,
         )
         if self.generation is Generation.ONE:
-            data = replace(data, commanded_position=tuple(self.position))
-        message = replace(
-            message,
+            data = data._replace(commanded_position=tuple(self.position))
+        message = message._replace(
             header=m.Header(self.sequence, self.reflected),
             data=data,
             connection=m.ConnectionInfo(self.state, self.quality, self.period_ms, self.multiplier),
             ipo=m.IpoData(tuple(self.ipo), command_mode=self.mode),
         )
-        return replace(message, **changes)
+        return message._replace(**changes)
 
     def send(self, message=None):
         message = self.message() if message is None else message

@@ -1,7 +1,5 @@
 """An active session that says something that does not go with commands ends in a hold."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from fri_messages import POSE
@@ -11,6 +9,7 @@ from robot_commands import position
 from stepped_arm import SteppedArm, stepped
 
 from backends.fri import connection
+from backends.fri.answers import FLICKER
 from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
 from limo_driver.errors import BackendError, HoldingError
 
@@ -30,23 +29,24 @@ def always(arm, change):
 
 
 def with_sequence(change):
-    return lambda message: replace(
-        message, header=replace(message.header, sequence=change(message.header.sequence))
+    return lambda message: message._replace(
+        header=message.header._replace(sequence=change(message.header.sequence))
     )
 
 
 def in_mode(mode):
-    return lambda message: replace(message, ipo=replace(message.ipo, command_mode=mode))
+    return lambda message: message._replace(ipo=message.ipo._replace(command_mode=mode))
 
 
 def of_robot(**changes):
-    return lambda message: replace(message, robot=replace(message.robot, **changes))
+    return lambda message: message._replace(robot=message.robot._replace(**changes))
 
 
 def of_connection(**changes):
-    return lambda message: replace(message, connection=replace(message.connection, **changes))
+    return lambda message: message._replace(connection=message.connection._replace(**changes))
 
 
+LEFT_FOR = [SessionState.IDLE, SessionState.MONITORING_READY, SessionState.COMMANDING_WAIT]
 OFF = (DriveState.ACTIVE,) * 4 + (DriveState.OFF, DriveState.TRANSITIONING, DriveState.ACTIVE)
 ANOMALIES = {
     "restarts": (with_sequence(lambda k: k % 100), r"counts its packets anew: \d+ came after \d+"),
@@ -144,7 +144,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             robot.send(position(POSE))
 
     @pytest.mark.parametrize("packets", [1, 2])
-    @pytest.mark.parametrize("state", [SessionState.IDLE, SessionState.MONITORING_READY])
+    @pytest.mark.parametrize("state", LEFT_FOR)
     def test_that_it_ended_and_goes_on_at_once_was_never_left(self, packets, state):
         with stepped() as robot:
             judged = moving(robot)
@@ -160,3 +160,34 @@ class TestAnActiveSessionThatSaysSomethingElse:
                 assert robot.receive().holding
             path = judged.check()
             assert len(path) > real + 200
+
+    @pytest.mark.parametrize("packets", [1, 2])
+    @pytest.mark.parametrize("state", LEFT_FOR)
+    def test_that_it_ended_does_not_let_torques_drop(self, packets, state):
+        with stepped(mode=CommandMode.TORQUE) as robot:
+            judged = pushing(robot)
+            real = len(judged.torques())
+            robot.arm.state = state
+            for _ in range(packets):
+                assert robot.receive().holding
+            judged.commands()
+            del judged.heard[real:]  # an arm in COMMANDING_ACTIVE was sent no command for it
+            robot.arm.state = ACTIVE
+            for _ in range(60):
+                assert robot.receive().holding
+            torques = judged.torques()
+            step = np.abs(np.diff(torques, axis=0))
+            assert (step <= robot.spec.limits.torque_rate * 1e-3 * (1 + ROUNDING)).all()
+            assert torques[real - 1].any()
+            assert not torques[-1].any()
+
+    def test_that_it_waits_is_answered_once_it_goes_on_doing_so(self):
+        with stepped() as robot:
+            judged = moving(robot)
+            real = len(judged.commands())
+            robot.arm.state = SessionState.COMMANDING_WAIT
+            for _ in range(FLICKER):
+                assert robot.receive().holding
+                assert len(judged.commands()) == real
+            robot.receive()
+            assert len(judged.commands()) == real + 1

@@ -4,7 +4,6 @@ What the arm received is judged here by itself: one command after the other, by 
 """
 
 import errno
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -123,7 +122,7 @@ class TestLostOnTheWayToTheRobot:
             def message(**_):
                 said.append(arm.reflected)
                 made = SteppedArm.message(arm)
-                return replace(made, header=replace(made.header, reflected=said[-1 - late]))
+                return made._replace(header=made.header._replace(reflected=said[-1 - late]))
 
             arm.message = message
             before = len(judged.positions())
@@ -149,9 +148,10 @@ class TestLostOnTheWayToTheRobot:
 
     def test_a_confirmation_that_is_late_all_the_time_is_none_that_is_missing(self):
         with stepped() as robot:
-            robot.arm.message = lambda arm=robot.arm, **_: replace(
-                plain := SteppedArm.message(arm),
-                header=replace(plain.header, reflected=max(arm.reflected - 8, 0)),
+            robot.arm.message = lambda arm=robot.arm, **_: (
+                plain := SteppedArm.message(arm)
+            )._replace(
+                header=plain.header._replace(reflected=max(arm.reflected - 8, 0)),
             )
             judged = moving(robot, 300)
             assert not robot.receive().holding
@@ -163,8 +163,8 @@ class TestLostOnTheWayToTheRobot:
             judged = moving(robot)
             arm, listen = robot.arm, robot.arm.listen
             reflected = arm.reflected
-            arm.message = lambda **_: replace(
-                plain := SteppedArm.message(arm), header=replace(plain.header, reflected=reflected)
+            arm.message = lambda **_: (plain := SteppedArm.message(arm))._replace(
+                header=plain.header._replace(reflected=reflected)
             )
             for _ in range(15):
                 if not (state := robot.receive()).holding:

@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -88,10 +87,10 @@ def test_poses_that_jump_have_no_effect_and_are_told(where, state):
         false = arm.message()
         shifted = tuple(np.array(POSE) + 0.5)
         if where == "ipo":
-            false = replace(false, ipo=replace(false.ipo, joint_position=shifted))
+            false = false._replace(ipo=false.ipo._replace(joint_position=shifted))
         else:
-            false = replace(false, data=replace(false.data, measured_position=shifted))
-        arm.send(replace(false, connection=replace(false.connection, session_state=state)))
+            false = false._replace(data=false.data._replace(measured_position=shifted))
+        arm.send(false._replace(connection=false.connection._replace(session_state=state)))
         after = robot.receive()
         assert not after.holding
         assert after.position == pytest.approx(POSE, abs=1e-4)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import socket
 from contextlib import closing
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,12 +25,12 @@ each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 
 def with_connection(**changes):
     message = monitoring()
-    return replace(message, connection=replace(message.connection, **changes))
+    return message._replace(connection=message.connection._replace(**changes))
 
 
 def with_data(**changes):
     message = monitoring()
-    return replace(message, data=replace(message.data, **changes))
+    return message._replace(data=message.data._replace(**changes))
 
 
 class TestUsableMessages:
@@ -74,13 +73,13 @@ class TestUsableMessages:
 
     def test_say_all_that_is_needed(self):
         assert unusable(monitoring()) == ""
-        assert "session stands" in unusable(replace(monitoring(), connection=None))
-        assert unusable(replace(monitoring(), data=None)) == "no measurements"
+        assert "session stands" in unusable(monitoring()._replace(connection=None))
+        assert unusable(monitoring()._replace(data=None)) == "no measurements"
         assert unusable(with_data(measured_position=None)) == "no measured position"
         assert unusable(with_data(measured_torque=None)) == "no measured torque"
 
     def test_have_a_pace(self):
-        assert pace(replace(monitoring(), connection=None)) == (0, 1)
+        assert pace(monitoring()._replace(connection=None)) == (0, 1)
         assert pace(with_connection(send_period=None, receive_multiplier=None)) == (0, 1)
         assert pace(with_connection(send_period=4, receive_multiplier=0)) == (4, 1)
         assert pace(with_connection(send_period=4, receive_multiplier=3)) == (4, 3)
@@ -118,7 +117,7 @@ def connected(monkeypatch, port, version=None):
 
 def told(generation=Generation.ONE, **data):
     message = monitoring(generation)
-    return encode_monitoring(replace(message, data=replace(message.data, **data)), generation)
+    return encode_monitoring(message._replace(data=message.data._replace(**data)), generation)
 
 
 UNTOLD = {"measured_pose": None, "commanded_position": None}

@@ -5,7 +5,6 @@ import signal
 import socket
 import threading
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,7 +58,7 @@ def without(arm, **data):
 
     def message():
         plain = SteppedArm.message(arm)
-        return replace(plain, data=replace(plain.data, **data))
+        return plain._replace(data=plain.data._replace(**data))
 
     arm.message = message
 
@@ -92,7 +91,7 @@ def test_waiting_robot_gets_the_position_of_its_application(mode, generation):
 
 def test_waiting_robot_that_names_no_position_gets_no_answer():
     with stepped(state=SessionState.COMMANDING_WAIT) as robot:
-        robot.arm.message = lambda arm=robot.arm, **_: replace(SteppedArm.message(arm), ipo=None)
+        robot.arm.message = lambda arm=robot.arm, **_: SteppedArm.message(arm)._replace(ipo=None)
         assert one_answer(robot) is None
 
 
@@ -119,9 +118,8 @@ def test_every_third_packet_is_answered_where_the_robot_asks_for_that():
 def test_multiplier_of_zero_means_every_packet():
     with stepped(multiplier=1) as robot:
         arm = robot.arm
-        arm.message = lambda: replace(
-            SteppedArm.message(arm),
-            connection=replace(SteppedArm.message(arm).connection, receive_multiplier=0),
+        arm.message = lambda: SteppedArm.message(arm)._replace(
+            connection=SteppedArm.message(arm).connection._replace(receive_multiplier=0),
         )
         assert [robot.receive().stale for _ in range(3)] == [False] * 3
 
@@ -161,7 +159,7 @@ def test_late_answer_is_counted_as_late():
             robot.receive()
         assert arm.reflected == 1
         plain = SteppedArm.message
-        arm.message = lambda: replace(plain(arm), header=m.Header(arm.sequence, 1))
+        arm.message = lambda: plain(arm)._replace(header=m.Header(arm.sequence, 1))
         robot.receive()  # answer 2 has come too late for this packet
         del arm.message
         arm.listen()
@@ -360,9 +358,9 @@ def test_cartesian_pose_that_is_not_finite_is_not_mirrored():
         plain = SteppedArm.message
         for elements in (pose.elements, (*pose.elements[:6], float("nan"))):
             ipo = m.IpoData(
-                pose=replace(pose, elements=elements), command_mode=CommandMode.CARTESIAN_POSE
+                pose=pose._replace(elements=elements), command_mode=CommandMode.CARTESIAN_POSE
             )
-            arm.message = lambda ipo=ipo: replace(plain(arm), ipo=ipo)
+            arm.message = lambda ipo=ipo: plain(arm)._replace(ipo=ipo)
             robot.receive()
             mirrored = [command.data.pose for command in arm.listen()]
             assert mirrored == ([pose] if elements == pose.elements else [])
@@ -467,7 +465,7 @@ def test_stop_of_the_arm_is_the_reason_of_the_hold():
         arm.state = SessionState.MONITORING_READY
         plain = SteppedArm.message
         off = (DriveState.ACTIVE, DriveState.OFF, *[DriveState.ACTIVE] * 5)
-        arm.message = lambda: replace(plain(arm), robot=replace(plain(arm).robot, drive_states=off))
+        arm.message = lambda: plain(arm)._replace(robot=plain(arm).robot._replace(drive_states=off))
         assert robot.receive().holding
         with pytest.raises(HoldingError, match=r"left COMMANDING_ACTIVE.*drives of joints 2"):
             robot.send(PositionCommand(position=np.array(POSE)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from fri_messages import monitoring
 from hypothesis import given, settings
@@ -21,10 +19,9 @@ def packet(sequence, stamp=None, reflected=0, state=messages.SessionState.MONITO
     """Return a message with a sequence, and a time [ns] where it is told."""
     message = monitoring(sequence=sequence % MODULUS, state=state)
     told = None if stamp is None else messages.Timestamp(*divmod(stamp, 10**9))
-    return replace(
-        message,
+    return message._replace(
         header=messages.Header(sequence % MODULUS, reflected),
-        data=replace(message.data, timestamp=told),
+        data=message.data._replace(timestamp=told),
     )
 
 
@@ -273,7 +270,7 @@ def test_a_state_is_visited_when_it_is_entered_and_said():
     session = begun(7)
     for k in range(8, 11):
         session.take(packet(k))
-    session.take(replace(packet(11), connection=None))
+    session.take(packet(11)._replace(connection=None))
     assert [visit.state for visit in session.visits] == [messages.SessionState.MONITORING_READY]
 
 

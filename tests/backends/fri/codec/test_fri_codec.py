@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from contextlib import suppress
 
 import pytest
 from fri_messages import GENERATIONS, POSE, VERSIONS, commands, monitoring, monitorings, some
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from backends.fri.codec.codec import (
     decode_command,
     decode_monitoring,
+    detect,
     encode_command,
     encode_monitoring,
 )
@@ -29,21 +31,22 @@ from backends.fri.codec.messages import (
     Timestamp,
     Transformation,
 )
-from backends.fri.codec.version import (
-    FriVersion,
-    Generation,
-    delimited,
-    detect,
-    double,
-    tag,
-    varint,
-)
+from backends.fri.codec.version import FriVersion, Generation
 from limo_driver.errors import ConfigError, WireFormatError
 
 V1 = FriVersion.V1_15
 FIRST_REPLY = bytes.fromhex("0a080881800d1000180012410a3f") + b"".join(
     b"\x09" + struct.pack("<d", value) for value in (0, 0.5, 0, -1.2, 0, 0.9, 0)
 )
+
+
+def delimited(number, content):
+    low, high = len(content) & 0x7F, len(content) >> 7
+    return bytes([number << 3 | 2, *([low | 0x80, high] if high else [low])]) + content
+
+
+def double(value):
+    return struct.pack("<d", value)
 
 
 def command(**data):
@@ -129,7 +132,7 @@ def test_version_is_named_or_refused_with_the_known_ones():
 def test_packed_joints_padded_integers_and_unknown_fields_are_read():
     header = b"\x08\x81\x80\x8d\x00\x10\x85\x80\x00\x18\x07"  # padded identifier and sequence
     packed = delimited(1, b"".join(map(double, POSE)))
-    unknown = tag(99, 0) + varint(12345) + tag(77, 5) + b"abcd" + delimited(78, b"\xff\xff")
+    unknown = bytes.fromhex("9806b960ed0461626364f20402ffff")  # 99: 12345, 77: float, 78
     data = delimited(1, header + unknown) + delimited(2, delimited(1, packed)) + unknown
     assert decode_command(data, V1) == Command(Header(5, 7), CommandData(joint_position=POSE))
 
@@ -152,17 +155,28 @@ def test_any_other_number_of_joints_is_refused_both_ways(count):
 @pytest.mark.parametrize(
     ("data", "said", "offset"),
     [
-        (b"", "header is missing", 0),
-        (b"\x0a", "integer does not end", 1),
-        (b"\x0a\x05\x08", "field 1 ends 4 bytes after its message", 0),
-        (b"\x0a" + b"\x80" * 10 + b"\x00", "integer of more than 10 bytes", 1),
-        (b"\x00\x00", "field number 0", 0),
-        (b"\x0b\x0c", "wire type 3 of field 1", 0),
-        (b"\x08\x01", "header is integer, expected message or text", 0),
-        (FIRST_REPLY[:2] + b"\x08\x81\x80\x0c" + FIRST_REPLY[6:], "no message of FRI", 2),
-        (FIRST_REPLY[:6] + b"\x18\x00\x18\x00" + FIRST_REPLY[10:], "header.sequence is missing", 2),
+        (b"", "header is missing", None),
+        (b"\x0a", "header is an integer that does not end", 1),
+        (b"\x0a\x05\x08", "header ends 4 bytes after its message", 0),
+        (b"\x0a" + b"\x80" * 10 + b"\x00", "header is an integer that does not end", 1),
+        (b"\x00\x00", "field 0 is integer, of which FRI has none", 0),
+        (b"\x0f", "header is type 7, of which FRI has none", 0),
+        (FIRST_REPLY + b"\x12\x03\x0a\x01\x09", "data.joint_position.values ends 8 bytes", 81),
+        (FIRST_REPLY + b"\x12\x01\x80", "data.tag is an integer that does not end", 79),
+        (FIRST_REPLY + b"\x12\x05\x0a\x03\x0a\x01t", "n.values has 1 bytes, which are no doub", 83),
+        (b"\x0b\x0c", "header is group, expected message or text", None),
+        (b"\x08\x01", "header is integer, expected message or text", None),
+        (FIRST_REPLY + b"\xf3\x04\xf4\x04", "field 78 is a group, of which FRI has none", None),
+        (FIRST_REPLY + b"\x0d1234", "header is float, expected message or text", None),
+        (FIRST_REPLY + b"\x0a\x09\x09" + bytes(8), "fier is double, expected integer", None),
+        (FIRST_REPLY + b"\x12\x04\x0a\x02\x08\x01", "values is integer, expected double", None),
+        (FIRST_REPLY[:2] + b"\x08\x81\x80\x0c" + FIRST_REPLY[6:], "no message of FRI", None),
+        (FIRST_REPLY[:3] + FIRST_REPLY[3:].replace(b"\x10\x00", b"\x18\x00"), "ence is miss", None),
+        (b"\x0a\x04\x10\x00\x18\x00", "header.identifier is missing", None),
+        (FIRST_REPLY + b"\x0a\x06\x10\x80\x80\x80\x80\x10", "ence = 4294967296 is outside 0", None),
+        (FIRST_REPLY + bytes.fromhex("120b 2a070a01611000 1801 2a00"), "data.io.1.name is", None),
     ],
-)  # fmt: skip
+)
 def test_bad_bytes_say_what_and_where(data, said, offset):
     with pytest.raises(WireFormatError, match=said) as error:
         decode_command(data, V1)
@@ -245,7 +259,7 @@ def test_random_bytes_are_refused_and_nothing_else(data):
     for generation in (None, *GENERATIONS):
         with pytest.raises(WireFormatError) as error:
             decode_monitoring(data, generation)
-        assert 0 <= error.value.offset <= len(data)
+        assert "no message of protobuf" not in str(error.value)  # without a word where
 
 
 @pytest.mark.parametrize("generation", GENERATIONS)
@@ -269,8 +283,5 @@ def test_mutated_messages_are_read_or_refused_and_nothing_else(generation, data)
             len(inside).to_bytes(4, "little") + inside + zlib.crc32(inside).to_bytes(4, "little")
         )
     for version in (None, generation):
-        try:
-            read = decode_monitoring(bytes(mutated), version)
-        except WireFormatError as refused:
-            read = refused.offset
-        assert isinstance(read, Monitoring) or 0 <= read <= len(mutated)
+        with suppress(WireFormatError):
+            assert isinstance(decode_monitoring(bytes(mutated), version), Monitoring)

@@ -4,7 +4,6 @@ import json
 import socket
 import threading
 from contextlib import contextmanager
-from dataclasses import replace
 from ipaddress import IPv4Network
 
 import pytest
@@ -179,8 +178,8 @@ def test_lost_packets_are_said(few_ports):
 def shows(arm, **robot):
     """Let an arm say something of itself."""
     plain = arm.message
-    info = replace(RobotInfo(7, SafetyState.NORMAL, (DriveState.ACTIVE,) * 7), **robot)
-    arm.message = lambda: replace(plain(), robot=info)
+    info = RobotInfo(7, SafetyState.NORMAL, (DriveState.ACTIVE,) * 7)._replace(**robot)
+    arm.message = lambda: plain()._replace(robot=info)
     return arm
 
 
@@ -254,8 +253,7 @@ def test_every_verdict_has_another_exit_status():
 
 
 def test_advice_names_stop_drives_mode_and_period():
-    message = replace(
-        monitoring(),
+    message = monitoring()._replace(
         robot=RobotInfo(
             7, SafetyState.STOP1_ON_PATH, (DriveState.OFF,) * 7, OperationMode.T1, None
         ),
