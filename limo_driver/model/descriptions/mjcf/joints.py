@@ -134,7 +134,7 @@ def is_passive_motor(model: Any, actuator: int) -> bool:  # noqa: ANN401
 
 
 def most_command(model: Any, actuator: int) -> float | None:  # noqa: ANN401
-    """Return the largest command that an actuator of one input takes; None where nothing limits it."""
+    """Return the largest command that an actuator takes; None where nothing limits it."""
     control = int(model.actuator_ctrladr[actuator])  # those without inputs have none
     if not model.actuator_ctrlnum[actuator] or not model.actuator_ctrllimited[control]:
         return None
