@@ -98,6 +98,8 @@ def environment(name: str, row: Row) -> Path:
         others = KEPT / f"{name}.txt"  # constraints but those of packages that the row chooses
         lines = (ROOT / "constraints.txt").read_text("utf-8").splitlines() if row.pinned else []
         others.write_text("\n".join(x for x in lines if not _is_chosen(x, row)), "utf-8")
+        subprocess.run([*pip, "uv"], check=True)  # pip tries releases for a quarter of an hour
+        pip = [pip[0], "-m", "uv", "pip", "install", "--quiet", "--python", pip[0]]
         pip += ["--constraint", str(others), "--editable", ".", *tools()]
     else:
         own, here = (_site_packages(each) for each in (python, Path(sys.executable)))
