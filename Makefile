@@ -54,7 +54,7 @@ test-numerics: $(VENV)/.installed-dev ## run what hangs on arithmetic as other p
 	$(BIN)/python tests/on_other_processors.py --numprocesses $(WORKERS) --dist loadfile
 
 test-matrix: $(VENV)/.installed-dev ## run what hangs on packages with others than the pinned, MuJoCo 3 and 4
-	$(BIN)/python tests/matrix.py
+	PYTEST_ADDOPTS="--numprocesses $(WORKERS) --dist loadfile" $(BIN)/python tests/matrix.py
 
 test-slow: $(VENV)/.installed-dev ## run the tests that `make test` leaves out; each is marked with why
 	$(TESTS) --slow

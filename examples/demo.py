@@ -96,6 +96,18 @@ def parts(out: Path, scaffolds: int) -> list[Part]:
             ("run with something concealed",),
         ),
         Part(
+            "write an MJCF",
+            "Write what was found into an MJCF, with hysteresis as springs that slip in MuJoCo 4",
+            f"limo export {home}/diagnosis/sim.yaml --to mjcf --out {home}/mujoco",
+            ("diagnose",),
+        ),
+        Part(
+            "write a ROS 2 package",
+            "Write the model as a package of ROS 2: torque, wrench and dynamics without Python",
+            f"limo export {home}/model --to ros2 --rate 1000 --out {home}/limo_dynamics",
+            ("train",),
+        ),
+        Part(
             "stream",
             "Stream the second motion to a service of that model, and push the arm meanwhile",
             f"python {examples}/stream_and_push.py --model {home}/model --motion {other} "

@@ -121,7 +121,8 @@ def _torque_of_memory(  # noqa: ANN202
     from limo_driver.runtime.installed_mujoco import mujoco
 
     torque = np.zeros_like(motion.position)
-    passive = np.array([is_passive_motor(model, u) for u in range(len(model.actuator_trntype))])
+    every = range(len(model.actuator_trntype))
+    passive = np.array([is_passive_motor(model, u) for u in every], dtype=np.bool_)
     if not (passive.any() or plastic_springs(model)):
         return torque
     model.actuator_gainprm[~passive] = model.actuator_biasprm[~passive] = 0.0

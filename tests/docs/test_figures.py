@@ -47,9 +47,7 @@ def test_a_result_is_of_a_named_version_and_of_the_commands_that_are_published(p
     head, _, printed = path.read_text(encoding="utf-8").partition("\n")
     assert HEAD.match(head)
     assert "dirty" not in head
-    commands = [
-        line[2:] for line in printed.splitlines() if line.startswith("$ python benchmarks/")
-    ]
+    commands = [line[2:] for line in printed.splitlines() if line.startswith("$ python ")]
     run = Published.load().runs[path.stem]["commands"]
     assert commands == [command for command in run if command.startswith("python ")]
 

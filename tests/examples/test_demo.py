@@ -98,7 +98,7 @@ def test_all_that_went_well_is_on_the_page(out, monkeypatch, capfd):
     assert "<i>streamed</i>" in page
     assert "missing, see above" not in page
     assert "parts failed" not in page
-    assert page.count("<pre>") == 10
+    assert page.count("<pre>") == 12
     assert capfd.readouterr().err == ""
 
 
@@ -117,7 +117,7 @@ def test_a_part_that_fails_takes_only_those_with_it_that_need_it(out, monkeypatc
         demo.finish(outcomes(out, monkeypatch, "identify"), out)
     page, said = (out / "index.html").read_text(), capfd.readouterr().err
     for text in (page, said):
-        assert "1 of 10 parts failed, 3 that need it were left out" in text
+        assert "1 of 12 parts failed, 4 that need it were left out" in text
         assert "Identify a rigid body with Coulomb" in text
         assert text.count("exit status 2") == 1
         assert "No such command" in text
@@ -158,7 +158,7 @@ def test_ctrl_c_ends_with_a_page_of_what_there_is(tmp_path, monkeypatch, capfd):
     page, said = (tmp_path / "index.html").read_text(), capfd.readouterr().err
     assert said.strip() == "limo demo: interrupted"
     assert "<h1>The demo did not get through</h1>" in page
-    assert "Interrupted: 1 of 10 parts were done, 1 failed" in page  # it left no picture
+    assert "Interrupted: 1 of 12 parts were done, 1 failed" in page  # it left no picture
 
 
 @pytest.mark.slow("draws all pages of the demo once more")
@@ -168,9 +168,9 @@ def test_what_cannot_be_shown_is_a_failure_too(out, monkeypatch, capfd):
     with pytest.raises(SystemExit, match="1"):
         demo.finish(outcomes(out, monkeypatch), out)
     said = capfd.readouterr().err
-    assert "2 of 10 parts failed" in said
+    assert "2 of 12 parts failed" in said
     assert "what it left cannot be shown: ConfigError" in said
-    assert "2 of 10 parts failed" in (out / "index.html").read_text()
+    assert "2 of 12 parts failed" in (out / "index.html").read_text()
 
 
 def test_a_contact_is_where_it_is_in_the_stream_however_late_it_was_told():

@@ -101,13 +101,14 @@ def _tag(drive: StatedServo | StatedMotor) -> str:
 
 
 def _actuators(texts: Sequence[XmlText], joint: str) -> list[tuple[XmlText, Element]]:
-    """Return the actuators of a joint, and the text that each stands in."""
+    """Return the actuators that move a joint, and the text that each stands in."""
     return [
         (text, item)
         for text in texts
         for item in text.root.walk()
         if item.parent is not None and item.parent.tag == "actuator"
         if item.attributes.get("joint") == joint
+        if not (item.tag == _TAG and item.attributes.get("input") == "none")
     ]
 
 
@@ -142,6 +143,7 @@ def _attributes(
     drive: StatedServo | StatedMotor, stated: StatedServo | StatedMotor | None, timestep: float
 ) -> dict[str, str]:
     values, force = dict[str, str](), 1.0
+    limited = frozenset[str]() if stated is None else stated.limited
     if isinstance(drive, StatedMotor):
         values["gear"], force = f"{drive.gain:.10g}", 1.0 / drive.gain
     else:
@@ -150,9 +152,11 @@ def _attributes(
     if drive.limit is not None:
         most = force * drive.limit
         values["forcerange"] = f"{-most:.10g} {most:.10g}"
-    elif stated is not None and stated.limit is not None:
+        if "force" not in limited:
+            values["forcelimited"] = "true"  # whatever an earlier export or the compiler says
+    elif "force" in limited:
         values["forcelimited"] = "false"
-    if isinstance(drive, StatedMotor) and stated is not None and stated.limit is not None:
+    if isinstance(drive, StatedMotor) and "ctrl" in limited:
         values["ctrllimited"] = "false"  # its force is limited instead
     if drive.delay == 0.0 and stated is not None and stated.delay > 0.0:
         values["delay"] = "0"

@@ -74,6 +74,7 @@ class StatedServo:
     limit: float | None  # [N m]
     delay: float = 0.0  # [s]
     beside: float = 0.0  # [N m s/rad] of kd, by actuators of velocity beside one of position
+    limited: frozenset[str] = frozenset()  # of `force` and `ctrl`, what its actuator limits
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,7 @@ class StatedMotor:
     gain: float  # torque at the joint over the command
     limit: float | None  # [N m]
     delay: float = 0.0  # [s]
+    limited: frozenset[str] = frozenset()  # as that of a servo
 
 
 class Following(NamedTuple):

@@ -26,6 +26,7 @@ from limo_driver.model.descriptions.mjcf.joints import (
     is_plain,
     joint_name,
     loops,
+    most_command,
 )
 from limo_driver.model.descriptions.mjcf.plasticity import OWN, plastic_springs
 from limo_driver.model.descriptions.mjcf.writer import TURNING, ArmWriter
@@ -215,7 +216,12 @@ def servos(model: Any) -> dict[str, StatedServo]:  # noqa: ANN401
         beside = sum(-float(model.actuator_biasprm[u][2]) for u in velocities if u != first)
         limits = _limits(model, first, joint)
         found[joint_name(model, joint)] = StatedServo(
-            abs(kp), kd + beside, limits[0] if limits else None, _delay(model, first), beside
+            abs(kp),
+            kd + beside,
+            limits[0] if limits else None,
+            _delay(model, first),
+            beside,
+            _limited(model, first),
         )
     return found
 
@@ -230,19 +236,19 @@ def motors(model: Any) -> dict[str, StatedMotor]:  # noqa: ANN401
         if len(own) > 1 or not pushes or gain <= 0.0:
             continue
         limits = _limits(model, u, joint)
-        if model.actuator_ctrllimited[u]:
-            limits.append(gain * _most(model.actuator_ctrlrange[u]))
+        if (most := most_command(model, u)) is not None:
+            limits.append(gain * most)
         found[joint_name(model, joint)] = StatedMotor(
-            gain, min(limits, default=None), _delay(model, u)
+            gain, min(limits, default=None), _delay(model, u), _limited(model, u)
         )
     return found
 
 
 def _by_joint(model: Any) -> dict[int, list[int]]:  # noqa: ANN401
-    """Return the actuators of each joint that has any."""
+    """Return the actuators of each joint that has any, without what is friction and cogging."""
     found: dict[int, list[int]] = {}
     for u in range(actuators(model)):
-        if int(model.actuator_trntype[u]) == _ON_JOINT:
+        if int(model.actuator_trntype[u]) == _ON_JOINT and not is_passive_motor(model, u):
             found.setdefault(int(model.actuator_trnid[u][0]), []).append(u)
     return found
 
@@ -271,6 +277,12 @@ def _limits(model: Any, u: int, joint: int) -> list[float]:  # noqa: ANN401
     if model.jnt_actfrclimited[joint]:
         found.append(_most(model.jnt_actfrcrange[joint]))
     return found
+
+
+def _limited(model: Any, u: int) -> frozenset[str]:  # noqa: ANN401
+    """Return what of an actuator itself is limited: its force, its control."""
+    force, ctrl = bool(model.actuator_forcelimited[u]), most_command(model, u) is not None
+    return frozenset(name for name, is_so in (("force", force), ("ctrl", ctrl)) if is_so)
 
 
 def _most(limits: Sequence[float]) -> float:

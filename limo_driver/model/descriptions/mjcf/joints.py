@@ -70,8 +70,7 @@ def effort(model: Any, joint: int) -> float:  # noqa: ANN401
         )
         if model.actuator_forcelimited[u]:
             total += gear * float(np.abs(model.actuator_forcerange[u]).max())
-        elif direct and model.actuator_ctrllimited[u]:
-            most = float(np.abs(model.actuator_ctrlrange[u]).max())
+        elif direct and (most := most_command(model, u)) is not None:
             total += gear * abs(float(model.actuator_gainprm[u][0])) * most
     return total
 
@@ -132,6 +131,14 @@ def is_passive_motor(model: Any, actuator: int) -> bool:  # noqa: ANN401
         int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_DCMOTOR)
         and int(model.actuator_ctrlnum[actuator]) == 0
     )
+
+
+def most_command(model: Any, actuator: int) -> float | None:  # noqa: ANN401
+    """Return the largest command that an actuator takes; None where nothing limits it."""
+    control = int(model.actuator_ctrladr[actuator])  # those without inputs have none
+    if not model.actuator_ctrlnum[actuator] or not model.actuator_ctrllimited[control]:
+        return None
+    return float(np.abs(model.actuator_ctrlrange[control]).max())
 
 
 def actuators(model: Any) -> int:  # noqa: ANN401

@@ -12,7 +12,13 @@ from lanes import sampled
 import limo_driver as limo
 from limo_driver.errors import ConfigError
 from limo_driver.exports.remainder import unwritten
-from limo_driver.physics import PositionServo, Simulation, TorqueDrive, VelocityServo
+from limo_driver.physics import (
+    PositionServo,
+    PreslidingHysteresis,
+    Simulation,
+    TorqueDrive,
+    VelocityServo,
+)
 
 ARM = """<mujoco>
   <worldbody>
@@ -260,3 +266,47 @@ def test_a_motor_is_no_place_for_a_position_servo(tmp_path):
     simulation = replace(Simulation.load(path), drives=(PUSHED[1],))
     with pytest.raises(ConfigError, match="joint elbow is moved by <position>; expected <motor>"):
         limo.export(simulation, "mjcf", tmp_path / "out")
+
+
+@pytest.mark.parametrize("limit", [None, 3.0])
+@pytest.mark.parametrize("motor", ["", '<motor joint="shoulder" gear="9" ctrlrange="-1 1"/>'])
+def test_a_drive_beside_bristles_is_read_and_written_again(tmp_path, motor, limit):
+    """A motor without input, which is friction, has no control: others' are counted without it."""
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(actuators=f"<actuator>{motor}</actuator>" if motor else ""))
+    bristles = PreslidingHysteresis(joint=1, law="lugre", sigma_0=100.0, tau_c=0.5)
+    drive = TorqueDrive(joint=1, gain=2.5, torque_limit=limit)
+    found = replace(Simulation.load(path), drives=(drive,), effects=(bristles,))
+    once = limo.export(found, "mjcf", tmp_path / "once").file
+
+    back = Simulation.load(once)
+    assert back.effects == (bristles,)
+    assert back.with_motors(("command_torque",) * 2).drives == (drive,)
+    assert limo.export(replace(back, drives=(drive,)), "mjcf", tmp_path / "again").diff == ""
+
+    servo = PositionServo(joint=2, kp=9.0, kd=1.0)
+    moved = replace(back, drives=(servo,))
+    assert Simulation.load(limo.export(moved, "mjcf", tmp_path / "moved").file).drives == (servo,)
+
+
+@pytest.mark.parametrize(
+    ("limits", "written"),
+    [
+        ("", 'gear="2.5"'),
+        ('ctrlrange="-1 1"', 'gear="2.5" ctrlrange="-1 1" ctrllimited="false"'),
+        ('forcerange="-1 1"', 'gear="2.5" forcerange="-1 1" forcelimited="false"'),
+    ],
+)
+def test_a_drive_without_a_limit_takes_away_what_the_file_limits_alone(tmp_path, limits, written):
+    path = tmp_path / "arm.xml"
+    motor = f'<motor joint="shoulder" gear="9" {limits}/>'.replace(" /", "/")
+    path.write_text(ARM.format(actuators=f"<actuator>{motor}</actuator>"))
+    free = TorqueDrive(joint=1, gain=2.5)
+    found = replace(Simulation.load(path), drives=(free,))
+    once = limo.export(found, "mjcf", tmp_path / "once").file
+    assert f'<motor joint="shoulder" {written}/>' in once.read_text()
+
+    bound = replace(free, torque_limit=5.0)
+    again = replace(Simulation.load(once), drives=(bound,))
+    back = Simulation.load(limo.export(again, "mjcf", tmp_path / "again").file)
+    assert back.with_motors(("command_torque",) * 2).drives == (bound,)

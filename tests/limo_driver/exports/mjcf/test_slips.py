@@ -139,6 +139,17 @@ def test_nothing_is_bent_where_mujoco_starts_nor_in_keyframes(arm, tmp_path):
     assert model.nplastic == 10
 
 
+@with_plasticity
+def test_an_arm_without_an_actuator_has_springs_that_slip_too(arm, tmp_path):
+    path = arm()
+    text = path.read_text("utf-8")
+    path.write_text(text[: text.index("<actuator>")] + "</mujoco>", "utf-8")
+    written = exported(path, tmp_path / "out")
+    found = [x for x in Simulation.load(written.file).effects if x.name == SLIPS[0].name]
+    assert len(found) == len(SLIPS)
+    assert written.remainder == ()
+
+
 def test_mujoco_3_gets_one_bristle(arm, tmp_path):
     written = exported(arm(), tmp_path / "out", mujoco=3)
     assert written.needs == "MuJoCo 3.12 or newer"
