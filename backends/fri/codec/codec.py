@@ -20,15 +20,7 @@ from typing import Any, Final, TypeAlias
 from backends.fri.codec import messages as m
 from backends.fri.codec.fields import MisfitError
 from backends.fri.codec.schema import MESSAGES
-from backends.fri.codec.version import (
-    FRAME,
-    HEADER_TAG,
-    FriVersion,
-    Generation,
-    frame,
-    framed,
-    unframed,
-)
+from backends.fri.codec.version import HEADER_TAG, FriVersion, Generation, frame, framed, unframed
 from limo_driver.errors import WireFormatError
 
 Version: TypeAlias = FriVersion | Generation
@@ -120,8 +112,8 @@ def payload_of(data: bytes, generation: Generation) -> bytes:
 def decode(data: bytes, kind: Any, generation: Generation) -> Any:  # of that class
     """Return the message of a class that a datagram is."""
     codec, expected = MESSAGES[generation][kind], _IDENTIFIERS[kind]
-    before = FRAME // 2 if generation.framed else 0
-    part = codec.parse(payload_of(data, generation), before)
+    payload = payload_of(data, generation)
+    part = codec.parse(payload, (len(data) - len(payload)) // 2)
     given = part.header.identifier
     if given != expected and part.header.HasField("identifier"):
         raise WireFormatError(
