@@ -170,8 +170,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             robot.arm.state = state
             for _ in range(packets):
                 assert robot.receive().holding
-            judged.commands()
-            del judged.heard[real:]  # an arm in COMMANDING_ACTIVE was sent no command for it
+            del judged.commands()[real:]  # an arm in COMMANDING_ACTIVE was sent no command for it
             robot.arm.state = ACTIVE
             for _ in range(60):
                 assert robot.receive().holding

@@ -31,7 +31,7 @@ from backends.fri.codec.messages import (
     Timestamp,
     Transformation,
 )
-from backends.fri.codec.version import FriVersion, Generation
+from backends.fri.codec.version import FriVersion, Generation, frame
 from limo_driver.errors import ConfigError, WireFormatError
 
 V1 = FriVersion.V1_15
@@ -194,8 +194,9 @@ def test_broken_frame_is_refused():
     for version in (None, Generation.TWO_SEVEN):
         with pytest.raises(WireFormatError, match="checksum"):
             decode_monitoring(broken, version)
-    with pytest.raises(WireFormatError, match="frame says"):
-        decode_monitoring(data[:-1], Generation.TWO_SEVEN)
+    for bad, said in ((data[:-1], "frame says"), (frame(b"\x0a\x05\x08"), "message at byte 4")):
+        with pytest.raises(WireFormatError, match=said):
+            decode_monitoring(bad, Generation.TWO_SEVEN)
     with pytest.raises(WireFormatError, match=r"framed as in 2\.7"):
         decode_monitoring(data, V1)
     with pytest.raises(WireFormatError, match="neither a bare nor a framed"):
