@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _MATRIX: Final = 2  # dimensions
+_BEYOND: Final = 1e100  # of any unit, squared it still is a number
 _MOST_LABELS: Final = 4096  # columns of one array
 
 
@@ -61,6 +62,25 @@ class LogTable:
                 f"{odd} has {sizes[odd]} rows, the others {usual}; expected columns of one length",
                 path=self.source or None,
             )
+
+        self._take_out_markers()
+
+    def _take_out_markers(self) -> None:
+        """Take numbers that nothing measures for none: the largest double, or broken bytes."""
+        beyond = {
+            name: np.isfinite(values) & (np.abs(values) > _BEYOND)
+            for name, values in self.columns.items()
+            if values.dtype == np.float64
+        }
+        found = {name: marked for name, marked in beyond.items() if marked.any()}
+        if found:
+            kept = {name: np.where(found[name], np.nan, self.columns[name]) for name in found}
+            more = (
+                f"{name} has {np.count_nonzero(marked)} numbers beyond {_BEYOND:g}, read as none"
+                for name, marked in found.items()
+            )
+            object.__setattr__(self, "columns", {**self.columns, **kept})
+            object.__setattr__(self, "notes", (*self.notes, *more))
 
     def first(self, rows: int) -> LogTable:
         """Return the first rows, which share their memory with this table."""

@@ -242,7 +242,8 @@ def _write_link(
     mass = float(stated.GetMassAttr().Get() or 0.0)
     com, moments = stated.GetCenterOfMassAttr().Get(), stated.GetDiagonalInertiaAttr().Get()
     tensor = _tensor(moments, stated.GetPrincipalAxesAttr().Get(), prim)
-    if mass <= 0 or not np.isfinite(com).all() or tensor is None:
+    known = tensor is not None and np.isfinite(tensor).all() and np.isfinite(com).all()
+    if tensor is None or not (known and 0 < mass < math.inf):
         if is_base:
             return link
         raise ConfigError(

@@ -55,3 +55,12 @@ def test_arrays_that_are_packed_as_no_log_is_are_refused_unread(tmp_path):
             file.write(bytes(1 << 20))
     with pytest.raises(RecordingError, match=r"unpacks to 300 MiB or more, .* 256 MiB of a file"):
         read_table(tmp_path / "log.npz")
+
+
+def test_numbers_that_nothing_measures_are_none(tmp_path):
+    marked = POSITION.copy()
+    marked[[3, 7], 2] = np.finfo(float).max, -1e200
+    np.savez(tmp_path / "log.npz", t=TIME, q=marked)
+    read = read_table(tmp_path / "log.npz")
+    assert np.flatnonzero(np.isnan(read.columns["q[2]"])).tolist() == [3, 7]
+    assert read.notes[-1] == "q[2] has 2 numbers beyond 1e+100, read as none"
