@@ -16,7 +16,8 @@ What the drives are told is decoded by code of its own (protobuf's generated cod
 judged by `tests/contract/wire_rules.py`, which shares nothing with what limits commands. One core,
 and no clock but those of simulated wires. `--before` needs a tree whose FRI messages are those of
 this one; older trees are attacked from a checkout of their age. With a log, each session is a line
-of it, and what was begun is gone on with. The exit status is 1 where anything was violated, or a fault was too rare.
+of it, and what was begun is gone on with. The exit status is 1 where anything was violated, or a
+fault was too rare.
 """
 
 # ruff: noqa: E402  # what tests share is found once its folders are on the path
