@@ -15,6 +15,7 @@ from ports import free_port
 from backends.fri.codec import messages as m
 from backends.fri.codec.codec import decode_command, encode_monitoring
 from backends.fri.codec.version import Generation
+from backends.fri.connection import _KERNEL_TIME
 from backends.fri.robot import FriRobot
 
 HOST = "127.0.0.2"  # the arm's; the driver listens on all addresses
@@ -174,6 +175,8 @@ def stepped(**options):
         arm.close()
         raise
     robot.arm = arm
+    # what the kernel says of how long packets waited is this machine's time, not the arm's
+    robot._link.endpoint._socket.setsockopt(socket.SOL_SOCKET, _KERNEL_TIME, 0)
     arm.sequence = arm.first_sequence - 1  # the first cycle's packet is the first of the session
     arm.ns -= arm.period_ms * 1_000_000
     return robot

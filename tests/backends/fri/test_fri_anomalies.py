@@ -8,7 +8,6 @@ from lanes import sampled
 from robot_commands import position
 from stepped_arm import SteppedArm, stepped
 
-from backends.fri import connection
 from backends.fri.answers import FLICKER
 from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
 from limo_driver.errors import BackendError, HoldingError
@@ -127,7 +126,6 @@ class TestAnActiveSessionThatSaysSomethingElse:
         with stepped() as robot:
             moving(robot)
             stand_still(monkeypatch)
-            monkeypatch.setattr(connection, "_age", lambda _: 0.0)
             robot.receive()
             robot.arm.sequence += lost
             assert robot.receive().holding == bool(restarts)
