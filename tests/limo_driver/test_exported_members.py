@@ -23,6 +23,8 @@ def undescribed(member, text):
 def methods(owner):
     """Public methods of a class that take arguments, of our own and of the bases of ours."""
     for name, member in inspect.getmembers(owner, inspect.isroutine):
+        if not callable(member):  # a cached property is a routine to Python 3.13
+            continue
         is_ours = not name.startswith("_") and getattr(member, "__module__", "").startswith("limo")
         if is_ours and set(inspect.signature(member).parameters) - {"self"}:
             yield name, member
