@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from estimators.diagnosis.settings.afterwards import WORDING
+from limo_driver.physics import ArmEffect, BodyEffect
+from limo_driver.physics.catalogue import known_as
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -27,9 +29,13 @@ IMPROVED = "sim.yaml"
 REPORT = "report.html"
 NEXT_MOTION = "next_motion.parquet"
 TORQUE = "N m"  # unit of errors where torque was recorded
+LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
 
 Summary: TypeAlias = Literal["consistent", "explained", "partly_explained", "unexplained"]
+State: TypeAlias = Literal[
+    "agrees", "stated values differ", "physics is missing", "something unexplained remains"
+]
 Value: TypeAlias = "float | str | tuple[Value, ...]"
 
 
@@ -82,6 +88,35 @@ class Identified:
     def joints(self) -> tuple[int, ...]:
         """The joint, as a finding has them."""
         return (self.joint,)
+
+
+@dataclass(frozen=True)
+class StatedValue:
+    """A value that the given simulation states, beside the one that fits the recordings.
+
+    Where only several values together are known, as masses and centres of links are, they are a
+    family, and its value is the RMS torque that they make at a joint, over the rows that count.
+    """
+
+    name: str  # as a `sim.yaml` has it, or what the family is of
+    effect: str  # that has it; "" of a family
+    joints: tuple[int, ...]  # 1-based, at which it acts; of a family, at which it is felt
+    joint_names: tuple[str, ...]  # of those, as the description has them
+    unit: str
+    stated: float
+    fitted: float
+    ci95: tuple[float, float] | None
+    tolerance: float | None  # standard deviation that the simulation allows [unit]
+    assumed: bool  # whether nobody stated that tolerance, which is limo's guess then
+    beyond: bool  # whether it moved beyond what that tolerance allows
+    told: bool  # whether it differs for sure, and takes a tenth of a joint's error or more
+    share: float  # of the reducible error of the joint where it takes most
+
+    @property
+    def moved(self) -> bool:
+        """Whether the stated value is outside the 95 % interval, or is said to differ."""
+        outside = self.ci95 is not None and not self.ci95[0] <= self.stated <= self.ci95[1]
+        return self.told or self.beyond or outside
 
 
 @dataclass(frozen=True)
@@ -144,6 +179,18 @@ class Fit:
     inverse_dynamics_rmse_after: tuple[float, ...] = ()
 
     @property
+    def above_floor(self) -> tuple[int, ...]:
+        """Joints, 1-based, of which the given simulation errs by more than noise.
+
+        What an encoder's steps make of positions is a floor that no servo of a real arm is at.
+        """
+        most = WORDING.at_floor if self.unit == TORQUE else WORDING.at_step
+        pairs = zip(self.heldout_rmse_before, self.noise_floor, strict=True)
+        return tuple(
+            j for j, (error, floor) in enumerate(pairs, start=1) if error > most * floor > 0.0
+        )
+
+    @property
     def worse_within_tolerances(self) -> tuple[int, ...]:
         """Joints, 1-based, on which values moved inside their tolerances do clearly worse.
 
@@ -201,6 +248,54 @@ class Verdict:
     identified: tuple[Identified, ...] = ()  # ordinary friction that was not stated, by joint
     holds: Holds | None = None  # None where no torque was recorded
     doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
+    values: tuple[StatedValue, ...] = ()  # stated ones, beside those that fit
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """What holds between simulation and recordings, in words; the first stands alone."""
+        found: dict[State, bool] = {
+            "stated values differ": any(item.told and item.stated for item in self.values)
+            or any(item.kind == "wrong_parameter" for item in self.findings),
+            "physics is missing": any(item.told and not item.stated for item in self.values)
+            or any(map(self.is_missing, self.findings))
+            or bool(self.not_stated),
+            "something unexplained remains": bool(self.unexplained_joints),
+        }
+        return tuple(name for name, holds in found.items() if holds) or ("agrees",)
+
+    def is_missing(self, item: Finding) -> bool:
+        """Say whether a finding is of physics that the given simulation states nothing of."""
+        return item.kind == "missing" and item.effect != UNKNOWN and not any(self.values_of(item))
+
+    def values_of(self, item: Finding) -> tuple[StatedValue, ...]:
+        """Return the stated values that a finding changes, and that are said to differ."""
+        return tuple(
+            value
+            for value in self.values
+            if value.told and value.effect == item.effect and value.joints == item.joints
+        )
+
+    @property
+    def not_stated(self) -> tuple[int, ...]:
+        """Joints, 1-based, above the noise floor, whose ordinary physics the simulation lacks."""
+        stated = {(value.effect, value.joints) for value in self.values}
+        lacking = {x.joint for x in self.identified if (x.effect, x.joints) not in stated}
+        return tuple(sorted(lacking & {*self.fit.above_floor}))
+
+    @property
+    def unexplained_joints(self) -> tuple[int, ...]:
+        """Joints, 1-based, with an error that nothing explains, or that nothing said accounts for.
+
+        The latter are above the noise floor as given, and no finding or value acts there.
+        """
+        items = (*self.findings, *(item for item in self.values if item.told))
+        n = len(self.fit.noise_floor)
+        said = {j for item in items for j in (item.joints or range(1, n + 1))}
+        if any(is_felt_by_all(item.effect) for item in self.findings):
+            said |= {*range(1, n + 1)}
+        open_ = {*self.fit.above_floor} - said - {*self.not_stated}
+        unknown = {j for x in self.findings if x.effect == UNKNOWN for j in x.joints}
+        return tuple(sorted(open_ | unknown | {*self.unexplained.joints}))
 
     def as_values(self) -> dict[str, Any]:
         """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""
@@ -213,7 +308,7 @@ class Verdict:
         for name in _WITHOUT_TORQUE:
             if not content["fit"][name]:
                 del content["fit"][name]
-        return {"schema": SCHEMA} | content
+        return {"schema": SCHEMA} | content | {"states": list(self.states)}
 
     def save(self, path: Path) -> None:
         """Write `verdict.json`.
@@ -223,6 +318,14 @@ class Verdict:
         """
         with whole(path) as draft:
             draft.write_text(json.dumps(self.as_values(), indent=1) + "\n", encoding="utf-8")
+
+
+def is_felt_by_all(effect: str) -> bool:
+    """Say whether an effect may act on all joints, whichever it is said to be of."""
+    known = known_as(effect)
+    return effect == LINK_INERTIA or (
+        known is not None and issubclass(known, (BodyEffect, ArmEffect))
+    )
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401  # JSON values

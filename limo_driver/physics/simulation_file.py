@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
@@ -18,7 +18,7 @@ from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.outputs import whole
-from limo_driver.runtime.parameters import Declared, parameter
+from limo_driver.runtime.parameters import Declared, parameter, parameters_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,12 +36,33 @@ _INERTIAL = ("mass", "com", "inertia")
 
 @dataclass(frozen=True)
 class Tolerances(Declared):
-    """Relative standard deviations of the nominal values (1 sigma)."""
+    """Relative standard deviations of the nominal values (1 sigma).
+
+    What nobody states is assumed, which is limo's guess; so is what equals that. A file that has
+    none of a tolerance is one that nobody stated it in.
+    """
 
     inertia: float = parameter("1", "of masses and moments", lower=0, default=0.02)
     friction: float = parameter("1", "of the parameters of friction", lower=0, default=0.15)
     drive: float = parameter("1", "of the parameters of drives", lower=0, default=0.3)
     gain: float = parameter("1", "of the scale of each joint's torque", lower=0, default=0.0)
+    stated: frozenset[str] | None = field(default=None, compare=False)  # None: what is not usual
+
+    @property
+    def usual(self) -> frozenset[str]:
+        """Names of those that are as large as where nobody says anything."""
+        every = (item.name for item in parameters_of(Tolerances))
+        return frozenset(name for name in every if getattr(self, name) == getattr(_USUAL, name))
+
+    @property
+    def assumed(self) -> frozenset[str]:
+        """Names of those that nobody has stated."""
+        if self.stated is None:
+            return self.usual
+        return frozenset(item.name for item in parameters_of(Tolerances)) - self.stated
+
+
+_USUAL = Tolerances()
 
 
 @dataclass(frozen=True)
@@ -80,11 +101,16 @@ def load(path: Path) -> SimulationFile:
     return SimulationFile(
         robot=robot,
         inertials={link: _inertial(inertials[link], model.inertials[link]) for link in inertials},
-        tolerances=given.optional("tolerances").make(Tolerances),
+        tolerances=_tolerances(given.optional("tolerances")),
         sensors=_sensors(given.optional("sensors"), model.n),
         drives=_drives(given, model),
         effects=stated or tuple(_effect(entry, model) for entry in effects),
     )
+
+
+def _tolerances(given: Given) -> Tolerances:
+    """Read how well values are known, and which of that somebody has stated."""
+    return replace(given.make(Tolerances), stated=frozenset(given.entries))
 
 
 def save(simulation: SimulationFile, path: Path) -> None:
@@ -92,11 +118,11 @@ def save(simulation: SimulationFile, path: Path) -> None:
     content: dict[str, Any] = {"robot": simulation.robot}
     if simulation.inertials:
         content["inertials"] = _inertial_entries(simulation.inertials)
-    content["tolerances"] = _values(simulation.tolerances)
-    if not simulation.drives:
-        del content["tolerances"]["drive"]
-    if not simulation.tolerances.gain:  # nobody doubts it
-        del content["tolerances"]["gain"]
+    known = simulation.tolerances
+    kept = known.usual & known.assumed
+    told = [item.name for item in parameters_of(Tolerances) if item.name not in kept]
+    if told:
+        content["tolerances"] = {name: getattr(known, name) for name in told}
     if simulation.sensors != Sensors():
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
     if simulation.drives:

@@ -23,6 +23,7 @@ from estimators.diagnosis.from_torque.judgement.conclusion import (
 )
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
 from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
+from estimators.diagnosis.from_torque.judgement.stated_values import not_shown_by, stated_values
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible
@@ -144,6 +145,11 @@ def _told(
     verdict = say(judged.named)
     if doubtful := unsure(verdict.findings, simulation):
         verdict = say([i for i in judged.named if _said(problem, i) not in doubtful])
+    values = attempts.at(
+        "values that differ from the stated ones",
+        lambda: stated_values(judged, improved, mounted, verdict.findings),
+        (),
+    )
     shifts = shifts_of(problem, solution)
     said = remarks(
         shifts,
@@ -161,6 +167,8 @@ def _told(
     found = Diagnosis(
         verdict=replace(
             verdict,
+            values=values,
+            holds=not_shown_by(verdict.holds, values),
             notes=(*verdict.notes, *said, *of_gains, *events.notes(len(observed.recordings))),
         ),
         before=simulation,

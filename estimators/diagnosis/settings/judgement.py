@@ -24,7 +24,7 @@ class JudgementSettings:
     smooth: float = setting(1.9, "", "that ratio, at least", "as above")
     at_limit: float = setting(0.01, "sigma",
         "from the limit of a tolerance, at which a value is said to be there", "only wording")
-    worth_a_word: float = setting(1.5, "sigma", "that a value moved inside its tolerance",
+    worth_a_word: float = setting(1.5, "sigma", "that a lag or offset of a sensor moved",
         "only wording: higher notes fewer")
     dominant: float = setting(0.96, "of a joint's predictable error",
         "that its findings have to explain",
@@ -184,3 +184,18 @@ class HoldingSettings:
 
 
 HOLDING = HoldingSettings()
+
+
+@dataclass(frozen=True)
+class ValueSettings:
+    """Stated values that are said to differ (judgement.stated_values)."""
+
+    sure: float = setting(3.0, "standard deviations",
+        "that a value that fits is from the stated one",
+        "lower tells chance; higher less that differs",
+        chosen="some twenty values of an arm are looked at")
+    share: float = setting(0.1, "of a joint's reducible error", "that goes with it",
+        "lower tells what hardly matters; higher leaves unsaid what moved")
+
+
+VALUES = ValueSettings()

@@ -22,7 +22,7 @@ import numpy as np
 from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in, numbers_of
 from estimators.diagnosis.from_torque.fitting.linearised import Linearised
 from estimators.diagnosis.from_torque.hypotheses.catalogue import relative_inertia
-from estimators.diagnosis.headline import listed
+from estimators.diagnosis.quantities import listed
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK

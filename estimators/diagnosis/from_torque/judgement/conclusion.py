@@ -22,8 +22,8 @@ from estimators.diagnosis.from_torque.judgement.findings import (
 from estimators.diagnosis.from_torque.judgement.ordinary import to_identify
 from estimators.diagnosis.from_torque.residuals import usable_joints
 from estimators.diagnosis.from_torque.residuals.plausibility import doubts_on, notes_on
-from estimators.diagnosis.headline import listed, rounded
 from estimators.diagnosis.held_out import bootstrap, reducible_removed, rmse
+from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
