@@ -18,7 +18,7 @@ from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.outputs import whole
-from limo_driver.runtime.parameters import Declared, parameter, parameters_of
+from limo_driver.runtime.parameters import TEXT, Declared, Parameter, parameter, parameters_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _FRAME = "frame"  # of a payload, in which it is stated: a link or site that the last link carries
 _SECTIONS = ("robot", "inertials", "tolerances", "sensors", "drives", "effects")
+_GUESSED = "guessed"  # of tolerances: names of those that nobody has stated
 _INERTIAL = ("mass", "com", "inertia")
 
 
@@ -38,8 +39,8 @@ _INERTIAL = ("mass", "com", "inertia")
 class Tolerances(Declared):
     """Relative standard deviations of the nominal values (1 sigma).
 
-    What nobody states is assumed, which is limo's guess; so is what equals that. A file that has
-    none of a tolerance is one that nobody stated it in.
+    What nobody states is assumed, which is limo's guess. A file that limo writes says of which that
+    is so under `guessed`.
     """
 
     inertia: float = parameter("1", "of masses and moments", lower=0, default=0.02)
@@ -49,17 +50,20 @@ class Tolerances(Declared):
     stated: frozenset[str] | None = field(default=None, compare=False)  # None: what is not usual
 
     @property
+    def all_names(self) -> frozenset[str]:
+        """Names of all of them."""
+        return frozenset(item.name for item in parameters_of(Tolerances))
+
+    @property
     def usual(self) -> frozenset[str]:
         """Names of those that are as large as where nobody says anything."""
-        every = (item.name for item in parameters_of(Tolerances))
-        return frozenset(name for name in every if getattr(self, name) == getattr(_USUAL, name))
+        same = (name for name in self.all_names if getattr(self, name) == getattr(_USUAL, name))
+        return frozenset(same)
 
     @property
     def assumed(self) -> frozenset[str]:
         """Names of those that nobody has stated."""
-        if self.stated is None:
-            return self.usual
-        return frozenset(item.name for item in parameters_of(Tolerances)) - self.stated
+        return self.usual if self.stated is None else self.all_names - self.stated
 
 
 _USUAL = Tolerances()
@@ -110,7 +114,11 @@ def load(path: Path) -> SimulationFile:
 
 def _tolerances(given: Given) -> Tolerances:
     """Read how well values are known, and which of that somebody has stated."""
-    return replace(given.make(Tolerances), stated=frozenset(given.entries))
+    names = tuple(item.name for item in parameters_of(Tolerances))
+    known = given.only(*names, _GUESSED).make(Tolerances, beside=(_GUESSED,))
+    of = Parameter(_GUESSED, kind=TEXT, is_list=True, of=names)
+    guessed = given.take(of) if _GUESSED in given else ()
+    return replace(known, stated=frozenset(given.entries).intersection(names).difference(guessed))
 
 
 def save(simulation: SimulationFile, path: Path) -> None:
@@ -119,10 +127,14 @@ def save(simulation: SimulationFile, path: Path) -> None:
     if simulation.inertials:
         content["inertials"] = _inertial_entries(simulation.inertials)
     known = simulation.tolerances
-    kept = known.usual & known.assumed
-    told = [item.name for item in parameters_of(Tolerances) if item.name not in kept]
-    if told:
-        content["tolerances"] = {name: getattr(known, name) for name in told}
+    told = [item.name for item in parameters_of(Tolerances)]
+    if not simulation.drives:
+        told.remove("drive")
+    if not known.gain:  # nobody doubts it
+        told.remove("gain")
+    content["tolerances"] = {name: getattr(known, name) for name in told}
+    if guessed := [name for name in told if name in known.assumed]:
+        content["tolerances"][_GUESSED] = guessed
     if simulation.sensors != Sensors():
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
     if simulation.drives:

@@ -199,3 +199,20 @@ class ValueSettings:
 
 
 VALUES = ValueSettings()
+
+
+@dataclass(frozen=True)
+class GuessSettings:
+    """Tolerances that nobody stated (judgement.guesses)."""
+
+    gain: float = setting(0.1, "relative", "deviation of the scale of torques that are currents",
+        "higher lets loads go into gains; lower takes a wrong constant of a motor for a tilt",
+        chosen="constants of motors in data sheets are good to a tenth")
+    constant: float = setting(0.01, "of a torque", "that it differs from a constant times currents",
+        "higher takes a sensor beside currents for them; lower misses rounded ones")
+    times: tuple[float, ...] = setting((0.5, 2.0), "times a guessed tolerance", "that are tried",
+        "more cost time; fewer say less of what a guess decides")
+    listed: int = setting(3, "effects", "that another tolerance would bring, named", "only wording")
+
+
+GUESSES = GuessSettings()

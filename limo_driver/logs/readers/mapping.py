@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns import CURRENTS, NO_COLUMN, SECONDS, UNITS
+from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, SECONDS, UNITS
 from limo_driver.recordings.channels import CHANNELS, POSITION, Columns, seconds
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.display import Displayed
@@ -116,6 +116,11 @@ class Channels(Declared):
         if any(abs(sign) != 1 for sign in self.sign):
             raise self._refused("sign", "1 or -1")
 
+    @property
+    def of_currents(self) -> bool:
+        """Whether the columns are in amperes."""
+        return not set(CURRENTS).isdisjoint(self.unit)
+
     def read(self, table: LogTable, quantity: str) -> FloatArray:
         """Return the values of T rows, (T, n), in SI units.
 
@@ -123,7 +128,7 @@ class Channels(Declared):
             ConfigError: They are currents, and no factor says how many N m one makes.
             RecordingError: The log lacks a column, or one holds no numbers.
         """
-        if not set(CURRENTS).isdisjoint(self.unit) and set(self.factor) == {1.0}:
+        if self.of_currents and set(self.factor) == {1.0}:
             raise ConfigError(
                 f"{quantity}: is in amperes; its `factor:` has to say how many N m one makes"
             )
@@ -308,10 +313,13 @@ class LogMapping(Declared, Displayed):
         command, led, extras = mapping._commands(table)
         if mapping.temperature is not None:
             extras["temperature"] = mapping.temperature.read(table, "temperature")
+        torque = mapping._torques(table)
+        if mapping.torque is not None and mapping.torque.of_currents:
+            extras[CURRENT] = torque / np.resize(mapping.torque.factor, len(self.joints))
         return Columns(
             time=time,
             position=position,
-            torque=mapping._torques(table),
+            torque=torque,
             velocity=None if mapping.velocity is None else mapping.velocity.read(table, "velocity"),
             command=command,
             channels=led,

@@ -1,0 +1,285 @@
+"""Whether a diagnosis tells stated values that differ, and none that does not.
+
+The arms are the concealed plants of `tests/concealed`, with torques and behind servos, which share
+no code with limo. Three kinds of cases: one value of the file is wrong by 20 to 60 %, within its
+tolerance or beyond; all are exactly as stated; all are off inside their tolerances. Bars: nine of
+ten wrong values are told with the right one; two of a hundred exact files get any value told, and
+as many of the others missing physics or a value beyond its tolerance; 92 % of intervals hold.
+
+    python benchmarks/diagnosis/stated_values.py [--first 0] [--wrong 40] [--exact 40]
+        [--inside 40] [--servos 20] [--seconds 30] [--joints 7]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+import yaml
+from fresh import first_seed
+
+import limo_driver as limo
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "concealed"))
+
+import cases
+import servo_cases
+from variant import Variant
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from estimators.diagnosis.verdict import StatedValue, Verdict
+
+SIZED = {  # effects that are put into the file beside what every arm has, and their wrong value
+    "spring_load": "stiffness",
+    "payload": "mass",
+    "armature": "inertia",
+    "torque_gain": "gain",
+    "torque_offset": "offset",
+}
+OF_ALL = ("tau_c", "f_v", "mass")
+OF_SERVOS = ("kp", "delay", "tau_c", "f_v", "inertia")
+NEAR = 0.1  # of the true value, within which the one that fits is right, if no interval holds it
+PLACED = {"tau_c": "coulomb_friction", "f_v": "viscous_friction", "inertia": "armature"}
+
+
+class Exact:
+    """Stands in for a random generator of which nothing is off."""
+
+    def normal(self, size: int | None = None) -> Any:  # noqa: ANN401  # as numpy's
+        """Return none."""
+        return 0.0 if size is None else np.zeros(size)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was told in one case."""
+
+    kind: str  # wrong, exact or inside
+    seed: int
+    hidden: tuple[str, int, float, float] | None  # name, joint (1-based), stated and true value
+    verdict: Verdict
+    truth: dict[tuple[str, str, int], float]  # by effect, name and joint
+
+    @property
+    def told(self) -> list[StatedValue]:
+        """Return the values that are told."""
+        return [item for item in self.verdict.values if item.told]
+
+    @property
+    def right(self) -> bool:
+        """Whether the wrong value is told, and what fits is the true one."""
+        return any(map(self._is_hidden, self.told))
+
+    def _is_hidden(self, item: StatedValue) -> bool:
+        if self.hidden is None:
+            return False
+        name, joint, _, true = self.hidden
+        if name != item.name or joint not in item.joints:
+            return False
+        low, high = item.ci95 or (np.nan, np.nan)
+        return low <= true <= high or abs(item.fitted - true) <= NEAR * abs(true)
+
+    @property
+    def others(self) -> list[StatedValue]:
+        """Return the values that are told of a file in which they are right."""
+        return [item for item in self.told if not self._is_hidden(item)]
+
+    @property
+    def alarmed(self) -> bool:
+        """Whether physics is said to be missing, or a value beyond its tolerance."""
+        said = [item for item in self.verdict.findings if item.kind == "missing"]
+        return bool(said) or any(item.beyond for item in self.told)
+
+    def covered(self) -> Iterator[bool]:
+        """Yield whether the interval of each value holds the true one."""
+        for item in self.verdict.values:
+            true = self.truth.get((item.effect, item.name, *item.joints[:1]))
+            if true is not None and item.ci95 is not None:
+                yield item.ci95[0] <= true <= item.ci95[1]
+
+
+def main() -> None:
+    """Make, diagnose, and print each case and the figures beside their bars."""
+    given = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    given.add_argument("--first", type=int, default=first_seed(), help="seed; else by the version")
+    given.add_argument("--wrong", type=int, default=40)
+    given.add_argument("--exact", type=int, default=40)
+    given.add_argument("--inside", type=int, default=40)
+    given.add_argument("--servos", type=int, default=20, help="wrong values of servos")
+    given.add_argument("--nulls", type=int, default=10, help="servos of each other kind")
+    given.add_argument("--seconds", type=float, default=30.0, help="of each recording of torques")
+    given.add_argument("--joints", type=int, default=7, help="4, 6 or 7")
+    asked = given.parse_args()
+    variant = Variant(seconds=asked.seconds, joints=asked.joints)
+    found: list[Outcome] = []
+    for kind, count, own in (
+        ("wrong", asked.wrong, asked.servos),
+        ("exact", asked.exact, asked.nulls),
+        ("inside", asked.inside, asked.nulls),
+    ):
+        for k in range(count + own):
+            made = of_torques(kind, asked.first + k, k, variant) if k < count else None
+            outcome = made or of_servos(kind, asked.first + k, k)
+            found.append(outcome)
+            print(line(outcome), flush=True)
+    show(found)
+
+
+def of_torques(kind: str, seed: int, k: int, variant: Variant) -> Outcome:
+    """Diagnose an arm that tells torques."""
+    names = [*OF_ALL, *SIZED]
+    name = names[k % len(names)]
+    random = np.random.default_rng([seed, 31])
+    factor = float(random.choice((-1, 1)) * random.uniform(0.2, 0.6)) + 1.0
+    case = _drawn(seed, name if kind == "wrong" and name in SIZED else None, variant)
+    nominal = case.nominal if kind == "inside" else case.world.simulation_file(Exact())
+    truth = {
+        (PLACED[name], name, j + 1): float(values[j])
+        for name, values in (
+            ("tau_c", case.world.nominal.coulomb),
+            ("f_v", case.world.nominal.viscous),
+        )
+        for j in range(len(values))
+    }
+    hidden = None
+    if kind == "wrong":
+        hidden = _made_wrong(case, nominal, name, factor, random, truth)
+    case = replace(case, nominal=nominal)
+    with tempfile.TemporaryDirectory() as folder:
+        case.write(Path(folder))
+        recordings = sorted(Path(folder).glob("recording_*.parquet"))
+        verdict = limo.diagnose(Path(folder) / "sim.yaml", recordings).verdict
+    return Outcome(kind, seed, hidden, verdict, {} if variant.joints < 7 else truth)
+
+
+def _drawn(seed: int, effect: str | None, variant: Variant) -> cases.Case:
+    """Draw an arm that has one more effect, ten noise floors large, or none."""
+    if effect is None:
+        return cases.draw(seed, "null", variant)
+    many = len(cases.KNOWN)
+    turn = seed - seed % (3 * many) + 2 * many + seed % many  # that of the largest of three sizes
+    for trial in range(20):
+        try:
+            return cases.draw(turn + 3 * many * trial, "single", variant, effect)
+        except cases.UnreachableError:
+            continue
+    raise SystemExit(f"no arm has {effect} of ten noise floors near seed {seed}")
+
+
+def _made_wrong(
+    case: cases.Case,
+    nominal: dict[str, Any],
+    name: str,
+    factor: float,
+    random: np.random.Generator,
+    truth: dict[tuple[str, str, int], float],
+) -> tuple[str, int, float, float]:
+    """Make one value of a file wrong; return name, joint, and the stated and the true value."""
+    moving = [j + 1 for j in case.variant.moving]
+    if name in SIZED:
+        draft = case.hidden[0].draft
+        entry = {"effect": draft.effect, **draft.parameters(case.hidden[0].amplitude)}
+        joint = draft.joints[0]
+        entry |= {} if draft.effect == "payload" else {"joint": joint}
+        key = SIZED[name]
+        true = float(entry[key])
+        entry[key] = true * factor
+        nominal["effects"].append(entry)
+        truth[draft.effect, key, joint] = true
+        return key, joint, true * factor, true
+    joint = int(random.choice(moving[1:]))
+    if name == "mass":
+        body = nominal["inertials"][f"link{joint}"]
+        true, body["mass"] = body["mass"], body["mass"] * factor
+        body["inertia"] = [x * factor for x in body["inertia"]]
+        return "mass", joint, true * factor, true
+    entry = next(
+        e for e in nominal["effects"] if e["effect"] == PLACED[name] and e["joint"] == joint
+    )
+    true, entry[name] = entry[name], entry[name] * factor
+    return name, joint, true * factor, true
+
+
+def of_servos(kind: str, seed: int, k: int) -> Outcome:
+    """Diagnose an arm behind servos, whose damping is where the file has it: in the joints."""
+    case = servo_cases.make(seed, ())
+    random = np.random.default_rng([seed, 32])
+    fields = {
+        "kp": "gain", "delay": "late", "tau_c": "dry", "inertia": "rotor", "torque_limit": "stall",
+    }  # fmt: skip
+    drives, effects = case.stated["drives"], case.stated["effects"]
+    places: dict[tuple[str, int], tuple[dict[str, Any], float]] = {}
+    for j, own in enumerate(case.servos, start=1):
+        entries = [drives[j - 1], *(e for e in effects if e["joint"] == j)]
+        entries[0]["kd"] = 0.0
+        for entry in entries:
+            for name in entry:
+                if name in fields:
+                    places[name, j] = entry, float(own[fields[name]])
+                elif name == "f_v":
+                    places[name, j] = entry, float(own["brake"] + own["wet"])
+    for (name, _), (entry, true) in places.items():
+        off = servo_cases.TOLERANCE * np.clip(random.normal(), -2, 2) * (kind == "inside")
+        entry[name] = true * float(np.exp(off))
+    hidden = None
+    if kind == "wrong":
+        name, joint = OF_SERVOS[k % len(OF_SERVOS)], int(random.choice((2, 3)))
+        entry, true = places[name, joint]
+        factor = float(random.choice((-1, 1)) * random.uniform(0.2, 0.6)) + 1.0
+        factor = factor if name != "delay" else 1.0 + abs(factor - 1.0) * 4.0
+        entry[name] = true * factor
+        hidden = name, joint, true * factor, true
+    effect = {"kp": "position_servo", "delay": "drive_delay"} | PLACED
+    truth = {(effect[n], n, j): true for (n, j), (_, true) in places.items() if n in effect}
+    with tempfile.TemporaryDirectory() as folder:
+        sim, recordings = case.write(Path(folder))
+        sim.write_text(yaml.safe_dump(case.stated))
+        verdict = limo.diagnose(sim, recordings).verdict
+    return Outcome(f"{kind} servos", seed, hidden, verdict, truth)
+
+
+def line(outcome: Outcome) -> str:
+    """Return a case in a line."""
+    said = [f"{x.name}@{','.join(map(str, x.joints))} {x.stated:.3g} to {x.fitted:.3g}"
+            f"{' beyond' * x.beyond}" for x in outcome.told]  # fmt: skip
+    said += [
+        f"{x.effect}@{','.join(map(str, x.joints))} {x.kind}" for x in outcome.verdict.findings
+    ]
+    what = "nothing"
+    if outcome.hidden is not None:
+        name, joint, stated, true = outcome.hidden
+        what = f"{name}@{joint} {stated:.3g} for {true:.3g} {'right' if outcome.right else 'WRONG'}"
+    states = ", ".join(outcome.verdict.states)
+    return f"{outcome.seed} {outcome.kind:13s} {what:38s} {states}: {'; '.join(said) or '-'}"
+
+
+def show(found: Sequence[Outcome]) -> None:
+    """Print the figures beside their bars."""
+    for servos in ("", " servos"):
+        wrong, exact, inside = (
+            [x for x in found if x.kind == f"{kind}{servos}"]
+            for kind in ("wrong", "exact", "inside")
+        )
+        print(f"\n{'behind servos' if servos else 'with torques'}")
+        print(f"wrong values told with the right one: {sum(x.right for x in wrong)} of "
+              f"{len(wrong)} (bar 90 %); others told beside: {sum(len(x.others) for x in wrong)}")  # fmt: skip
+        print(f"exact files with a value told: {sum(bool(x.told) for x in exact)} of {len(exact)} "
+              f"(bar 2 %); that agree: {sum(x.verdict.states == ('agrees',) for x in exact)}")  # fmt: skip
+        print(f"files off inside, told missing physics or beyond: {sum(x.alarmed for x in inside)} "
+              f"of {len(inside)} (bar 2 %)")  # fmt: skip
+        held = [own for x in (*wrong, *exact, *inside) for own in x.covered()]
+        print(f"intervals that hold the true value: {sum(held)} of {len(held)} (bar 92 %)")
+
+
+if __name__ == "__main__":
+    main()
