@@ -98,10 +98,10 @@ def _of_counted(values: Sequence[float], counted: Sequence[int]) -> list[float]:
 
 def hardly_shown(verdict: Verdict) -> str:
     """Say which values the motion does not show; nothing where there are none."""
-    if verdict.holds is None or not verdict.holds.as_stated:
+    if not verdict.hardly_shown:
         return ""
     return (
-        f"The motion hardly shows {_together(verdict.holds.as_stated)}: of these, what is stated "
+        f"The motion hardly shows {_together(verdict.hardly_shown)}: of these, what is stated "
         "is all that is known."
     )
 

@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from estimators.diagnosis.settings.afterwards import WORDING
-from limo_driver.physics import ArmEffect, BodyEffect
+from estimators.diagnosis.settings.judgement import HOLDING
+from limo_driver.physics import ArmEffect, BodyEffect, spoken
 from limo_driver.physics.catalogue import known_as
 from limo_driver.runtime.outputs import whole
 
@@ -28,6 +29,7 @@ VERDICT = "verdict.json"  # the files of a diagnosis, in one folder
 IMPROVED = "sim.yaml"
 REPORT = "report.html"
 NEXT_MOTION = "next_motion.parquet"
+Z95 = 1.96  # deviations of a normal distribution, on either side, that hold 95 %
 TORQUE = "N m"  # unit of errors where torque was recorded
 LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
@@ -118,6 +120,19 @@ class StatedValue:
         outside = self.ci95 is not None and not self.ci95[0] <= self.stated <= self.ci95[1]
         return self.told or self.beyond or outside
 
+    @property
+    def in_words(self) -> str:
+        """The value with its joint and effect, as what a motion hardly shows is named."""
+        place = f" of joint {self.joints[0]}" if self.joints else ""
+        return f"{self.name}{place} ({spoken(self.effect)})"
+
+    @property
+    def is_told_well(self) -> bool:
+        """Whether recordings leave less open than a tolerance does."""
+        if self.ci95 is None or self.tolerance is None:
+            return False
+        return self.ci95[1] - self.ci95[0] < 2.0 * Z95 * HOLDING.open * self.tolerance
+
 
 @dataclass(frozen=True)
 class BeforeAfter:
@@ -172,23 +187,12 @@ class Fit:
     heldout_rmse_tolerances: tuple[float, ...] = ()  # values moved inside tolerances, no effect
     heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
+    above_floor: tuple[int, ...] = ()  # joints, 1-based, at which as given surely more than noise
     unit: str = TORQUE  # of all errors; rad where commands and positions alone were recorded
     one_step_rmse_before: tuple[float, ...] = ()  # (n,) [rad], from each row to the next; likewise
     one_step_rmse_after: tuple[float, ...] = ()
     inverse_dynamics_rmse_before: tuple[float, ...] = ()  # (n,) [N m], of drive and friction
     inverse_dynamics_rmse_after: tuple[float, ...] = ()
-
-    @property
-    def above_floor(self) -> tuple[int, ...]:
-        """Joints, 1-based, of which the given simulation errs by more than noise.
-
-        What an encoder's steps make of positions is a floor that no servo of a real arm is at.
-        """
-        most = WORDING.at_floor if self.unit == TORQUE else WORDING.at_step
-        pairs = zip(self.heldout_rmse_before, self.noise_floor, strict=True)
-        return tuple(
-            j for j, (error, floor) in enumerate(pairs, start=1) if error > most * floor > 0.0
-        )
 
     @property
     def worse_within_tolerances(self) -> tuple[int, ...]:
@@ -283,6 +287,12 @@ class Verdict:
         return tuple(sorted(lacking & {*self.fit.above_floor}))
 
     @property
+    def hardly_shown(self) -> tuple[str, ...]:
+        """Stated friction that the motion says next to nothing of, and that did not move."""
+        told = {item.in_words for item in self.values if item.moved or item.is_told_well}
+        return tuple(x for x in (self.holds.as_stated if self.holds else ()) if x not in told)
+
+    @property
     def unexplained_joints(self) -> tuple[int, ...]:
         """Joints, 1-based, with an error that nothing explains, or that nothing said accounts for.
 
@@ -304,6 +314,8 @@ class Verdict:
             for known in item["parameters"].values():
                 if known["stated"] is None:
                     del known["stated"]
+        if self.holds is not None:
+            content["holds"]["as_stated"] = list(self.hardly_shown)
         content["unexplained"]["joints"] = list(self.unexplained.joints)
         for name in _WITHOUT_TORQUE:
             if not content["fit"][name]:

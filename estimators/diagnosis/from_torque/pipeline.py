@@ -24,7 +24,7 @@ from estimators.diagnosis.from_torque.judgement.conclusion import (
 from estimators.diagnosis.from_torque.judgement.guesses import guessed_notes, with_guesses
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
 from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
-from estimators.diagnosis.from_torque.judgement.stated_values import not_shown_by, stated_values
+from estimators.diagnosis.from_torque.judgement.stated_values import stated_values
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible
@@ -179,7 +179,6 @@ def _told(
         verdict=replace(
             verdict,
             values=values,
-            holds=not_shown_by(verdict.holds, values),
             notes=(
                 *verdict.notes,
                 *said,

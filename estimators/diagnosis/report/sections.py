@@ -388,9 +388,9 @@ def identified(verdict: Verdict, lead: str = "", title: str = "Identified fricti
         return ""
     rows = [[prose(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
     lead = lead or (
-        "The given simulation states no friction of these joints, so it is unknown, and estimated "
-        "together with everything else; with 95\N{NO-BREAK SPACE}% intervals. What most of them "
-        "have is ordinary; what is unlike its siblings is a finding."
+        "What the given simulation does not state of these joints, or less precisely than the "
+        "recordings tell, estimated together with everything else; with 95\N{NO-BREAK SPACE}% "
+        "intervals. What most of them have is ordinary; what is unlike its siblings is a finding."
     )
     body = table([typeset(" ".join(heading).strip()) for heading in columns], rows, numeric=1)
     return section(title, body, "identified", lead)

@@ -38,9 +38,8 @@ def verdict(*findings, said="explained", unexplained=()):
 
 def erring(*joints):
     """Errors of a simulation that is above the noise floor at some joints as given."""
-    return replace(
-        FIT, heldout_rmse_before=tuple(1.0 if j in joints else 0.1 for j in range(1, N + 1))
-    )
+    before = tuple(1.0 if j in joints else 0.1 for j in range(1, N + 1))
+    return replace(FIT, heldout_rmse_before=before, above_floor=joints)
 
 
 PAYLOAD = finding("payload", (7,), mass=Interval(0.968, "kg", (0.754, 1.182)))

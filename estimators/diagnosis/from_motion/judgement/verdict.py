@@ -122,6 +122,9 @@ def verdict_of(
             tuple(floor.tolist()),
             removed,
             blocks,
+            above_floor=tuple(
+                int(j) + 1 for j in np.flatnonzero(rmse_before > WORDING.at_step * floor)
+            ),
             unit=_unit(given),
             one_step_rmse_before=step_before,
             one_step_rmse_after=step_after,

@@ -21,14 +21,15 @@ from estimators.diagnosis.from_torque.fitting.contribution import TINY, surely_l
 from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in
 from estimators.diagnosis.from_torque.fitting.linearised import Linearised
 from estimators.diagnosis.from_torque.hypotheses.responses import difference
+from estimators.diagnosis.from_torque.judgement.conclusion import above_floor
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import HOLDING, VALUES
-from estimators.diagnosis.verdict import LINK_INERTIA, StatedValue
+from estimators.diagnosis.settings.judgement import VALUES
+from estimators.diagnosis.settings.selection import TOLERATED
+from estimators.diagnosis.verdict import LINK_INERTIA, Z95, StatedValue
 from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
-from limo_driver.physics import TorqueGain, spoken
+from limo_driver.physics import TorqueGain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -37,11 +38,9 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from estimators.diagnosis.verdict import Finding, Holds
+    from estimators.diagnosis.verdict import Finding
     from limo_driver.physics import Effect, Parameter, Simulation
     from limo_driver.types import FloatArray
-
-_Z95 = 1.96
 
 
 def stated_values(
@@ -61,29 +60,6 @@ def stated_values(
     if improved.simulation is stated:
         return ()
     return tuple(_Comparison.of(judged, improved, stated, tuple(findings)).values())
-
-
-def not_shown_by(holds: Holds | None, values: Sequence[StatedValue]) -> Holds | None:
-    """Return what a verdict holds on without names of values that the recordings do tell.
-
-    Args:
-        holds: As the fit to the rows of the proof has it.
-        values: Stated ones, beside those that fit.
-    """
-    if holds is None:
-        return None
-    told = {
-        f"{item.name} of joint {item.joints[0]} ({spoken(item.effect)})"
-        for item in values
-        if item.joints and (item.moved or _is_told_well(item))
-    }
-    return replace(holds, as_stated=tuple(name for name in holds.as_stated if name not in told))
-
-
-def _is_told_well(item: StatedValue) -> bool:
-    if item.ci95 is None or item.tolerance is None:
-        return False
-    return item.ci95[1] - item.ci95[0] < 2.0 * _Z95 * HOLDING.open * item.tolerance
 
 
 @dataclass(frozen=True)
@@ -126,6 +102,12 @@ class _Comparison:
         return rmse(problem.observed.residual, problem.split.held_out)
 
     @cached_property
+    def above(self) -> NDArray[np.bool_]:
+        """Mark the joints (n,) at which the given simulation surely errs by more than noise."""
+        found = above_floor(self.judged.problem, self.judged.remaining.floor)
+        return np.isin(np.arange(self.improved.n), found)
+
+    @cached_property
     def tolerated(self) -> dict[tuple[str, tuple[int, ...], str], int]:
         """Which coefficient each value has that may move, by effect, joints (0-based) and name."""
         every = enumerate(self.around.nuisance.parameters)
@@ -149,7 +131,7 @@ class _Comparison:
         for effect, fitted, proven in self._matched():
             for known in effect.parameters():
                 stated = getattr(effect, known.name)
-                if known.is_size and not known.smooths and stated:
+                if known.is_size and stated:
                     change = self._added(proven, proven.with_value(known.name, float(stated)))
                     yield self._size(effect, fitted, known, change), change
 
@@ -177,9 +159,12 @@ class _Comparison:
         spread, joints = self._spread(fitted, known), effect.joints
         acts = np.abs(change).max(axis=0) > 0.0
         share, sure = self._taken(change, acts)
-        tolerance = self.stated.tolerances.friction * abs(stated)
+        own = TOLERATED.width if known.smooths else self.stated.tolerances.friction
+        tolerance = own * abs(stated)
         off, wrong = abs(value - stated), self._is_wrong(effect)
-        told = wrong or (sure and spread is not None and off > VALUES.sure * spread)
+        told = (wrong and not known.smooths) or (
+            sure and spread is not None and off > VALUES.sure * spread
+        )
         return StatedValue(
             name=known.name,
             effect=effect.name,
@@ -190,8 +175,8 @@ class _Comparison:
             fitted=value,
             ci95=None if spread is None else _interval(value, spread, known),
             tolerance=tolerance,
-            assumed="friction" in self.stated.tolerances.assumed,
-            beyond=told and (wrong or off > REACH * tolerance),
+            assumed=known.smooths or "friction" in self.stated.tolerances.assumed,
+            beyond=told and not known.smooths and (wrong or off > REACH * tolerance),
             told=told,
             share=share,
         )
@@ -237,7 +222,7 @@ class _Comparison:
         after, floor = judged.proven, judged.remaining.floor
         lost = rmse(after + change, rows) ** 2 - rmse(after, rows) ** 2
         reducible = self.before**2 - floor**2
-        some = acts & (self.before > WORDING.at_floor * floor) & rows.any(axis=0)
+        some = acts & self.above & rows.any(axis=0)
         part = np.divide(lost, reducible, out=np.zeros_like(lost), where=some & (reducible > 0))
         joint = int(np.argmax(part))
         if part[joint] < VALUES.share:
@@ -271,7 +256,7 @@ class _Comparison:
             spread = None if k is None else float(self.deviation[k])
             off = abs(gain - 1.0)
             told = sure and spread is not None and off > VALUES.sure * spread
-            reach = None if spread is None else _Z95 * spread
+            reach = None if spread is None else Z95 * spread
             yield (
                 StatedValue(
                     name="gain",
@@ -374,7 +359,7 @@ class _Comparison:
         rows = self.improved.moving[:, worst]
         stated, value = (float(np.sqrt(np.mean(x[rows, worst] ** 2))) for x in (given, fitted))
         joints = (worst + 1, *(j + 1 for j in sorted(felt) if j != worst))
-        reach = None if known is None else _Z95 * known
+        reach = None if known is None else Z95 * known
         assumed = self.stated.tolerances.assumed
         return StatedValue(
             name=name,
@@ -394,5 +379,5 @@ class _Comparison:
 
 
 def _interval(value: float, spread: float, known: Parameter) -> tuple[float, float]:
-    half = _Z95 * spread
+    half = Z95 * spread
     return max(value - half, known.lower), min(value + half, known.upper)
