@@ -82,8 +82,8 @@ def _alike(value: float) -> str:
 
 
 def value_columns(verdict: Verdict) -> dict[str, list[str]]:
-    """Return the stated values that moved, and what fits instead, those that are told first."""
-    moved = sorted((x for x in verdict.values if x.moved), key=lambda x: (not x.told, -x.share))
+    """Return the stated values that moved, and what fits instead, those that are reported first."""
+    moved = sorted((x for x in verdict.values if x.moved), key=lambda x: (not x.reported, -x.share))
     return {
         "value": [name_of_value(x) for x in moved],
         "joint": [place_of_value(x).partition(" ")[2] for x in moved],
@@ -101,5 +101,5 @@ def tolerance_of(item: StatedValue) -> str:
     if item.tolerance is None:
         return f"{side} ({whose})" if not item.effect else ""
     size = abs(item.tolerance / item.stated) if item.stated else None
-    said = f"{item.tolerance:.2g} {item.unit}" if size is None else f"{100 * size:.3g} %"
-    return f"{side} {said} ({whose})"
+    width = f"{item.tolerance:.2g} {item.unit}" if size is None else f"{100 * size:.3g} %"
+    return f"{side} {width} ({whose})"

@@ -64,7 +64,7 @@ def headline(verdict: Verdict) -> str:
     """Say what holds: what differs from what to what, what is missing, and what stays unexplained.
 
     Effects of one kind are said together; where all of it does not fit into two lines, values are
-    left out first, and then what explains least, but something is said of each state that holds.
+    left out first, and then what explains least, but each state that holds has a part.
     Names that are rather wrong than right are left to the list of findings, if there are others.
     """
     n = len(verdict.fit.noise_floor)
@@ -80,36 +80,36 @@ def headline(verdict: Verdict) -> str:
     firsts = [state[0] for state in states if state]
     order = [*firsts, *(part for part in parts if part not in firsts)]
     count = len(order)
-    tried = [_told(parts, order[:k], order[k:]) for k in range(count, -1, -1)]
-    tried += [_told(parts, (), order[:k]) for k in range(count - 1, len(firsts) - 1, -1)]
+    tried = [_chosen(parts, order[:k], order[k:]) for k in range(count, -1, -1)]
+    tried += [_chosen(parts, (), order[:k]) for k in range(count - 1, len(firsts) - 1, -1)]
     texts = [_sentence(each) for each in tried]
     return next((text for text in texts if len(text) <= MOST), texts[-1])
 
 
-def _told(
+def _chosen(
     parts: Sequence[tuple[str, str]],
     long: Sequence[tuple[str, str]],
     short: Sequence[tuple[str, str]],
 ) -> list[str]:
-    """Return some parts as they are said, long or short, and how many are not, in their order."""
-    said = [own[0] if own in long else own[1] for own in parts if own in long or own in short]
-    left = len(parts) - len(said)
-    return [*said, *([f"{left} more below"] if left else [])]
+    """Return some parts, long or short, and how many are left out, in their order."""
+    texts = [own[0] if own in long else own[1] for own in parts if own in long or own in short]
+    left = len(parts) - len(texts)
+    return [*texts, *([f"{left} more below"] if left else [])]
 
 
 def _differing(verdict: Verdict, n: int) -> list[tuple[str, str]]:
     """Return the stated values that differ, long and short, those that take most first."""
     groups: dict[tuple[str, str], list[StatedValue]] = {}
     for item in sorted(verdict.values, key=lambda item: -item.share):
-        if item.told:
+        if item.reported:
             groups.setdefault((item.effect, item.name), []).append(item)
-    said = [(from_to(group), differs(group, n)) for group in groups.values()]
+    texts = [(from_to(group), differs(group, n)) for group in groups.values()]
     others = [
         group
         for group in _groups(verdict)
         if group[0].kind == "wrong_parameter" and not any(map(verdict.values_of, group))
     ]
-    return said + [
+    return texts + [
         (_said(group, n, values=True), _said(group, n, values=False)) for group in others
     ]
 
@@ -117,7 +117,7 @@ def _differing(verdict: Verdict, n: int) -> list[tuple[str, str]]:
 def _missing(verdict: Verdict, n: int) -> list[tuple[str, str]]:
     """Return what the simulation lacks, long and short; pushes last."""
     groups = [[item for item in group if verdict.is_missing(item)] for group in _groups(verdict)]
-    said = [
+    texts = [
         (_said(group, n, values=True), _said(group, n, values=False)) for group in groups if group
     ]
     if verdict.not_stated:
@@ -125,8 +125,8 @@ def _missing(verdict: Verdict, n: int) -> list[tuple[str, str]]:
         effects = {item.effect for item in verdict.identified if item.joint in joints}
         what = "friction" if effects <= _FRICTION else "what is ordinary"
         text = f"{what} of {of_several(sorted(joints), n)} is not stated, and was identified"
-        said.append((text, text))
-    return said
+        texts.append((text, text))
+    return texts
 
 
 def named(item: Finding) -> str:

@@ -94,7 +94,7 @@ class Identified:
 
 @dataclass(frozen=True)
 class StatedValue:
-    """A value that the given simulation states, beside the one that fits the recordings.
+    """A value that the given simulation states, and the one that fits the recordings.
 
     Where only several values together are known, as masses and centres of links are, they are a
     family, and its value is the RMS torque that they make at a joint, over the rows that count.
@@ -111,14 +111,14 @@ class StatedValue:
     tolerance: float | None  # standard deviation that the simulation allows [unit]
     assumed: bool  # whether nobody stated that tolerance, which is limo's guess then
     beyond: bool  # whether it moved beyond what that tolerance allows
-    told: bool  # whether it differs for sure, and takes a tenth of a joint's error or more
+    reported: bool  # whether it differs for sure, and takes a tenth of a joint's error or more
     share: float  # of the reducible error of the joint where it takes most
 
     @property
     def moved(self) -> bool:
-        """Whether the stated value is outside the 95 % interval, or is said to differ."""
+        """Whether the stated value is outside the 95 % interval, or is reported."""
         outside = self.ci95 is not None and not self.ci95[0] <= self.stated <= self.ci95[1]
-        return self.told or self.beyond or outside
+        return self.reported or self.beyond or outside
 
     @property
     def in_words(self) -> str:
@@ -127,7 +127,7 @@ class StatedValue:
         return f"{self.name}{place} ({spoken(self.effect)})"
 
     @property
-    def is_told_well(self) -> bool:
+    def is_known_well(self) -> bool:
         """Whether recordings leave less open than a tolerance does."""
         if self.ci95 is None or self.tolerance is None:
             return False
@@ -252,15 +252,15 @@ class Verdict:
     identified: tuple[Identified, ...] = ()  # ordinary friction that was not stated, by joint
     holds: Holds | None = None  # None where no torque was recorded
     doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
-    values: tuple[StatedValue, ...] = ()  # stated ones, beside those that fit
+    values: tuple[StatedValue, ...] = ()  # stated ones, and those that fit
 
     @property
     def states(self) -> tuple[State, ...]:
         """What holds between simulation and recordings, in words; the first stands alone."""
         found: dict[State, bool] = {
-            "stated values differ": any(item.told and item.stated for item in self.values)
+            "stated values differ": any(item.reported and item.stated for item in self.values)
             or any(item.kind == "wrong_parameter" for item in self.findings),
-            "physics is missing": any(item.told and not item.stated for item in self.values)
+            "physics is missing": any(item.reported and not item.stated for item in self.values)
             or any(map(self.is_missing, self.findings))
             or bool(self.not_stated),
             "something unexplained remains": bool(self.unexplained_joints),
@@ -272,11 +272,13 @@ class Verdict:
         return item.kind == "missing" and item.effect != UNKNOWN and not any(self.values_of(item))
 
     def values_of(self, item: Finding) -> tuple[StatedValue, ...]:
-        """Return the stated values that a finding changes, and that are said to differ."""
+        """Return the stated values that a finding changes, and that are reported."""
         return tuple(
             value
             for value in self.values
-            if value.told and value.effect == item.effect and value.joints == item.joints
+            if value.reported
+            and value.effect == item.effect
+            and (value.joints == item.joints or not value.joints)
         )
 
     @property
@@ -289,21 +291,21 @@ class Verdict:
     @property
     def hardly_shown(self) -> tuple[str, ...]:
         """Stated friction that the motion says next to nothing of, and that did not move."""
-        told = {item.in_words for item in self.values if item.moved or item.is_told_well}
-        return tuple(x for x in (self.holds.as_stated if self.holds else ()) if x not in told)
+        known = {item.in_words for item in self.values if item.moved or item.is_known_well}
+        return tuple(x for x in (self.holds.as_stated if self.holds else ()) if x not in known)
 
     @property
     def unexplained_joints(self) -> tuple[int, ...]:
-        """Joints, 1-based, with an error that nothing explains, or that nothing said accounts for.
+        """Joints, 1-based, with an error that nothing explains or accounts for.
 
         The latter are above the noise floor as given, and no finding or value acts there.
         """
-        items = (*self.findings, *(item for item in self.values if item.told))
+        items = (*self.findings, *(item for item in self.values if item.reported))
         n = len(self.fit.noise_floor)
-        said = {j for item in items for j in (item.joints or range(1, n + 1))}
+        known = {j for item in items for j in (item.joints or range(1, n + 1))}
         if any(is_felt_by_all(item.effect) for item in self.findings):
-            said |= {*range(1, n + 1)}
-        open_ = {*self.fit.above_floor} - said - {*self.not_stated}
+            known |= {*range(1, n + 1)}
+        open_ = {*self.fit.above_floor} - known - {*self.not_stated}
         unknown = {j for x in self.findings if x.effect == UNKNOWN for j in x.joints}
         return tuple(sorted(open_ | unknown | {*self.unexplained.joints}))
 
@@ -333,7 +335,7 @@ class Verdict:
 
 
 def is_felt_by_all(effect: str) -> bool:
-    """Say whether an effect may act on all joints, whichever it is said to be of."""
+    """Say whether an effect may act on all joints, whichever it is of."""
     known = known_as(effect)
     return effect == LINK_INERTIA or (
         known is not None and issubclass(known, (BodyEffect, ArmEffect))

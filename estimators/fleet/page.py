@@ -229,7 +229,7 @@ def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
 def _findings(rows: Sequence[FleetRow]) -> str:
     recordings = Counter(row.arm for row in rows if row.diagnosed)
     found = Counter(
-        (name, row.arm) for row in rows if row.verdict is not None for name in _told(row.verdict)
+        (name, row.arm) for row in rows if row.verdict is not None for name in _named(row.verdict)
     )
     listed = [
         [escape(effect), escape(arm), f"{count} of {recordings[arm]}"]
@@ -238,9 +238,9 @@ def _findings(rows: Sequence[FleetRow]) -> str:
     return table(("finding", "arm", "recordings"), listed, 2) if listed else ""
 
 
-def _told(verdict: Verdict) -> list[str]:
-    """Return what is told of a recording: findings, and stated values that differ."""
-    values = (item for item in verdict.values if item.told)
+def _named(verdict: Verdict) -> list[str]:
+    """Return what a recording has: findings, and stated values that differ."""
+    values = (item for item in verdict.values if item.reported)
     return [
         *(f"{spoken(x.effect)}, {of_joints(x.joints)}" for x in verdict.findings),
         *(f"{name_of_value(x)}, {of_joints(x.joints)}: not as stated" for x in values),
@@ -364,8 +364,8 @@ def _tolerated(item: ToleratedValue) -> dict[str, Any]:
 
 def _stated(item: StatedValue) -> dict[str, Any]:
     same = {name: getattr(item, name) for name in ("effect", "joints", "unit", "stated", "beyond")}
-    told = {"value": json.dumps(item.fitted), "ci95": json.dumps(item.ci95)}
-    return same | told | {"kind": "stated", "parameter": item.name}
+    texts = {"value": json.dumps(item.fitted), "ci95": json.dumps(item.ci95)}
+    return same | texts | {"kind": "stated", "parameter": item.name}
 
 
 def _parameters(

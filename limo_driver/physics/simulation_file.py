@@ -102,23 +102,19 @@ def load(path: Path) -> SimulationFile:
     inertials = given.optional("inertials").only(*model.link_names).entries
     stated = described_effects(model) if "effects" not in given else ()
     effects = given.optional("effects").sections()
+    names = tuple(item.name for item in parameters_of(Tolerances))
+    known = given.optional("tolerances").only(*names, _GUESSED)
+    of = Parameter(_GUESSED, kind=TEXT, is_list=True, of=names)
+    guessed = known.take(of) if _GUESSED in known else ()
+    own = frozenset(known.entries).intersection(names).difference(guessed)
     return SimulationFile(
         robot=robot,
         inertials={link: _inertial(inertials[link], model.inertials[link]) for link in inertials},
-        tolerances=_tolerances(given.optional("tolerances")),
+        tolerances=replace(known.make(Tolerances, beside=(_GUESSED,)), stated=own),
         sensors=_sensors(given.optional("sensors"), model.n),
         drives=_drives(given, model),
         effects=stated or tuple(_effect(entry, model) for entry in effects),
     )
-
-
-def _tolerances(given: Given) -> Tolerances:
-    """Read how well values are known, and which of that somebody has stated."""
-    names = tuple(item.name for item in parameters_of(Tolerances))
-    known = given.only(*names, _GUESSED).make(Tolerances, beside=(_GUESSED,))
-    of = Parameter(_GUESSED, kind=TEXT, is_list=True, of=names)
-    guessed = given.take(of) if _GUESSED in given else ()
-    return replace(known, stated=frozenset(given.entries).intersection(names).difference(guessed))
 
 
 def save(simulation: SimulationFile, path: Path) -> None:
@@ -127,13 +123,13 @@ def save(simulation: SimulationFile, path: Path) -> None:
     if simulation.inertials:
         content["inertials"] = _inertial_entries(simulation.inertials)
     known = simulation.tolerances
-    told = [item.name for item in parameters_of(Tolerances)]
+    names = [item.name for item in parameters_of(Tolerances)]
     if not simulation.drives:
-        told.remove("drive")
+        names.remove("drive")
     if not known.gain:  # nobody doubts it
-        told.remove("gain")
-    content["tolerances"] = {name: getattr(known, name) for name in told}
-    if guessed := [name for name in told if name in known.assumed]:
+        names.remove("gain")
+    content["tolerances"] = {name: getattr(known, name) for name in names}
+    if guessed := [name for name in names if name in known.assumed]:
         content["tolerances"][_GUESSED] = guessed
     if simulation.sensors != Sensors():
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}

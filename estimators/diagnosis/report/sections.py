@@ -366,7 +366,7 @@ def stated_values(verdict: Verdict) -> str:
         return ""
     rows = [[prose(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
     lead = (
-        "What the given simulation states beside what fits the recordings, with "
+        "What the given simulation states, and what fits the recordings, with "
         "95\N{NO-BREAK SPACE}% intervals. A tolerance says how surprising a change is, as one "
         f"standard deviation; beyond {REACH:g} of them a value is wrong. Where nobody has stated "
         "one in `tolerances`, it is limo's guess. Of a family of values, which are known together "

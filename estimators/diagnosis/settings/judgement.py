@@ -188,7 +188,7 @@ HOLDING = HoldingSettings()
 
 @dataclass(frozen=True)
 class ValueSettings:
-    """Stated values that are said to differ (judgement.stated_values)."""
+    """Stated values that are reported (judgement.stated_values)."""
 
     sure: float = setting(3.0, "standard deviations",
         "that a value that fits is from the stated one",
@@ -209,7 +209,7 @@ class GuessSettings:
         "higher lets loads go into gains; lower takes a wrong constant of a motor for a tilt",
         chosen="constants of motors in data sheets are good to a tenth")
     constant: float = setting(0.01, "of a torque", "that it differs from a constant times currents",
-        "higher takes a sensor beside currents for them; lower misses rounded ones")
+        "higher takes a sensor of torque for them; lower misses rounded ones")
     times: tuple[float, ...] = setting((0.5, 2.0), "times a guessed tolerance", "that are tried",
         "more cost time; fewer say less of what a guess decides")
     listed: int = setting(3, "effects", "that another tolerance would bring, named", "only wording")

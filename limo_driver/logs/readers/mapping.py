@@ -116,11 +116,6 @@ class Channels(Declared):
         if any(abs(sign) != 1 for sign in self.sign):
             raise self._refused("sign", "1 or -1")
 
-    @property
-    def of_currents(self) -> bool:
-        """Whether the columns are in amperes."""
-        return not set(CURRENTS).isdisjoint(self.unit)
-
     def read(self, table: LogTable, quantity: str) -> FloatArray:
         """Return the values of T rows, (T, n), in SI units.
 
@@ -128,7 +123,7 @@ class Channels(Declared):
             ConfigError: They are currents, and no factor says how many N m one makes.
             RecordingError: The log lacks a column, or one holds no numbers.
         """
-        if self.of_currents and set(self.factor) == {1.0}:
+        if not set(CURRENTS).isdisjoint(self.unit) and set(self.factor) == {1.0}:
             raise ConfigError(
                 f"{quantity}: is in amperes; its `factor:` has to say how many N m one makes"
             )
@@ -313,9 +308,9 @@ class LogMapping(Declared, Displayed):
         command, led, extras = mapping._commands(table)
         if mapping.temperature is not None:
             extras["temperature"] = mapping.temperature.read(table, "temperature")
-        torque = mapping._torques(table)
-        if mapping.torque is not None and mapping.torque.of_currents:
-            extras[CURRENT] = torque / np.resize(mapping.torque.factor, len(self.joints))
+        torque, own = mapping._torques(table), mapping.torque
+        if own is not None and not set(CURRENTS).isdisjoint(own.unit):
+            extras[CURRENT] = torque / np.resize(own.factor, len(self.joints))
         return Columns(
             time=time,
             position=position,
@@ -386,8 +381,7 @@ def _first_known(values: NDArray[Any]) -> Any:  # noqa: ANN401  # a number or a 
 
 
 def _ordered(channels: Channels, order: list[int]) -> Channels:
-    n = len(order)
-    values = {item.name: getattr(channels, item.name) for item in fields(channels)}
+    n, values = len(order), {item.name: getattr(channels, item.name) for item in fields(channels)}
     return Channels(
         **{k: tuple(v[j] for j in order) if len(v) == n else v for k, v in values.items()}
     )
@@ -401,7 +395,6 @@ def _entries(part: TimeColumns | Channels) -> dict[str, Any]:
         if value is None or value == () or (item.name != "unit" and value == item.default):
             continue
         is_one = isinstance(value, tuple) and len(set(value)) == 1 and item.name != "columns"
-        found[item.name] = (
-            value[0] if is_one else list(value) if isinstance(value, tuple) else value
-        )
+        several = list(value) if isinstance(value, tuple) else value
+        found[item.name] = value[0] if is_one else several
     return found

@@ -1,4 +1,4 @@
-"""What holds is said of all states, and no sentence says what the verdict does not have."""
+"""Headlines have all states that hold, and no sentence says what the verdict does not have."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ EFFECTS = (("coulomb_friction", "tau_c", "N m"), ("viscous_friction", "f_v", "N 
 FLOOR = (0.1,) * N
 
 
-def value(joint=2, kind=0, stated=1.0, fitted=1.44, spread=0.01, told=True, **more):
+def value(joint=2, kind=0, stated=1.0, fitted=1.44, spread=0.01, reported=True, **more):
     effect, name, unit = EFFECTS[kind]
     return StatedValue(
         name, effect, (joint,), (NAMES[joint - 1],), unit, stated, fitted,
-        (fitted - 2 * spread, fitted + 2 * spread), 0.15, told=told,
+        (fitted - 2 * spread, fitted + 2 * spread), 0.15, reported=reported,
         **{"assumed": True, "beyond": False, "share": 0.9} | more,
     )  # fmt: skip
 
@@ -67,7 +67,7 @@ def test_a_value_that_differs_inside_its_tolerance_is_told_by_name_and_from_what
     table = "\n".join(lines_of(found))
     assert "within 15 % (limo's guess)" in table
     assert "1.440" in stated_values(found)
-    assert "1.440" in stated_values(replace(found, values=(value(told=False),)))
+    assert "1.440" in stated_values(replace(found, values=(value(reported=False),)))
 
 
 def test_a_tolerance_that_the_user_stated_is_said_to_be_stated():
@@ -114,7 +114,7 @@ small = st.floats(0.01, 100.0, allow_nan=False)
 joints = st.integers(1, N)
 values = st.builds(
     value, joint=joints, kind=st.integers(0, 1), stated=small, fitted=small,
-    spread=st.floats(1e-4, 1.0), told=st.booleans(), beyond=st.booleans(),
+    spread=st.floats(1e-4, 1.0), reported=st.booleans(), beyond=st.booleans(),
     share=st.floats(0.0, 1.0),
 )  # fmt: skip
 findings = st.builds(
@@ -146,15 +146,15 @@ def verdicts(draw):
 
 
 @given(verdicts())
-def test_all_states_that_hold_are_said_and_no_other(found):
+def test_all_states_that_hold_are_there_and_no_other(found):
     text = headline(found)
     agrees = found.states == ("agrees",)
     assert agrees == ("simulation agree" in text)
     assert len(set(found.states)) == len(found.states)
-    told = [item for item in found.values if item.told]
-    assert bool(told) == ("stated values differ" in found.states)
-    if told:
-        assert any(f"{x.name} ({x.effect.replace('_', ' ')})" in text for x in told)
+    reported = [item for item in found.values if item.reported]
+    assert bool(reported) == ("stated values differ" in found.states)
+    if reported:
+        assert any(f"{x.name} ({x.effect.replace('_', ' ')})" in text for x in reported)
     assert ("something unknown" in text) == ("something unexplained remains" in found.states)
     assert agrees or text.endswith(".")
     assert len(text) <= MOST or "more below" in text or len(found.states) > 1
@@ -162,22 +162,22 @@ def test_all_states_that_hold_are_said_and_no_other(found):
 
 @given(verdicts())
 def test_no_value_that_changed_is_said_to_be_hardly_shown(found):
-    said = hardly_shown(found) + "\n".join(lines_of(found))
-    assert "kept as stated" not in said
+    text = hardly_shown(found) + "\n".join(lines_of(found))
+    assert "kept as stated" not in text
     for item in found.values:
-        if item.moved or item.is_told_well:
+        if item.moved or item.is_known_well:
             assert item.in_words not in found.hardly_shown
             assert item.in_words not in found.as_values()["holds"]["as_stated"]
 
 
 @given(verdicts())
 def test_nobody_is_said_to_state_no_friction_where_there_is_some(found):
-    said = f"{headline(found)}\n{identified(found)}"
-    assert "states no friction" not in said
+    text = f"{headline(found)}\n{identified(found)}"
+    assert "states no friction" not in text
     stated = {(item.effect, item.joints) for item in found.values}
     lacking = {item.joint for item in found.identified if (item.effect, item.joints) not in stated}
     assert {*found.not_stated} == lacking & {*found.fit.above_floor}
-    assert found.not_stated or "is not stated, and was identified" not in said
+    assert found.not_stated or "is not stated, and was identified" not in text
 
 
 @given(verdicts())

@@ -1,8 +1,8 @@
-"""Stated values of drives and friction, beside those that make the arm move as it was recorded.
+"""Stated values of drives and friction, and those that make the arm move as it was recorded.
 
-A tolerance says how surprising it is that a value differs, never whether that is told. It is told
+A tolerance says how surprising it is that a value differs, never whether that is reported. It is
 where it is sure, and where a tenth of the joint's reducible error goes with it on motion held out.
-Where only several together take that much, the one that takes most is told.
+Where only several together take that much, the one that takes most is reported.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _Change: TypeAlias = "Callable[[FloatArray], FloatArray]"  # of the constants of
 def stated_values(
     stated: Simulation, given: Simulation, evidence: DriveEvidence, floor: FloatArray
 ) -> tuple[StatedValue, ...]:
-    """Return what is stated of drives and friction beside what fits, joint by joint.
+    """Return what is stated of drives and friction, and what fits, joint by joint.
 
     Args:
         stated: The simulation as it was given; of a joint without a drive, nothing is.
@@ -105,13 +105,13 @@ class _Joint:
             surely = removes(squared, without, len(self.motion)) >= CONFIDENT
             sure.append(above and differs and surely)
             found.append(replace(value, share=min(max(share, 0.0), 1.0)))
-        told = [s and value.share >= VALUES.share for s, value in zip(sure, found, strict=True)]
+        reported = [s and value.share >= VALUES.share for s, value in zip(sure, found, strict=True)]
         together = removes(squared, as_given, len(self.motion)) >= CONFIDENT
-        if any(sure) and together and not any(told):
-            told[max(range(len(found)), key=lambda k: (sure[k], found[k].share))] = True
+        if any(sure) and together and not any(reported):
+            reported[max(range(len(found)), key=lambda k: (sure[k], found[k].share))] = True
         return [
-            replace(value, told=own, beyond=own and value.beyond)
-            for value, own in zip(found, told, strict=True)
+            replace(value, reported=own, beyond=own and value.beyond)
+            for value, own in zip(found, reported, strict=True)
         ]
 
     def _squares(self, changed: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -183,6 +183,6 @@ class _Joint:
             tolerance=None,
             assumed="drive" in self.stated.tolerances.assumed,
             beyond=False,
-            told=False,
+            reported=False,
             share=0.0,
         )

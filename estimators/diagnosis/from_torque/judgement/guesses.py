@@ -4,8 +4,8 @@ Where a recording's torques are currents times a constant, that constant is rare
 than a tenth: an arm on a table stands level more often than a drive's constant is right.
 
 What is guessed is tried: the search goes on around what was found, with a tolerance half and twice
-as wide, or with scales of torques that may be off. Names that come or go are told. So are none that
-the same search without any change brings.
+as wide, or with scales of torques that may be off. Names that come or go are reported, but for
+those that the same search brings without any change.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Stated values: what the given simulation states, beside what fits the recordings.
+"""Stated values: what the given simulation states, and what fits the recordings.
 
-A tolerance says how surprising it is that a value differs, never whether that is told. It is told
+A tolerance says how surprising it is that a value differs, never whether that is reported. It is
 where it is sure, and where a tenth of a joint's reducible error goes with it on motion held out:
 with the value as it is stated, and all else as it was proven, the joint errs by that much more.
 
 Of bodies, torques tell sums alone: masses and centres of several links make one torque at a joint.
-They are told as a family, by the torque that they make there; and so are all values of a joint
+They are reported as a family, by the torque that they make there; and so are all values of a joint
 where it errs by more than noise as given, they take that away together, and none does alone.
 """
 
@@ -49,11 +49,11 @@ def stated_values(
     stated: Simulation,
     findings: Sequence[Finding] = (),
 ) -> tuple[StatedValue, ...]:
-    """Return the stated values beside those that fit, the families among them last.
+    """Return the stated values and those that fit, the families among them last.
 
     Args:
         judged: The set, with its proof on motion held out.
-        improved: The recordings beside the simulation that was fitted to all rows.
+        improved: The recordings and the simulation that was fitted to all their rows.
         stated: The given simulation, with gravity as the arm is mounted.
         findings: Of the verdict, with their parameters.
     """
@@ -95,6 +95,11 @@ class _Comparison:
         }
         return cls(judged, improved, stated, findings, around, deviation, spread)
 
+    @property
+    def proof(self) -> Observations:
+        """The recordings and a simulation that was fitted to no row held out."""
+        return self.judged.beside
+
     @cached_property
     def before(self) -> FloatArray:
         """Held-out RMSE of the given simulation, (n,) [N m]."""
@@ -116,15 +121,15 @@ class _Comparison:
     def values(self) -> Iterator[StatedValue]:
         """Yield single values, then families."""
         changes = np.zeros_like(self.improved.measured)
-        told: set[int] = set()
+        reported: set[int] = set()
         for value, change in (*self._sizes(), *self._gains()):
             changes += change
-            told |= {*value.joints} if value.told else set()
+            reported |= {*value.joints} if value.reported else set()
             yield value
         if any(item.effect == LINK_INERTIA for item in self.findings):
             yield from self._masses()
         else:
-            yield from self._families(changes, told)
+            yield from self._families(changes, reported)
 
     def _sizes(self) -> Iterator[tuple[StatedValue, FloatArray]]:
         """Yield the sizes of stated effects, with what the proven ones add, (K, n) [N m]."""
@@ -139,7 +144,7 @@ class _Comparison:
         """Yield stated effects with those in their place: fitted to all rows, and proven."""
         every = [
             list(simulation.effects)
-            for simulation in (self.improved.simulation, self.judged.beside.simulation)
+            for simulation in (self.improved.simulation, self.proof.simulation)
         ]
         for effect in self.stated.effects:
             fitted, proven = (
@@ -162,7 +167,7 @@ class _Comparison:
         own = TOLERATED.width if known.smooths else self.stated.tolerances.friction
         tolerance = own * abs(stated)
         off, wrong = abs(value - stated), self._is_wrong(effect)
-        told = (wrong and not known.smooths) or (
+        reported = (wrong and not known.smooths) or (
             sure and spread is not None and off > VALUES.sure * spread
         )
         return StatedValue(
@@ -176,8 +181,8 @@ class _Comparison:
             ci95=None if spread is None else _interval(value, spread, known),
             tolerance=tolerance,
             assumed=known.smooths or "friction" in self.stated.tolerances.assumed,
-            beyond=told and not known.smooths and (wrong or off > REACH * tolerance),
-            told=told,
+            beyond=reported and not known.smooths and (wrong or off > REACH * tolerance),
+            reported=reported,
             share=share,
         )
 
@@ -196,7 +201,7 @@ class _Comparison:
         return any(
             item.kind == "wrong_parameter"
             and item.effect == effect.name
-            and item.joints == effect.joints
+            and (item.joints == effect.joints or not effect.joints)
             for item in self.findings
         )
 
@@ -207,7 +212,7 @@ class _Comparison:
         """Return what one effect adds more than another of its kind, (K, n) [N m]."""
         change = np.zeros_like(self.improved.measured)
         if ahead != behind:
-            joints, values = difference(ahead, behind, self.judged.beside)
+            joints, values = difference(ahead, behind, self.proof)
             change[:, list(joints)] = values.T
         return change
 
@@ -242,7 +247,7 @@ class _Comparison:
         places = {effect.place for effect in self.stated.effects}
         at = {x.name: k for k, x in enumerate(self.around.nuisance.parameters)}
         tolerance = self.stated.tolerances.gain
-        for effect in self.judged.beside.simulation.effects if tolerance else ():
+        for effect in self.proof.simulation.effects if tolerance else ():
             if not isinstance(effect, TorqueGain) or effect.place in places:
                 continue
             change = self._added(effect, replace(effect, gain=0.0))
@@ -255,7 +260,7 @@ class _Comparison:
             k = at.get(f"gain of torque {effect.joint}")
             spread = None if k is None else float(self.deviation[k])
             off = abs(gain - 1.0)
-            told = sure and spread is not None and off > VALUES.sure * spread
+            reported = sure and spread is not None and off > VALUES.sure * spread
             reach = None if spread is None else Z95 * spread
             yield (
                 StatedValue(
@@ -269,8 +274,8 @@ class _Comparison:
                     ci95=None if reach is None else (gain - reach, gain + reach),
                     tolerance=tolerance,
                     assumed="gain" in self.stated.tolerances.assumed,
-                    beyond=told and off > REACH * tolerance,
-                    told=told,
+                    beyond=reported and off > REACH * tolerance,
+                    reported=reported,
                     share=share,
                 ),
                 change,
@@ -297,18 +302,18 @@ class _Comparison:
                 tolerance=tolerance,
                 assumed="inertia" in self.stated.tolerances.assumed,
                 beyond=True,
-                told=True,
+                reported=True,
                 share=item.share,
             )
 
-    def _families(self, changes: FloatArray, told: set[int]) -> Iterator[StatedValue]:
-        """Yield the bodies, where they take enough; then all of joints that nothing is told of.
+    def _families(self, changes: FloatArray, reported: set[int]) -> Iterator[StatedValue]:
+        """Yield the bodies, where they take enough; then all of joints that nothing is reported of.
 
         Args:
             changes: What single values add, as proven, (K, n) [N m].
-            told: Joints, 1-based, that single values are told of.
+            reported: Joints, 1-based, that single values are reported of.
         """
-        simulations = self.stated, self.judged.beside.simulation, self.improved.simulation
+        simulations = self.stated, self.proof.simulation, self.improved.simulation
         given, proven, final = map(self._of_bodies, simulations)
         bodies, n = proven - given, self.improved.n
         felt = {j: share for j in range(n) if (share := self._sure_share(bodies, j))}
@@ -318,7 +323,7 @@ class _Comparison:
             yield self._family(
                 "masses and centres of links", given, final, worst, felt, known=known
             )
-        rest = [j for j in range(n) if j + 1 not in told and j not in felt]
+        rest = [j for j in range(n) if j + 1 not in reported and j not in felt]
         together = {j: share for j in rest if (share := self._sure_share(bodies + changes, j))}
         if together:
             worst = max(together, key=lambda j: together[j])
@@ -373,7 +378,7 @@ class _Comparison:
             tolerance=None,
             assumed="inertia" in assumed,
             beyond=False,
-            told=True,
+            reported=True,
             share=felt[worst],
         )
 
