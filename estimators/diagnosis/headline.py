@@ -5,10 +5,22 @@ from __future__ import annotations
 import math
 import re
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
+from estimators.diagnosis.differences import AMOUNTS, differs, from_to
+from estimators.diagnosis.quantities import (
+    UNNUMBERED,
+    decimals_of,
+    listed,
+    of_joints,
+    of_several,
+    once,
+    quantity,
+    several,
+    unit_of,
+)
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from estimators.diagnosis.verdict import CONTACT, LINK_INERTIA, UNKNOWN, Interval
 from limo_driver.physics import (
     AsymmetricFriction,
     BodyEffect,
@@ -27,7 +39,7 @@ from limo_driver.physics.catalogue import description_of, known_as
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.verdict import Finding, Interval, Verdict
+    from estimators.diagnosis.verdict import Finding, StatedValue, Verdict
     from limo_driver.recordings.recording import Recording
 
 MOST: Final = 190  # characters: two lines of a page or a wide terminal
@@ -43,50 +55,83 @@ _FRICTION: Final = frozenset(
         PositionDependentFriction,
     )
 )
-_UNNUMBERED: Final = frozenset({"text", "joint"})  # units of what is no quantity
-_SMALLEST: Final = 1e-12  # half width of an interval below which it has none
-
-_AMOUNTS: Final = {  # of drives, the one value that is off, as roboticists call it
-    "position_servo": "P gain",
-    "velocity_servo": "velocity gain",
-    "torque_drive": "torque gain",
-    "integral_gain": "I gain",
-    "drive_delay": "delay",
-}
-LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
 _OTHERWISE = {
     LINK_INERTIA: "several joints err together, smoothly with the pose and without history",
 }
 
 
 def headline(verdict: Verdict) -> str:
-    """Say what was found, where, how much, and how sure the values are.
+    """Say what holds: what differs from what to what, what is missing, and what stays unexplained.
 
     Effects of one kind are said together; where all of it does not fit into two lines, values are
-    left out first, and then what explains least. Names that are rather wrong than right are left to
-    the list of findings, if there are others.
+    left out first, and then what explains least, but each state that holds has a part.
+    Names that are rather wrong than right are left to the list of findings, if there are others.
     """
     n = len(verdict.fit.noise_floor)
-    if verdict.verdict == "consistent":
-        if verdict.rows.usable and not any(verdict.rows.usable):
-            return "The arm holds still, and nothing pushes it; nothing else can be said."
-        joints = sorted({item.joint for item in verdict.identified})
-        beside = f", beside the friction identified at {of_several(joints, n)}" if joints else ""
-        return f"Recording and simulation agree within tolerances and noise{beside}."
-    groups = _groups(verdict)
-    long = [_said(group, n, values=True) for group in groups]
-    short = [_said(group, n, values=False) for group in groups]
-    unknown = _unknown(verdict, n)
-    count = len(groups)
-    tried = [[*long[:k], *short[k:], *unknown] for k in range(count, -1, -1)]
-    tried += [[*short[:k], f"{count - k} more below", *unknown] for k in range(count - 1, 0, -1)]
-    texts = [_sentence(parts) for parts in tried]
+    if verdict.rows.usable and not any(verdict.rows.usable) and not verdict.findings:
+        return "The arm holds still, and nothing pushes it; nothing else can be said."
+    if verdict.states == ("agrees",):
+        return (
+            "Recording and simulation agree: the given simulation errs by no more than noise at "
+            "any joint."
+        )
+    states = [_differing(verdict, n), _missing(verdict, n), _unknown(verdict, n)]
+    parts = [part for state in states for part in state]
+    firsts = [state[0] for state in states if state]
+    order = [*firsts, *(part for part in parts if part not in firsts)]
+    count = len(order)
+    tried = [_chosen(parts, order[:k], order[k:]) for k in range(count, -1, -1)]
+    tried += [_chosen(parts, (), order[:k]) for k in range(count - 1, len(firsts) - 1, -1)]
+    texts = [_sentence(each) for each in tried]
     return next((text for text in texts if len(text) <= MOST), texts[-1])
+
+
+def _chosen(
+    parts: Sequence[tuple[str, str]],
+    long: Sequence[tuple[str, str]],
+    short: Sequence[tuple[str, str]],
+) -> list[str]:
+    """Return some parts, long or short, and how many are left out, in their order."""
+    texts = [own[0] if own in long else own[1] for own in parts if own in long or own in short]
+    left = len(parts) - len(texts)
+    return [*texts, *([f"{left} more below"] if left else [])]
+
+
+def _differing(verdict: Verdict, n: int) -> list[tuple[str, str]]:
+    """Return the stated values that differ, long and short, those that take most first."""
+    groups: dict[tuple[str, str], list[StatedValue]] = {}
+    for item in sorted(verdict.values, key=lambda item: -item.share):
+        if item.reported:
+            groups.setdefault((item.effect, item.name), []).append(item)
+    texts = [(from_to(group), differs(group, n)) for group in groups.values()]
+    others = [
+        group
+        for group in _groups(verdict)
+        if group[0].kind == "wrong_parameter" and not any(map(verdict.values_of, group))
+    ]
+    return texts + [
+        (_said(group, n, values=True), _said(group, n, values=False)) for group in others
+    ]
+
+
+def _missing(verdict: Verdict, n: int) -> list[tuple[str, str]]:
+    """Return what the simulation lacks, long and short; pushes last."""
+    groups = [[item for item in group if verdict.is_missing(item)] for group in _groups(verdict)]
+    texts = [
+        (_said(group, n, values=True), _said(group, n, values=False)) for group in groups if group
+    ]
+    if verdict.not_stated:
+        joints = {*verdict.not_stated}
+        effects = {item.effect for item in verdict.identified if item.joint in joints}
+        what = "friction" if effects <= _FRICTION else "what is ordinary"
+        text = f"{what} of {of_several(sorted(joints), n)} is not stated, and was identified"
+        texts.append((text, text))
+    return texts
 
 
 def named(item: Finding) -> str:
     """Name what a finding is of: an effect, or the value of a drive that is off."""
-    amount = _AMOUNTS.get(item.effect) if item.kind == "wrong_parameter" else None
+    amount = AMOUNTS.get(item.effect) if item.kind == "wrong_parameter" else None
     return amount or spoken(item.effect)
 
 
@@ -118,61 +163,12 @@ def quantity_of(item: Finding) -> str:
     return quantity(known) if known else ""
 
 
-def quantity(known: Interval) -> str:
-    """Return a number with its unit and interval, to the digits that the interval leaves."""
-    value = float(known.value)  # pyright: ignore[reportArgumentType]  # a number, see `_main`
-    unit = _unit(known.unit)
-    if known.ci95 is None or None in known.ci95:
-        return f"{value:.3g}{unit}"
-    said, low, high = to_interval(value, *map(float, known.ci95))
-    return f"{said}{unit} [{low}, {high}]"
-
-
-def to_interval(value: float, low: float, high: float) -> tuple[str, str, str]:
-    """Return a value and the ends of its interval, to two digits of half that interval."""
-    decimals = _decimals((high - low) / 2)
-    said = [f"{each:.{decimals}f}" for each in (value, low, high)]
-    return said[0], said[1], said[2]
-
-
-def give_or_take(known: Interval) -> str:
-    """Return a number beside half of its 95 % interval, to the digits that the interval leaves.
-
-    Args:
-        known: A number with an interval.
-    """
-    low, high = cast("tuple[float, float]", known.ci95)
-    half = (high - low) / 2
-    decimals = _decimals(half)
-    return f"{known.value:.{decimals}f} ± {half:.{decimals}f}"
-
-
-def several(known: Interval) -> str:
-    """Return the numbers of a parameter that has more than one."""
-    return _nested(known.value)
-
-
-def _decimals(half: float) -> int:
-    """Return the decimals that show half of an interval to two digits."""
-    return min(max(0, 1 - math.floor(math.log10(max(half, _SMALLEST)))), 9)
-
-
 def _value(known: Interval) -> str:
     if isinstance(known.value, str):
         return spoken(known.value)
     if isinstance(known.value, (int, float)):
         return quantity(known)
-    return _nested(known.value) + _unit(known.unit)
-
-
-def _nested(values: object) -> str:
-    if isinstance(values, (tuple, list)):
-        return f"({', '.join(map(_nested, values))})"
-    return f"{values:.3g}" if isinstance(values, float) else str(values)
-
-
-def _unit(unit: str) -> str:
-    return f" {unit}" if unit not in {"", "1", *_UNNUMBERED} else ""
+    return several(known) + unit_of(known.unit)
 
 
 def _groups(verdict: Verdict) -> list[list[Finding]]:
@@ -217,7 +213,7 @@ def _size(known: Interval) -> str:
     """Say how large something is; where it may be next to nothing, by what it is at most."""
     if known.ci95 is not None and known.ci95[0] == 0.0:  # the least that there can be
         high = float(known.ci95[1])
-        return f"at most {high:.{_decimals(high / 2)}f}{_unit(known.unit)}"
+        return f"at most {high:.{decimals_of(high / 2)}f}{unit_of(known.unit)}"
     return quantity(known)
 
 
@@ -232,10 +228,9 @@ def _against_stated(group: Sequence[Finding], n: int) -> str:
         fits = quantity(pairs[0][0])
     else:
         values = listed([f"{known.value:.3g}" for known, _ in pairs])
-        fits = values + _unit(pairs[0][0].unit)
-    same = list(dict.fromkeys(stated))
+        fits = values + unit_of(pairs[0][0].unit)
     of = of_several(joints, n) if joints == sorted(joints) else of_joints(joints)
-    return f"{of} is {fits}, not the stated {listed(same if len(same) == 1 else stated)}"
+    return f"{of} is {fits}, not the stated {listed(once(stated))}"
 
 
 def _wrong(item: Finding) -> str:
@@ -245,7 +240,7 @@ def _wrong(item: Finding) -> str:
 def _main(item: Finding) -> Interval | None:
     """Return the first parameter that is one number with an interval."""
     for known in item.parameters.values():
-        number = isinstance(known.value, (int, float)) and known.unit not in _UNNUMBERED
+        number = isinstance(known.value, (int, float)) and known.unit not in UNNUMBERED
         if number and known.ci95 is not None:
             return known
     return None
@@ -258,21 +253,29 @@ def _pushed(item: Finding) -> str:
     return f"something pushed the arm at {' and '.join(f'{a:.1f} s' for a, _ in windows)}"
 
 
-def _unknown(verdict: Verdict, n: int) -> list[str]:
-    """Say where nothing in the catalogue explains what is left, and in which motion."""
+def _unknown(verdict: Verdict, n: int) -> list[tuple[str, str]]:
+    """Say where nothing in the catalogue explains what is left, how much, and in which motion."""
     items = [item for item in verdict.findings if item.effect == UNKNOWN]
-    joints = sorted({j for item in items for j in item.joints} | {*verdict.unexplained.joints})
+    joints = verdict.unexplained_joints
     if not joints:
         return []
     region = (items[0].where.region if items else "") or verdict.unexplained.where.region
     # such a region reads: joint 4: at high speed (half of it above 0.4 rad/s), and so on
     half = re.search(r"\((half of it [^)]+)\)", region) if len(joints) == 1 else None
-    return [f"{of_several(joints, n)}: something unknown" + (f", {half[1]}" if half else "")]
+    short = f"{of_several(joints, n)}: something unknown"
+    fit = verdict.fit
+    pairs = [(fit.heldout_rmse_after[j - 1], fit.noise_floor[j - 1]) for j in joints]
+    floors = max((error / floor for error, floor in pairs if floor > 0), default=0.0)
+    size = f", {floors:.1f} noise floors" if floors > 1.0 else ""
+    return [(short + size + (f", {half[1]}" if half else ""), short + size)]
 
 
 def _sentence(parts: Sequence[str]) -> str:
     text = "; ".join(parts)
-    return f"{text[:1].upper()}{text[1:]}." if text else "Nothing was found."
+    symbol = "_" in text.partition(" ")[0]  # which is no word
+    return (
+        f"{text[:1] if symbol else text[:1].upper()}{text[1:]}." if text else "Nothing was found."
+    )
 
 
 def signature_of(effect: str) -> str:
@@ -296,19 +299,6 @@ def names_of(recordings: Sequence[Recording]) -> tuple[str, ...]:
     )
 
 
-def of_joints(joints: Sequence[int]) -> str:
-    """Return which joints (1-based), in words; none are the whole arm."""
-    if not joints:
-        return "whole arm"
-    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
-
-
-def listed(texts: Sequence[str]) -> str:
-    """Join phrases by commas, the last one by "and"."""
-    *others, last = texts
-    return f"{', '.join(others)} and {last}" if others else last
-
-
 def likelier(lead: float) -> str:
     """Say evidence [nat] as odds; completes "the recordings are …"."""
     if lead > math.log(WORDING.beyond_doubt):
@@ -316,19 +306,3 @@ def likelier(lead: float) -> str:
     odds = math.exp(lead)
     digits = max(0, math.floor(math.log10(odds)) - 1)
     return f"{round(odds, -digits):,.0f} times likelier".replace(",", "\N{NO-BREAK SPACE}")
-
-
-def rounded(error: float, digits: int = 4) -> str:
-    """Return an error to a few digits, whatever the arm's scale: 2022, 65.21, 0.003392."""
-    decimals = digits - 1 - math.floor(math.log10(error)) if error > 0 else digits - 1
-    return f"{error:.{max(0, decimals)}f}"
-
-
-def of_several(joints: Sequence[int], n: int) -> str:
-    """Return joints (1-based) of an arm of n in few words: "joints 1 to 4", "all joints"."""
-    known = sorted({*joints})
-    if not known or (known == list(range(1, n + 1)) and n > 1):
-        return "all joints"
-    if len(known) > 2 and known[-1] - known[0] == len(known) - 1:  # noqa: PLR2004  # a range
-        return f"joints {known[0]} to {known[-1]}"
-    return of_joints(known)

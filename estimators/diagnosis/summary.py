@@ -6,17 +6,11 @@ import math
 import re
 from typing import TYPE_CHECKING, Final
 
-from estimators.diagnosis.headline import (
-    give_or_take,
-    headline,
-    listed,
-    named,
-    place_of,
-    rounded,
-    several,
-    values_of,
-)
+from estimators.diagnosis.differences import value_columns
+from estimators.diagnosis.headline import headline, named, place_of, values_of
+from estimators.diagnosis.quantities import give_or_take, listed, rounded, several
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from estimators.regression.evidence import REACH
 from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
@@ -40,7 +34,20 @@ def lines_of(verdict: Verdict) -> list[str]:
     doubts = (f"doubtful: {doubt}" for doubt in verdict.doubts)
     notes = (f"note: {note}" for note in verdict.notes if note not in verdict.doubts)
     table = [*_table(verdict), *_seen(verdict)]
-    return [headline(verdict), *doubts, *findings, *_identified(verdict), *table, *notes]
+    values = [*_values(verdict), *_identified(verdict)]
+    return [headline(verdict), *doubts, *findings, *values, *table, *notes]
+
+
+def _values(verdict: Verdict) -> list[str]:
+    """Return the table of stated values that moved; nothing where none did."""
+    columns = value_columns(verdict)
+    if not columns["value"]:
+        return []
+    cells = [[heading, *texts] for heading, texts in columns.items()]
+    widths = [max(map(len, column)) for column in cells]
+    rows = zip(*cells, strict=True)
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    return ["", f"stated values that moved; tolerances are one of {REACH:g} deviations", *lines]
 
 
 def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]]:
@@ -89,11 +96,14 @@ def _of_counted(values: Sequence[float], counted: Sequence[int]) -> list[float]:
     return [x if rows else math.nan for x, rows in zip(values, counted, strict=True)]
 
 
-def kept_as_stated(verdict: Verdict) -> str:
+def hardly_shown(verdict: Verdict) -> str:
     """Say which values the motion does not show; nothing where there are none."""
-    if verdict.holds is None or not verdict.holds.as_stated:
+    if not verdict.hardly_shown:
         return ""
-    return f"The motion hardly shows {_together(verdict.holds.as_stated)}: kept as stated."
+    return (
+        f"The motion hardly shows {_together(verdict.hardly_shown)}: of these, what is stated "
+        "is all that is known."
+    )
 
 
 def _together(names: Sequence[str]) -> str:
@@ -118,7 +128,7 @@ def _seen(verdict: Verdict) -> list[str]:
     fastest = (high for _, high in verdict.holds.speed)
     speeds = listed([rounded(speed, 2) if speed > 0 else "-" for speed in fastest])
     said = f"The joints moved at up to {speeds} rad/s; faster motion is extrapolated."
-    return [said, *filter(None, [kept_as_stated(verdict)])]
+    return [said, *filter(None, [hardly_shown(verdict)])]
 
 
 def coverage(verdict: Verdict) -> str:

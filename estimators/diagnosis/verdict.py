@@ -8,6 +8,9 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import HOLDING
+from limo_driver.physics import ArmEffect, BodyEffect, spoken
+from limo_driver.physics.catalogue import known_as
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -26,10 +29,15 @@ VERDICT = "verdict.json"  # the files of a diagnosis, in one folder
 IMPROVED = "sim.yaml"
 REPORT = "report.html"
 NEXT_MOTION = "next_motion.parquet"
+Z95 = 1.96  # deviations of a normal distribution, on either side, that hold 95 %
 TORQUE = "N m"  # unit of errors where torque was recorded
+LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
 
 Summary: TypeAlias = Literal["consistent", "explained", "partly_explained", "unexplained"]
+State: TypeAlias = Literal[
+    "agrees", "stated values differ", "physics is missing", "something unexplained remains"
+]
 Value: TypeAlias = "float | str | tuple[Value, ...]"
 
 
@@ -85,6 +93,48 @@ class Identified:
 
 
 @dataclass(frozen=True)
+class StatedValue:
+    """A value that the given simulation states, and the one that fits the recordings.
+
+    Where only several values together are known, as masses and centres of links are, they are a
+    family, and its value is the RMS torque that they make at a joint, over the rows that count.
+    """
+
+    name: str  # as a `sim.yaml` has it, or what the family is of
+    effect: str  # that has it; "" of a family
+    joints: tuple[int, ...]  # 1-based, at which it acts; of a family, at which it is felt
+    joint_names: tuple[str, ...]  # of those, as the description has them
+    unit: str
+    stated: float
+    fitted: float
+    ci95: tuple[float, float] | None
+    tolerance: float | None  # standard deviation that the simulation allows [unit]
+    assumed: bool  # whether nobody stated that tolerance, which is limo's guess then
+    beyond: bool  # whether it moved beyond what that tolerance allows
+    reported: bool  # whether it differs for sure, and takes a tenth of a joint's error or more
+    share: float  # of the reducible error of the joint where it takes most
+
+    @property
+    def moved(self) -> bool:
+        """Whether the stated value is outside the 95 % interval, or is reported."""
+        outside = self.ci95 is not None and not self.ci95[0] <= self.stated <= self.ci95[1]
+        return self.reported or self.beyond or outside
+
+    @property
+    def in_words(self) -> str:
+        """The value with its joint and effect, as what a motion hardly shows is named."""
+        place = f" of joint {self.joints[0]}" if self.joints else ""
+        return f"{self.name}{place} ({spoken(self.effect)})"
+
+    @property
+    def is_known_well(self) -> bool:
+        """Whether recordings leave less open than a tolerance does."""
+        if self.ci95 is None or self.tolerance is None:
+            return False
+        return self.ci95[1] - self.ci95[0] < 2.0 * Z95 * HOLDING.open * self.tolerance
+
+
+@dataclass(frozen=True)
 class BeforeAfter:
     """Held-out RMSE of each joint without and with a finding, (n,) [N m]."""
 
@@ -137,6 +187,7 @@ class Fit:
     heldout_rmse_tolerances: tuple[float, ...] = ()  # values moved inside tolerances, no effect
     heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
+    above_floor: tuple[int, ...] = ()  # joints, 1-based, at which as given surely more than noise
     unit: str = TORQUE  # of all errors; rad where commands and positions alone were recorded
     one_step_rmse_before: tuple[float, ...] = ()  # (n,) [rad], from each row to the next; likewise
     one_step_rmse_after: tuple[float, ...] = ()
@@ -201,6 +252,62 @@ class Verdict:
     identified: tuple[Identified, ...] = ()  # ordinary friction that was not stated, by joint
     holds: Holds | None = None  # None where no torque was recorded
     doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
+    values: tuple[StatedValue, ...] = ()  # stated ones, and those that fit
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """What holds between simulation and recordings, in words; the first stands alone."""
+        found: dict[State, bool] = {
+            "stated values differ": any(item.reported and item.stated for item in self.values)
+            or any(item.kind == "wrong_parameter" for item in self.findings),
+            "physics is missing": any(item.reported and not item.stated for item in self.values)
+            or any(map(self.is_missing, self.findings))
+            or bool(self.not_stated),
+            "something unexplained remains": bool(self.unexplained_joints),
+        }
+        return tuple(name for name, holds in found.items() if holds) or ("agrees",)
+
+    def is_missing(self, item: Finding) -> bool:
+        """Say whether a finding is of physics that the given simulation states nothing of."""
+        return item.kind == "missing" and item.effect != UNKNOWN and not any(self.values_of(item))
+
+    def values_of(self, item: Finding) -> tuple[StatedValue, ...]:
+        """Return the stated values that a finding changes, and that are reported."""
+        return tuple(
+            value
+            for value in self.values
+            if value.reported
+            and value.effect == item.effect
+            and (value.joints == item.joints or not value.joints)
+        )
+
+    @property
+    def not_stated(self) -> tuple[int, ...]:
+        """Joints, 1-based, above the noise floor, whose ordinary physics the simulation lacks."""
+        stated = {(value.effect, value.joints) for value in self.values}
+        lacking = {x.joint for x in self.identified if (x.effect, x.joints) not in stated}
+        return tuple(sorted(lacking & {*self.fit.above_floor}))
+
+    @property
+    def hardly_shown(self) -> tuple[str, ...]:
+        """Stated friction that the motion says next to nothing of, and that did not move."""
+        known = {item.in_words for item in self.values if item.moved or item.is_known_well}
+        return tuple(x for x in (self.holds.as_stated if self.holds else ()) if x not in known)
+
+    @property
+    def unexplained_joints(self) -> tuple[int, ...]:
+        """Joints, 1-based, with an error that nothing explains or accounts for.
+
+        The latter are above the noise floor as given, and no finding or value acts there.
+        """
+        items = (*self.findings, *(item for item in self.values if item.reported))
+        n = len(self.fit.noise_floor)
+        known = {j for item in items for j in (item.joints or range(1, n + 1))}
+        if any(is_felt_by_all(item.effect) for item in self.findings):
+            known |= {*range(1, n + 1)}
+        open_ = {*self.fit.above_floor} - known - {*self.not_stated}
+        unknown = {j for x in self.findings if x.effect == UNKNOWN for j in x.joints}
+        return tuple(sorted(open_ | unknown | {*self.unexplained.joints}))
 
     def as_values(self) -> dict[str, Any]:
         """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""
@@ -209,11 +316,13 @@ class Verdict:
             for known in item["parameters"].values():
                 if known["stated"] is None:
                     del known["stated"]
+        if self.holds is not None:
+            content["holds"]["as_stated"] = list(self.hardly_shown)
         content["unexplained"]["joints"] = list(self.unexplained.joints)
         for name in _WITHOUT_TORQUE:
             if not content["fit"][name]:
                 del content["fit"][name]
-        return {"schema": SCHEMA} | content
+        return {"schema": SCHEMA} | content | {"states": list(self.states)}
 
     def save(self, path: Path) -> None:
         """Write `verdict.json`.
@@ -223,6 +332,14 @@ class Verdict:
         """
         with whole(path) as draft:
             draft.write_text(json.dumps(self.as_values(), indent=1) + "\n", encoding="utf-8")
+
+
+def is_felt_by_all(effect: str) -> bool:
+    """Say whether an effect may act on all joints, whichever it is of."""
+    known = known_as(effect)
+    return effect == LINK_INERTIA or (
+        known is not None and issubclass(known, (BodyEffect, ArmEffect))
+    )
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401  # JSON values

@@ -10,7 +10,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from estimators.diagnosis.headline import headline, of_joints
+from estimators.diagnosis.differences import name_of_value
+from estimators.diagnosis.headline import headline
+from estimators.diagnosis.quantities import of_joints
 from estimators.diagnosis.verdict import REPORT
 from estimators.fleet.result import changed
 from estimators.fleet.row import FLEET
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from estimators.diagnosis.verdict import Finding, Identified
+    from estimators.diagnosis.verdict import Finding, Identified, StatedValue, Verdict
     from estimators.fleet.result import FleetDiagnosis
     from estimators.fleet.row import FleetRow, ToleratedValue
     from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
@@ -47,11 +49,13 @@ _VALUE: Final = pa.struct(
     {
         "effect": pa.string(),
         "joints": pa.list_(pa.int64()),  # 1-based
-        "kind": pa.string(),  # missing, wrong_parameter, identified, tolerated
+        "kind": pa.string(),  # missing, wrong_parameter, identified, stated, tolerated
         "confidence": pa.float64(),
         "parameter": pa.string(),
         "value": pa.string(),  # JSON: a number, a text, or lists of them
         "ci95": pa.string(),  # JSON
+        "stated": pa.float64(),  # what the simulation has of it, where that differs
+        "beyond": pa.bool_(),  # whether beyond its tolerance
         "unit": pa.string(),
     }
 )
@@ -62,6 +66,7 @@ SCHEMA: Final = pa.schema(
         "arm": pa.string(),
         "date": pa.timestamp("s"),
         "verdict": pa.string(),  # null where there is none
+        "states": pa.list_(pa.string()),  # agrees, or what does not
         "findings": pa.list_(pa.string()),  # e.g. payload@7
         "values": pa.list_(_VALUE),
         "heldout_rmse_before": pa.list_(pa.float64()),  # by joint [unit]
@@ -224,16 +229,22 @@ def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
 def _findings(rows: Sequence[FleetRow]) -> str:
     recordings = Counter(row.arm for row in rows if row.diagnosed)
     found = Counter(
-        (f"{spoken(item.effect)}, {of_joints(item.joints)}", row.arm)
-        for row in rows
-        if row.verdict is not None
-        for item in row.verdict.findings
+        (name, row.arm) for row in rows if row.verdict is not None for name in _named(row.verdict)
     )
     listed = [
         [escape(effect), escape(arm), f"{count} of {recordings[arm]}"]
         for (effect, arm), count in sorted(found.items(), key=lambda item: (-item[1], item[0]))
     ]
     return table(("finding", "arm", "recordings"), listed, 2) if listed else ""
+
+
+def _named(verdict: Verdict) -> list[str]:
+    """Return what a recording has: findings, and stated values that differ."""
+    values = (item for item in verdict.values if item.reported)
+    return [
+        *(f"{spoken(x.effect)}, {of_joints(x.joints)}" for x in verdict.findings),
+        *(f"{name_of_value(x)}, {of_joints(x.joints)}: not as stated" for x in values),
+    ]
 
 
 def _worst(rows: Sequence[FleetRow], folder: Path) -> str:
@@ -327,10 +338,12 @@ def _values(row: FleetRow) -> dict[str, Any]:
         return found
     return found | {
         "verdict": verdict.verdict,
+        "states": verdict.states,
         "findings": [place_in_short(item) for item in verdict.findings],
         "values": [
             *(v for f in verdict.findings for v in _parameters(f, f.kind, f.confidence)),
             *(v for item in verdict.identified for v in _parameters(item, "identified", None)),
+            *(_stated(item) for item in verdict.values if item.moved),
             *map(_tolerated, row.tolerated),
         ],
         "heldout_rmse_before": verdict.fit.heldout_rmse_before,
@@ -347,6 +360,12 @@ def _tolerated(item: ToleratedValue) -> dict[str, Any]:
         "value": json.dumps(item.value),
         "unit": item.unit,
     }
+
+
+def _stated(item: StatedValue) -> dict[str, Any]:
+    same = {name: getattr(item, name) for name in ("effect", "joints", "unit", "stated", "beyond")}
+    texts = {"value": json.dumps(item.fitted), "ci95": json.dumps(item.ci95)}
+    return same | texts | {"kind": "stated", "parameter": item.name}
 
 
 def _parameters(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import yaml
@@ -18,7 +18,7 @@ from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.outputs import whole
-from limo_driver.runtime.parameters import Declared, parameter
+from limo_driver.runtime.parameters import TEXT, Declared, Parameter, parameter, parameters_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,17 +31,42 @@ if TYPE_CHECKING:
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _FRAME = "frame"  # of a payload, in which it is stated: a link or site that the last link carries
 _SECTIONS = ("robot", "inertials", "tolerances", "sensors", "drives", "effects")
+_GUESSED = "guessed"  # of tolerances: names of those that nobody has stated
 _INERTIAL = ("mass", "com", "inertia")
 
 
 @dataclass(frozen=True)
 class Tolerances(Declared):
-    """Relative standard deviations of the nominal values (1 sigma)."""
+    """Relative standard deviations of the nominal values (1 sigma).
+
+    What nobody states is assumed, which is limo's guess. A file that limo writes says of which that
+    is so under `guessed`.
+    """
 
     inertia: float = parameter("1", "of masses and moments", lower=0, default=0.02)
     friction: float = parameter("1", "of the parameters of friction", lower=0, default=0.15)
     drive: float = parameter("1", "of the parameters of drives", lower=0, default=0.3)
     gain: float = parameter("1", "of the scale of each joint's torque", lower=0, default=0.0)
+    stated: frozenset[str] | None = field(default=None, compare=False)  # None: what is not usual
+
+    @property
+    def all_names(self) -> frozenset[str]:
+        """Names of all of them."""
+        return frozenset(item.name for item in parameters_of(Tolerances))
+
+    @property
+    def usual(self) -> frozenset[str]:
+        """Names of those that are as large as where nobody says anything."""
+        same = (name for name in self.all_names if getattr(self, name) == getattr(_USUAL, name))
+        return frozenset(same)
+
+    @property
+    def assumed(self) -> frozenset[str]:
+        """Names of those that nobody has stated."""
+        return self.usual if self.stated is None else self.all_names - self.stated
+
+
+_USUAL = Tolerances()
 
 
 @dataclass(frozen=True)
@@ -77,10 +102,15 @@ def load(path: Path) -> SimulationFile:
     inertials = given.optional("inertials").only(*model.link_names).entries
     stated = described_effects(model) if "effects" not in given else ()
     effects = given.optional("effects").sections()
+    names = tuple(item.name for item in parameters_of(Tolerances))
+    known = given.optional("tolerances").only(*names, _GUESSED)
+    of = Parameter(_GUESSED, kind=TEXT, is_list=True, of=names)
+    guessed = known.take(of) if _GUESSED in known else ()
+    own = frozenset(known.entries).intersection(names).difference(guessed)
     return SimulationFile(
         robot=robot,
         inertials={link: _inertial(inertials[link], model.inertials[link]) for link in inertials},
-        tolerances=given.optional("tolerances").make(Tolerances),
+        tolerances=replace(known.make(Tolerances, beside=(_GUESSED,)), stated=own),
         sensors=_sensors(given.optional("sensors"), model.n),
         drives=_drives(given, model),
         effects=stated or tuple(_effect(entry, model) for entry in effects),
@@ -92,11 +122,15 @@ def save(simulation: SimulationFile, path: Path) -> None:
     content: dict[str, Any] = {"robot": simulation.robot}
     if simulation.inertials:
         content["inertials"] = _inertial_entries(simulation.inertials)
-    content["tolerances"] = _values(simulation.tolerances)
+    known = simulation.tolerances
+    names = [item.name for item in parameters_of(Tolerances)]
     if not simulation.drives:
-        del content["tolerances"]["drive"]
-    if not simulation.tolerances.gain:  # nobody doubts it
-        del content["tolerances"]["gain"]
+        names.remove("drive")
+    if not known.gain:  # nobody doubts it
+        names.remove("gain")
+    content["tolerances"] = {name: getattr(known, name) for name in names}
+    if guessed := [name for name in names if name in known.assumed]:
+        content["tolerances"][_GUESSED] = guessed
     if simulation.sensors != Sensors():
         content["sensors"] = {k: list(v) for k, v in _values(simulation.sensors).items()}
     if simulation.drives:

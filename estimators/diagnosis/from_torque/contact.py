@@ -17,8 +17,9 @@ from estimators.diagnosis.from_torque.hypotheses.responses import (
 )
 from estimators.diagnosis.from_torque.residuals.observations import Observations  # noqa: TC001  # read by singledispatch
 from estimators.diagnosis.from_torque.residuals.pushes import covered
-from estimators.diagnosis.headline import listed, names_of
+from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.quantities import listed
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.settings.pushes import PUSHES
 from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where

@@ -21,8 +21,10 @@ from estimators.diagnosis.from_torque.judgement.conclusion import (
     explanations_of,
     shifts_of,
 )
+from estimators.diagnosis.from_torque.judgement.guesses import guessed_notes, with_guesses
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
 from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
+from estimators.diagnosis.from_torque.judgement.stated_values import stated_values
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible
@@ -32,7 +34,7 @@ from estimators.diagnosis.result import DiagnosisResult, Traces
 from estimators.diagnosis.stages import Attempts, Budget, Failure, Progress, forward, quiet
 from estimators.diagnosis.verdict import IMPROVED, NEXT_MOTION, REPORT, VERDICT, Finding, Identified
 from limo_driver.errors import ConfigError, LimoError, RecordingError
-from limo_driver.physics import spoken
+from limo_driver.physics import Tolerances, spoken
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.runtime.outputs import require_folder
 
@@ -87,6 +89,7 @@ def diagnose(
     Raises:
         RecordingError: The recordings cannot be used, are of another robot, or one is given twice.
     """
+    simulation = with_guesses(simulation, recordings)
     budget = budget or Budget()
     progress = budget.watched(forward(progress))
     progress("reading motion", 0.0)
@@ -144,6 +147,11 @@ def _told(
     verdict = say(judged.named)
     if doubtful := unsure(verdict.findings, simulation):
         verdict = say([i for i in judged.named if _said(problem, i) not in doubtful])
+    values = attempts.at(
+        "values that differ from the stated ones",
+        lambda: stated_values(judged, improved, mounted, verdict.findings),
+        (),
+    )
     shifts = shifts_of(problem, solution)
     said = remarks(
         shifts,
@@ -157,11 +165,27 @@ def _told(
         lambda: tuple(trusted_gains(verdict.findings, improved.simulation, observed.recordings)),
         (),
     )
+    of_guesses = attempts.at(
+        "other tolerances than those guessed",
+        lambda: budget.within(
+            "other tolerances than those guessed",
+            lambda: tuple(guessed_notes(judged, simulation)),
+            (),
+        ),
+        (),
+    )
     tolerances = left_by_tolerances(problem, solution)
     found = Diagnosis(
         verdict=replace(
             verdict,
-            notes=(*verdict.notes, *said, *of_gains, *events.notes(len(observed.recordings))),
+            values=values,
+            notes=(
+                *verdict.notes,
+                *said,
+                *of_gains,
+                *of_guesses,
+                *events.notes(len(observed.recordings)),
+            ),
         ),
         before=simulation,
         after=_lasting(improved.simulation, simulation),
@@ -223,7 +247,10 @@ def _lasting(improved: Simulation, given: Simulation) -> Simulation:
     stated = {effect.place for effect in given.effects}
     kept = tuple(item for item in improved.effects if item.lasts or item.place in stated)
     # what was stated exactly, to prove a set, is tolerated as before
-    return replace(improved, effects=kept, tolerances=given.tolerances)
+    known = given.tolerances
+    if "gain" in known.assumed:  # that of these recordings: others may be of no currents
+        known = replace(known, gain=Tolerances().gain)
+    return replace(improved, effects=kept, tolerances=known)
 
 
 def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArray) -> Traces:

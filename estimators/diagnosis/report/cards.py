@@ -6,14 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.headline import (
-    is_of_bodies,
-    named,
-    place_of,
-    quantity_of,
-    rounded,
-    to_interval,
-)
+from estimators.diagnosis.headline import is_of_bodies, named, place_of, quantity_of
+from estimators.diagnosis.quantities import rounded, to_interval
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
 from limo_driver.pages.markup import (
     UNSAID,

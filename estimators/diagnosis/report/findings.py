@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.headline import headline, names_of, rounded
+from estimators.diagnosis.headline import headline, names_of
 from estimators.diagnosis.held_out import reducible_removed
+from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.settings.afterwards import WORDING
@@ -37,13 +38,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Fit, Verdict
     from limo_driver.physics import Simulation
 
-VERDICTS = {
-    "consistent": "simulation and recording agree",
-    "explained": "the difference is explained",
-    "partly_explained": "the difference is explained in part",
-    "unexplained": "the difference is not explained",
-}
-
 
 def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> str:
     """Return verdict, what to do with it, errors and findings.
@@ -60,12 +54,19 @@ def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> s
         headline(verdict),
         removed(verdict.fit),
         _sources(diagnosis, names),
-        badge=(VERDICTS[verdict.verdict], verdict.verdict),
+        badge=badge(verdict),
     )
     to_do = put(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
     rest = [note for note in verdict.notes if note not in verdict.doubts]
     told = errors(verdict, charts) + cards(verdict, names) + notes(rest)
     return f"{head}{doubted(verdict.doubts)}{to_do}{between}{told}"
+
+
+def badge(verdict: Verdict) -> tuple[str, str]:
+    """Return the states that hold, and the class of their colour."""
+    agrees = verdict.states == ("agrees",)
+    coloured = "explained" if verdict.verdict == "consistent" and not agrees else verdict.verdict
+    return "; ".join(verdict.states), coloured
 
 
 def doubted(said: Sequence[str]) -> str:
@@ -99,7 +100,7 @@ def put(before: Simulation, after: Simulation, verdict: Verdict) -> str:
     values = after.changes_from(before)
     if not values:
         return ""
-    if not verdict.findings and not verdict.identified:
+    if verdict.states == ("agrees",):
         said = "Nothing has to change in your simulation."
         return f'<aside class="put">{paragraph(said)}</aside>'
     kind = before.model.description.kind.lower()
@@ -191,10 +192,16 @@ def removed(fit: Fit) -> str:
     j = int(np.argmax(ratio))
     return (
         f"On held-out motion the improved simulation removes {percent(part)} of the reducible "
-        f"error (95\N{NO-BREAK SPACE}% interval {percent(low)} to {percent(high)}), at joint "
+        f"error{_between(low, high)}, at joint "
         f"{j + 1} from {rounded(before[j], 3)} to {rounded(after[j], 3)} {fit.unit} RMSE (noise "
         f"floor {rounded(fit.noise_floor[j], 3)} {fit.unit})."
     )
+
+
+def _between(low: float, high: float) -> str:
+    """Return an interval in brackets; nothing where both ends read the same."""
+    ends = percent(low), percent(high)
+    return "" if ends[0] == ends[1] else f" (95\N{NO-BREAK SPACE}% interval {' to '.join(ends)})"
 
 
 def _by_joint(columns: Mapping[str, Sequence[float]]) -> Iterator[dict[str, float]]:

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.headline import headline, names_of, rounded
+from estimators.diagnosis.headline import headline, names_of
+from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.report import figures, sections
 from estimators.diagnosis.report.arm import arm
 from estimators.diagnosis.report.findings import overview
 from estimators.diagnosis.report.truth import beside_the_truth
-from estimators.diagnosis.summary import coverage, kept_as_stated
+from estimators.diagnosis.summary import coverage, hardly_shown
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
 from estimators.telemetry import telemetry_in
 from limo_driver.pages import Charts, Page
@@ -79,6 +80,7 @@ def report(diagnosis: DiagnosisResult, concealed: Sequence[Effect] | None = None
     worth, worth_in_full = telemetry(diagnosis)
     body = (
         overview(diagnosis, charts, known + worth + on_the_arm)
+        + sections.stated_values(diagnosis.verdict)
         + sections.identified(diagnosis.verdict)
         + worth_in_full
         + pushed(diagnosis, charts)
@@ -250,7 +252,7 @@ def _held(verdict: Verdict) -> str:
         "loads the improved simulation extrapolates."
     )
     headings = ("joint", "position [rad]", "speed [rad/s]", "load [N m]")
-    text = " ".join(filter(None, [said, kept_as_stated(verdict)]))
+    text = " ".join(filter(None, [said, hardly_shown(verdict)]))
     return f"<div>{table(headings, rows, numeric=1)}{paragraph(text, 'small')}</div>"
 
 

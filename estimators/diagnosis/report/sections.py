@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.headline import is_of_bodies, likelier, names_of, of_joints, rounded
+from estimators.diagnosis.differences import value_columns
+from estimators.diagnosis.headline import is_of_bodies, likelier, names_of
 from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.quantities import of_joints, rounded
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.binning import loop_stretch
@@ -16,6 +18,7 @@ from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.summary import identified_columns
 from estimators.diagnosis.verdict import CONTACT
+from estimators.regression.evidence import REACH
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
@@ -356,6 +359,22 @@ def _span(diagnosis: DiagnosisResult, start: float, stop: float, recording: int)
     return f"{start:.1f} to {stop:.1f} s" + f" of {names[recording]}" * (len(names) > 1)
 
 
+def stated_values(verdict: Verdict) -> str:
+    """Return the table of stated values that moved, with what fits; nothing where none did."""
+    columns = value_columns(verdict)
+    if not columns["value"]:
+        return ""
+    rows = [[prose(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
+    lead = (
+        "What the given simulation states, and what fits the recordings, with "
+        "95\N{NO-BREAK SPACE}% intervals. A tolerance says how surprising a change is, as one "
+        f"standard deviation; beyond {REACH:g} of them a value is wrong. Where nobody has stated "
+        "one in `tolerances`, it is limo's guess. Of a family of values, which are known together "
+        "alone, the RMS torque that they make is compared."
+    )
+    return section("Stated, and what fits", table(list(columns), rows, numeric=2), "values", lead)
+
+
 def identified(verdict: Verdict, lead: str = "", title: str = "Identified friction") -> str:
     """Return the table of what is ordinary: friction that the given simulation did not state.
 
@@ -369,9 +388,9 @@ def identified(verdict: Verdict, lead: str = "", title: str = "Identified fricti
         return ""
     rows = [[prose(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
     lead = lead or (
-        "The given simulation states no friction of these joints, so it is unknown, and estimated "
-        "together with everything else; with 95\N{NO-BREAK SPACE}% intervals. What most of them "
-        "have is ordinary; what is unlike its siblings is a finding."
+        "What the given simulation does not state of these joints, or less precisely than the "
+        "recordings tell, estimated together with everything else; with 95\N{NO-BREAK SPACE}% "
+        "intervals. What most of them have is ordinary; what is unlike its siblings is a finding."
     )
     body = table([typeset(" ".join(heading).strip()) for heading in columns], rows, numeric=1)
     return section(title, body, "identified", lead)

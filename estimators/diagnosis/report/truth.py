@@ -7,16 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.headline import (
-    MOST,
-    headline,
-    of_several,
-    place_of,
-    quantity,
-    quantity_of,
-    rounded,
-    values_of,
-)
+from estimators.diagnosis.headline import MOST, headline, place_of, quantity_of, values_of
+from estimators.diagnosis.quantities import of_several, quantity, rounded
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page

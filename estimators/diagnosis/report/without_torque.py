@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.headline import headline, names_of, of_several, rounded
+from estimators.diagnosis.headline import headline, names_of
+from estimators.diagnosis.quantities import of_several, rounded
 from estimators.diagnosis.report import findings as told
 from estimators.diagnosis.report.arm import pins
 from estimators.diagnosis.report.cards import cards
 from estimators.diagnosis.report.page import unobservable
-from estimators.diagnosis.report.sections import identified
+from estimators.diagnosis.report.sections import identified, stated_values
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import (
@@ -75,7 +76,7 @@ def drive_report(found: DriveResult) -> Page:
         told.removed(verdict.fit),
         f"Compared with {recorded}. No torque was recorded: errors are of positions, simulated "
         "forward from the commands.",
-        badge=(told.VERDICTS[verdict.verdict], verdict.verdict),
+        badge=told.badge(verdict),
     )
     view, drawn = _arm(found, found.replay) if found.replay else (None, "")
     body = (
@@ -87,6 +88,7 @@ def drive_report(found: DriveResult) -> Page:
         + cards(verdict, names)
         + _left(verdict)
         + told.notes(verdict.notes)
+        + stated_values(verdict)
         + identified(verdict, _IDENTIFIED, "Identified drives and friction")
         + (_motion(found.replay, verdict, charts) if found.replay else "")
         + section("What is unsure", unobservable(verdict), "unsure")

@@ -97,6 +97,8 @@ class WordingSettings:
     at_floor: float = setting(1.15, "noise floors", "up to which an error is at the floor",
         "only wording: higher calls small errors noise",
         chosen="the floor is an estimate itself")
+    at_step: float = setting(3.0, "noise floors", "the same, of positions",
+        "as above", chosen="their floor is what an encoder's steps make alone")
     by_tolerances: float = setting(0.05, "of the reducible error",
         "that goes by values within their tolerances, if that is said", "only wording")
     explanations: int = setting(12, "sets", "of effects that are listed as having competed",

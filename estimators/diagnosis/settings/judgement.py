@@ -24,7 +24,7 @@ class JudgementSettings:
     smooth: float = setting(1.9, "", "that ratio, at least", "as above")
     at_limit: float = setting(0.01, "sigma",
         "from the limit of a tolerance, at which a value is said to be there", "only wording")
-    worth_a_word: float = setting(1.5, "sigma", "that a value moved inside its tolerance",
+    worth_a_word: float = setting(1.5, "sigma", "that a lag or offset of a sensor moved",
         "only wording: higher notes fewer")
     dominant: float = setting(0.96, "of a joint's predictable error",
         "that its findings have to explain",
@@ -184,3 +184,35 @@ class HoldingSettings:
 
 
 HOLDING = HoldingSettings()
+
+
+@dataclass(frozen=True)
+class ValueSettings:
+    """Stated values that are reported (judgement.stated_values)."""
+
+    sure: float = setting(3.0, "standard deviations",
+        "that a value that fits is from the stated one",
+        "lower tells chance; higher less that differs",
+        chosen="some twenty values of an arm are looked at")
+    share: float = setting(0.1, "of a joint's reducible error", "that goes with it",
+        "lower tells what hardly matters; higher leaves unsaid what moved")
+
+
+VALUES = ValueSettings()
+
+
+@dataclass(frozen=True)
+class GuessSettings:
+    """Tolerances that nobody stated (judgement.guesses)."""
+
+    gain: float = setting(0.1, "relative", "deviation of the scale of torques that are currents",
+        "higher lets loads go into gains; lower takes a wrong constant of a motor for a tilt",
+        chosen="constants of motors in data sheets are good to a tenth")
+    constant: float = setting(0.01, "of a torque", "that it differs from a constant times currents",
+        "higher takes a sensor of torque for them; lower misses rounded ones")
+    times: tuple[float, ...] = setting((0.5, 2.0), "times a guessed tolerance", "that are tried",
+        "more cost time; fewer say less of what a guess decides")
+    listed: int = setting(3, "effects", "that another tolerance would bring, named", "only wording")
+
+
+GUESSES = GuessSettings()

@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns import CURRENTS, NO_COLUMN, SECONDS, UNITS
+from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, SECONDS, UNITS
 from limo_driver.recordings.channels import CHANNELS, POSITION, Columns, seconds
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.display import Displayed
@@ -308,10 +308,13 @@ class LogMapping(Declared, Displayed):
         command, led, extras = mapping._commands(table)
         if mapping.temperature is not None:
             extras["temperature"] = mapping.temperature.read(table, "temperature")
+        torque, own = mapping._torques(table), mapping.torque
+        if own is not None and not set(CURRENTS).isdisjoint(own.unit):
+            extras[CURRENT] = torque / np.resize(own.factor, len(self.joints))
         return Columns(
             time=time,
             position=position,
-            torque=mapping._torques(table),
+            torque=torque,
             velocity=None if mapping.velocity is None else mapping.velocity.read(table, "velocity"),
             command=command,
             channels=led,
@@ -378,8 +381,7 @@ def _first_known(values: NDArray[Any]) -> Any:  # noqa: ANN401  # a number or a 
 
 
 def _ordered(channels: Channels, order: list[int]) -> Channels:
-    n = len(order)
-    values = {item.name: getattr(channels, item.name) for item in fields(channels)}
+    n, values = len(order), {item.name: getattr(channels, item.name) for item in fields(channels)}
     return Channels(
         **{k: tuple(v[j] for j in order) if len(v) == n else v for k, v in values.items()}
     )
@@ -393,7 +395,6 @@ def _entries(part: TimeColumns | Channels) -> dict[str, Any]:
         if value is None or value == () or (item.name != "unit" and value == item.default):
             continue
         is_one = isinstance(value, tuple) and len(set(value)) == 1 and item.name != "columns"
-        found[item.name] = (
-            value[0] if is_one else list(value) if isinstance(value, tuple) else value
-        )
+        several = list(value) if isinstance(value, tuple) else value
+        found[item.name] = value[0] if is_one else several
     return found

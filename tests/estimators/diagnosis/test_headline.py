@@ -6,15 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from estimators.diagnosis.headline import (
-    MOST,
-    headline,
-    likelier,
-    of_several,
-    quantity,
-    rounded,
-    values_of,
-)
+from estimators.diagnosis.headline import MOST, headline, likelier, values_of
+from estimators.diagnosis.quantities import of_several, quantity, rounded
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     BeforeAfter,
@@ -29,7 +22,7 @@ from estimators.diagnosis.verdict import (
 )
 
 N = 7
-FIT = Fit((1.0,) * N, (0.1,) * N, (0.1,) * N, 0.9, (0.8, 0.95))
+FIT = Fit((0.1,) * N, (0.1,) * N, (0.1,) * N, 0.9, (0.8, 0.95))  # at the floor as given
 
 
 def finding(effect, joints, kind="missing", region="", **parameters):
@@ -41,6 +34,12 @@ def finding(effect, joints, kind="missing", region="", **parameters):
 
 def verdict(*findings, said="explained", unexplained=()):
     return Verdict(said, findings, Unexplained(unexplained), (), None, FIT, RowCount(1, {}))
+
+
+def erring(*joints):
+    """Errors of a simulation that is above the noise floor at some joints as given."""
+    before = tuple(1.0 if j in joints else 0.1 for j in range(1, N + 1))
+    return replace(FIT, heldout_rmse_before=before, above_floor=joints)
 
 
 PAYLOAD = finding("payload", (7,), mass=Interval(0.968, "kg", (0.754, 1.182)))
@@ -73,10 +72,9 @@ def test_a_name_that_is_rather_wrong_than_right_stands_in_the_headline_only_wher
 
 def test_ordinary_friction_that_was_not_stated_is_said_to_be_identified():
     identified = tuple(Identified("coulomb_friction", joint) for joint in (1, 2))
-    assert headline(replace(verdict(said="consistent"), identified=identified)) == (
-        "Recording and simulation agree within tolerances and noise, beside the friction "
-        "identified at joints 1, 2."
-    )
+    found = replace(verdict(said="consistent"), identified=identified, fit=erring(1, 2))
+    assert found.states == ("physics is missing",)
+    assert headline(found) == "Friction of joints 1, 2 is not stated, and was identified."
 
 
 def test_a_wrong_value_is_said_with_the_one_that_fits():
@@ -142,7 +140,7 @@ def test_nothing_found_says_so():
         (117.2, (105.0, 129.0), "117 kg [105, 129]"),
         (3.0, None, "3 kg"),
         (3.0, (None, None), "3 kg"),
-        (3.0, (3.0, 3.0), "3.000000000 kg [3.000000000, 3.000000000]"),
+        (3.0, (3.0, 3.0), "3 kg"),
     ],
 )
 def test_a_quantity_has_the_digits_that_its_interval_leaves(value, ci95, text):

@@ -107,7 +107,8 @@ def test_it_says_once_what_several_joints_keep_as_stated_and_how_fast_they_moved
     assert "The joints moved at up to 1.3 and - rad/s; faster motion is extrapolated." in lines
     assert (
         "The motion hardly shows offset of joints 1 and 2 (torque offset), tau_c of joint 2 "
-        "(coulomb friction) and gravity (tilt): kept as stated." in lines
+        "(coulomb friction) and gravity (tilt): of these, what is stated is all that is known."
+        in lines
     )
 
 

@@ -60,7 +60,7 @@ USUAL: Final = (  # what every joint has
     "armature",
     "torque_offset",
 )
-_NAMES: Final = {
+NAMES: Final = {
     COULOMB: "tau_c",
     DAMPING: "f_v",
     "by_load": "coefficient",
@@ -117,12 +117,12 @@ def findings_of(
         full = float(squared.mean())
         for effect, units in KINDS.items():
             extra = effect in final.extras[j]
-            wrong = j + 1 in served and _is_wrong(fit, nominal[j], units, tolerances[j], period)
+            wrong = j + 1 in served and is_wrong(fit, nominal[j], units, tolerances[j], period)
             size = next(iter(units))  # others give its shape, which matters less
             shown = effect in proof.extras[j] and is_known(fit, {size: ""})
             if not (shown if extra else wrong):
                 continue
-            less = [(own, _without(row, nominal[j], effect, units)) for own, row in held_out]
+            less = [(own, as_it_is_stated(row, nominal[j], effect, units)) for own, row in held_out]
             without = np.concatenate([errors(own, row) ** 2 for own, row in less])
             lost = float(without.mean()) - full
             confidence = removes(squared, without, len(folds))
@@ -155,7 +155,7 @@ def findings_of(
     return tuple(replace(finding, share=lost / total) for lost, finding in ranked)
 
 
-def _is_wrong(
+def is_wrong(
     fit: JointFit,
     nominal: FloatArray,
     units: dict[str, str],
@@ -169,9 +169,8 @@ def _is_wrong(
         value, believed = fit.value(name), value_in(nominal, name)
         if name == DAMPING:
             believed += value_in(nominal, "kd")
-        lag = {"delay": 1.0, "inertia": value_in(nominal, "kv")}  # that of servos of velocity
-        if abs(value - believed) < period * lag.get(name, 0.0):
-            return False  # no recording tells lags within a sample
+        if lag_within(name, value - believed, nominal, period):
+            return False
         if not np.isfinite(believed):  # stated to be without limit
             return True
         deviation = fit.deviation[name]
@@ -185,6 +184,19 @@ def _is_wrong(
     return False
 
 
+def lag_within(name: str, change: float, nominal: FloatArray, period: float) -> bool:
+    """Say whether a constant changes a lag by less than a sample, which no recording tells.
+
+    Args:
+        name: Of the constant.
+        change: Of it.
+        nominal: The stated constants of its joint.
+        period: Between samples [s].
+    """
+    lag = {"delay": 1.0, "inertia": value_in(nominal, "kv")}  # that of servos of velocity
+    return abs(change) < period * lag.get(name, 0.0)
+
+
 def stated_value(
     effect: str, nominal: FloatArray, units: dict[str, str], *, extra: bool
 ) -> float | None:
@@ -196,7 +208,7 @@ def stated_value(
         units: Of the constants that are its values.
         extra: Whether it is beyond what every joint has.
     """
-    value = value_in(_without(nominal, nominal, effect, units), next(iter(units)))
+    value = value_in(as_it_is_stated(nominal, nominal, effect, units), next(iter(units)))
     return None if extra or value == 0.0 or not np.isfinite(value) else value
 
 
@@ -238,7 +250,7 @@ def is_known(fit: JointFit, units: dict[str, str]) -> bool:
     return all(0.0 < fit.deviation.get(name, 0.0) < SURE for name in units)
 
 
-def _without(
+def as_it_is_stated(
     row: FloatArray, nominal: FloatArray, effect: str, units: dict[str, str]
 ) -> FloatArray:
     """Return the constants with those of one effect as they are stated."""
@@ -253,7 +265,7 @@ def _without(
 def parameters_of(fit: JointFit, units: dict[str, str]) -> dict[str, Interval]:
     """Return fitted values with their intervals, as a verdict names them."""
     return {
-        _NAMES.get(name, name): Interval(fit.value(name), unit, fit.interval(name))
+        NAMES.get(name, name): Interval(fit.value(name), unit, fit.interval(name))
         for name, unit in units.items()
         if name in fit.deviation
     }

@@ -21,8 +21,10 @@ from estimators.diagnosis.from_motion.judgement.held_out import (
     resolution_of,
     rms_of_rows,
 )
+from estimators.diagnosis.from_motion.judgement.stated_values import stated_values
 from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, geared, most_torque, rows_of
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import (
     Fit,
     Identified,
@@ -45,7 +47,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
-_NEAR_FLOOR: Final = 3.0  # floors, below which nothing is left to be explained
 _POSES: Final = 2000  # tried for the one that loads a joint most
 _WORTH: Final = 0.01  # [rad], sag below which nothing is said
 _SHOWS: Final = {  # constants, as what they are told, and what explains the motion as well
@@ -84,7 +85,7 @@ def verdict_of(
     removed = float(np.sum(rmse_before**2) - np.sum(rmse_after**2)) / max(reducible, LEAST)
     findings = findings_of(stated, given, evidence, reducible)
     # a joint whose positions never change tells no step of its encoder, and so no floor
-    left = np.flatnonzero((floor > 0.0) & (rmse_after > _NEAR_FLOOR * floor))
+    left = np.flatnonzero((floor > 0.0) & (rmse_after > WORDING.at_step * floor))
     summary = "consistent" if not findings else "partly_explained" if left.size else "explained"
     if findings and removed <= 0.0:
         summary = "unexplained"
@@ -121,6 +122,9 @@ def verdict_of(
             tuple(floor.tolist()),
             removed,
             blocks,
+            above_floor=tuple(
+                int(j) + 1 for j in np.flatnonzero(rmse_before > WORDING.at_step * floor)
+            ),
             unit=_unit(given),
             one_step_rmse_before=step_before,
             one_step_rmse_after=step_after,
@@ -141,6 +145,7 @@ def verdict_of(
             for effect in USUAL
             if is_known(fit, KINDS[effect])
         ),
+        values=stated_values(stated, given, evidence, floor),
     )
 
 

@@ -22,9 +22,9 @@ import numpy as np
 from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in, numbers_of
 from estimators.diagnosis.from_torque.fitting.linearised import Linearised
 from estimators.diagnosis.from_torque.hypotheses.catalogue import relative_inertia
-from estimators.diagnosis.headline import listed
+from estimators.diagnosis.quantities import listed
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Z95, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.model.descriptions.description import SITE
 from limo_driver.physics import Payload
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _Found = TypeVar("_Found", Finding, Identified, "Finding | Identified")
-_Z95 = 1.96
+
 _BODY = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # of a link: m, com, xx, xy, xz, yy, yz, zz
 Place = tuple[str, "Sequence[int]", bool]
 
@@ -129,7 +129,7 @@ def _of_body(body: Inertial, spread: FloatArray) -> dict[str, Interval]:
 
 
 def _interval(value: float, spread: float, within: tuple[float, float]) -> tuple[float, float]:
-    half = _Z95 * float(spread)
+    half = Z95 * float(spread)
     return max(value - half, within[0]), min(value + half, within[1])
 
 

@@ -191,8 +191,15 @@ class Linearised:
 
         Were errors as the noise model says.
         """
-        prior = joined(self.known, *self.own)
-        return _Information.of(self.observed, self.columns, prior).root * prior.deviation
+        return self._information.root * self._prior.deviation
+
+    @cached_property
+    def _prior(self) -> Prior:
+        return joined(self.known, *self.own)
+
+    @cached_property
+    def _information(self) -> _Information:
+        return _Information.of(self.observed, self.columns, self._prior)
 
     def _variance(self) -> FloatArray:
         """Return the variance of each coefficient, in its own unit squared.
@@ -200,14 +207,26 @@ class Linearised:
         The largest of those that errors have by the noise model, by their scores over blocks of
         time, and, of what several joints show, by how far these disagree.
         """
-        prior = joined(self.known, *self.own)
-        known = _Information.of(self.observed, self.columns, prior)
+        known = self._information
         inverse = known.inverse
         scores = known.scores(_blocks(self.observed)) @ inverse
         spread = np.sum(scores**2, axis=0) + np.sum(inverse**2, axis=0)
         several = (np.diagonal(known.gram, axis1=1, axis2=2) > 0).sum(axis=0) > 1
         widened = np.where(several, known.disagreement(), 1.0) * np.diag(inverse)
-        return np.maximum(widened, spread) * prior.deviation**2
+        return np.maximum(widened, spread) * self._prior.deviation**2
+
+    def deviation_of_sum(self, factors: FloatArray) -> float:
+        """Return the standard deviation of a sum over all coefficients, by the same measures.
+
+        Args:
+            factors: That each coefficient is multiplied by, (c,).
+        """
+        known = self._information
+        along = known.inverse @ (factors * self._prior.deviation)
+        scores = known.scores(_blocks(self.observed)) @ along
+        spread = float(scores @ scores + along @ along)
+        by_model = float(along @ (factors * self._prior.deviation))
+        return float(np.sqrt(max(known.disagreement() * by_model, spread)))
 
 
 @dataclass(frozen=True)

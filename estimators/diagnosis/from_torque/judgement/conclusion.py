@@ -22,8 +22,8 @@ from estimators.diagnosis.from_torque.judgement.findings import (
 from estimators.diagnosis.from_torque.judgement.ordinary import to_identify
 from estimators.diagnosis.from_torque.residuals import usable_joints
 from estimators.diagnosis.from_torque.residuals.plausibility import doubts_on, notes_on
-from estimators.diagnosis.headline import listed, rounded
-from estimators.diagnosis.held_out import bootstrap, reducible_removed, rmse
+from estimators.diagnosis.held_out import bootstrap, reducible_removed, rmse, surely_positive
+from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -76,7 +76,21 @@ def fit_of(
         tuple(alone.tolist()),
         tuple(rmse(given, every).tolist()),
         tuple(rmse(proven, every).tolist()),
+        tuple(j + 1 for j in above_floor(problem, floor)),
     )
+
+
+def above_floor(problem: RegressionProblem, floor: FloatArray) -> tuple[int, ...]:
+    """Return the joints (0-based) at which the given simulation surely errs by more than noise.
+
+    Args:
+        problem: What was compared.
+        floor: Noise floor of each joint, (n,) [N m].
+    """
+    observed, rows = problem.observed, problem.split.held_out
+    excess = observed.residual**2 - (WORDING.at_floor * floor) ** 2
+    own = np.eye(observed.n, dtype=bool)
+    return tuple(j for j in range(observed.n) if surely_positive(excess, observed, rows & own[j]))
 
 
 def rows_of(problem: RegressionProblem) -> RowCount:

@@ -40,16 +40,9 @@ from estimators.diagnosis.from_torque.judgement.judgement import (
 )
 from estimators.diagnosis.from_torque.judgement.ordinary import beyond_siblings, to_identify
 from estimators.diagnosis.from_torque.judgement.surrogate import where_of
-from estimators.diagnosis.headline import (
-    LINK_INERTIA,
-    is_of_bodies,
-    likelier,
-    listed,
-    of_joints,
-    rounded,
-    signature_of,
-)
+from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies, likelier, signature_of
 from estimators.diagnosis.held_out import reducible_removed
+from estimators.diagnosis.quantities import listed, of_joints, rounded
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
 from limo_driver.physics import Payload, spoken

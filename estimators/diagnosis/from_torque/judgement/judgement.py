@@ -21,8 +21,9 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
 from estimators.diagnosis.from_torque.judgement.ordinary import convinced, ordinary, to_identify
 from estimators.diagnosis.from_torque.judgement.surrogate import predictable_part
 from estimators.diagnosis.from_torque.residuals.noise import roughness
-from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies, listed
+from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies
 from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.quantities import listed
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
@@ -319,14 +320,15 @@ def remarks(
     recordings: int = 1,
 ) -> Iterator[str]:
     """Yield notes on the fit, one sentence each."""
-    moved = [shift for shift in shifts if abs(shift.sigmas) > JUDGEMENT.worth_a_word][:3]
-    if moved and not harmful:
-        said = "; ".join(map(_moved, moved))
-        sensed = any(" of sensor " in shift.name for shift in moved)
-        unwritten = " Lags and offsets of sensors are not written into the improved simulation."
+    sensed = [
+        shift
+        for shift in shifts
+        if " of sensor " in shift.name and abs(shift.sigmas) > JUDGEMENT.worth_a_word
+    ][:3]
+    if sensed and not harmful:
         yield (
-            f"The fit also moved stated values within their tolerances: {said}."
-            f"{unwritten if sensed else ''}"
+            f"The fit also moved what sensors may be off by: {'; '.join(map(_moved, sensed))}. "
+            "Lags and offsets of sensors are not written into the improved simulation."
         )
     if members >= SEARCH.largest:
         yield (

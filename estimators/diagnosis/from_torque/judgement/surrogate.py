@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.from_torque.hypotheses.responses import over_joint
-from estimators.diagnosis.headline import rounded
 from estimators.diagnosis.held_out import block_of
+from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.settings.judgement import BLACK_BOX, REGION
 from estimators.diagnosis.verdict import Where
 from estimators.regression.definite import inverse_root

@@ -32,7 +32,7 @@ import numpy as np
 from estimators.diagnosis.from_torque.residuals.noise import usual_errors
 from estimators.diagnosis.from_torque.residuals.pushes import covered, overlap
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
-from estimators.diagnosis.headline import listed, rounded
+from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.settings.pushes import IMPACTS, JOLTS, PUSHES
 
 if TYPE_CHECKING:

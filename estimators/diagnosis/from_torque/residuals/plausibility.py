@@ -33,7 +33,7 @@ from estimators.diagnosis.from_torque.residuals.usable_joints import (
     without_load,
     without_torque,
 )
-from estimators.diagnosis.headline import listed, of_joints
+from estimators.diagnosis.quantities import listed, of_joints
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK
 from estimators.rigid_body.tolerances import bare

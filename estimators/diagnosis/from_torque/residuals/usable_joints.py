@@ -19,8 +19,9 @@ from scipy.optimize import fminbound
 from estimators.base import WEIGHTLESS
 from estimators.diagnosis.from_torque.residuals.mistakes import constant_joints, dry_and_viscous
 from estimators.diagnosis.from_torque.residuals.noise import roughness
-from estimators.diagnosis.headline import names_of, rounded
+from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, REPEATS, ROWS
 
 if TYPE_CHECKING:

@@ -18,7 +18,8 @@ from audit import reached_by_tab, violations
 from browser import browser, program
 
 from estimators.diagnosis.from_torque.pipeline import Diagnosis
-from estimators.diagnosis.headline import headline, rounded
+from estimators.diagnosis.headline import headline
+from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.report import figures, worst_stretch, write_report
 from estimators.diagnosis.report.binning import loop_stretch
 from estimators.diagnosis.report.page import render

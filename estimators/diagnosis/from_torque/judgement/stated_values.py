@@ -1,0 +1,388 @@
+"""Stated values: what the given simulation states, and what fits the recordings.
+
+A tolerance says how surprising it is that a value differs, never whether that is reported. It is
+where it is sure, and where a tenth of a joint's reducible error goes with it on motion held out:
+with the value as it is stated, and all else as it was proven, the joint errs by that much more.
+
+Of bodies, torques tell sums alone: masses and centres of several links make one torque at a joint.
+They are reported as a family, by the torque that they make there; and so are all values of a joint
+where it errs by more than noise as given, they take that away together, and none does alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.diagnosis.from_torque.fitting.contribution import TINY, surely_less
+from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in
+from estimators.diagnosis.from_torque.fitting.linearised import Linearised
+from estimators.diagnosis.from_torque.hypotheses.responses import difference
+from estimators.diagnosis.from_torque.judgement.conclusion import above_floor
+from estimators.diagnosis.from_torque.judgement.judged_set import places_of
+from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.settings.judgement import VALUES
+from estimators.diagnosis.settings.selection import TOLERATED
+from estimators.diagnosis.verdict import LINK_INERTIA, Z95, StatedValue
+from estimators.regression.evidence import REACH
+from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.physics import TorqueGain
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from estimators.diagnosis.verdict import Finding
+    from limo_driver.physics import Effect, Parameter, Simulation
+    from limo_driver.types import FloatArray
+
+
+def stated_values(
+    judged: JudgedSet,
+    improved: Observations,
+    stated: Simulation,
+    findings: Sequence[Finding] = (),
+) -> tuple[StatedValue, ...]:
+    """Return the stated values and those that fit, the families among them last.
+
+    Args:
+        judged: The set, with its proof on motion held out.
+        improved: The recordings and the simulation that was fitted to all their rows.
+        stated: The given simulation, with gravity as the arm is mounted.
+        findings: Of the verdict, with their parameters.
+    """
+    if improved.simulation is stated:
+        return ()
+    return tuple(_Comparison.of(judged, improved, stated, tuple(findings)).values())
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    judged: JudgedSet
+    improved: Observations
+    stated: Simulation
+    findings: tuple[Finding, ...]
+    around: Linearised
+    deviation: FloatArray  # (c,) of the coefficients of what may move within its tolerance
+    found: dict[tuple[int, str], float]  # deviations of sizes of what was found, by effect and name
+
+    @classmethod
+    def of(
+        cls,
+        judged: JudgedSet,
+        improved: Observations,
+        stated: Simulation,
+        findings: tuple[Finding, ...],
+    ) -> _Comparison:
+        """Linearise around the improved simulation, whose values were known as they are stated."""
+        own = [
+            found_in(improved.simulation, effect, on, missing=missing)
+            for effect, on, missing in places_of(judged.problem, judged.solution)
+        ]
+        found = tuple({id(effect): effect for effect in own if effect is not None}.values())
+        around = Linearised.of(improved, found, (), stated)
+        deviation, of_found = around.deviations()
+        spread = {
+            (id(effect), entry.name): sigma
+            for effect, sigmas in zip(found, of_found, strict=True)
+            for entry, sigma in zip(entries_of(effect), sigmas.tolist(), strict=True)
+        }
+        return cls(judged, improved, stated, findings, around, deviation, spread)
+
+    @property
+    def proof(self) -> Observations:
+        """The recordings and a simulation that was fitted to no row held out."""
+        return self.judged.beside
+
+    @cached_property
+    def before(self) -> FloatArray:
+        """Held-out RMSE of the given simulation, (n,) [N m]."""
+        problem = self.judged.problem
+        return rmse(problem.observed.residual, problem.split.held_out)
+
+    @cached_property
+    def above(self) -> NDArray[np.bool_]:
+        """Mark the joints (n,) at which the given simulation surely errs by more than noise."""
+        found = above_floor(self.judged.problem, self.judged.remaining.floor)
+        return np.isin(np.arange(self.improved.n), found)
+
+    @cached_property
+    def tolerated(self) -> dict[tuple[str, tuple[int, ...], str], int]:
+        """Which coefficient each value has that may move, by effect, joints (0-based) and name."""
+        every = enumerate(self.around.nuisance.parameters)
+        return {(*x.place, x.known.name): k for k, x in every if x.known is not None}
+
+    def values(self) -> Iterator[StatedValue]:
+        """Yield single values, then families."""
+        changes = np.zeros_like(self.improved.measured)
+        reported: set[int] = set()
+        for value, change in (*self._sizes(), *self._gains()):
+            changes += change
+            reported |= {*value.joints} if value.reported else set()
+            yield value
+        if any(item.effect == LINK_INERTIA for item in self.findings):
+            yield from self._masses()
+        else:
+            yield from self._families(changes, reported)
+
+    def _sizes(self) -> Iterator[tuple[StatedValue, FloatArray]]:
+        """Yield the sizes of stated effects, with what the proven ones add, (K, n) [N m]."""
+        for effect, fitted, proven in self._matched():
+            for known in effect.parameters():
+                stated = getattr(effect, known.name)
+                if known.is_size and stated:
+                    change = self._added(proven, proven.with_value(known.name, float(stated)))
+                    yield self._size(effect, fitted, known, change), change
+
+    def _matched(self) -> Iterator[tuple[Any, Any, Any]]:
+        """Yield stated effects with those in their place: fitted to all rows, and proven."""
+        every = [
+            list(simulation.effects)
+            for simulation in (self.improved.simulation, self.proof.simulation)
+        ]
+        for effect in self.stated.effects:
+            fitted, proven = (
+                next((x for x in own if x.place == effect.place), None) for own in every
+            )
+            if fitted is not None and proven is not None:
+                every = [
+                    [x for x in own if x is not gone]
+                    for own, gone in zip(every, (fitted, proven), strict=True)
+                ]
+                yield effect, fitted, proven
+
+    def _size(
+        self, effect: Effect, fitted: Effect, known: Parameter, change: FloatArray
+    ) -> StatedValue:
+        stated, value = (float(getattr(one, known.name)) for one in (effect, fitted))
+        spread, joints = self._spread(fitted, known), effect.joints
+        acts = np.abs(change).max(axis=0) > 0.0
+        share, sure = self._taken(change, acts)
+        own = TOLERATED.width if known.smooths else self.stated.tolerances.friction
+        tolerance = own * abs(stated)
+        off, wrong = abs(value - stated), self._is_wrong(effect)
+        reported = (wrong and not known.smooths) or (
+            sure and spread is not None and off > VALUES.sure * spread
+        )
+        return StatedValue(
+            name=known.name,
+            effect=effect.name,
+            joints=joints,
+            joint_names=self._names(joints),
+            unit=known.unit,
+            stated=stated,
+            fitted=value,
+            ci95=None if spread is None else _interval(value, spread, known),
+            tolerance=tolerance,
+            assumed=known.smooths or "friction" in self.stated.tolerances.assumed,
+            beyond=reported and not known.smooths and (wrong or off > REACH * tolerance),
+            reported=reported,
+            share=share,
+        )
+
+    def _spread(self, fitted: Effect, known: Parameter) -> float | None:
+        """Return the standard deviation of a size in its unit; None where none is known."""
+        if (found := self.found.get((id(fitted), known.name))) is not None:
+            return found
+        at = self.tolerated.get((fitted.name, tuple(j - 1 for j in fitted.joints), known.name))
+        if at is None:
+            return None
+        item, start = self.around.nuisance.parameters[at], float(self.around.nuisance.start[at])
+        ends = [item.value(start + side * float(self.deviation[at])) for side in (-1.0, 1.0)]
+        return abs(ends[1] - ends[0]) / 2.0
+
+    def _is_wrong(self, effect: Effect) -> bool:
+        return any(
+            item.kind == "wrong_parameter"
+            and item.effect == effect.name
+            and (item.joints == effect.joints or not effect.joints)
+            for item in self.findings
+        )
+
+    def _names(self, joints: Sequence[int]) -> tuple[str, ...]:
+        return tuple(self.stated.model.joint_names[j - 1] for j in joints)
+
+    def _added(self, ahead: Effect, behind: Effect) -> FloatArray:
+        """Return what one effect adds more than another of its kind, (K, n) [N m]."""
+        change = np.zeros_like(self.improved.measured)
+        if ahead != behind:
+            joints, values = difference(ahead, behind, self.proof)
+            change[:, list(joints)] = values.T
+        return change
+
+    def _taken(self, change: FloatArray, acts: NDArray[np.bool_]) -> tuple[float, bool]:
+        """Return which part of a joint's reducible error a change takes, and whether that counts.
+
+        Args:
+            change: Torque by which the proven simulation differs from another, (K, n) [N m].
+            acts: Joints at which it acts, (n,).
+        """
+        judged, rows = self.judged, self.judged.problem.split.held_out
+        after, floor = judged.proven, judged.remaining.floor
+        lost = rmse(after + change, rows) ** 2 - rmse(after, rows) ** 2
+        reducible = self.before**2 - floor**2
+        some = acts & self.above & rows.any(axis=0)
+        part = np.divide(lost, reducible, out=np.zeros_like(lost), where=some & (reducible > 0))
+        joint = int(np.argmax(part))
+        if part[joint] < VALUES.share:
+            return max(float(part[joint]), 0.0), False
+        own = [joint]
+        sure = surely_less(
+            after[:, own],
+            (after + change)[:, own],
+            floor[own],
+            judged.problem.observed,
+            rows[:, own],
+        )
+        return min(float(part[joint]), 1.0), sure
+
+    def _gains(self) -> Iterator[tuple[StatedValue, FloatArray]]:
+        """Yield the scales of torques, where a tolerance lets them move and none is stated."""
+        places = {effect.place for effect in self.stated.effects}
+        at = {x.name: k for k, x in enumerate(self.around.nuisance.parameters)}
+        tolerance = self.stated.tolerances.gain
+        for effect in self.proof.simulation.effects if tolerance else ():
+            if not isinstance(effect, TorqueGain) or effect.place in places:
+                continue
+            change = self._added(effect, replace(effect, gain=0.0))
+            share, sure = self._taken(change, np.abs(change).max(axis=0) > 0.0)
+            gain = 1.0 + sum(
+                x.gain
+                for x in self.improved.simulation.effects
+                if isinstance(x, TorqueGain) and x.place == effect.place
+            )
+            k = at.get(f"gain of torque {effect.joint}")
+            spread = None if k is None else float(self.deviation[k])
+            off = abs(gain - 1.0)
+            reported = sure and spread is not None and off > VALUES.sure * spread
+            reach = None if spread is None else Z95 * spread
+            yield (
+                StatedValue(
+                    name="gain",
+                    effect=effect.name,
+                    joints=effect.joints,
+                    joint_names=self._names(effect.joints),
+                    unit="1",
+                    stated=1.0,
+                    fitted=gain,
+                    ci95=None if reach is None else (gain - reach, gain + reach),
+                    tolerance=tolerance,
+                    assumed="gain" in self.stated.tolerances.assumed,
+                    beyond=reported and off > REACH * tolerance,
+                    reported=reported,
+                    share=share,
+                ),
+                change,
+            )
+
+    def _masses(self) -> Iterator[StatedValue]:
+        """Yield the masses of links that were found wrong."""
+        own, names = self.stated.model.linkage.own, self.stated.model.link_names
+        for item in self.findings:
+            mass = item.parameters.get("mass")
+            if item.effect != LINK_INERTIA or mass is None:
+                continue
+            body = self.stated.model.inertials[names[int(own[item.joints[0] - 1])]]
+            tolerance = self.stated.tolerances.inertia * body.mass
+            yield StatedValue(
+                name="mass",
+                effect=item.effect,
+                joints=item.joints,
+                joint_names=self._names(item.joints),
+                unit=mass.unit,
+                stated=body.mass,
+                fitted=float(mass.value),  # pyright: ignore[reportArgumentType]  # a number
+                ci95=mass.ci95,
+                tolerance=tolerance,
+                assumed="inertia" in self.stated.tolerances.assumed,
+                beyond=True,
+                reported=True,
+                share=item.share,
+            )
+
+    def _families(self, changes: FloatArray, reported: set[int]) -> Iterator[StatedValue]:
+        """Yield the bodies, where they take enough; then all of joints that nothing is reported of.
+
+        Args:
+            changes: What single values add, as proven, (K, n) [N m].
+            reported: Joints, 1-based, that single values are reported of.
+        """
+        simulations = self.stated, self.proof.simulation, self.improved.simulation
+        given, proven, final = map(self._of_bodies, simulations)
+        bodies, n = proven - given, self.improved.n
+        felt = {j: share for j in range(n) if (share := self._sure_share(bodies, j))}
+        if felt:
+            worst = max(felt, key=lambda j: felt[j])
+            known = self._rms_of_bodies(final, worst)
+            yield self._family(
+                "masses and centres of links", given, final, worst, felt, known=known
+            )
+        rest = [j for j in range(n) if j + 1 not in reported and j not in felt]
+        together = {j: share for j in rest if (share := self._sure_share(bodies + changes, j))}
+        if together:
+            worst = max(together, key=lambda j: together[j])
+            before = self.judged.problem.observed.simulated
+            yield self._family(
+                "values within tolerances", before, self.improved.simulated, worst, together
+            )
+
+    def _of_bodies(self, simulation: Simulation) -> FloatArray:
+        slow = self.improved.slow
+        return simulation.model.inverse_dynamics(slow.position, slow.velocity, slow.acceleration)
+
+    def _sure_share(self, change: FloatArray, joint: int) -> float:
+        """Return the part of a joint's reducible error that a change surely takes; else 0."""
+        share, sure = self._taken(change, np.arange(self.improved.n) == joint)
+        return share if sure else 0.0
+
+    def _rms_of_bodies(self, torque: FloatArray, joint: int) -> float:
+        """Return the standard deviation of the RMS torque of bodies at a joint [N m]."""
+        rows = self.improved.moving[:, joint]
+        values, at = self.around.columns.of_joint(joint)
+        bodies = at < PER_LINK * self.stated.model.linkage.links
+        own = torque[rows, joint]
+        size = max(float(np.sqrt(np.mean(own**2))), TINY) * len(own)
+        factors = np.zeros(self.around.columns.count)
+        factors[at[bodies]] = own @ values[np.ix_(rows, bodies)] / size
+        return self.around.deviation_of_sum(factors)
+
+    def _family(
+        self,
+        name: str,
+        given: FloatArray,
+        fitted: FloatArray,
+        worst: int,
+        felt: Mapping[int, float],
+        known: float | None = None,
+    ) -> StatedValue:
+        rows = self.improved.moving[:, worst]
+        stated, value = (float(np.sqrt(np.mean(x[rows, worst] ** 2))) for x in (given, fitted))
+        joints = (worst + 1, *(j + 1 for j in sorted(felt) if j != worst))
+        reach = None if known is None else Z95 * known
+        assumed = self.stated.tolerances.assumed
+        return StatedValue(
+            name=name,
+            effect="",
+            joints=joints,
+            joint_names=self._names(joints),
+            unit="N m",
+            stated=stated,
+            fitted=value,
+            ci95=None if reach is None else (max(value - reach, 0.0), value + reach),
+            tolerance=None,
+            assumed="inertia" in assumed,
+            beyond=False,
+            reported=True,
+            share=felt[worst],
+        )
+
+
+def _interval(value: float, spread: float, known: Parameter) -> tuple[float, float]:
+    half = Z95 * spread
+    return max(value - half, known.lower), min(value + half, known.upper)
