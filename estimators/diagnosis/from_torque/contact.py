@@ -123,9 +123,11 @@ class _Wrench:
             joints, values = response(term, observed)
             columns[list(joints), :, k] = values[:, rows]
         errors = proven[rows].T
-        # at rest friction holds any torque: what stays the same is no push
-        columns -= columns.mean(axis=1, keepdims=True)
-        errors = errors - errors.mean(axis=1, keepdims=True)
+        same, constant = columns.mean(axis=1, keepdims=True), errors.mean(axis=1, keepdims=True)
+        if push.friction:  # one torque a joint, all the time, and somewhere in its friction
+            columns, errors, floor = same, constant, np.array(push.friction)
+        else:  # at rest friction holds any torque: what stays the same is no push
+            columns, errors = columns - same, errors - constant
         X = (columns / floor[:, None, None]).reshape(-1, len(terms))
         y = (errors / floor[:, None]).ravel()
         precision = X.T @ X + np.eye(len(terms)) / PUSHES.strongest**2

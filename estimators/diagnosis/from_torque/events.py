@@ -26,6 +26,7 @@ from estimators.diagnosis.from_torque.fitting.settling import (
 from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
 from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse
+from estimators.diagnosis.from_torque.residuals.holds import holds
 from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, impacts, jolts
 from estimators.diagnosis.from_torque.residuals.jolts import impacts_note as note_of_play
 from estimators.diagnosis.from_torque.residuals.jolts import jolts_note as note
@@ -79,7 +80,7 @@ def apart_from_events(
     """Return the set that is found beside events, fitted to none of their rows, and those."""
     first = problem
     problem, solution = solve(problem, progress)
-    known = _events(problem.observed, problem.left(solution.fitted))
+    known = _events(problem.beside(solution), problem.left(solution.fitted))
     if known:
         problem, solution = _without(problem, known, progress)
     found = budget.within(
@@ -131,12 +132,13 @@ def _round(
     progress("proving on held-out motion", 0.8)
     judged = around(JudgedSet.of(problem, solution), progress, budget)
     judged = budget.within("a delay of all of it", lambda: in_time(judged, progress), judged)
-    return judged, _events(problem.observed, judged.proven)
+    return judged, _events(judged.beside, judged.proven)
 
 
 def _events(observed: Observations, left: FloatArray) -> tuple[Event, ...]:
-    """Return the events in what a fit leaves, (K, n) [N m]."""
-    pushed = pushes(observed, left)
+    """Return the events in what a fit leaves, (K, n) [N m], beside the simulation of it."""
+    held = holds(observed)
+    pushed = (*(push for push in pushes(observed, left) if not _among(push, held)), *held)
     found = (*pushed, *jolts(observed, left, pushed))
     caught = impacts(observed, left, found)
     return (*(event for event in found if not _among(event, caught)), *caught)

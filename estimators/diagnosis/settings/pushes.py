@@ -98,6 +98,16 @@ class PushSettings:
         chosen="above the 2 s of human pushes")
     pieces: int = setting(8, "", "constant stretches that a half sine is made of",
         "more cost time; fewer are less smooth")
+    rests: float = setting(1.0, "s", "that a joint has to rest, for a hold",
+        "longer misses short ones; shorter takes a reversal under load for a rest",
+        chosen="longer than the slowest reversals last")
+    breakaway: float = setting(2.0, "times",
+        "its friction in motion, that a joint may hold at rest",
+        "higher misses weak holds; lower takes stiction for a wall",
+        chosen="friction as a joint breaks away is seldom more than 1.7 times that in motion")
+    friction: float = setting(0.95, "quantile",
+        "of torque beyond that of bodies in motion, that is a joint's friction",
+        "higher takes pushes for friction; lower misses viscous one")
     spread: float = setting(0.3, "s", "over which the filter spreads a push",
         "longer leaves out motion; shorter fits what is pushed")
 

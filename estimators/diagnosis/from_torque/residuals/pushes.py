@@ -52,6 +52,9 @@ class Push:
     joints: tuple[int, ...]  # 0-based, that felt it
     rarity: float = 0.0  # [nat], how seldom errors that scatter as those elsewhere are as large
     held: bool = False  # at one strength, rather than in the course of half a sine
+    friction: tuple[
+        float, ...
+    ] = ()  # [N m], that each joint may bear beside it where the arm rests
 
 
 def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
