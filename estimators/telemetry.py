@@ -11,7 +11,7 @@ make it. Filters take it away, and friction looks smaller than it is, as it does
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -271,7 +271,7 @@ def friction_share(
     Returns:
         The share [1]; NaN without a joint that moves and whose effort limit is known.
     """
-    without = replace(simulation, effects=tuple(x for x in simulation.effects if not x.rubs))
+    without = simulation.without_friction()
     width = bandwidth_for([recording], bandwidth)
     calm = recording.calm_motion(width)
     with_all, rest = (

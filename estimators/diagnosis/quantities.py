@@ -32,7 +32,7 @@ def to_interval(value: float, low: float, high: float) -> tuple[str, str, str]:
 
 
 def give_or_take(known: Interval) -> str:
-    """Return a number beside half of its 95 % interval, to the digits that the interval leaves.
+    """Return a number with half of its 95 % interval, to the digits that the interval leaves.
 
     Args:
         known: A number with an interval.

@@ -146,6 +146,10 @@ class Simulation(Displayed):
         more = described_motors(self.model, told)
         return replace(self, drives=(*self.drives, *more)) if more else self
 
+    def without_friction(self) -> Simulation:
+        """Return the same without what joints take by friction alone."""
+        return replace(self, effects=tuple(each for each in self.effects if not each.rubs))
+
     @cached_property
     def body(self) -> RobotModel:
         """The rigid body after all effects on it: payload, direction of gravity."""

@@ -136,7 +136,7 @@ def _round(
 
 
 def _events(observed: Observations, left: FloatArray) -> tuple[Event, ...]:
-    """Return the events in what a fit leaves, (K, n) [N m], beside the simulation of it."""
+    """Return the events in what a fit leaves, (K, n) [N m], with the simulation of it."""
     held = holds(observed)
     pushed = (*(push for push in pushes(observed, left) if not _among(push, held)), *held)
     found = (*pushed, *jolts(observed, left, pushed))

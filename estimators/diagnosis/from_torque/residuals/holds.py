@@ -3,7 +3,7 @@
 At rest, friction bears any torque up to what it takes in motion, and somewhat more before it breaks
 away. Where a joint rests, and its drive presses by more than that beyond the load of its bodies,
 something outside holds against it: a wall, a part, a hand. Where the drive bears less than the
-load, a brake or a table may hold the arm, which no torque tells, and nothing is said.
+load, a brake or a table may hold the arm, which no torque tells: that is no hold.
 
 Source: Armstrong-Hélouvry, Dupont and Canudas de Wit, "A survey of models, analysis tools and
 compensation methods for the control of machines with friction", Automatica 30(7), 1994, on the
@@ -35,11 +35,9 @@ def holds(observed: Observations) -> tuple[Push, ...]:
     None of a joint that rests so more often than not: there its load or its friction is another.
 
     Args:
-        observed: Recordings beside a simulation that was fitted to their motion.
+        observed: Recordings, and a simulation that was fitted to their motion.
     """
-    known = observed.simulation
-    bodies = tuple(effect for effect in known.effects if not effect.rubs)
-    bare = observed.undisturbed(None).beside(replace(known, effects=bodies))
+    bare = observed.undisturbed(None).beside(observed.simulation.without_friction())
     rests = [list(_rests(bare, joint)) for joint in range(bare.n)]
     if not any(rests):
         return ()
@@ -49,20 +47,17 @@ def holds(observed: Observations) -> tuple[Push, ...]:
     for own in sorted(rested, key=lambda push: (push.recording, push.start)):
         last = found[-1] if found else None
         if last and last.recording == own.recording and own.start < last.end:
-            found[-1] = replace(
-                last,
-                end=max(last.end, own.end),
-                joints=tuple(sorted({*last.joints, *own.joints})),
-                evidence=last.evidence + own.evidence,
-                rarity=max(last.rarity, own.rarity),
-            )
+            surest = max(last, own, key=lambda push: push.evidence)
+            joints = tuple(sorted({*last.joints, *own.joints}))
+            end = max(last.end, own.end)
+            found[-1] = replace(surest, start=last.start, end=end, joints=joints)
         else:
             found.append(own)
     return tuple(found)
 
 
 def _friction(bare: Observations, joint: int) -> float:
-    """Return what a joint (0-based) takes beside its bodies in motion, at most [N m]."""
+    """Return what a joint (0-based) takes in motion on top of its bodies, at most [N m]."""
     beyond = np.abs(bare.residual[bare.moving[:, joint], joint])
     return float(np.quantile(beyond, PUSHES.friction)) if beyond.size else np.inf
 
@@ -73,7 +68,7 @@ def _pressed(
     """Return the rests of a joint (0-based) in which it bears more than friction can hold.
 
     Args:
-        bare: Recordings beside the fitted simulation without its friction.
+        bare: Recordings, and the fitted simulation without its friction.
         joint: Which.
         rests: Its rows at rest.
         friction: Of each joint [N m].
@@ -89,7 +84,7 @@ def _pressed(
             sure = 0.5 * ((beyond - friction[joint]) / scatter) ** 2
             start, end = time[rows][0] - ROWS.near_rest / bare.bandwidth, time[rows][-1]
             span = int(bare.recording[rows.start]), float(start), float(end)
-            found.append(Push(*span, sure, (joint,), rarity=sure, held=True, friction=friction))
+            found.append(Push(*span, sure, (joint,), sure, held=True, friction=friction))
     return found if 2 * len(found) <= max(len(rests), 2) else []
 
 
@@ -106,7 +101,7 @@ def _is_passed(bare: Observations, rows: slice) -> bool:
 
 
 def _rests(bare: Observations, joint: int) -> Iterator[slice]:
-    """Yield the rows of each rest of a joint (0-based) that lasts long enough to be one."""
+    """Yield the rows of each rest of a joint (0-based) that is long enough to be one."""
     still = np.abs(bare.motion.velocity[bare.kept, joint]) < bare.sign_width[joint]
     if bare.unmeasured is not None:
         still &= ~bare.unmeasured[:, joint]

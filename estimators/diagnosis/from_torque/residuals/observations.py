@@ -303,7 +303,7 @@ class Observations:
         Friction is left out, since it is known less well than all else.
         """
         simulation = self.simulation
-        others = tuple(effect for effect in simulation.effects if not effect.rubs)
+        others = simulation.without_friction().effects
         if not others:
             return np.zeros_like(self.measured)
         motion = self.motion

@@ -52,9 +52,7 @@ class Push:
     joints: tuple[int, ...]  # 0-based, that felt it
     rarity: float = 0.0  # [nat], how seldom errors that scatter as those elsewhere are as large
     held: bool = False  # at one strength, rather than in the course of half a sine
-    friction: tuple[
-        float, ...
-    ] = ()  # [N m], that each joint may bear beside it where the arm rests
+    friction: tuple[float, ...] = ()  # [N m], that each joint may bear as well at rest
 
 
 def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:

@@ -130,7 +130,7 @@ class Search:
         return [Explained(key, self.gain(key)) for key in ranked(sorted(found), self.gain)[:width]]
 
     def _with_one_more(self, members: tuple[int, ...]) -> tuple[NDArray[np.int64], FloatArray]:
-        """Return the candidates that fit beside a set, (p,), and the gain less their prices."""
+        """Return the candidates that fit next to a set, (p,), and the gain less their prices."""
         taken = np.isin(self._slots, self._slots[list(members)])
         taken[list(members)] = True
         some = np.flatnonzero(~taken)
