@@ -255,6 +255,9 @@ def errors(folder: Path, files: list[str], simulation: str, moving: float) -> li
 def values(cases: Path, out: Path) -> None:
     """Print every value told of an effect whose range is known, and whether it lies there."""
     for name in TABLE["cases"]:
+        if not (out / name / "verdict.json").exists():
+            print(name, "was not diagnosed")
+            continue
         verdict = json.loads((out / name / "verdict.json").read_text())
         told = [*verdict["findings"], *verdict.get("identified", [])]
         for want in json.loads((cases / name / "truth.json").read_text())["effects"]:
