@@ -4,9 +4,10 @@
 |-------------------|-------------------------------------------------------------------------|
 | IDLE              | none                                                                    |
 | MONITORING_*      | 1.x: the commanded position, mirrored; from 2.5 on: the header only     |
-| COMMANDING_WAIT   | the position of the robot's application, mirrored; no torque, no wrench; |
-|                   | none yet in the first packets after COMMANDING_ACTIVE (`Lead.doubts`)   |
+| COMMANDING_WAIT   | the position of the robot's application, mirrored; no torque, no wrench |
 | COMMANDING_ACTIVE | the set-point, or that position with a torque or wrench                 |
+
+In the first packets after COMMANDING_ACTIVE, no other state is answered yet (`Lead.doubts`).
 """
 
 from __future__ import annotations
@@ -283,8 +284,8 @@ class Lead:
             self._note_end(message, order, state)
         self._measured = measured
         goes_on = self._joined and order is not Order.RESTARTED
-        self._joined = state is _ACTIVE and (before is None or goes_on)
         enters = before is None or before < SessionState.COMMANDING_WAIT
+        self._joined = state is _ACTIVE and (enters or goes_on)
         if before is not state is _ACTIVE and self._flickered(measured):
             self._go_on()
         elif state is not _ACTIVE or enters or not self._wire.anchored:
@@ -325,14 +326,14 @@ class Lead:
 
     @property
     def doubts(self) -> bool:
-        """Whether the robot may not really wait, as it says right after COMMANDING_ACTIVE.
+        """Whether the robot may not really have left COMMANDING_ACTIVE, as it says just now.
 
-        One that does becomes active only by answers. Without any, one that is active again never
-        waited.
+        One that did becomes active again only by answers: without any, it never left. And one that
+        is active takes whatever it is answered for a command.
         """
-        left = self._left
-        waits = self._session.state is SessionState.COMMANDING_WAIT
-        return waits and left is not None and self._session.packets - left.packet < FLICKER
+        left, session = self._left, self._session
+        lately = left is not None and session.packets - left.packet < FLICKER
+        return lately and session.state is not _ACTIVE
 
     def _flickered(self, measured: FloatArray) -> bool:
         """Say whether a robot that left COMMANDING_ACTIVE cannot have done so.

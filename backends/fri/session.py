@@ -111,7 +111,7 @@ class _Command:
     packet: int  # count of the packet that it answers
     effect: Effect | None  # that it has once it is received
     left: float  # when it left, by this machine's clock [s]
-    waited: int  # count of the last packet that came before that
+    waited: int  # packets that had come by then
 
 
 @dataclass
@@ -167,7 +167,7 @@ class RobotSession:
 
     def note_answer(self, effect: Effect | None = None, left: float = -math.inf) -> None:
         """Note that the command left, when [s], and what effect it has once it is received."""
-        self._unconfirmed.append(_Command(self.packets, effect, left, self.packets))
+        self._unconfirmed.append(_Command(self.packets, effect, left, self.figures.received))
         self._sequence = (self._sequence + 1) % _MODULUS
         self._refused_since = None
         self.figures.answered += 1
@@ -215,8 +215,9 @@ class RobotSession:
         return bool(self._unconfirmed) and self._is_overdue(-1)
 
     def _is_overdue(self, which: int) -> bool:
-        command, now = self._unconfirmed[which], self.packets
-        return now - command.packet >= self.patience and now - command.waited >= self._least
+        command, heard = self._unconfirmed[which], self.figures.received
+        late = self.packets - command.packet >= self.patience  # or its count lies, for one packet
+        return late and heard - command.waited >= self._least
 
     @property
     def refused(self) -> bool:
@@ -287,7 +288,7 @@ class RobotSession:
         for command in reversed(self._unconfirmed):
             if command.left <= arrived:
                 return
-            command.waited = self.packets
+            command.waited = self.figures.received
 
     def _confirm(self, reflected: int, order: Order) -> None:
         """Settle the commands up to the one that the robot received last."""

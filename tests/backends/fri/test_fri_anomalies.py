@@ -10,6 +10,7 @@ from stepped_arm import SteppedArm, stepped
 
 from backends.fri.answers import FLICKER
 from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
+from backends.fri.codec.version import Generation
 from limo_driver.errors import BackendError, HoldingError
 
 
@@ -131,6 +132,21 @@ class TestAnActiveSessionThatSaysSomethingElse:
             assert robot.receive().holding == bool(restarts)
             assert robot.figures.restarts == restarts
 
+    def test_does_not_make_a_command_late_by_a_count_that_leaps(self):
+        def confirming_late(ahead):
+            return lambda message: message._replace(
+                header=message.header._replace(
+                    sequence=message.header.sequence + ahead, reflected=message.header.reflected - 1
+                )
+            )
+
+        with stepped() as robot:
+            judged = moving(robot)
+            for ahead in (0, 0, 8, 0, 0, 12, 0, 0, 16, 0, 0, 20, 0, 0):
+                always(robot.arm, confirming_late(ahead))
+                robot.receive()
+            judged.check()
+
     def test_takes_no_commands_before_that_is_over(self):
         with stepped() as robot:
             robot.arm.quality = Quality.POOR
@@ -141,7 +157,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             robot.receive()
             robot.send(position(POSE))
 
-    @pytest.mark.parametrize("packets", [1, 2])
+    @pytest.mark.parametrize("packets", [1, FLICKER])
     @pytest.mark.parametrize("state", LEFT_FOR)
     def test_that_it_ended_and_goes_on_at_once_was_never_left(self, packets, state):
         with stepped() as robot:
@@ -151,15 +167,13 @@ class TestAnActiveSessionThatSaysSomethingElse:
             robot.arm.state = state
             for _ in range(packets):
                 assert robot.receive().holding
-            robot.arm.listen()
-            robot.arm.answers.clear()  # what an arm in COMMANDING_ACTIVE makes of them is its own
             robot.arm.state = ACTIVE
             for _ in range(300):
                 assert robot.receive().holding
             path = judged.check()
             assert len(path) > real + 200
 
-    @pytest.mark.parametrize("packets", [1, 2])
+    @pytest.mark.parametrize("packets", [1, FLICKER])
     @pytest.mark.parametrize("state", LEFT_FOR)
     def test_that_it_ended_does_not_let_torques_drop(self, packets, state):
         with stepped(mode=CommandMode.TORQUE) as robot:
@@ -168,7 +182,6 @@ class TestAnActiveSessionThatSaysSomethingElse:
             robot.arm.state = state
             for _ in range(packets):
                 assert robot.receive().holding
-            del judged.commands()[real:]  # an arm in COMMANDING_ACTIVE was sent no command for it
             robot.arm.state = ACTIVE
             for _ in range(60):
                 assert robot.receive().holding
@@ -177,6 +190,21 @@ class TestAnActiveSessionThatSaysSomethingElse:
             assert (step <= robot.spec.limits.torque_rate * 1e-3 * (1 + ROUNDING)).all()
             assert torques[real - 1].any()
             assert not torques[-1].any()
+
+    @pytest.mark.parametrize("generation", [Generation.ONE, Generation.TWO_FIVE])
+    @pytest.mark.parametrize("state", LEFT_FOR[:2])
+    def test_that_it_ended_for_long_goes_on_where_the_arm_was_left(self, state, generation):
+        with stepped(generation=generation) as robot:
+            judged = moving(robot)
+            robot.arm.ipo = np.array(POSE) - 0.5  # where the application would have it
+            robot.arm.state = state
+            for _ in range(3 * FLICKER):
+                robot.receive()
+            robot.arm.state = ACTIVE
+            left = robot.arm.position.copy()
+            for _ in range(10):
+                assert robot.receive().holding
+            assert judged.commands()[-1].data.joint_position == pytest.approx(left, abs=1e-3)
 
     def test_that_it_waits_is_answered_once_it_goes_on_doing_so(self):
         with stepped() as robot:
