@@ -164,6 +164,11 @@ class SteppedRobot(FriRobot):
             self.arm.close()
 
 
+def keep_kernel_time(robot, *, on):
+    """Let the kernel say how long packets wait: in this machine's time, which is not the arm's."""
+    robot._link.endpoint._socket.setsockopt(socket.SOL_SOCKET, _KERNEL_TIME, int(on))
+
+
 def stepped(**options):
     arm_options = {
         name: options.pop(name) for name in tuple(options) if name in SteppedArm.__annotations__
@@ -175,8 +180,7 @@ def stepped(**options):
         arm.close()
         raise
     robot.arm = arm
-    # what the kernel says of how long packets waited is this machine's time, not the arm's
-    robot._link.endpoint._socket.setsockopt(socket.SOL_SOCKET, _KERNEL_TIME, 0)
+    keep_kernel_time(robot, on=False)
     arm.sequence = arm.first_sequence - 1  # the first cycle's packet is the first of the session
     arm.ns -= arm.period_ms * 1_000_000
     return robot

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fri_messages import POSE, monitoring
 from ports import free_port
-from stepped_arm import stepped
+from stepped_arm import keep_kernel_time, stepped
 
 from backends.fri import FriRobot
 from backends.fri.answers import FLICKER
@@ -246,10 +246,12 @@ def test_what_piled_up_in_a_stall_is_no_jump_and_no_fresh_state():
         count = len(arm.answers)
         before = robot.receive().sequence
         robot.send(position(goal))
+        keep_kernel_time(robot, on=True)
         for _ in range(30):  # cycles in which this machine does nothing
             arm.cycle()
         time.sleep(4 * OUTDATED)
         assert robot.receive().sequence == before + 31  # with the one of this cycle
+        keep_kernel_time(robot, on=False)
         arm.listen()
         assert len(arm.answers) == count + 1
         for _ in range(20):
@@ -271,10 +273,12 @@ def test_torque_goes_on_unchanged_over_a_stall():
             robot.send(TorqueCommand(torque=np.full(7, 0.5)))
             robot.receive()
         robot.send(TorqueCommand(torque=np.full(7, 0.5)))
+        keep_kernel_time(robot, on=True)
         for _ in range(10):
             arm.cycle()
         time.sleep(4 * OUTDATED)
         robot.receive()
+        keep_kernel_time(robot, on=False)
         robot.send(TorqueCommand(torque=np.full(7, 0.5)))
         arm.listen()
         assert {command.data.joint_torque for command in arm.answers[-10:]} == {(0.5,) * 7}
