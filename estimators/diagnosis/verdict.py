@@ -195,6 +195,13 @@ class Fit:
     inverse_dynamics_rmse_after: tuple[float, ...] = ()
 
     @property
+    def still_above(self) -> tuple[int, ...]:
+        """Joints, 1-based, of which the improved simulation errs by more than noise, too."""
+        most = WORDING.at_floor if self.unit == TORQUE else WORDING.at_step
+        pairs = zip(self.heldout_rmse_after, self.noise_floor, strict=True)
+        return tuple(j for j, (error, floor) in enumerate(pairs, start=1) if error > most * floor)
+
+    @property
     def worse_within_tolerances(self) -> tuple[int, ...]:
         """Joints, 1-based, on which values moved inside their tolerances do clearly worse.
 
@@ -298,14 +305,16 @@ class Verdict:
     def unexplained_joints(self) -> tuple[int, ...]:
         """Joints, 1-based, with an error that nothing explains or accounts for.
 
-        The latter are above the noise floor as given, and no finding or value acts there.
+        The latter are above the noise floor as given, no finding or value acts there, and they
+        stay above it; or nothing at all is found that could account for it.
         """
-        items = (*self.findings, *(item for item in self.values if item.reported))
-        n = len(self.fit.noise_floor)
-        known = {j for item in items for j in (item.joints or range(1, n + 1))}
+        found = (*self.findings, *(item for item in self.values if item.reported))
+        acting = {j for item in found for j in (item.joints or self.fit.above_floor)}
         if any(is_felt_by_all(item.effect) for item in self.findings):
-            known |= {*range(1, n + 1)}
-        open_ = {*self.fit.above_floor} - known - {*self.not_stated}
+            acting |= {*self.fit.above_floor}
+        open_ = {*self.fit.above_floor} - acting - {*self.not_stated}
+        if found or self.not_stated:
+            open_ &= {*self.fit.still_above}
         unknown = {j for x in self.findings if x.effect == UNKNOWN for j in x.joints}
         return tuple(sorted(open_ | unknown | {*self.unexplained.joints}))
 
