@@ -188,18 +188,12 @@ class Fit:
     heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
     above_floor: tuple[int, ...] = ()  # joints, 1-based, at which as given surely more than noise
+    still_above: tuple[int, ...] = ()  # those of the improved simulation
     unit: str = TORQUE  # of all errors; rad where commands and positions alone were recorded
     one_step_rmse_before: tuple[float, ...] = ()  # (n,) [rad], from each row to the next; likewise
     one_step_rmse_after: tuple[float, ...] = ()
     inverse_dynamics_rmse_before: tuple[float, ...] = ()  # (n,) [N m], of drive and friction
     inverse_dynamics_rmse_after: tuple[float, ...] = ()
-
-    @property
-    def still_above(self) -> tuple[int, ...]:
-        """Joints, 1-based, of which the improved simulation errs by more than noise, too."""
-        most = WORDING.at_floor if self.unit == TORQUE else WORDING.at_step
-        pairs = zip(self.heldout_rmse_after, self.noise_floor, strict=True)
-        return tuple(j for j, (error, floor) in enumerate(pairs, start=1) if error > most * floor)
 
     @property
     def worse_within_tolerances(self) -> tuple[int, ...]:

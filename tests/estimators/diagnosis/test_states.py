@@ -47,7 +47,8 @@ def fit(above=(), removed=0.9, interval=(0.8, 0.95), left=()):
     before, after = (
         tuple(1.0 if j in some else 0.1 for j in range(1, N + 1)) for some in (above, left)
     )
-    return Fit(before, after, FLOOR, removed, interval, above_floor=tuple(above))
+    sides = {"above_floor": tuple(above), "still_above": tuple(left)}
+    return Fit(before, after, FLOOR, removed, interval, **sides)
 
 
 def verdict(**more):

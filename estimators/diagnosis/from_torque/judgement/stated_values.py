@@ -109,7 +109,8 @@ class _Comparison:
     @cached_property
     def above(self) -> NDArray[np.bool_]:
         """Mark the joints (n,) at which the given simulation surely errs by more than noise."""
-        found = above_floor(self.judged.problem, self.judged.remaining.floor)
+        problem, floor = self.judged.problem, self.judged.remaining.floor
+        found = above_floor(problem, problem.observed.residual, floor)
         return np.isin(np.arange(self.improved.n), found)
 
     @cached_property
