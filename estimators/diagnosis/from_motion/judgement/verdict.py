@@ -163,8 +163,8 @@ def _above(
         recordings: They are of.
         floor: Of each joint, (n,) [rad].
     """
-    settled = np.concatenate([r.time - r.time[0] > WORDING.settled for r in recordings])
-    rows = errors[settled] if settled.any() else errors
+    late = np.concatenate([r.time - r.time[0] > WORDING.from_start for r in recordings])
+    rows = errors[late] if late.any() else errors
     size = np.sqrt(np.mean(rows**2, axis=0))
     return np.flatnonzero((floor > 0.0) & (size > WORDING.at_step * floor))
 
