@@ -65,6 +65,11 @@ class Tolerances(Declared):
         """Names of those that nobody has stated."""
         return self.usual if self.stated is None else self.all_names - self.stated
 
+    def with_stated(self, **values: float) -> Tolerances:
+        """Return the same with some that somebody states."""
+        own = (self.all_names - self.assumed) | {*values}
+        return replace(self, **values, stated=own)
+
 
 _USUAL = Tolerances()
 

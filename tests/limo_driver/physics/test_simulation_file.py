@@ -45,6 +45,7 @@ def test_tolerances_that_nobody_stated_are_written_and_read_as_guessed(load, tmp
     again = Simulation.load(tmp_path / "again.yaml").tolerances
     assert again == partly.tolerances
     assert again.assumed == partly.tolerances.assumed
+    assert again.with_stated(inertia=0.02).assumed == {"drive", "gain"}
 
 
 @pytest.mark.parametrize(
