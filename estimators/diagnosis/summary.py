@@ -47,7 +47,7 @@ def _values(verdict: Verdict) -> list[str]:
     widths = [max(map(len, column)) for column in cells]
     rows = zip(*cells, strict=True)
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    return ["", f"stated values that moved; tolerances are one of {REACH:g} deviations", *lines]
+    return ["", f"stated values that moved; beyond is more than {REACH:g} tolerances", *lines]
 
 
 def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]]:

@@ -188,6 +188,7 @@ class Fit:
     heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
     above_floor: tuple[int, ...] = ()  # joints, 1-based, at which as given surely more than noise
+    still_above: tuple[int, ...] = ()  # those of the improved simulation
     unit: str = TORQUE  # of all errors; rad where commands and positions alone were recorded
     one_step_rmse_before: tuple[float, ...] = ()  # (n,) [rad], from each row to the next; likewise
     one_step_rmse_after: tuple[float, ...] = ()
@@ -298,14 +299,16 @@ class Verdict:
     def unexplained_joints(self) -> tuple[int, ...]:
         """Joints, 1-based, with an error that nothing explains or accounts for.
 
-        The latter are above the noise floor as given, and no finding or value acts there.
+        The latter are above the noise floor as given, no finding or value acts there, and they
+        stay above it; or nothing at all is found that could account for it.
         """
-        items = (*self.findings, *(item for item in self.values if item.reported))
-        n = len(self.fit.noise_floor)
-        known = {j for item in items for j in (item.joints or range(1, n + 1))}
+        found = (*self.findings, *(item for item in self.values if item.reported))
+        acting = {j for item in found for j in (item.joints or self.fit.above_floor)}
         if any(is_felt_by_all(item.effect) for item in self.findings):
-            known |= {*range(1, n + 1)}
-        open_ = {*self.fit.above_floor} - known - {*self.not_stated}
+            acting |= {*self.fit.above_floor}
+        open_ = {*self.fit.above_floor} - acting - {*self.not_stated}
+        if found or self.not_stated:
+            open_ &= {*self.fit.still_above}
         unknown = {j for x in self.findings if x.effect == UNKNOWN for j in x.joints}
         return tuple(sorted(open_ | unknown | {*self.unexplained.joints}))
 

@@ -106,7 +106,7 @@ def as_values(found: Identification) -> dict[str, Any]:
         "condition": found.fit.condition,
         "effective_rows": found.fit.effective.tolist(),
         "inertia_tolerance": found.tolerance,
-        "known_to": asdict(found.simulation.tolerances),
+        "known_to": found.simulation.tolerances.as_values(),
         "rmse": {
             "base_parameters": found.fit.rmse.tolist(),
             "consistent": found.rmse_consistent.tolist(),

@@ -65,6 +65,15 @@ class Tolerances(Declared):
         """Names of those that nobody has stated."""
         return self.usual if self.stated is None else self.all_names - self.stated
 
+    def as_values(self) -> dict[str, float]:
+        """Return each of them by name."""
+        return {item.name: getattr(self, item.name) for item in parameters_of(Tolerances)}
+
+    def with_stated(self, **values: float) -> Tolerances:
+        """Return the same with some that somebody states."""
+        own = (self.all_names - self.assumed) | {*values}
+        return replace(self, **values, stated=own)
+
 
 _USUAL = Tolerances()
 

@@ -99,6 +99,8 @@ class WordingSettings:
         chosen="the floor is an estimate itself")
     at_step: float = setting(3.0, "noise floors", "the same, of positions",
         "as above", chosen="their floor is what an encoder's steps make alone")
+    from_start: float = setting(1.0, "s", "after a free run begins, from which on that is asked",
+        "longer leaves less to ask; shorter takes what an unknown start makes for physics")
     by_tolerances: float = setting(0.05, "of the reducible error",
         "that goes by values within their tolerances, if that is said", "only wording")
     explanations: int = setting(12, "sets", "of effects that are listed as having competed",

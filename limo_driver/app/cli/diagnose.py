@@ -179,7 +179,7 @@ def _start(
             notes.print(f"{robot}: {note}")
         has_torque = any(recording.has_torque for recording in measured)
         simulation = nominal(model) if has_torque else described(model)
-    known = replace(simulation.tolerances, **tolerances)
+    known = simulation.tolerances.with_stated(**tolerances)
     return replace(simulation, tolerances=known), measured
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from limo_driver.app.library.inputs import (
     expected,
@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from estimators.rigid_body import Identification, JointTerms, Rows
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
+
+
+_TRUSTED: Final = 0.05  # of inertias that a description states, where nobody says how well
 
 
 def identify(
@@ -104,7 +107,7 @@ def _turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:
 def nominal(
     robot: RobotModel | Path | str,
     recordings: Recording | Path | str | Iterable[Recording | Path | str] = (),
-    inertia_tolerance: float = 0.05,
+    inertia_tolerance: float = _TRUSTED,
     gain_tolerance: float = 0.0,
 ) -> Simulation:
     """Return what is believed of a robot of which only a description is at hand.
@@ -134,12 +137,15 @@ def nominal(
     """
     measured = recordings_of(recordings)
     model = model_for(robot, measured)
+    asked = {"inertia": inertia_tolerance != _TRUSTED, "gain": gain_tolerance != 0.0}
+    own = frozenset(name for name, is_asked in asked.items() if is_asked)
     if not measured:
-        known = Tolerances(inertia=inertia_tolerance, gain=gain_tolerance)
+        known = Tolerances(inertia=inertia_tolerance, gain=gain_tolerance, stated=own)
         stated = tuple(effect for effect in described_effects(model) if not effect.rubs)
         return Simulation(model.name, stated, tolerances=known)
     found = identify(model, measured).simulation
-    known = replace(found.tolerances, inertia=inertia_tolerance, gain=gain_tolerance)
+    own |= {"friction"}  # as the recordings tell it
+    known = replace(found.tolerances, inertia=inertia_tolerance, gain=gain_tolerance, stated=own)
     return Simulation(model.name, found.effects, tolerances=known)
 
 
@@ -170,17 +176,18 @@ def identify_drives(
     return identified(known, measured)
 
 
-def described(robot: RobotModel, inertia_tolerance: float = 0.05) -> Simulation:
+def described(robot: RobotModel, inertia_tolerance: float = _TRUSTED) -> Simulation:
     """Return a robot as its description states it: with friction, armature and drives.
 
     Args:
         robot: The model.
         inertia_tolerance: How far its inertias may be off, relative, 1 sigma.
     """
+    own = frozenset[str]() if inertia_tolerance == _TRUSTED else frozenset({"inertia"})
     return Simulation(
         robot.name,
         described_effects(robot),
-        tolerances=Tolerances(inertia=inertia_tolerance),
+        tolerances=Tolerances(inertia=inertia_tolerance, stated=own),
         drives=described_drives(robot),
     )
 

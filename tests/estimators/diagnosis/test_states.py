@@ -43,9 +43,12 @@ def value(joint=2, kind=0, stated=1.0, fitted=1.44, spread=0.01, reported=True, 
     )  # fmt: skip
 
 
-def fit(above=(), removed=0.9, interval=(0.8, 0.95)):
-    before = tuple(1.0 if j in above else 0.1 for j in range(1, N + 1))
-    return Fit(before, FLOOR, FLOOR, removed, interval, above_floor=tuple(above))
+def fit(above=(), removed=0.9, interval=(0.8, 0.95), left=()):
+    before, after = (
+        tuple(1.0 if j in some else 0.1 for j in range(1, N + 1)) for some in (above, left)
+    )
+    sides = {"above_floor": tuple(above), "still_above": tuple(left)}
+    return Fit(before, after, FLOOR, removed, interval, **sides)
 
 
 def verdict(**more):
@@ -97,9 +100,13 @@ def test_what_nobody_stated_is_physics_that_is_missing():
 
 
 def test_an_error_that_nothing_accounts_for_stays_unexplained():
-    found = verdict(values=(value(joint=2),), fit=fit(above=(2, 3)))
+    found = verdict(values=(value(joint=2),), fit=fit(above=(2, 3), left=(3,)))
     assert found.states == ("stated values differ", "something unexplained remains")
-    assert "joint 3: something unknown" in headline(found)
+    assert "joint 3: something unknown, 10.0 noise floors" in headline(found)
+    moved_along = replace(found, fit=fit(above=(2, 3)))  # by what differs at another joint
+    assert moved_along.states == ("stated values differ",)
+    alone = verdict(fit=fit(above=(2,)))
+    assert alone.states == ("something unexplained remains",)
 
 
 def test_it_is_written_and_read_back(tmp_path):
@@ -140,7 +147,7 @@ def verdicts(draw):
             Identified(draw(st.sampled_from(EFFECTS))[0], joint)
             for joint in draw(st.lists(joints, unique=True))
         ),
-        fit=fit(above, draw(parts), (low, high)),
+        fit=fit(above, draw(parts), (low, high), draw(st.lists(joints, unique=True))),
         holds=Holds(ranges, ranges, ranges, tuple(x.in_words for x in kept)),
     )
 

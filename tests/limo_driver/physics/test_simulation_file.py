@@ -37,6 +37,29 @@ def test_the_specified_form_is_read(load):
     assert simulation.sensors.encoder_resolution == (1e-5,)  # YAML alone reads 1e-5 as text
 
 
+def test_tolerances_that_nobody_stated_are_written_and_read_as_guessed(load, tmp_path):
+    partly = load("robot: iiwa14\ntolerances: {friction: 0.15}\n")
+    assert partly.tolerances.assumed == {"inertia", "drive", "gain"}  # 0.15 is usual, and stated
+    partly.save(tmp_path / "again.yaml")
+    assert "guessed: [inertia]" in (tmp_path / "again.yaml").read_text()
+    again = Simulation.load(tmp_path / "again.yaml").tolerances
+    assert again == partly.tolerances
+    assert again.assumed == partly.tolerances.assumed
+    assert again.with_stated(inertia=0.02).assumed == {"drive", "gain"}
+
+
+@pytest.mark.parametrize(
+    ("given", "refused"),
+    [
+        ("guessed: [mass]", r"line 2: tolerances: guessed: number 1 is 'mass', expected one of"),
+        ("stated: [inertia]", r"line 2: tolerances: has no 'stated'; it has inertia, friction"),
+    ],
+)
+def test_only_tolerances_are_guessed(load, given, refused):
+    with pytest.raises(ConfigError, match=refused):
+        load(f"robot: iiwa14\ntolerances: {{{given}}}\n")
+
+
 def test_inertials_override_only_what_they_give(load):
     simulation = load("robot: iiwa14\ninertials: {link4: {mass: 3.4}}\n")
     assert simulation.model.inertials["link4"].com == pytest.approx((0, 0.067, 0.034))

@@ -39,12 +39,15 @@ from limo_driver.recordings.channels import TORQUE, VELOCITY, drifting
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from numpy.typing import NDArray
+
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
     from estimators.diagnosis.from_motion.fitting.joint import JointFit
     from estimators.diagnosis.from_motion.hypotheses.suspects import Suspect
     from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _POSES: Final = 2000  # tried for the one that loads a joint most
@@ -84,8 +87,7 @@ def verdict_of(
     reducible = float(np.sum(np.maximum(rmse_before**2 - floor**2, 0.0)))
     removed = float(np.sum(rmse_before**2) - np.sum(rmse_after**2)) / max(reducible, LEAST)
     findings = findings_of(stated, given, evidence, reducible)
-    # a joint whose positions never change tells no step of its encoder, and so no floor
-    left = np.flatnonzero((floor > 0.0) & (rmse_after > WORDING.at_step * floor))
+    above, left = (_above(errors, unseen, floor) for errors in (before, after))
     summary = "consistent" if not findings else "partly_explained" if left.size else "explained"
     if findings and removed <= 0.0:
         summary = "unexplained"
@@ -122,9 +124,8 @@ def verdict_of(
             tuple(floor.tolist()),
             removed,
             blocks,
-            above_floor=tuple(
-                int(j) + 1 for j in np.flatnonzero(rmse_before > WORDING.at_step * floor)
-            ),
+            above_floor=tuple((above + 1).tolist()),
+            still_above=tuple((left + 1).tolist()),
             unit=_unit(given),
             one_step_rmse_before=step_before,
             one_step_rmse_after=step_after,
@@ -147,6 +148,25 @@ def verdict_of(
         ),
         values=stated_values(stated, given, evidence, floor),
     )
+
+
+def _above(
+    errors: FloatArray, recordings: Sequence[Recording], floor: FloatArray
+) -> NDArray[np.int64]:
+    """Return the joints (0-based) at which errors are more than the steps of encoders make.
+
+    Where a recording begins to be held out, the arm moves, at a speed that no free run knows. A
+    joint whose positions never change tells no step of its encoder, and so no floor.
+
+    Args:
+        errors: Of all rows held out, (K, n) [rad].
+        recordings: They are of.
+        floor: Of each joint, (n,) [rad].
+    """
+    late = np.concatenate([r.time - r.time[0] > WORDING.from_start for r in recordings])
+    rows = errors[late] if late.any() else errors
+    size = np.sqrt(np.mean(rows**2, axis=0))
+    return np.flatnonzero((floor > 0.0) & (size > WORDING.at_step * floor))
 
 
 def _unit(given: Simulation) -> str:

@@ -76,19 +76,23 @@ def fit_of(
         tuple(alone.tolist()),
         tuple(rmse(given, every).tolist()),
         tuple(rmse(proven, every).tolist()),
-        tuple(j + 1 for j in above_floor(problem, floor)),
+        tuple(j + 1 for j in above_floor(problem, given, floor)),
+        tuple(j + 1 for j in above_floor(problem, proven, floor)),
     )
 
 
-def above_floor(problem: RegressionProblem, floor: FloatArray) -> tuple[int, ...]:
-    """Return the joints (0-based) at which the given simulation surely errs by more than noise.
+def above_floor(
+    problem: RegressionProblem, residual: FloatArray, floor: FloatArray
+) -> tuple[int, ...]:
+    """Return the joints (0-based) at which a simulation surely errs by more than noise.
 
     Args:
         problem: What was compared.
+        residual: Of the simulation, (K, n) [N m].
         floor: Noise floor of each joint, (n,) [N m].
     """
     observed, rows = problem.observed, problem.split.held_out
-    excess = observed.residual**2 - (WORDING.at_floor * floor) ** 2
+    excess = residual**2 - (WORDING.at_floor * floor) ** 2
     own = np.eye(observed.n, dtype=bool)
     return tuple(j for j in range(observed.n) if surely_positive(excess, observed, rows & own[j]))
 

@@ -26,10 +26,10 @@ from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.judgement import VALUES
 from estimators.diagnosis.settings.selection import TOLERATED
-from estimators.diagnosis.verdict import LINK_INERTIA, Z95, StatedValue
+from estimators.diagnosis.verdict import LINK_INERTIA, Z95, StatedValue, is_felt_by_all
 from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
-from limo_driver.physics import TorqueGain
+from limo_driver.physics import BodyEffect, TorqueGain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -109,7 +109,8 @@ class _Comparison:
     @cached_property
     def above(self) -> NDArray[np.bool_]:
         """Mark the joints (n,) at which the given simulation surely errs by more than noise."""
-        found = above_floor(self.judged.problem, self.judged.remaining.floor)
+        problem, floor = self.judged.problem, self.judged.remaining.floor
+        found = above_floor(problem, problem.observed.residual, floor)
         return np.isin(np.arange(self.improved.n), found)
 
     @cached_property
@@ -123,12 +124,13 @@ class _Comparison:
         changes = np.zeros_like(self.improved.measured)
         reported: set[int] = set()
         for value, change in (*self._sizes(), *self._gains()):
-            changes += change
-            reported |= {*value.joints} if value.reported else set()
+            changes += 0.0 if is_felt_by_all(value.effect) else change
+            joints = value.joints or tuple(range(1, self.improved.n + 1))
+            reported |= {*joints} if value.reported else set()
             yield value
         if any(item.effect == LINK_INERTIA for item in self.findings):
             yield from self._masses()
-        else:
+        elif len(reported) < self.improved.n:
             yield from self._families(changes, reported)
 
     def _sizes(self) -> Iterator[tuple[StatedValue, FloatArray]]:
@@ -320,9 +322,9 @@ class _Comparison:
         if felt:
             worst = max(felt, key=lambda j: felt[j])
             known = self._rms_of_bodies(final, worst)
-            yield self._family(
-                "masses and centres of links", given, final, worst, felt, known=known
-            )
+            loads = any(isinstance(effect, BodyEffect) for effect in self.stated.effects)
+            name = f"masses and centres of links{' and loads' if loads else ''}"
+            yield self._family(name, given, final, worst, felt, known=known)
         rest = [j for j in range(n) if j + 1 not in reported and j not in felt]
         together = {j: share for j in rest if (share := self._sure_share(bodies + changes, j))}
         if together:
@@ -334,7 +336,7 @@ class _Comparison:
 
     def _of_bodies(self, simulation: Simulation) -> FloatArray:
         slow = self.improved.slow
-        return simulation.model.inverse_dynamics(slow.position, slow.velocity, slow.acceleration)
+        return simulation.body.inverse_dynamics(slow.position, slow.velocity, slow.acceleration)
 
     def _sure_share(self, change: FloatArray, joint: int) -> float:
         """Return the part of a joint's reducible error that a change surely takes; else 0."""

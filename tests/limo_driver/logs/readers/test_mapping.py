@@ -37,6 +37,7 @@ def test_sign_zero_unit_and_factor():
     ).columns(table_of(LOG), arm())
     np.testing.assert_allclose(found.position, np.deg2rad(np.array(sign) * (LOG["q"] - zero)))
     np.testing.assert_allclose(found.torque, np.array(factor) * LOG["tau"])
+    np.testing.assert_allclose(found.extras["current"], LOG["tau"])  # which they are made of
     np.testing.assert_allclose(found.time, np.arange(ROWS) * 0.004)
 
 
