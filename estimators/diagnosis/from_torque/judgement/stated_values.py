@@ -164,11 +164,11 @@ class _Comparison:
     ) -> StatedValue:
         stated, value = (float(getattr(one, known.name)) for one in (effect, fitted))
         spread, joints = self._spread(fitted, known), effect.joints
-        acts = np.abs(change).max(axis=0) > 0.0
-        share, sure = self._taken(change, acts)
+        off, wrong = abs(value - stated), self._is_wrong(effect)
+        doubtless = spread is not None and not known.smooths and off > VALUES.doubtless * spread
+        share, sure = self._taken(change, np.abs(change).max(axis=0) > 0.0, doubtless=doubtless)
         own = TOLERATED.width if known.smooths else self.stated.tolerances.friction
         tolerance = own * abs(stated)
-        off, wrong = abs(value - stated), self._is_wrong(effect)
         reported = (wrong and not known.smooths) or (
             sure and spread is not None and off > VALUES.sure * spread
         )
@@ -218,18 +218,22 @@ class _Comparison:
             change[:, list(joints)] = values.T
         return change
 
-    def _taken(self, change: FloatArray, acts: NDArray[np.bool_]) -> tuple[float, bool]:
+    def _taken(
+        self, change: FloatArray, acts: NDArray[np.bool_], *, doubtless: bool = False
+    ) -> tuple[float, bool]:
         """Return which part of a joint's reducible error a change takes, and whether that counts.
 
         Args:
             change: Torque by which the proven simulation differs from another, (K, n) [N m].
             acts: Joints at which it acts, (n,).
+            doubtless: Whether it counts also where the given simulation errs hardly more than
+                noise.
         """
         judged, rows = self.judged, self.judged.problem.split.held_out
         after, floor = judged.proven, judged.remaining.floor
         lost = rmse(after + change, rows) ** 2 - rmse(after, rows) ** 2
         reducible = self.before**2 - floor**2
-        some = acts & self.above & rows.any(axis=0)
+        some = acts & (self.above | doubtless) & rows.any(axis=0)
         part = np.divide(lost, reducible, out=np.zeros_like(lost), where=some & (reducible > 0))
         joint = int(np.argmax(part))
         if part[joint] < VALUES.share:
