@@ -76,7 +76,12 @@ class Contact:
 
 
 def measured_contact(
-    false_alarms: float, stream: Stream, simulation: Simulation, free: Sequence[Recording]
+    false_alarms: float,
+    stream: Stream,
+    simulation: Simulation,
+    free: Sequence[Recording],
+    *,
+    in_torque: bool = False,
 ) -> Contact:
     """Return from where on external torque is a contact, by the errors on free motion.
 
@@ -85,6 +90,7 @@ def measured_contact(
         stream: Of the model.
         simulation: What the model adds to.
         free: Motion that nothing touched, and that the model was not trained on.
+        in_torque: Whether thresholds are torques, whatever errors the model states.
 
     Raises:
         ConfigError: The rate of alarms is not possible.
@@ -96,6 +102,8 @@ def measured_contact(
         recording.check_robot(simulation.model)
     parts = [_errors(stream, recording) for recording in free]
     error, std, counts = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if in_torque:
+        std = np.full_like(std, np.nan)
     seconds = counts.sum(axis=0) / stream.rate
     names = simulation.model.joint_names
     for name, time in zip(names, seconds, strict=True):
