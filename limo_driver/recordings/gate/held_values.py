@@ -34,6 +34,7 @@ _MOST_SHARE = 0.5  # above, the sensor is slower than the log or coarser than it
 _ALTERNATING = 0.5  # part of third differences that change sign; 0.77 in noise, none in smooth data
 LONGEST_STEP = 0.05  # [s]; motion within the bandwidth of an arm can be interpolated over less
 LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
+_AROUND = 5  # samples before and after a jump, whose steps are the joint's own motion
 _SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
 _SWEEP = 0.1  # [s] over which velocity and change of position are compared
 
@@ -107,6 +108,34 @@ def held_position(
     return held
 
 
+def near_jumps(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
+    """Mark samples on both sides of jumps of a position, (T,), as many as make a gap.
+
+    Rows were lost there and their times closed up, or poses were recorded one after the other: from
+    one row to the next the joint goes farther than its own motion and any acceleration lets it, and
+    stays there.
+
+    Args:
+        time: Increasing, (T,) [s].
+        position: (T,) [rad], of one joint.
+    """
+    marked = np.zeros(time.size, dtype=bool)
+    steps, size = np.diff(time), np.abs(np.diff(position))
+    if not size.any():
+        return marked
+    period, gap, speed = float(np.median(steps)), longest_step(steps), size / steps
+    reach = LEAST_JUMP + MOST_ACCELERATION * np.maximum(steps, period) ** 2
+    least = np.maximum(reach, FASTER * float(np.median(size[size > 0])))  # no step of an encoder
+    for k in np.flatnonzero((size > least) & (steps <= gap)):
+        around = np.append(speed[max(k - _AROUND, 0) : k], speed[k + 1 : k + 1 + _AROUND])
+        own = around.max(initial=0.0) * max(float(steps[k]), period)
+        before, after = position[max(k - 2, 0) : k + 1], position[k + 1 : k + 4]
+        stays = abs(float(np.median(after) - np.median(before))) > size[k] / 2
+        if stays and size[k] > FASTER * own + reach[k]:
+            marked |= np.abs(time - (time[k] + time[k + 1]) / 2) <= (gap + steps[k]) / 2
+    return marked
+
+
 def held_reason(j: int) -> str:
     """Return why rows are left out in which a joint's position is held.
 
@@ -173,6 +202,13 @@ def contiguous(time: FloatArray) -> tuple[slice, ...]:
     ends = np.flatnonzero(steps > longest_step(steps)) + 1
     bounds = [0, *ends.tolist(), time.size]
     return tuple(slice(a, b) for a, b in pairwise(bounds))
+
+
+def even_runs(time: FloatArray) -> list[slice]:
+    """Split times (T,) [s] where they do not increase, and at the gaps."""
+    steps = np.diff(time)
+    breaks = np.flatnonzero((steps <= 0) | (steps > longest_step(steps))) + 1
+    return [slice(a, b) for a, b in pairwise([0, *breaks.tolist(), time.size])]
 
 
 def longest_step(steps: FloatArray) -> float:

@@ -25,7 +25,7 @@ from limo_driver.logs.ros.known_layouts import layout_for
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.network.messages.cdr import CdrReader
 from limo_driver.recordings.files.stretches import STRETCH, Stretches
-from limo_driver.recordings.gate import SYSTEMATIC
+from limo_driver.recordings.gate import SYSTEMATIC, in_order, runs_backwards
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -103,7 +103,7 @@ def read_bags(
 
     Raises:
         RecordingError: No joint states, several topics that could be meant, or stamps that run
-            backwards more than now and then.
+            backwards again and again.
     """
     found, notes = _Found(topic), list[str]()
     for path in bag_files(paths):
@@ -175,6 +175,7 @@ class _Group:
     held: tuple[str, ...]  # columns
     stamps: array[int] = field(default_factory=lambda: array("q"))  # since the last stretch
     values: array[float] = field(default_factory=lambda: array("d"))
+    unstamped: int = 0  # messages that have no stamp, whose time is that of their receipt
     stretches: Stretches[_Rows] = field(default_factory=lambda: Stretches(_Rows.cut))
 
     def __str__(self) -> str:
@@ -186,9 +187,10 @@ class _Group:
         """Number of messages."""
         return self.stretches.total + len(self.stamps)
 
-    def add(self, stamp: int, values: FloatArray) -> None:
-        """Add the values of one message, (k,)."""
-        self.stamps.append(stamp)
+    def add(self, message: LoggedMessage, stamp: int | None, values: FloatArray) -> None:
+        """Add the values of one message, (k,); of a stamp that was never set it is 0."""
+        self.unstamped += stamp == 0
+        self.stamps.append(stamp or message.log_time_ns)
         self.values.frombytes(values.tobytes())
         if len(self.stamps) == STRETCH:
             self._flush()
@@ -214,24 +216,28 @@ class _Group:
         self._flush()
         pieces = self.stretches.pieces()
         stamps = np.concatenate([piece.stamps for piece in pieces])
-        late = np.append(False, stamps[1:] < np.maximum.accumulate(stamps)[:-1])
-        if late.mean() > SYSTEMATIC:
+        order, overtaken = in_order(stamps)
+        if (share := runs_backwards(stamps[order])) > SYSTEMATIC:
             raise RecordingError(
-                f"the stamps of {self.topic} run backwards at message {int(late.argmax())}, and "
-                f"{late.mean():.0%} of them do; are these two recordings, or two publishers?",
+                f"the stamps of {self.topic} run backwards at {share:.0%} of the messages; are "
+                "these two publishers?",
                 path=source,
-                rows=[int(late.argmax())],
             )
-        order = np.argsort(stamps, kind="stable")
         values = np.concatenate([piece.values for piece in pieces])[order]
         columns: dict[str, NDArray[Any]] = {"time": stamps[order]}
         for quantity in dict.fromkeys(name.partition(".")[0] for name in self.held):
             own = [k for k, name in enumerate(self.held) if name.partition(".")[0] == quantity]
             if not np.isnan(values[:, own]).all():
                 columns |= {self.held[k]: values[:, k] for k in own}
-        told = [f"{late.sum()} messages were logged after one with a later stamp"]
         notes = [self.stretches.note()] if self.stretches.spread else []
-        return columns, notes + (told if late.any() else [])
+        if overtaken:
+            notes.append(f"{overtaken} messages were logged after one with a later stamp")
+        if self.unstamped:
+            notes.append(
+                f"{self.unstamped} messages have no stamp (0): their times are those at which they "
+                "were received"
+            )
+        return columns, notes
 
 
 @dataclass
@@ -268,7 +274,7 @@ class _Found:
         for k, own in enumerate((state.position, state.velocity, state.torque)):
             if own.size:
                 values[k * n : (k + 1) * n] = own[columns]
-        group.add(state.stamp_ns, values)
+        group.add(message, state.stamp_ns, values)
 
     def _add_any(self, message: LoggedMessage) -> None:
         """Add what a message of another type says of joints, by its definition."""
@@ -285,8 +291,7 @@ class _Found:
                 return
             names = found.labels or held
             group = self.groups[key] = _Group(message.topic, message.schema, names, held)
-        stamp = message.log_time_ns if found.stamp_ns is None else found.stamp_ns
-        group.add(stamp, np.array([found.values[name] for name in group.held]))
+        group.add(message, found.stamp_ns, np.array([found.values[name] for name in group.held]))
 
     def meant(self, joints: Sequence[str], source: str, notes: Sequence[str] = ()) -> _Group:
         """Return the group that has the robot's joints; notes say what was wrong with the files."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import RecordingError
@@ -21,6 +20,7 @@ TEXTS: Final = (*_PLAIN, *(f"{ending}{_PACKED}" for ending in _PLAIN))
 PARQUET: Final = (".parquet", ".pq")
 ARRAYS: Final = (".npz",)
 OBJECTS: Final = (".json", ".jsonl", ".ndjson", ".mat")
+_SHEETS: Final = (".xlsx", ".xls", ".xlsm", ".ods")
 _EXPECTED: Final = (
     f"expected delimited text ({', '.join(_PLAIN)}, also as .gz), Parquet, NumPy's .npz, JSON "
     "(.json, .jsonl), MATLAB's .mat, a ROS 2 bag (.mcap, .db3) or the folder of a bag or of a "
@@ -73,11 +73,15 @@ def read_table(
     if ending in TEXTS:
         from limo_driver.logs.readers.formats.delimited import read_delimited
 
-        text, notes = read_delimited(path)
-        found = kept_numbers(text, str(path), "delimited text")
-        return replace(found, notes=(*notes, *found.notes))
+        return read_delimited(path)
     if ending in PARQUET:
         return kept_numbers(read_parquet(path), str(path), "Parquet")
+    if ending in _SHEETS:
+        raise RecordingError(
+            "is a workbook, which is not read: save its sheet as CSV, or give "
+            "`limo.read(pandas.read_excel(...), robot)` what pandas reads of it",
+            path=path,
+        )
     raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
 
 
