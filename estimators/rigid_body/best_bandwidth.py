@@ -1,18 +1,15 @@
 """The bandwidth at which a recording tells most of its torque, chosen by motion held out.
 
 A wide filter lets the noise of positions through, twice differentiated; a narrow one takes away
-motion that has torque. Which is worse is asked of the data: for each bandwidth B and joint, the
-torque is regressed on what the description and a joint's usual physics make of motion filtered at B,
+motion that has torque. Which is worse is asked of the data: for each bandwidth B and joint, torque
+is regressed on what the description and a joint's usual physics make of motion filtered at B,
 
     tau = a tau_RBD(q, dq, ddq) + b ddq + c dq + d tanh(dq / v) + e,
 
 on three of four parts of each recording, and predicted on the fourth. All are scored behind one
-filter, the widest, so that a bandwidth gains nothing by hearing less. Of those whose error is not
-surely larger than the smallest one (one standard error over blocks of time), the usual bandwidth is
-taken, or else the widest.
-
-Source: the rule of one standard error is of Breiman, Friedman, Olshen and Stone, "Classification
-and Regression Trees", 1984, sec. 3.4.3.
+filter, the widest, so that a bandwidth gains nothing by hearing less. The usual one stays unless it
+surely errs a quarter more than the best: what this regression leaves out, such as ripple, is in
+every error. Else it is the widest of those that hardly err more than the best.
 """
 
 from __future__ import annotations
@@ -41,6 +38,10 @@ _TURNS: Final = 3  # that each part is made of, so that it is of more than one t
 _BLOCKS: Final = 24  # of time, whose errors are taken for independent
 _MOST: Final = 60_000  # rows that are looked at, which take some seconds
 _SIGN_WIDTH: Final = 0.02  # [rad/s]
+_WORTH: Final = 1.25  # times the best error, beyond which the usual bandwidth is left
+_ALIKE: Final = 1.05  # times the best error, which is as good
+_SURE: Final = 2.0  # standard errors
+_SINGULAR: Final = 1e-3  # of the largest singular value, below which columns tell nothing more
 
 
 @dataclass(frozen=True, repr=False)
@@ -55,13 +56,11 @@ class BandwidthChoice(Displayed):
     def headline(self) -> str:
         """Say which was chosen, and by how much others err more on motion held out."""
         others = ", ".join(
-            f"{width:g} Hz {error - 1.0:+.0%}"
-            for width, error in self.errors.items()
-            if width != self.bandwidth
+            f"{width:g} Hz {error - 1.0:+.0%}" for width, error in self.errors.items()
         )
         return (
-            f"{self.bandwidth:g} Hz; error on motion held out, beside the best: "
-            f"{self.errors[self.bandwidth] - 1.0:+.0%}, {others}"
+            f"motion and torque are filtered at {self.bandwidth:g} Hz, by the error on motion held "
+            f"out (beside the smallest: {others})"
         )
 
 
@@ -70,14 +69,16 @@ def choose_bandwidth(model: RobotModel, recordings: Sequence[Recording]) -> Band
 
     Args:
         model: Of the arm, with its masses.
-        recordings: With torque.
+        recordings: Of which those count that have torque of every joint.
 
     Raises:
-        RecordingError: No recording has torque, or all are too short.
+        RecordingError: There is no such recording, or all are too short.
     """
-    measured = [one for one in recordings if one.has_torque]
+    measured = [one for one in recordings if one.measured_joints.all()]
+    if not measured:
+        raise RecordingError("no recording has torque of every joint, to choose a bandwidth by")
     usual = bandwidth_for(recordings)
-    rate = min((one.slowest_rate for one in measured), default=0.0)
+    rate = min(one.slowest_rate for one in measured)
     widest = max(min(SAFE_BANDWIDTH * rate, WIDEST), usual)
     parts = [one.at_most(_MOST // len(measured)) for one in measured]
     tried = sorted({*(width for width in _LADDER if width < widest), usual, widest})
@@ -92,8 +93,9 @@ def choose_bandwidth(model: RobotModel, recordings: Sequence[Recording]) -> Band
         overall = float(np.mean(np.log(_rms(own) / _rms(scored[best]))))
         errors[width] = float(np.exp(overall))
         unsure[width] = float(ratio.std(ddof=1) / np.sqrt(len(ratio)))
-    able = [width for width in scored if np.log(errors[width]) <= unsure[width]]
-    chosen = usual if usual in able else max(able)
+    chosen = usual
+    if errors[usual] > _WORTH and np.log(errors[usual]) > _SURE * unsure[usual]:
+        chosen = max(w for w in scored if np.log(errors[w]) <= max(unsure[w], np.log(_ALIKE)))
     return BandwidthChoice(chosen, widest, errors, unsure)
 
 
@@ -121,7 +123,7 @@ def _errors(
             columns = np.concatenate([x[rows, j] for x, rows in zip(terms, seen, strict=True)])
             torque = np.concatenate([x[rows, j] for x, rows in zip(torques, seen, strict=True)])
             size = np.sqrt(np.mean(columns**2, axis=0)) + np.finfo(float).tiny
-            weights = np.linalg.lstsq(columns / size, torque)[0] / size
+            weights = np.linalg.lstsq(columns / size, torque, rcond=_SINGULAR)[0] / size
             for error, x, tau, rows in zip(errors, terms, torques, left, strict=True):
                 error[rows, j] = x[rows, j] @ weights - tau[rows, j]
     after = [one.filtered(error, widest) for one, error in zip(recordings, errors, strict=True)]

@@ -64,6 +64,8 @@ class Simulation(Displayed):
         tolerances: How well inertia and friction are known.
         sensors: What the simulated robot's sensors do.
         drives: What turns commands into torque, for those who have no measured torque.
+        bandwidth: Of the filter at which its values were found [Hz], where that is not the usual
+            one; predictions are made and compared at the same.
         described: The robot as its description states it, which is read if it is not given; so
             `replace` does not read it again.
 
@@ -82,6 +84,7 @@ class Simulation(Displayed):
     tolerances: Tolerances = field(default_factory=Tolerances)
     sensors: Sensors = field(default_factory=Sensors)
     drives: tuple[JointDrive, ...] = ()
+    bandwidth: float | None = field(default=None, kw_only=True)
     described: RobotModel | None = field(default=None, kw_only=True, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -177,8 +180,9 @@ class Simulation(Displayed):
             return cls(str(path), described_effects(model), drives=drives, described=model)
         read = load(Path(path))
         return Simulation(
-            read.robot, read.effects, read.inertials, read.tolerances, read.sensors, read.drives
-        )
+            read.robot, read.effects, read.inertials, read.tolerances, read.sensors, read.drives,
+            bandwidth=read.bandwidth,
+        )  # fmt: skip
 
     def save(self, path: Path | str) -> None:
         """Write a `sim.yaml` that `load` reads back to an equal simulation.
@@ -191,8 +195,9 @@ class Simulation(Displayed):
         """
         robot = self.model.reference(Path(path).parent)  # relative to the file, if it is one
         content = SimulationFile(
-            robot, self.effects, self.inertials, self.tolerances, self.sensors, self.drives
-        )
+            robot, self.effects, self.inertials, self.tolerances, self.sensors, self.drives,
+            self.bandwidth,
+        )  # fmt: skip
         save(content, Path(path))
 
     def changes_from(self, other: Simulation) -> str:
@@ -223,8 +228,8 @@ class Simulation(Displayed):
             motion: T samples of n joints in order of time. Of a recording only times and positions
                 are used.
             bandwidth: Of the zero-phase differentiator of a recording's positions [Hz]; velocities
-                are sharper, see `Recording.calm_motion`; if not given, 10, or what the recording
-                can bear. Of no use to a motion, which has derivatives.
+                are sharper, see `Recording.calm_motion`; if not given, that of the simulation or
+                10, or what the recording can bear. Of no use to a motion, which has derivatives.
 
         Returns:
             Joint torques, (T, n) [N m].
@@ -234,7 +239,7 @@ class Simulation(Displayed):
             RecordingError: The bandwidth is too high for the sampling rate.
         """
         if isinstance(motion, Recording):
-            width = bandwidth_for([motion], bandwidth)
+            width = bandwidth_for([motion], bandwidth, self.bandwidth)
             calm = motion.calm_motion(width)
             return self.predict_stretches(calm, motion.segments, width)
         torque, _ = self.advance(self.init(), motion)
@@ -249,8 +254,8 @@ class Simulation(Displayed):
 
         Args:
             recording: T samples of n joints of this robot.
-            bandwidth: Of the filter on motion and torque [Hz]; if not given, 10, or what the
-                recording can bear.
+            bandwidth: Of the filter on motion and torque [Hz]; if not given, that of the
+                simulation or 10, or what the recording can bear.
 
         Returns:
             Errors of each joint, (n,) [N m], beside the torque that was measured; NaN for joints
@@ -261,7 +266,7 @@ class Simulation(Displayed):
                 sampling rate.
         """
         recording.check_robot(self.model)
-        width = bandwidth_for([recording], bandwidth)
+        width = bandwidth_for([recording], bandwidth, self.bandwidth)
         scored, measured = recording.scored(width), recording.measured_torque(width)
         predicted = recording.filtered(self.predict(recording, width), width)
         error, measured = (measured - predicted)[scored], measured[scored]

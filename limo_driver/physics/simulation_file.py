@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _FRAME = "frame"  # of a payload, in which it is stated: a link or site that the last link carries
-_SECTIONS = ("robot", "inertials", "tolerances", "sensors", "drives", "effects")
+_SECTIONS = ("robot", "inertials", "tolerances", "sensors", "drives", "effects", "bandwidth")
+_BANDWIDTH = Parameter("bandwidth", "Hz", lower=0.0, above=True)
 _GUESSED = "guessed"  # of tolerances: names of those that nobody has stated
 _INERTIAL = ("mass", "com", "inertia")
 
@@ -88,6 +89,7 @@ class SimulationFile:
     tolerances: Tolerances
     sensors: Sensors
     drives: tuple[JointDrive, ...] = ()
+    bandwidth: float | None = None  # at which it was identified [Hz], if that is not the usual one
 
 
 def load(path: Path) -> SimulationFile:
@@ -123,12 +125,15 @@ def load(path: Path) -> SimulationFile:
         sensors=_sensors(given.optional("sensors"), model.n),
         drives=_drives(given, model),
         effects=stated or tuple(_effect(entry, model) for entry in effects),
+        bandwidth=float(given.take(_BANDWIDTH)) if "bandwidth" in given else None,
     )
 
 
 def save(simulation: SimulationFile, path: Path) -> None:
     """Write a `sim.yaml`; its robot as it is given."""
     content: dict[str, Any] = {"robot": simulation.robot}
+    if simulation.bandwidth is not None:
+        content["bandwidth"] = simulation.bandwidth
     if simulation.inertials:
         content["inertials"] = _inertial_entries(simulation.inertials)
     known = simulation.tolerances

@@ -15,25 +15,29 @@ BANDWIDTH: Final = 10.0  # [Hz] of the zero-phase filters on motion and torque
 _STEPS: Final = 20.0  # [1/Hz], to which a lower one is rounded down, to be told and typed again
 
 
-def bandwidth_for(recordings: Iterable[Recording], asked: float | None = None) -> float:
+def bandwidth_for(
+    recordings: Iterable[Recording], asked: float | None = None, found: float | None = None
+) -> float:
     """Return the bandwidth at which recordings are filtered together [Hz].
 
     Args:
         recordings: With their sampling rates.
         asked: What a user told; then it is this, whether it suits them or not.
+        found: That of a simulation, which takes the place of the usual one.
 
     Returns:
         The usual 10 Hz, or as much as the most slowly sampled recording can bear.
     """
     if asked is not None:
         return asked
-    return bandwidth_at(min((one.slowest_rate for one in recordings), default=float("inf")))
+    slowest = min((one.slowest_rate for one in recordings), default=float("inf"))
+    return bandwidth_at(slowest, BANDWIDTH if found is None else found)
 
 
-def bandwidth_at(rate: float) -> float:
-    """Return the usual 10 Hz, or as much as samples at a rate [Hz] can bear."""
-    if rate * HIGHEST_BANDWIDTH >= BANDWIDTH:
-        return BANDWIDTH
+def bandwidth_at(rate: float, usual: float = BANDWIDTH) -> float:
+    """Return the usual bandwidth, or as much as samples at a rate [Hz] can bear."""
+    if rate * HIGHEST_BANDWIDTH >= usual:
+        return usual
     bearable = SAFE_BANDWIDTH * rate
     return max(int(bearable * _STEPS) / _STEPS, min(bearable, 1.0 / _STEPS))
 

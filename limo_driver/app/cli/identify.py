@@ -32,8 +32,8 @@ def command(  # one argument for each option
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
-            "recordings sampled below 25 Hz."
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; if not given, 10 "
+            "unless another predicts motion held out much better."
         ),
     ] = None,
     sign_width: Annotated[
@@ -79,6 +79,7 @@ def command(  # one argument for each option
             --out sim.yaml --json
     """
     import json
+    from dataclasses import replace
 
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body.page import identification_page
@@ -86,9 +87,9 @@ def command(  # one argument for each option
     from estimators.rigid_body.terms import SIGN_WIDTHS
     from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inputs import model_for
+    from limo_driver.app.library.learning import fitting_bandwidth
     from limo_driver.app.library.reading import read
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.runtime.outputs import page_of, require_file
 
     notes = terminal(stderr=True, soft_wrap=True)
@@ -99,12 +100,14 @@ def command(  # one argument for each option
     terms = JointTerms(SIGN_WIDTHS if sign_width is None else (sign_width,), offset, armature)
     measured = [read(path, model, mapping) for path in recordings]
     model = model_for(model, measured)
-    rows = Rows(bandwidth_for(measured, bandwidth), moving_only, weighting)
     if not any(recording.has_torque for recording in measured):
         refuse_options(context, _WITHOUT_TORQUE, "is for recordings with torque; these have none")
         _identify_drives(model, measured, out, page, as_json=as_json)
         return
+    width, note = fitting_bandwidth(model, measured, bandwidth)
+    rows = Rows(width, moving_only, weighting)
     found = _identify(model, measured, terms, rows, inertia_tolerance, notes)
+    found = replace(found, warnings=(*found.warnings, *note))
     found.simulation.save(out)
     if page is not None:
         identification_page(found, out.name).save(page)

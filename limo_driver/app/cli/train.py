@@ -56,8 +56,8 @@ def command(  # one argument for each option
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
-            "recordings sampled below 25 Hz."
+            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; if not given, that "
+            "of the simulation, or 10 unless another predicts motion held out much better."
         ),
     ] = None,
     rate: Annotated[
@@ -137,9 +137,8 @@ def command(  # one argument for each option
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.learning import require_model
+    from limo_driver.app.library.learning import fitting_bandwidth, require_model
     from limo_driver.app.library.reading import read
-    from limo_driver.recordings.bandwidth import bandwidth_for
 
     require_model(model)
     if sweep is not None:
@@ -173,7 +172,11 @@ def command(  # one argument for each option
         device=device,
     )
     simulation, measured, notes = _load(recordings, sim, out, mapping)
-    width = bandwidth_for(measured, bandwidth)
+    width, note = fitting_bandwidth(simulation, measured, bandwidth)
+    if bandwidth is None and 0.0 < settings.rate < width:  # whose samples would miss swings
+        width, note = settings.bandwidth, ()
+    for line in note:
+        notes.print(line)
     settings = replace(settings, bandwidth=width)
     hybrid = _train(simulation, measured, settings, notes)
     hybrid.save(out)
@@ -276,11 +279,12 @@ def _train_estimator(
     from rich.table import Table
 
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.learning import train
-    from limo_driver.recordings.bandwidth import bandwidth_for
+    from limo_driver.app.library.learning import fitting_bandwidth, train
 
-    simulation, measured, _ = _load(recordings, sim, out, mapping)
-    width = bandwidth_for(measured, bandwidth)
+    simulation, measured, notes = _load(recordings, sim, out, mapping)
+    width, note = fitting_bandwidth(simulation, measured, bandwidth)
+    for line in note:
+        notes.print(line)
     model = train(simulation, measured, name, bandwidth=width)
     model.save(out)
     rmse = model.fitted.record.get("rmse", {})

@@ -66,7 +66,7 @@ def external_wrench(
     if isinstance(model, (Path, str)) and not Path(model).is_dir():
         model = simulation_of(model)
     if isinstance(model, Simulation):
-        simulation, width = model, bandwidth_for([recording], None)
+        simulation, width = model, bandwidth_for([recording], None, model.bandwidth)
     else:
         model = trained_of(model)
         simulation, width = model.simulation, model.bandwidth

@@ -87,7 +87,7 @@ def diagnose(
         if budget is not None:
             raise ConfigError("`budget` is for recordings with torque, and these have none")
         return diagnose_drives(known, measured, tell)
-    usual = width = bandwidth_for(measured, bandwidth)
+    usual = width = bandwidth_for(measured, bandwidth, known.bandwidth)
     measured = _within_memory(measured, usual)
     if bandwidth is None:
         width = clear_bandwidth(known, measured, usual)

@@ -14,14 +14,14 @@ from limo_driver.app.library.inputs import (
     simulation_of,
     trained_of,
 )
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, LimoError
 from limo_driver.physics import Simulation, Tolerances
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.drives import described_drives
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     from estimators.base import Estimate
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
@@ -57,7 +57,8 @@ def identify(
         robot: The arm with its nominal inertias, or its built-in name or URDF.
         recordings: Measured motions and torques of that arm: one or several, or their files.
         terms: What is modelled beside inertias: friction, offset of the sensor, armature.
-        rows: Which rows are used, how joints are weighed, and the bandwidth of the filter [Hz].
+        rows: Which rows are used, how joints are weighed, and the bandwidth of the filter [Hz],
+            which is found on motion held out if they are not given.
         tolerance: Relative standard deviation of the nominal inertias; by default the one under
             which the data are most likely.
         progress: Told the samples done since the last call.
@@ -82,11 +83,48 @@ def identify(
     measured = recordings_of(recordings)
     model = model_for(robot, measured)
     terms = expected("terms", terms or JointTerms(), JointTerms)
-    rows = expected("rows", rows or Rows(bandwidth_for(measured)), Rows)
+    if rows is not None:
+        expected("rows", rows, Rows)
     check_recordings(measured, model)
+    note: tuple[str, ...] = ()
+    if rows is None:
+        width, note = fitting_bandwidth(model, measured)
+        rows = Rows(width)
     hung, doubts = as_it_hangs(model, measured, rows.bandwidth)
     result = found(hung, measured, terms, rows, tolerance, progress)
-    return replace(result, warnings=(*_turned(model, hung), *doubts, *result.warnings))
+    simulation = result.simulation
+    if rows.bandwidth != bandwidth_for(measured):
+        simulation = replace(simulation, bandwidth=rows.bandwidth)
+    warnings = (*_turned(model, hung), *doubts, *result.warnings, *note)
+    return replace(result, simulation=simulation, warnings=warnings)
+
+
+def fitting_bandwidth(
+    arm: Simulation | RobotModel, recordings: Sequence[Recording], asked: float | None = None
+) -> tuple[float, tuple[str, ...]]:
+    """Return the bandwidth [Hz] at which something is fitted to recordings, and why, if unusual.
+
+    Args:
+        arm: The robot; or a simulation, whose own bandwidth is kept.
+        recordings: To be fitted to.
+        asked: What a user told; then it is this.
+
+    Returns:
+        What was asked, or that of the simulation; or else the one at which motion tells most of the
+        torque, see `choose_bandwidth`, and the usual one where that cannot be judged.
+    """
+    from estimators.rigid_body.best_bandwidth import choose_bandwidth
+
+    own = arm.bandwidth if isinstance(arm, Simulation) else None
+    usual = bandwidth_for(recordings, asked, own)
+    if asked is not None or own is not None:
+        return usual, ()
+    model = arm.model if isinstance(arm, Simulation) else arm
+    try:
+        choice = choose_bandwidth(model, recordings)
+    except LimoError:  # what it lacks is told by who fits
+        return usual, ()
+    return choice.bandwidth, () if choice.bandwidth == usual else (choice.headline(),)
 
 
 def _turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:
@@ -228,7 +266,7 @@ def predict(
     if isinstance(model, (Path, str)) and not Path(model).is_dir():
         model = simulation_of(model)
     if isinstance(model, Simulation):
-        width = bandwidth_for([recording], bandwidth)
+        width = bandwidth_for([recording], bandwidth, model.bandwidth)
         if delay is None:
             return Estimate.unsure(model.predict(recording, width))
         from estimators.residual_model import SimulationOnly
@@ -306,8 +344,8 @@ def train(
         recordings: Of its robot: one or several, or their files.
         model: `joint-physics`, fitted in closed form with standard deviations; a network: mlp7,
             lstm-2, lstm-fcl, transformer; or an estimator of another distribution.
-        bandwidth: Of the zero-phase filter on motion and torque [Hz]; that of `settings`, or 10, if
-            not given.
+        bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, that of
+            `settings` or of the simulation, or else found on motion held out.
         settings: Of a network's training; the usual ones if not given. `model` is its name.
         progress: Told each epoch of a network's training.
 
@@ -329,7 +367,7 @@ def train(
     if estimator is not None:
         if settings is not None:
             raise ConfigError(f"settings are of networks; {model} has no such choice")
-        width = bandwidth_for(measured, bandwidth)
+        width, _ = fitting_bandwidth(simulation, measured, bandwidth)
         if not width > 0:
             raise ConfigError(f"a bandwidth of {width:g} Hz, expected a positive number")
         return estimator.unfitted(simulation, width).fit(measured)
@@ -340,7 +378,10 @@ def train(
     known = expected("settings", settings or TrainingSettings(), TrainingSettings)
     chosen = replace(known, model=model)
     if bandwidth is not None or settings is None:
-        chosen = replace(chosen, bandwidth=bandwidth_for(measured, bandwidth))
+        width, _ = fitting_bandwidth(simulation, measured, bandwidth)
+        if bandwidth is None and 0.0 < chosen.rate < width:  # whose samples would miss swings
+            width = bandwidth_for(measured)
+        chosen = replace(chosen, bandwidth=width)
     hybrid = HybridModel(simulation, chosen)
     hybrid.fitted_ = fitted(simulation, measured, chosen, progress or (lambda _epoch: None))
     return hybrid
