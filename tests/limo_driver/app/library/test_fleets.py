@@ -164,8 +164,8 @@ def test_stated_values_and_those_that_fit_are_in_the_table(tmp_path):
     store, row = FleetStore(tmp_path), FleetRow(Path("a.parquet"), "key", "arm", None)
     own = ("f_v", "viscous_friction", (1,), ("a",), "N m s/rad", 2.0, 2.6, (2.5, 2.7), 0.3)
     values = (StatedValue(*own, assumed=True, beyond=False, reported=False, share=0.0),)
-    fit = Fit((), (), (), 0.0, (0.0, 0.0))
-    verdict = Verdict("consistent", (), Unexplained(), (), None, fit, RowCount(1, {}), values=values)
+    fit, count = Fit((), (), (), 0.0, (0.0, 0.0)), RowCount(1, {})
+    verdict = Verdict("consistent", (), Unexplained(), (), None, fit, count, values=values)
     verdict.save(tmp_path / "verdict.json")
     files = {"verdict.json": (tmp_path / "verdict.json").read_bytes()}
     store.keep("key", FleetOutcome(1.0, files=files))
