@@ -157,7 +157,7 @@ _NO_ROBOT: Final = (
     "joint joints jnt axis axes ax motor motors drive link arm manipulator robot left right side "
     "state states data value values list array vector log channel signal topic msg raw filtered "
     "filt filter lowpass encoder sensor input in per rot rotation load abs total num idx "
-    "controller control actuator"
+    "controller control actuator observation observations obs"
 )
 _USUAL: Final = frozenset(_NO_ROBOT.split())
 _BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")
