@@ -202,6 +202,7 @@ def abstained(
         or (
             member in sure
             and _is_beyond(doubtful, problem, solution, member, remaining)
+            and not _is_part_of_more(problem, solution, member, unknown.tolist())
             and _betters(problem, solution, member)
         )
     )
@@ -226,6 +227,17 @@ def _is_beyond(
     if not rest or material(problem, solution, member, rest) < CONTRIBUTION.material:
         return False
     return sure(problem, solution, member, rest)
+
+
+def _is_part_of_more(
+    problem: RegressionProblem, solution: Solution, member: int, unknown: Sequence[int]
+) -> bool:
+    """Say whether a member may be but a part of what nothing explains at other joints (0-based).
+
+    What acts on several, as a wrong body does, looks like a slight effect of its own at one more.
+    """
+    others = {*unknown} - {*problem.candidates[member].joints}
+    return len(others) > 1 and material(problem, solution, member) < JUDGEMENT.small
 
 
 def acts_most(
@@ -288,13 +300,6 @@ def least_harmful(
         return float(np.sum((error / np.maximum(scale, TINY)) ** 2))
 
     return problem.less(solution.members, (min(some, key=left),))
-
-
-def worse(
-    problem: RegressionProblem, proven: FloatArray, other: FloatArray, remaining: RemainingResidual
-) -> bool:
-    """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
-    return bool(worse_at(problem, proven, other, remaining))
 
 
 def worse_at(

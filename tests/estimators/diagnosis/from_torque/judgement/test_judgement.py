@@ -143,6 +143,24 @@ def test_a_name_is_kept_back_that_only_mends_what_moved_values_did(sprung, monke
         assert abstained(problem, solution, remaining) == (named, ())
 
 
+@pytest.mark.parametrize(
+    ("joints", "unknown", "size", "part"),
+    [
+        ((5,), [3, 4, 6], 0.99, True),  # a spring of a Franka's wrist, whose links were wrong
+        ((5,), [3, 4, 6], 1.01, False),
+        ((), [3, 4], 0.7, True),  # of the whole arm
+        ((5,), [4, 5], 0.7, False),
+        ((0,), [0], 0.9, False),
+    ],
+)
+def test_a_slight_effect_is_but_a_part_of_what_nothing_explains_at_several_other_joints(
+    monkeypatch, joints, unknown, size, part
+):
+    monkeypatch.setattr(judgement, "material", lambda *_: size)
+    problem = problem_of("spring_load", joints)
+    assert judgement._is_part_of_more(problem, None, 0, unknown) == part
+
+
 def test_a_finding_is_told_by_what_it_removes_and_by_how_far_it_leads(sprung):
     problem, solution, _ = sprung
     (member,), after = solution.members, np.array([0.1, 0.2])
