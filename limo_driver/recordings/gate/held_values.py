@@ -128,10 +128,14 @@ def near_jumps(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
     least = np.maximum(reach, FASTER * float(np.median(size[size > 0])))  # no step of an encoder
     for k in np.flatnonzero((size > least) & (steps <= gap)):
         around = np.append(speed[max(k - _AROUND, 0) : k], speed[k + 1 : k + 1 + _AROUND])
-        own = around.max(initial=0.0) * max(float(steps[k]), period)
+        farther = np.append(speed[max(k - 3 * _AROUND, 0) : k], speed[k + 1 : k + 1 + 3 * _AROUND])
+        own = max(
+            FASTER * around.max(initial=0.0) * max(float(steps[k]), period),
+            2 * _AROUND * period * float(np.median(farther)),  # a few rows that were held
+        )
         before, after = position[max(k - 2, 0) : k + 1], position[k + 1 : k + 4]
         stays = abs(float(np.median(after) - np.median(before))) > size[k] / 2
-        if stays and size[k] > FASTER * own + reach[k]:
+        if stays and size[k] > own + reach[k]:
             marked |= np.abs(time - (time[k] + time[k + 1]) / 2) <= (gap + steps[k]) / 2
     return marked
 
