@@ -334,12 +334,13 @@ class RobotModel(ArmDynamics, Displayed):
         """Refuse to move an arm whose description leaves ranges out, for which some are made up.
 
         Raises:
-            ConfigError: A joint has limits of 0 to 0, as exporters leave them.
+            ConfigError: A joint has limits of 0 to 0, as exporters leave them, or reversed.
         """
         if unranged := self.description.unranged:
             raise ConfigError(
-                f"the limits of {shortened(unranged)} are 0 to 0, so nobody knows how far the arm "
-                f"may go: state them in the {self.description.kind}, or the type continuous",
+                f"the limits of {shortened(unranged)} are 0 to 0 or reversed, so nobody knows how "
+                f"far the arm may go: state them in the {self.description.kind}, or the type "
+                "continuous",
                 path=self.urdf,
             )
 

@@ -25,7 +25,7 @@ from estimators.diagnosis.from_torque.fitting.settling import (
 )
 from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
-from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse
+from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
 from estimators.diagnosis.from_torque.residuals.holds import holds
 from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, impacts, jolts
 from estimators.diagnosis.from_torque.residuals.jolts import impacts_note as note_of_play
@@ -80,7 +80,7 @@ def apart_from_events(
     """Return the set that is found beside events, fitted to none of their rows, and those."""
     first = problem
     problem, solution = solve(problem, progress)
-    known = _events(problem.beside(solution), problem.left(solution.fitted))
+    known = _events(problem.observed, problem.beside(solution), problem.left(solution.fitted))
     if known:
         problem, solution = _without(problem, known, progress)
     found = budget.within(
@@ -132,12 +132,12 @@ def _round(
     progress("proving on held-out motion", 0.8)
     judged = around(JudgedSet.of(problem, solution), progress, budget)
     judged = budget.within("a delay of all of it", lambda: in_time(judged, progress), judged)
-    return judged, _events(judged.beside, judged.proven)
+    return judged, _events(problem.observed, judged.beside, judged.proven)
 
 
-def _events(observed: Observations, left: FloatArray) -> tuple[Event, ...]:
-    """Return the events in what a fit leaves, (K, n) [N m], with the simulation of it."""
-    held = holds(observed)
+def _events(observed: Observations, fitted: Observations, left: FloatArray) -> tuple[Event, ...]:
+    """Return the events in recordings, beside their fit, and in what that leaves, (K, n) [N m]."""
+    held = holds(fitted)
     pushed = (*(push for push in pushes(observed, left) if not _among(push, held)), *held)
     found = (*pushed, *jolts(observed, left, pushed))
     caught = impacts(observed, left, found)
@@ -177,7 +177,7 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     # another effect, but there is no more than before
     nearer = JudgedSet.of(*settled_around(again.problem, again.solution, progress))
     larger = len(nearer.solution.members) > len(again.solution.members)
-    if not larger and not worse(nearer.problem, nearer.proven, again.proven, again.remaining):
+    if not larger and not worse_at(nearer.problem, nearer.proven, again.proven, again.remaining):
         again = nearer
     found = {effect for effect, _ in again.places(again.named)}
     serves = again.serves and not judged.serves
@@ -206,6 +206,6 @@ def beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> 
         return judged
     fewer = set(again.unknown) < set(judged.unknown)
     wrong = set(again.unknown) == set(judged.unknown) and found & held
-    if fewer or (wrong and not worse(problem, again.proven, judged.proven, judged.remaining)):
+    if fewer or (wrong and not worse_at(problem, again.proven, judged.proven, judged.remaining)):
         return again
     return judged

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
+from limo_driver.logs.mcap_file import CDR, LoggedMessage, McapWriter, read_mcap
 from limo_driver.logs.ros.db3_file import read_db3
+from limo_driver.logs.ros.plain_messages import JSON, PROTOBUF
+from limo_driver.logs.ros.ros1_bag import read_ros1
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.batches import BLOCK
@@ -30,7 +32,8 @@ if TYPE_CHECKING:
 _NANOSECOND = 1e-9  # [s]
 _LISTED = 8  # topics that a message names
 _DB3 = (".db3", ".zstd")
-_ENDINGS = (".mcap", *_DB3)
+_ROS1 = ".bag"
+_ENDINGS = (".mcap", *_DB3, _ROS1)
 _REPORTED = 1024  # messages between two reports of progress
 
 
@@ -138,7 +141,7 @@ def bag_files(paths: Sequence[Path]) -> list[Path]:
         if path.is_dir():
             found = sorted((x for x in path.iterdir() if x.suffix in _ENDINGS), key=_natural)
         if not found:
-            raise RecordingError("holds no .mcap or .db3 files", path=path)
+            raise RecordingError("holds no .mcap, .db3 or .bag files", path=path)
         files += found
     return files
 
@@ -147,13 +150,18 @@ def read_bag(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
     """Read the messages of one file of a log, in the order in which they were logged.
 
     Args:
-        path: An MCAP file or one of a SQLite bag; its ending says which.
+        path: An MCAP file, one of a SQLite bag, or a bag of ROS 1; its ending says which.
         tell: Told, once, if the file was not read to its end, and why.
 
     Raises:
         RecordingError: The file cannot be read, or is something else.
+        MissingPackageError: Of a bag of ROS 1: rosbags is not installed.
     """
-    return read_db3(path, tell) if path.suffix in _DB3 else read_mcap(path, tell)
+    if path.suffix == _ROS1:
+        return read_ros1(path, tell)
+    if path.suffix in _DB3:
+        return read_db3(path, tell)
+    return read_mcap(path, tell, (CDR, JSON, PROTOBUF))
 
 
 def write_joint_states(
@@ -218,7 +226,7 @@ class _Rows:
 
     def add(self, message: LoggedMessage) -> None:
         self.topics.setdefault(message.topic, message.schema)
-        if message.schema != JOINT_STATE:
+        if message.schema != JOINT_STATE or message.encoding != CDR:
             return
         if self.topic is None:
             self.topic = message.topic

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from xml.etree import ElementTree as ET
 
 _MOVABLE: Final = ("revolute", "continuous", "prismatic")
-_ENDING: Final = ("revolute", "prismatic")  # which have a range
 _ON_A_FIXED_BASE: Final = (*_MOVABLE, "fixed")
 _AXES: Final = 3
 VECTORS: Final = ("xyz", "rpy", "size", "scale")  # of several numbers; all else is one
@@ -57,7 +56,6 @@ def check_urdf(root: ET.Element, path: Path) -> None:
     _check_numbers(root, path)
     _check_ends(root, path)
     _check_tree(root, path)
-    _check_limits(root, path)
 
 
 def end_of(joint: ET.Element, which: str) -> str:
@@ -107,24 +105,6 @@ def _check_ends(root: ET.Element, path: Path) -> None:
                     else (f"it has no {which}")
                 )
                 raise ConfigError(f"joint {name!r}: {said}", path=path)
-
-
-def _check_limits(root: ET.Element, path: Path) -> None:
-    """Refuse joints whose range ends before it begins.
-
-    Raises:
-        ConfigError: There is one.
-    """
-    for joint in root.findall("joint"):
-        name, limit = joint.get("name"), joint.find("limit")
-        if limit is None or joint.get("type") not in _ENDING:
-            continue
-        low, high = (float(limit.get(end, "0")) for end in ("lower", "upper"))
-        if low > high:
-            raise ConfigError(
-                f"joint {name!r}: its limits go from {low:g} to {high:g}, expected lower < upper",
-                path=path,
-            )
 
 
 def _check_types(root: ET.Element, path: Path) -> None:

@@ -52,14 +52,14 @@ def mended(root: ET.Element, path: Path) -> tuple[str, ...]:
 
 def _without_lost_macros(root: ET.Element) -> Iterator[str]:
     """Take out calls of macros that nobody defines, as of sensors, which xacro could not expand."""
-    called = [element for element in root if _xacro(element)]
-    if any(_xacro(e) in {"macro", "include", "property", "arg"} for e in called):
+    called = [(owner, each) for owner in root.iter() for each in owner if _xacro(each)]
+    names = list(dict.fromkeys(_xacro(each) for _, each in called))
+    if {"macro", "include", "property", "arg"} & {*names}:
         return  # which `check_urdf` refuses
-    for element in called:
-        root.remove(element)
+    for owner, element in called:
+        owner.remove(element)
     if called:
-        names = shortened(list(dict.fromkeys(map(_xacro, called))))
-        yield f"left aside: calls of macros that the file does not define, {names}"
+        yield f"left aside: calls of macros that the file does not define, {shortened(names)}"
 
 
 def _xacro(element: ET.Element) -> str:
@@ -141,7 +141,7 @@ def _plain(word: str) -> str:
 
 
 def without_ends(root: ET.Element) -> tuple[str, ...]:
-    """Let joints whose ends are both at 0 move on, as none are stated; return their names.
+    """Let joints whose ends are both at 0, or reversed, move on; return their names.
 
     Exporters of CAD programs leave ends so where nobody entered any, and a joint that cannot move
     would be a fixed one. One that turns becomes continuous, a slide gets room to either side.
@@ -154,7 +154,8 @@ def without_ends(root: ET.Element) -> tuple[str, ...]:
         limit, kind = joint.find("limit"), joint.get("type")
         if limit is None or kind not in ("revolute", "prismatic"):
             continue
-        if any(float(limit.get(end, "0")) for end in ("lower", "upper")):
+        low, high = (float(limit.get(end, "0")) for end in ("lower", "upper"))
+        if low <= high and (low or high):
             continue
         found.append(str(joint.get("name")))
         if kind == "revolute":
@@ -210,7 +211,8 @@ def unranged_notes(names: Sequence[str], slides: Sequence[str]) -> tuple[str, ..
         (slides, f"have {ROOM:g} m to either side"),
     )
     return tuple(
-        f"the limits of {shortened(of)} are 0 to 0, so none are stated: taken to {what}; {_REFUSED}"
+        f"the limits of {shortened(of)} are 0 to 0 or reversed, so none are stated: taken to "
+        f"{what}; {_REFUSED}"
         for of, what in taken
         if of
     )

@@ -1,7 +1,8 @@
 """XML of strangers: parsed without entities, which could fill the memory or read other files.
 
 The readers that descriptions are written for (tinyxml) take more than XML allows: "--" in comments,
-prefixes that nobody declares, blanks or comments before the declaration. So does limo.
+prefixes that nobody declares, attributes without a space between them, blanks or comments before
+the declaration. So does limo.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ MOST_JOINTS = 1000  # elements, also of what refers to joints
 _DEEPEST = 500  # levels, as MuJoCo and urdfdom read; more end what parses them one in the other
 _MOST_PARTS = 1_000_000  # elements and attributes; meshes are files of their own
 _OUTERMOST: Final = re.compile(r"<[A-Za-z_][\w.:-]*")
+_ATTACHED: Final = re.compile(r"""(=\s*(?:"[^"<]*"|'[^'<]*'))(?=[A-Za-z_])""")
 _PREFIX: Final = re.compile(r"(?:</?|\s)([A-Za-z_][\w.-]*):[A-Za-z_]")
 
 
@@ -54,6 +56,7 @@ def _as_xml(text: str) -> str:
     text = _without(text.rstrip("\0"), "<!--", "-->")
     if not text.startswith("<?xml"):
         text = _without(text, "<?xml", "?>")
+    text = _ATTACHED.sub(r"\1 ", text)
     outermost = _OUTERMOST.search(text)
     if outermost is None:
         return text

@@ -18,6 +18,7 @@ from limo_driver.recordings.gate.held_values import (
     LONGEST_STEP_PERIODS,
     contiguous,
     held_reason,
+    one_factor,
     velocity_factor,
 )
 from limo_driver.recordings.gate.rows import (
@@ -40,6 +41,7 @@ __all__ = [
     "inspect",
     "inspect_by_joint",
     "inspect_commands",
+    "one_factor",
     "runs_backwards",
     "velocity_factor",
     "with_one_clock",

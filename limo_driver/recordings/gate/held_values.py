@@ -36,6 +36,8 @@ LONGEST_STEP = 0.05  # [s]; motion within the bandwidth of an arm can be interpo
 LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
 _AROUND = 5  # samples before and after a jump, whose steps are the joint's own motion
 _SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
+_ONE = 0.05  # of a factor, by which it is the same at all joints
+_OFF = (0.2, 1.6)  # of its logarithm, from where no filter makes it, to where units do
 _SWEEP = 0.1  # [s] over which velocity and change of position are compared
 
 
@@ -128,10 +130,14 @@ def near_jumps(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
     least = np.maximum(reach, FASTER * float(np.median(size[size > 0])))  # no step of an encoder
     for k in np.flatnonzero((size > least) & (steps <= gap)):
         around = np.append(speed[max(k - _AROUND, 0) : k], speed[k + 1 : k + 1 + _AROUND])
-        own = around.max(initial=0.0) * max(float(steps[k]), period)
+        farther = np.append(speed[max(k - 3 * _AROUND, 0) : k], speed[k + 1 : k + 1 + 3 * _AROUND])
+        own = max(
+            FASTER * around.max(initial=0.0) * max(float(steps[k]), period),
+            2 * _AROUND * period * float(np.median(farther)),  # a few rows that were held
+        )
         before, after = position[max(k - 2, 0) : k + 1], position[k + 1 : k + 4]
         stays = abs(float(np.median(after) - np.median(before))) > size[k] / 2
-        if stays and size[k] > FASTER * own + reach[k]:
+        if stays and size[k] > own + reach[k]:
             marked |= np.abs(time - (time[k] + time[k + 1]) / 2) <= (gap + steps[k]) / 2
     return marked
 
@@ -235,6 +241,20 @@ def velocity_factor(time: FloatArray, position: FloatArray, velocity: FloatArray
     does = np.add.reduceat(np.where(known, np.diff(position), 0.0), starts)
     energy = float(does @ does)
     return float(says @ does) / energy if energy > 0 else None
+
+
+def one_factor(factors: FloatArray) -> float | None:
+    """Return the factor by which the velocities of all joints are off alike; None if none is.
+
+    Args:
+        factors: Of velocity over rate of change, (n,); NaN of joints that rest.
+    """
+    known = np.abs(factors[np.isfinite(factors)])
+    if known.size < min(factors.size, 2) or not known.all() or not known.size:
+        return None
+    factor = float(np.median(known))
+    is_one = np.abs(np.log(known / factor)).max() < _ONE
+    return factor if is_one and _OFF[0] < abs(np.log(factor)) < _OFF[1] else None
 
 
 def swept(columns: Columns, rows: NDArray[np.int64], joint: int) -> float:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.logs.mcap_file import CDR
 from limo_driver.logs.readers.columns import (
     POSITION,
     TORQUE,
@@ -22,6 +23,7 @@ from limo_driver.logs.readers.columns import (
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.logs.ros.joint_state_log import bag_files, read_bag
 from limo_driver.logs.ros.known_layouts import layout_for
+from limo_driver.logs.ros.plain_messages import numbers_of
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.network.messages.cdr import CdrReader
 from limo_driver.recordings.files.stretches import STRETCH, Stretches
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.logs.mcap_file import LoggedMessage
+    from limo_driver.logs.ros.message_layout import DecodedMessage
     from limo_driver.types import FloatArray
 
 DYNAMIC_JOINT_STATE: Final = "control_msgs/msg/DynamicJointState"
@@ -123,9 +126,11 @@ def read_bags(
         more.append(f"left aside: {'; '.join(others[:_LISTED])}")
     if found.malformed:
         more.append(f"{found.malformed} messages could not be decoded")
-    kind = f"ROS 2 bag, topic {kept.topic}"
+    version = 1 if all(path.suffix == ".bag" for path in bag_files(paths)) else 2
+    kind = f"ROS {version} bag" if kept.encoding == CDR else f"MCAP file in {kept.encoding}"
+    kind, is_si = f"{kind}, topic {kept.topic}", kept.encoding == CDR or kept.schema in _ORDER
     spread = kept.stretches.spread
-    return LogTable(columns, source, kind, {}, (*notes, *more), spread=spread, is_si=True)
+    return LogTable(columns, source, kind, {}, (*notes, *more), spread=spread, is_si=is_si)
 
 
 def topic_with(
@@ -142,7 +147,7 @@ def topic_with(
         RecordingError: Several topics do.
     """
     found = _Found(topic)
-    messages = (m for path in bag_files(paths) for m in read_bag(path) if m.schema == JOINT_STATE)
+    messages = (m for path in bag_files(paths) for m in read_bag(path) if _is_state(m))
     for message in islice(messages, _PEEKED):
         found.add(message)
     groups = [g for g in found.groups.values() if set(joints) <= set(g.names)]
@@ -152,6 +157,10 @@ def topic_with(
             f"joint states of several topics: {', '.join(topics)}; say which is meant"
         )
     return topics[0] if topics else None
+
+
+def _is_state(message: LoggedMessage) -> bool:
+    return message.schema == JOINT_STATE and message.encoding == CDR
 
 
 @dataclass(frozen=True)
@@ -173,6 +182,7 @@ class _Group:
     schema: str
     names: tuple[str, ...]  # of the joints, or of the columns where no joints are named
     held: tuple[str, ...]  # columns
+    encoding: str = CDR
     stamps: array[int] = field(default_factory=lambda: array("q"))  # since the last stretch
     values: array[float] = field(default_factory=lambda: array("d"))
     unstamped: int = 0  # messages that have no stamp, whose time is that of their receipt
@@ -248,13 +258,17 @@ class _Found:
     groups: dict[tuple[str, tuple[str, ...]], _Group] = field(default_factory=dict)
     topics: dict[str, str] = field(default_factory=dict)
     unread: dict[str, str] = field(default_factory=dict)  # topic → why its type cannot be read
+    others: set[str] = field(default_factory=set)  # topics of something else than joints
     malformed: int = 0
 
     def add(self, message: LoggedMessage) -> None:
         """Add a message, if it is a joint state."""
-        self.topics.setdefault(message.topic, message.schema)
+        self.topics.setdefault(message.topic, message.schema or message.encoding)
         try:
-            if message.schema in _DECODERS:
+            if message.encoding != CDR:
+                if message.topic not in self.others:
+                    self._add_numbers(message, numbers_of(message))
+            elif message.schema in _DECODERS:
                 self._add_state(message, _DECODERS[message.schema](message.payload))
             elif message.schema in _STATES or message.topic == self.topic:
                 self._add_any(message)
@@ -282,15 +296,19 @@ class _Found:
         if isinstance(layout, str):
             self.unread[message.topic] = layout
             return
-        found = layout.decode(message.payload)
+        self._add_numbers(message, layout.decode(message.payload))
+
+    def _add_numbers(self, message: LoggedMessage, found: DecodedMessage) -> None:
         key = (message.topic, tuple(found.values))
         group = self.groups.get(key)
         if group is None:
             held = tuple(filter(_is_of_joints, found.values))
             if not held:
+                self.others.add(message.topic)
                 return
             names = found.labels or held
             group = self.groups[key] = _Group(message.topic, message.schema, names, held)
+            group.encoding = message.encoding
         group.add(message, found.stamp_ns, np.array([found.values[name] for name in group.held]))
 
     def meant(self, joints: Sequence[str], source: str, notes: Sequence[str] = ()) -> _Group:

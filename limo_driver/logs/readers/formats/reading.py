@@ -13,19 +13,20 @@ if TYPE_CHECKING:
 
     from limo_driver.logs.readers.table import LogTable
 
-BAGS: Final = (".mcap", ".db3", ".zstd")
+BAGS: Final = (".mcap", ".db3", ".zstd", ".bag")
 _PLAIN: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
 _PACKED: Final = ".gz"
 TEXTS: Final = (*_PLAIN, *(f"{ending}{_PACKED}" for ending in _PLAIN))
 PARQUET: Final = (".parquet", ".pq")
 ARRAYS: Final = (".npz",)
-OBJECTS: Final = (".json", ".jsonl", ".ndjson", ".mat")
+_HDF5: Final = (".h5", ".hdf5")
+OBJECTS: Final = (".json", ".jsonl", ".ndjson", ".mat", *_HDF5)
 _SHEETS: Final = (".xlsx", ".xls", ".xlsm", ".ods")
 _EXPECTED: Final = (
     f"expected delimited text ({', '.join(_PLAIN)}, also as .gz), Parquet, NumPy's .npz, JSON "
-    "(.json, .jsonl), MATLAB's .mat, a ROS 2 bag (.mcap, .db3) or the folder of a bag or of a "
-    "LeRobotDataset; what Python reads of it, a "
-    "DataFrame or arrays by name, limo.read takes"
+    "(.json, .jsonl), MATLAB's .mat, HDF5 (.h5, .hdf5), a bag (.mcap, .db3, .bag) or the folder of "
+    "a bag or of a LeRobotDataset; what Python reads of it, a DataFrame or arrays by name, "
+    "limo.read takes"
 )
 
 
@@ -90,6 +91,10 @@ def _read_objects(path: Path, ending: str) -> LogTable:
         from limo_driver.logs.readers.formats.arrays import read_mat
 
         return read_mat(path)
+    if ending in _HDF5:
+        from limo_driver.logs.readers.formats.arrays import read_hdf5
+
+        return read_hdf5(path)
     from limo_driver.logs.readers.formats.arrays import read_json
 
     return read_json(path)
@@ -107,6 +112,7 @@ def _read_folder(
 
         return read_bags([path], topic, joints)
     raise RecordingError(
-        "is a folder that holds neither a bag (.mcap, .db3) nor a LeRobotDataset (meta/info.json)",
+        "is a folder that holds neither a bag (.mcap, .db3, .bag) nor a LeRobotDataset "
+        "(meta/info.json)",
         path=path,
     )

@@ -96,6 +96,14 @@ class TestThresholds:
         assert (often > 2.0 * error.std(axis=0)).all()
         assert (seldom < 12.0 * error.std(axis=0)).all()
 
+    def test_hold_where_motion_is_unlike_what_was_learned(self, arm, free):
+        model = limo.train(arm, free[: len(free) // 2], "joint-physics", bandwidth=10.0)
+        moved = limo.Recording.from_arrays(free.time, free.position + 0.3, free.torque)
+        far = np.array(limo.contact_thresholds(model, moved))
+        near = np.array(limo.contact_thresholds(model, free))
+        assert min(far[1], far[3]) > 3.0  # gravity is another one there
+        assert (near < 2.0).all()
+
     def test_take_longer_motion_than_a_moment(self, arm, free):
         first = free[:500]
         with pytest.raises(RecordingError, match="record"):

@@ -47,14 +47,16 @@ def limited(joint, limits):
     return re.sub(pattern, rf"\g<1>{limits}", ARM, count=1, flags=re.DOTALL)
 
 
-@pytest.mark.parametrize("limits", ['lower="0" upper="0"', 'lower="0.0" upper="-0"', ""])
+@pytest.mark.parametrize(
+    "limits", ['lower="0" upper="0"', 'lower="0.0" upper="-0"', "", 'lower="9" upper="2"']
+)
 def test_limits_that_an_exporter_left_at_0_are_none(file, limits):
     """The joint turns on, and stands in no range of 0 to 0 that decides units or is kept to."""
     model = RobotModel.load(file(limited("shoulder", limits)))
     assert model.turning == (True, False)
     assert model.limits.position_min[0] < -3.0
     (note,) = [note for note in model.notes if "0 to 0" in note]
-    assert note.startswith("the limits of shoulder are 0 to 0, so none are stated")
+    assert note.startswith("the limits of shoulder are 0 to 0 or reversed, so none")
     with pytest.raises(ConfigError, match=r"the limits of shoulder are 0 to 0.*in the URDF"):
         model.check_runnable()
     with pytest.raises(ConfigError, match=r"the limits of shoulder are 0 to 0.*in the URDF"):
@@ -135,6 +137,8 @@ def test_what_other_readers_overlook_changes_nothing_of_the_arm(file, what):
     [
         ("<robot", "<!-- made by hand -->\n<?xml version='1.0'?>\n<robot", ""),
         ("</robot>\n", "</robot>\0", ""),
+        ('xyz="0.1 0 0.2"/>', "xyz='0.1 0 0.2'rpy=\"0 0 0\"/>", ""),
+        ("</inertial>", "</inertial><xacro:grey/>", "does not define, grey"),
         ('<robot name="arm">', "<robot>", ""),
         ('izz="0.01"', 'izz="0.01\n"', ""),
         ('ixy="0"', 'ixy="-1e-320"', ""),
