@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.errors import RecordingError
+from limo_driver.errors import LimoError, RecordingError
+from limo_driver.physics import Simulation
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH
 from limo_driver.runtime.display import Displayed
@@ -60,7 +61,7 @@ class BandwidthChoice(Displayed):
         )
         return (
             f"motion and torque are filtered at {self.bandwidth:g} Hz, by the error on motion held "
-            f"out (beside the smallest: {others})"
+            f"out (more than the smallest: {others})"
         )
 
 
@@ -97,6 +98,32 @@ def choose_bandwidth(model: RobotModel, recordings: Sequence[Recording]) -> Band
     if errors[usual] > _WORTH and np.log(errors[usual]) > _SURE * unsure[usual]:
         chosen = max(w for w in scored if np.log(errors[w]) <= max(unsure[w], np.log(_ALIKE)))
     return BandwidthChoice(chosen, widest, errors, unsure)
+
+
+def fitting_bandwidth(
+    arm: Simulation | RobotModel, recordings: Sequence[Recording], asked: float | None = None
+) -> tuple[float, tuple[str, ...]]:
+    """Return the bandwidth [Hz] at which something is fitted to recordings, and why, if unusual.
+
+    Args:
+        arm: The robot; or a simulation, whose own bandwidth is kept.
+        recordings: To be fitted to.
+        asked: What a user told; then it is this.
+
+    Returns:
+        What was asked, or that of the simulation; or else the one at which motion tells most of the
+        torque, see `choose_bandwidth`, and the usual one where that cannot be judged.
+    """
+    own = arm.bandwidth if isinstance(arm, Simulation) else None
+    usual = bandwidth_for(recordings, asked, own)
+    if asked is not None or own is not None:
+        return usual, ()
+    model = arm.model if isinstance(arm, Simulation) else arm
+    try:
+        choice = choose_bandwidth(model, recordings)
+    except LimoError:  # what it lacks is told by who fits
+        return usual, ()
+    return choice.bandwidth, () if choice.bandwidth == usual else (choice.headline(),)
 
 
 def _errors(

@@ -82,12 +82,12 @@ def command(  # one argument for each option
     from dataclasses import replace
 
     from estimators.rigid_body import JointTerms, Rows
+    from estimators.rigid_body.best_bandwidth import fitting_bandwidth
     from estimators.rigid_body.page import identification_page
     from estimators.rigid_body.tables import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
     from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inputs import model_for
-    from limo_driver.app.library.learning import fitting_bandwidth
     from limo_driver.app.library.reading import read
     from limo_driver.model import RobotModel
     from limo_driver.runtime.outputs import page_of, require_file

@@ -136,8 +136,9 @@ def command(  # one argument for each option
 
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
+    from estimators.rigid_body.best_bandwidth import fitting_bandwidth
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.learning import fitting_bandwidth, require_model
+    from limo_driver.app.library.learning import require_model
     from limo_driver.app.library.reading import read
 
     require_model(model)
@@ -278,8 +279,9 @@ def _train_estimator(
 
     from rich.table import Table
 
+    from estimators.rigid_body.best_bandwidth import fitting_bandwidth
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.learning import fitting_bandwidth, train
+    from limo_driver.app.library.learning import train
 
     simulation, measured, notes = _load(recordings, sim, out, mapping)
     width, note = fitting_bandwidth(simulation, measured, bandwidth)

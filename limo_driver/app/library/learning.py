@@ -14,14 +14,14 @@ from limo_driver.app.library.inputs import (
     simulation_of,
     trained_of,
 )
-from limo_driver.errors import ConfigError, LimoError
+from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation, Tolerances
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.drives import described_drives
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
     from estimators.base import Estimate
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
@@ -79,6 +79,7 @@ def identify(
     from estimators.diagnosis.from_torque.residuals.plausibility import as_it_hangs
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body import identify as found
+    from estimators.rigid_body.best_bandwidth import fitting_bandwidth
 
     measured = recordings_of(recordings)
     model = model_for(robot, measured)
@@ -97,34 +98,6 @@ def identify(
         simulation = replace(simulation, bandwidth=rows.bandwidth)
     warnings = (*_turned(model, hung), *doubts, *result.warnings, *note)
     return replace(result, simulation=simulation, warnings=warnings)
-
-
-def fitting_bandwidth(
-    arm: Simulation | RobotModel, recordings: Sequence[Recording], asked: float | None = None
-) -> tuple[float, tuple[str, ...]]:
-    """Return the bandwidth [Hz] at which something is fitted to recordings, and why, if unusual.
-
-    Args:
-        arm: The robot; or a simulation, whose own bandwidth is kept.
-        recordings: To be fitted to.
-        asked: What a user told; then it is this.
-
-    Returns:
-        What was asked, or that of the simulation; or else the one at which motion tells most of the
-        torque, see `choose_bandwidth`, and the usual one where that cannot be judged.
-    """
-    from estimators.rigid_body.best_bandwidth import choose_bandwidth
-
-    own = arm.bandwidth if isinstance(arm, Simulation) else None
-    usual = bandwidth_for(recordings, asked, own)
-    if asked is not None or own is not None:
-        return usual, ()
-    model = arm.model if isinstance(arm, Simulation) else arm
-    try:
-        choice = choose_bandwidth(model, recordings)
-    except LimoError:  # what it lacks is told by who fits
-        return usual, ()
-    return choice.bandwidth, () if choice.bandwidth == usual else (choice.headline(),)
 
 
 def _turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:
@@ -362,6 +335,8 @@ def train(
     Example:
         >>> limo.train("sim.yaml", "run.parquet", "lstm-fcl").save("model/")
     """
+    from estimators.rigid_body.best_bandwidth import fitting_bandwidth
+
     estimator = require_model(model)
     simulation, measured = simulation_of(simulation), recordings_of(recordings)
     if estimator is not None:

@@ -98,7 +98,7 @@ def settle(found: Inspection, out: Path, log: str) -> Settled:
     """Write a proposed mapping, unless one is there that is of this log and reads otherwise.
 
     One that is of another log, or cannot be read as a mapping, stays too; the proposal is then
-    written beside it, to a file named after the log.
+    written next to it, to a file named after the log.
 
     Args:
         found: What was proposed.
