@@ -98,8 +98,13 @@ def block_of(observed: Observed, longest: float) -> FloatArray:
         observed: Where time comes from.
         longest: Of a block [s]; those of a recording too short for many are shorter.
     """
-    duration = np.array([recording.duration for recording in observed.recordings])
-    return np.minimum(longest, duration / HELD_OUT.fewest)[observed.recording]
+    lengths = [block_length(recording, longest) for recording in observed.recordings]
+    return np.array(lengths)[observed.recording]
+
+
+def block_length(recording: Recording, longest: float = HELD_OUT.block) -> float:
+    """Return how long the blocks are that are taken as a whole [s], of so long a recording."""
+    return min(longest, recording.duration / HELD_OUT.fewest)
 
 
 def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
@@ -142,8 +147,21 @@ def surely_positive(gained: FloatArray, observed: Observed, rows: NDArray[np.boo
 
 def _blocks(observed: Observed) -> NDArray[np.int64]:
     """Number the block of time of each row, (K,)."""
-    of_time = np.floor(observed.slow.time / block_of(observed, HELD_OUT.block)).astype(np.int64)
-    both = np.stack([observed.recording, of_time], axis=1)
+    length = block_of(observed, HELD_OUT.block)
+    return blocks_of_time(observed.slow.time, observed.recording, length)
+
+
+def blocks_of_time(
+    time: FloatArray, recording: NDArray[np.int64], length: FloatArray | float
+) -> NDArray[np.int64]:
+    """Number the blocks of time that are resampled whole, (K,).
+
+    Args:
+        time: Of each row, (K,) [s].
+        recording: Which it is of, (K,).
+        length: Of a block [s], of each row or all.
+    """
+    both = np.stack([recording, np.floor(time / length).astype(np.int64)], axis=1)
     return np.unique(both, axis=0, return_inverse=True)[1].ravel()
 
 
@@ -165,22 +183,58 @@ def bootstrap(
 
     Source: Künsch, "The jackknife and the bootstrap for general stationary observations", 1989.
     """
-    of_row = _blocks(observed)
-    sums = np.zeros((3, int(of_row.max(initial=-1)) + 1, before.shape[1]))
-    np.add.at(sums[0], of_row, np.where(rows, before, 0.0) ** 2)
-    np.add.at(sums[1], of_row, np.where(rows, after, 0.0) ** 2)
-    np.add.at(sums[2], of_row, rows.astype(float))
+    drawn = _resampled(before, after, _blocks(observed), rows)
+    if drawn is None:
+        return (-1.0, 1.0)
+    found = [
+        reducible_removed(np.sqrt(first / count), np.sqrt(second / count), floor)
+        for first, second, count in zip(*drawn, strict=True)
+    ]
+    low, high = np.quantile(found, (HELD_OUT.chance, 1.0 - HELD_OUT.chance))
+    return float(low), float(high)
+
+
+def rmse_change(
+    before: FloatArray, after: FloatArray, block: NDArray[np.int64], rows: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the 95 % interval of RMSE after less RMSE before, of each joint, (n,) each.
+
+    Args:
+        before: Errors of one simulation, (K, n).
+        after: Those of another on the same rows.
+        block: Which block of time each row is of, (K,); see `blocks_of_time`.
+        rows: Those that count, (K, n).
+
+    Returns:
+        Its ends; infinite where there is one block, which nothing can be resampled of.
+    """
+    drawn = _resampled(before, after, block, rows)
+    if drawn is None:
+        return np.full(before.shape[1], -np.inf), np.full(before.shape[1], np.inf)
+    change = np.sqrt(drawn[1] / drawn[2]) - np.sqrt(drawn[0] / drawn[2])
+    low, high = np.quantile(change, (HELD_OUT.chance, 1.0 - HELD_OUT.chance), axis=0)
+    return low, high
+
+
+def _resampled(
+    before: FloatArray, after: FloatArray, block: NDArray[np.int64], rows: NDArray[np.bool_]
+) -> FloatArray | None:
+    """Return sums of squares before and after, and rows, of resampled blocks, (3, resamples, n).
+
+    None where there are no two blocks.
+    """
+    sums = np.zeros((3, int(block.max(initial=-1)) + 1, before.shape[1]))
+    np.add.at(sums[0], block, np.where(rows, before, 0.0) ** 2)
+    np.add.at(sums[1], block, np.where(rows, after, 0.0) ** 2)
+    np.add.at(sums[2], block, rows.astype(float))
     sums = sums[:, sums[2].any(axis=1)]
     count = sums.shape[1]
     if count < 2:  # noqa: PLR2004  # nothing to resample
-        return (-1.0, 1.0)
+        return None
     random = np.random.default_rng(0)
-    found = np.empty(HELD_OUT.resamples)
-    for k in range(HELD_OUT.resamples):
-        drawn = sums[:, random.integers(0, count, count)].sum(axis=1)
-        drawn[2] = np.maximum(drawn[2], 1.0)
-        found[k] = reducible_removed(
-            np.sqrt(drawn[0] / drawn[2]), np.sqrt(drawn[1] / drawn[2]), floor
-        )
-    low, high = np.quantile(found, (HELD_OUT.chance, 1.0 - HELD_OUT.chance))
-    return float(low), float(high)
+    drawn = np.stack(
+        [sums[:, random.integers(0, count, count)].sum(axis=1) for _ in range(HELD_OUT.resamples)],
+        axis=1,
+    )
+    drawn[2] = np.maximum(drawn[2], 1.0)
+    return drawn
