@@ -20,6 +20,7 @@ from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, dots, layout, rounded_ticks
 from limo_driver.pages.markup import columns, header, listed, next_steps, section
+from limo_driver.physics.effect import ArmMotion, TorqueEffect
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.outputs import require_folder, whole
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from limo_driver.pages.markup import Figure
     from limo_driver.physics import Effect, Simulation
+    from limo_driver.physics.domain import Domain
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -44,6 +46,11 @@ class Culprit:
 
     part: str  # effect and joints, or the bodies
     by: float  # RMSE that the joint would lose, were that part as in the given simulation [N m]
+    outside: float | None = None  # part of the samples beyond its domain; None if it has none
+
+    def __str__(self) -> str:
+        beyond = f", beyond its domain in {self.outside:.0%} of the samples" if self.outside else ""
+        return f"{self.part} by {self.by:.3g} N m{beyond}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,7 +113,7 @@ class SimulationComparison(Displayed):
         """Yield why the improved simulation is worse, one sentence for each joint where it is."""
         for j in self.worse:
             found, name = self.culprits[j - 1], self.joint_names[j - 1]
-            parts = "; ".join(f"{item.part} by {item.by:.3g} N m" for item in found)
+            parts = "; ".join(map(str, found))
             yield f"{name} is worse because of {parts or 'no part alone: they act together'}."
 
     def __str__(self) -> str:
@@ -221,6 +228,14 @@ def compare_simulations(
         predicted = recording.filtered(simulation.predict(recording, bandwidth), bandwidth)
         return (measured - predicted)[scored]
 
+    motion = recording.calm_motion(bandwidth)
+
+    def outside(part: Part) -> float | None:
+        if part.domain is None:
+            return None
+        own = ArmMotion(motion, np.zeros_like(motion.position), improved.model)
+        return float(part.domain.outside(own.of_joint(part.joints[0] - 1))[scored].mean())
+
     first, second = errors(given), errors(improved)
     rows = np.isfinite(first)
     time, alone = recording.time[scored], np.zeros(len(first), dtype=np.int64)
@@ -236,7 +251,9 @@ def compare_simulations(
         low,
         high,
         tuple(
-            _culprits(improved, given, j, float(after[j]), lambda trial: _rmse(errors(trial)))
+            _culprits(
+                improved, given, j, float(after[j]), lambda trial: _rmse(errors(trial)), outside
+            )
             if is_worse
             else ()
             for j, is_worse in enumerate(worse.tolist())
@@ -279,29 +296,44 @@ def _culprits(
     joint: int,
     error: float,
     rmse: Callable[[Simulation], FloatArray],
+    outside: Callable[[Part], float | None],
 ) -> tuple[Culprit, ...]:
     """Return the parts without which a joint (0-based) errs less, the worst first."""
     found = [
-        Culprit(part, error - float(rmse(trial)[joint]))
-        for part, trial in _reverted(improved, given, joint + 1)
+        Culprit(part.name, error - float(rmse(part.without)[joint]), outside(part))
+        for part in parts_of(improved, given)
+        if not part.joints or joint + 1 in part.joints
     ]
     return tuple(sorted((c for c in found if c.by > 0), key=lambda c: -c.by))
 
 
-def _reverted(
-    improved: Simulation, given: Simulation, joint: int
-) -> Iterator[tuple[str, Simulation]]:
-    """Yield the parts in which two simulations differ at a joint (1-based), and it without each."""
+@dataclass(frozen=True)
+class Part:
+    """What two simulations have otherwise at one place: effects, or the inertias of links."""
+
+    name: str
+    joints: tuple[int, ...]  # 1-based, at which it acts; empty if on the whole arm
+    without: Simulation  # the improved one, with this part as given
+    domain: Domain | None = None  # in which it was learned
+
+
+def parts_of(improved: Simulation, given: Simulation) -> Iterator[Part]:
+    """Yield the parts in which an improved simulation differs from the given one."""
     ours, theirs = _by_place(improved), _by_place(given)
     for place in dict.fromkeys([*ours, *theirs]):
         own, other = ours.get(place, ()), theirs.get(place, ())
-        acts_on = (own or other)[0].joints
-        if own == other or (acts_on and joint not in acts_on):
-            continue
-        kept = tuple(effect for effect in improved.effects if effect not in own)
-        yield place.replace("_", " "), replace(improved, effects=(*kept, *other))
+        if own != other:
+            at = improved.effects.index(own[0]) if own else len(improved.effects)
+            before, after = (
+                tuple(effect for effect in some if effect not in own)
+                for some in (improved.effects[:at], improved.effects[at:])
+            )
+            trial = replace(improved, effects=(*before, *other, *after))
+            domains = (effect.domain for effect in own if isinstance(effect, TorqueEffect))
+            joints = (own or other)[0].joints
+            yield Part(place.replace("_", " "), joints, trial, next(domains, None))
     if improved.inertials != given.inertials:
-        yield "the inertias of links", replace(improved, inertials=given.inertials)
+        yield Part("the inertias of links", (), replace(improved, inertials=given.inertials))
 
 
 def _by_place(simulation: Simulation) -> dict[str, tuple[Effect, ...]]:

@@ -137,6 +137,7 @@ class Fit:
     heldout_rmse_tolerances: tuple[float, ...] = ()  # values moved inside tolerances, no effect
     heldout_rmse_before_all_rows: tuple[float, ...] = ()  # (n,) [N m], every row held out
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
+    left_out: str = ""  # motion on which was proven what is written, in words
     unit: str = TORQUE  # of all errors; rad where commands and positions alone were recorded
     one_step_rmse_before: tuple[float, ...] = ()  # (n,) [rad], from each row to the next; likewise
     one_step_rmse_after: tuple[float, ...] = ()
@@ -200,6 +201,7 @@ class Verdict:
     notes: tuple[str, ...] = ()  # what a reader should know of data and priors, one sentence each
     identified: tuple[Identified, ...] = ()  # ordinary friction that was not stated, by joint
     holds: Holds | None = None  # None where no torque was recorded
+    withheld: tuple[str, ...] = ()  # parts of the fit that are not in the improved simulation
     doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
 
     def as_values(self) -> dict[str, Any]:
