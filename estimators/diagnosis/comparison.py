@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 FILES: Final = ("evaluation.json", "report.html")
 BETTER, WORSE, EQUAL, UNKNOWN = "better", "worse", "no different", "not measured"
+BODIES: Final = "the inertias of links"
 ESTIMATE: Final = "estimate"  # of the measured torque, by the arm's maker
 EXTERNAL: Final = "external_torque"  # what the maker takes for no torque of the arm's own
 
@@ -333,7 +334,7 @@ def parts_of(improved: Simulation, given: Simulation) -> Iterator[Part]:
             joints = (own or other)[0].joints
             yield Part(place.replace("_", " "), joints, trial, next(domains, None))
     if improved.inertials != given.inertials:
-        yield Part("the inertias of links", (), replace(improved, inertials=given.inertials))
+        yield Part(BODIES, (), replace(improved, inertials=given.inertials))
 
 
 def _by_place(simulation: Simulation) -> dict[str, tuple[Effect, ...]]:

@@ -117,9 +117,9 @@ class EffectsCode:
 
 def _in_domain(effect: Effect, code: LawCode) -> LawCode:
     """Return an effect's code that beyond its domain goes on as `TorqueEffect.evaluate` does."""
-    domain = effect.domain if isinstance(effect, TorqueEffect) else None
-    if domain is None or not code.statement:
+    if not isinstance(effect, TorqueEffect) or effect.domain is None:
         return code
+    domain = effect.domain
     target, _, value = code.statement.partition(" += ")
     q, v = f"q[{effect.joints[0] - 1}]", f"v[{effect.joints[0] - 1}]"
     if domain.position is not None:

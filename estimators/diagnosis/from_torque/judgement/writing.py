@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.comparison import Part, parts_of
-from estimators.diagnosis.from_torque.fitting.contribution import TINY
+from estimators.diagnosis.comparison import BODIES, Part, parts_of
+from estimators.diagnosis.from_torque.fitting.contribution import TINY, own_joints
 from estimators.diagnosis.from_torque.fitting.linearised import polished
 from estimators.diagnosis.from_torque.fitting.problem import fitted
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
+from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import Split, blocks, of_another_kind, rmse, rmse_change
+from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
 from limo_driver.physics import ViscousFriction
 from limo_driver.physics.domain import Domain
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
     from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 
@@ -209,7 +212,34 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
     def kept(some: Observations) -> Observations:
         return some.beside(without(some.simulation, given, names)) if names else some
 
-    return Written(replace(judged, beside=kept(proven)), kept(improved), found, elsewhere.kind)
+    still, unknown = still_named(judged, names)
+    judged = replace(judged, beside=kept(proven), named=still, unknown=unknown)
+    return Written(judged, kept(improved), found, elsewhere.kind)
+
+
+def still_named(
+    judged: JudgedSet, parts: Collection[str]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return what is still named where some parts do not hold, and the joints of what is unknown.
+
+    What a law that does not hold was found for is there all the same, as far as it is no noise.
+    """
+    problem, floor = judged.problem, judged.remaining.floor
+    gone = [i for i in judged.findings if _part_of(problem.candidates[i]) in parts]
+    error = rmse(problem.observed.residual, problem.split.held_out)
+    large = error > np.hypot(1.0, JUDGEMENT.predictable) * floor
+    joints = {j for i in gone for j in own_joints(problem, i) if large[j]}
+    named = tuple(i for i in judged.named if i not in gone)
+    return named, tuple(sorted({*judged.unknown, *joints}))
+
+
+def _part_of(candidate: Candidate) -> str:
+    """Return the name of the part that a candidate becomes."""
+    if candidate.effect == LINK_INERTIA:
+        return BODIES
+    numbers = ", ".join(str(j + 1) for j in candidate.joints)
+    where = f", joint{'s' if len(candidate.joints) > 1 else ''} {numbers}" if numbers else ""
+    return candidate.effect.replace("_", " ") + where
 
 
 def withheld(elsewhere: Elsewhere, improved: Observations) -> tuple[Withheld, ...]:

@@ -1,12 +1,19 @@
 """What is written into the improved simulation holds on motion of another kind."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from estimators.diagnosis import diagnose
-from estimators.diagnosis.from_torque.judgement.writing import Elsewhere, Written, withheld, without
+from estimators.diagnosis.from_torque.judgement.writing import (
+    Elsewhere,
+    Written,
+    still_named,
+    withheld,
+    without,
+)
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import Split, of_another_kind
 from limo_driver.model.descriptions.geometry import Inertial
@@ -146,3 +153,27 @@ def test_a_sentence_names_what_is_not_written(observed, rigid):
     (said,) = keep.notes()
     assert "torque offset, joint 1 (RMSE of joint 1 +" in said
     assert "whole recordings were left out" in said
+
+
+def test_a_law_that_is_not_written_has_no_name_and_what_it_was_found_for_is_unknown():
+    """Of one joint whose error is far above its floor, and another whose error is its floor."""
+    candidates = [
+        SimpleNamespace(effect="spring_load", joints=(0,)),
+        SimpleNamespace(effect="torque_offset", joints=(1,)),
+        SimpleNamespace(effect="link_inertia", joints=(1,)),
+        SimpleNamespace(effect="joint_coupling", joints=(0, 1)),
+    ]
+    rows = np.ones((4, 2), dtype=bool)
+    problem = SimpleNamespace(
+        candidates=candidates, split=SimpleNamespace(held_out=rows),
+        observed=SimpleNamespace(residual=np.array([[5.0, 1.0]] * 4), n=2),
+    )  # fmt: skip
+    judged = SimpleNamespace(
+        problem=problem, remaining=SimpleNamespace(floor=np.ones(2)),
+        findings=(0, 1, 2, 3), named=(0, 1, 2, 3), unknown=(),
+    )  # fmt: skip
+    assert still_named(judged, []) == ((0, 1, 2, 3), ())
+    assert still_named(judged, ["spring load, joint 1"]) == ((1, 2, 3), (0,))
+    assert still_named(judged, ["torque offset, joint 2"]) == ((0, 2, 3), ())
+    assert still_named(judged, ["the inertias of links"])[0] == (0, 1, 3)
+    assert still_named(judged, ["joint coupling, joints 1, 2"]) == ((0, 1, 2), (0,))
