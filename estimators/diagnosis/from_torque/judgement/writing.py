@@ -24,6 +24,7 @@ from estimators.diagnosis.from_torque.fitting.problem import fitted
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import Split, blocks, of_another_kind, rmse, rmse_change
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
 from limo_driver.physics import ViscousFriction
@@ -56,6 +57,7 @@ class Elsewhere:
 
     kind: str  # what was left out
     given: Simulation
+    floor: FloatArray  # noise floor of each joint, (n,) [N m]
     turns: tuple[tuple[Observations, NDArray[np.bool_]], ...]  # with each fit; rows left out
 
     @classmethod
@@ -67,9 +69,8 @@ class Elsewhere:
             given: The simulation that it may improve.
         """
         kind, chosen = of_another_kind(judged.problem.observed)
-        return cls(
-            kind, given, tuple((_fitted_without(judged, given, rows), rows) for rows in chosen)
-        )
+        turns = tuple((_fitted_without(judged, given, rows), rows) for rows in chosen)
+        return cls(kind, given, judged.remaining.floor, turns)
 
     @cached_property
     def _as_given(self) -> Observations:
@@ -259,9 +260,11 @@ def withheld(elsewhere: Elsewhere, improved: Observations) -> tuple[Withheld, ..
 
 
 def _rare(improved: Observations, given: Simulation) -> Iterator[Withheld]:
-    """Yield the parts that act on too few rows, as an effective number."""
-    rows = improved.moving
+    """Yield the laws that were missing and act on too few rows, as an effective number."""
+    rows, stated = improved.moving, {effect.place.replace("_", " ") for effect in given.effects}
     for part in parts_of(improved.simulation, given):
+        if part.name in stated or part.name == BODIES:
+            continue
         other = improved.beside(part.without).simulated
         added = np.where(rows, improved.simulated - other, 0.0)
         square, fourth = np.sum(added**2, axis=0), np.sum(added**4, axis=0)
@@ -274,7 +277,7 @@ def _rare(improved: Observations, given: Simulation) -> Iterator[Withheld]:
 def _of_several_joints(
     elsewhere: Elsewhere, parts: Sequence[Part], known: Sequence[str]
 ) -> Iterator[Withheld]:
-    """Yield the parts of several joints that make one worse and the arm no better, or help none.
+    """Yield the parts of several joints that make one clearly worse or the arm, or help none.
 
     Args:
         elsewhere: The proof.
@@ -294,7 +297,8 @@ def _of_several_joints(
         j = own[int(np.argmin(np.where(now[2] < 0, np.inf, lost)[own]))]
         worse = now[0][j] > 0 and lost[j] < 0
         sum_now, sum_other = (np.sum(((scale + x[0]) / scale) ** 2) for x in (now, other))
-        is_worse = worse and (now[1][j] > 0 or sum_other < sum_now)
+        much = now[1][j] > 0 and now[0][j] > CONTRIBUTION.material * elsewhere.floor[j]
+        is_worse = worse and (much or sum_other < sum_now)
         if is_worse or not (now[2][own] < 0).any():
             yield Withheld(part.name, _in_words(now, j))
             known, now = (*known, part.name), other

@@ -19,6 +19,7 @@ from estimators.diagnosis.held_out import Split, of_another_kind
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import (
     JointCoupling,
+    Payload,
     PositionDependentFriction,
     SpringLoad,
     TorqueOffset,
@@ -57,7 +58,8 @@ def proof(observed, fitted):
     """Return the proof of a fit that is the same whatever motion is left out, and of that fit."""
     kind, chosen = of_another_kind(observed)
     beside = observed.beside(fitted)
-    return Elsewhere(kind, observed.simulation, tuple((beside, rows) for rows in chosen)), beside
+    turns = tuple((beside, rows) for rows in chosen)
+    return Elsewhere(kind, observed.simulation, np.full(2, 0.02), turns), beside
 
 
 def names(found):
@@ -90,6 +92,20 @@ def test_bodies_and_couplings_that_make_the_arm_worse_are_not_written(observed, 
     assert "the inertias of links" in found
     assert any(name.startswith("joint coupling") for name in found)
     assert "viscous friction, joint 2" not in found
+
+
+def test_a_body_that_makes_the_arm_better_is_written_although_a_joint_is_hardly_worse(
+    rigid, training_recording
+):
+    """As a load that is known well, and friction that is off by next to nothing."""
+    load = Payload(mass=0.5, com=(0.1, 0.0, 0.0), inertia=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
+    slight = TorqueOffset(joint=2, offset=0.004)
+    motion = training_recording.motion(10.0)
+    noise = 0.02 * np.random.default_rng(4).standard_normal(motion.position.shape)
+    torque = plus(rigid, load).predict(motion) + noise
+    carried = Recording.from_arrays(motion.time, motion.position, torque)
+    observed = Observations.of(rigid, [carried], 10.0)
+    assert "payload" not in names(withheld(*proof(observed, plus(rigid, load, slight))))
 
 
 def test_what_acts_at_one_place_alone_is_not_written(observed, rigid):
