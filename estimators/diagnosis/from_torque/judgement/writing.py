@@ -1,0 +1,329 @@
+"""Writing: which parts of a fit go into the improved simulation.
+
+A part is what is found or moved of one effect at its joints, or of the bodies. The fit is repeated
+without motion of another kind, several times, and each time held against that motion. A joint that
+is surely worse there than given, or not better although nothing else shows that it is, has parts
+that do not hold: those are as given, the fewest that mend it. Nor is a part written that acts on
+less than a share of the rows that count, as in half a second at one position.
+
+A diagnosis is helped where a law was learned from too little motion to be known beyond it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.diagnosis.comparison import BODIES, Part, parts_of
+from estimators.diagnosis.from_torque.fitting.contribution import TINY, own_joints
+from estimators.diagnosis.from_torque.fitting.linearised import polished
+from estimators.diagnosis.from_torque.fitting.problem import fitted
+from estimators.diagnosis.from_torque.judgement.judged_set import places_of
+from estimators.diagnosis.headline import LINK_INERTIA
+from estimators.diagnosis.held_out import Split, blocks, of_another_kind, rmse, rmse_change
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import JUDGEMENT
+from estimators.diagnosis.settings.residuals import ELSEWHERE
+from limo_driver.physics import ViscousFriction
+from limo_driver.physics.domain import Domain
+from limo_driver.physics.effect import TorqueEffect
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from estimators.diagnosis.from_torque.selection.candidates import Candidate
+    from limo_driver.physics import Effect, Simulation
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Withheld:
+    """A part that is not written."""
+
+    part: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Fits without motion of another kind, and that motion."""
+
+    kind: str  # what was left out
+    given: Simulation
+    floor: FloatArray  # noise floor of each joint, (n,) [N m]
+    turns: tuple[tuple[Observations, NDArray[np.bool_]], ...]  # with each fit; rows left out
+
+    @classmethod
+    def of(cls, judged: JudgedSet, given: Simulation) -> Elsewhere:
+        """Fit a judged set again without each kind of motion.
+
+        Args:
+            judged: The set.
+            given: The simulation that it may improve.
+        """
+        kind, chosen = of_another_kind(judged.problem.observed)
+        turns = tuple((_fitted_without(judged, given, rows), rows) for rows in chosen)
+        return cls(kind, given, judged.remaining.floor, turns)
+
+    @cached_property
+    def _as_given(self) -> Observations:
+        return self.turns[0][0].beside(self.given)
+
+    @property
+    def _measured(self) -> NDArray[np.bool_]:
+        """Mark the torques that were measured while nothing pushed, at rest as well, (K, n)."""
+        first = self._as_given
+        pushed = first.disturbed
+        return first.measured_on(
+            np.ones(len(first.kept), dtype=bool) if pushed is None else ~pushed
+        )
+
+    @property
+    def as_given(self) -> FloatArray:
+        """RMSE of each joint by the given simulation, (n,) [N m]."""
+        return rmse(self._as_given.residual, self._measured)
+
+    def change(self, parts: Collection[str]) -> FloatArray:
+        """Return the change of each joint's RMSE, and the ends of its interval, (3, n) [N m].
+
+        Args:
+            parts: That are as given, by name.
+        """
+        first = self._as_given
+        after = np.concatenate(
+            [
+                turn.beside(without(turn.simulation, self.given, parts)).residual[rows]
+                for turn, rows in self.turns
+            ]
+        )
+        out = np.concatenate([np.flatnonzero(rows) for _, rows in self.turns])
+        before, counts = first.residual[out], self._measured[out]
+        middle = rmse(after, counts) - rmse(before, counts)
+        return np.stack([middle, *rmse_change(before, after, blocks(first)[out], counts)])
+
+
+def _fitted_without(judged: JudgedSet, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
+    """Return the recordings with the fit of a set to all rows but some (K,)."""
+    observed = judged.problem.observed
+    split = Split.without(observed, rows)
+    problem = replace(judged.problem, split=split)
+    solution = fitted(problem, judged.solution.members, judged.solution.noise)
+    start, places = problem.beside(solution), places_of(problem, solution)
+    found = polished(start, observed.simulation, split.fitted, places)
+    return in_domains(found, given, split.fitted)
+
+
+def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
+    """Return the recordings with a simulation that says of which motion its laws were learned.
+
+    Those are the laws that were missing. A slope of friction that was stated, and moved, goes on as
+    stated beyond the speeds that were seen.
+
+    Args:
+        found: With what was fitted.
+        given: What was stated.
+        rows: That were fitted to, (K, n).
+    """
+    stated = {effect.place: effect for effect in given.effects}
+
+    def limited(effect: Effect) -> Effect:
+        before = stated.get(effect.place)
+        if not isinstance(effect, TorqueEffect) or effect == before:
+            return effect
+        slope = before.f_v if isinstance(before, ViscousFriction) else None
+        known = before.domain if isinstance(before, TorqueEffect) else None
+        if before is not None and known is None and slope is None:
+            return effect
+        seen = _seen(found, effect, rows[:, effect.joint - 1])
+        if not seen:
+            return effect
+        domain = Domain(**seen, slope=slope if known is None else known.slope).joined(known)
+        return replace(effect, domain=domain)
+
+    simulation = found.simulation
+    return found.beside(replace(simulation, effects=tuple(map(limited, simulation.effects))))
+
+
+def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the motion of some rows (K,), as the domain of an effect has it."""
+    slow, j = found.slow, effect.joint - 1
+    if not rows.any():
+        return {}
+    values = {"position": slow.position[rows, j], "speed": np.abs(slow.velocity[rows, j])}
+    if slow.temperature is not None:
+        values["temperature"] = slow.temperature[rows, j]
+    seen = {name: values[name] for name in effect.known_by if name in values}
+    return {
+        name: float(some.max()) if name == "speed" else (float(some.min()), float(some.max()))
+        for name, some in seen.items()
+    }
+
+
+def without(improved: Simulation, given: Simulation, parts: Collection[str]) -> Simulation:
+    """Return the improved simulation with some parts, by name, as given."""
+    for name in parts:
+        found = (part.without for part in parts_of(improved, given) if part.name == name)
+        improved = next(found, improved)
+    return improved
+
+
+@dataclass(frozen=True)
+class Written:
+    """What of a fit is written, and what is not."""
+
+    judged: JudgedSet  # with its proof by what is written
+    improved: Observations
+    withheld: tuple[Withheld, ...] = ()
+    kind: str = ""  # of motion that was left out for the proof
+
+    def notes(self) -> Iterator[str]:
+        """Say what is not written, in one sentence."""
+        parts: dict[str, list[str]] = {}
+        for item in self.withheld:
+            parts.setdefault(item.why, []).append(item.part)
+        if parts:
+            some = "; ".join(f"{', '.join(names)} ({why})" for why, names in parts.items())
+            yield (
+                "Not written into the improved simulation, which has these as given, since they do "
+                f"not surely hold where {self.kind} were left out: {some}."
+            )
+
+
+def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Written:
+    """Return what of a fit is written.
+
+    Args:
+        judged: The set.
+        improved: The recordings with its fit to all rows.
+        given: The simulation that it may improve.
+    """
+    proven = in_domains(judged.beside, given, judged.problem.split.fitted)
+    improved = in_domains(improved, given, improved.moving)
+    elsewhere = Elsewhere.of(judged, given)
+    found = withheld(elsewhere, improved)
+    names = [item.part for item in found]
+
+    def kept(some: Observations) -> Observations:
+        return some.beside(without(some.simulation, given, names)) if names else some
+
+    still, unknown = still_named(judged, names)
+    judged = replace(judged, beside=kept(proven), named=still, unknown=unknown)
+    return Written(judged, kept(improved), found, elsewhere.kind)
+
+
+def still_named(
+    judged: JudgedSet, parts: Collection[str]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return what is still named where some parts do not hold, and the joints of what is unknown.
+
+    What a law that does not hold was found for is there all the same, as far as it is no noise.
+    """
+    problem, floor = judged.problem, judged.remaining.floor
+    gone = [i for i in judged.findings if _part_of(problem.candidates[i]) in parts]
+    error = rmse(problem.observed.residual, problem.split.held_out)
+    large = error > np.hypot(1.0, JUDGEMENT.predictable) * floor
+    joints = {j for i in gone for j in own_joints(problem, i) if large[j]}
+    named = tuple(i for i in judged.named if i not in gone)
+    return named, tuple(sorted({*judged.unknown, *joints}))
+
+
+def _part_of(candidate: Candidate) -> str:
+    """Return the name of the part that a candidate becomes."""
+    if candidate.effect == LINK_INERTIA:
+        return BODIES
+    numbers = ", ".join(str(j + 1) for j in candidate.joints)
+    where = f", joint{'s' if len(candidate.joints) > 1 else ''} {numbers}" if numbers else ""
+    return candidate.effect.replace("_", " ") + where
+
+
+def withheld(elsewhere: Elsewhere, improved: Observations) -> tuple[Withheld, ...]:
+    """Return the parts that are not to be written.
+
+    Args:
+        elsewhere: The proof.
+        improved: The recordings with what would be written.
+    """
+    given = elsewhere.given
+    found = {item.part: item for item in _rare(improved, given)}
+    parts = list(parts_of(improved.simulation, given))
+    for step in (_of_several_joints, _of_one_joint, _of_several_joints):
+        rest = [part for part in parts if part.name not in found]
+        found |= {item.part: item for item in step(elsewhere, rest, tuple(found))}
+    return tuple(found.values())
+
+
+def _rare(improved: Observations, given: Simulation) -> Iterator[Withheld]:
+    """Yield the laws that were missing and act on too few rows, as an effective number."""
+    rows, stated = improved.moving, {effect.place.replace("_", " ") for effect in given.effects}
+    for part in parts_of(improved.simulation, given):
+        if part.name in stated or part.name == BODIES:
+            continue
+        other = improved.beside(part.without).simulated
+        added = np.where(rows, improved.simulated - other, 0.0)
+        square, fourth = np.sum(added**2, axis=0), np.sum(added**4, axis=0)
+        acts = square > 0
+        share = square[acts] ** 2 / (fourth[acts] * rows.sum(axis=0)[acts])
+        if acts.any() and share.max() < ELSEWHERE.share:
+            yield Withheld(part.name, f"acts on {100 * share.max():.1g} % of the rows alone")
+
+
+def _of_several_joints(
+    elsewhere: Elsewhere, parts: Sequence[Part], known: Sequence[str]
+) -> Iterator[Withheld]:
+    """Yield the parts of several joints that make one clearly worse or the arm, or help none.
+
+    Args:
+        elsewhere: The proof.
+        parts: That may be written.
+        known: Names of those that are not.
+    """
+    scale = np.maximum(elsewhere.as_given, TINY)
+    now = elsewhere.change(known)
+    for part in parts:
+        if len(part.joints) == 1:
+            continue
+        own = [j - 1 for j in part.joints] or list(range(scale.size))
+        if (now[2][own] < 0).all():
+            continue
+        other = elsewhere.change([*known, part.name])
+        lost = (other[0] - now[0]) / scale
+        j = own[int(np.argmin(np.where(now[2] < 0, np.inf, lost)[own]))]
+        worse = now[0][j] > 0 and lost[j] < 0
+        sum_now, sum_other = (np.sum(((scale + x[0]) / scale) ** 2) for x in (now, other))
+        much = now[1][j] > 0 and now[0][j] > CONTRIBUTION.material * elsewhere.floor[j]
+        is_worse = worse and (much or sum_other < sum_now)
+        if is_worse or not (now[2][own] < 0).any():
+            yield Withheld(part.name, _in_words(now, j))
+            known, now = (*known, part.name), other
+
+
+def _of_one_joint(
+    elsewhere: Elsewhere, parts: Sequence[Part], known: Sequence[str]
+) -> Iterator[Withheld]:
+    """Yield the parts of joints that are not surely better: one without which it is, or all."""
+    now = elsewhere.change(known)
+    own = {
+        j: [part.name for part in parts if part.joints == (j + 1,)]
+        for j in np.flatnonzero(now[2] >= 0).tolist()
+    }
+    best: dict[int, tuple[float, list[str]]] = {}
+    for k in range(max(map(len, own.values()), default=0)):
+        some = {j: names[k] for j, names in own.items() if len(names) > max(k, 1)}
+        other = elsewhere.change([*known, *some.values()]) if some else now
+        for j, name in some.items():
+            if other[2][j] < 0 and other[0][j] < best.get(j, (0.0, []))[0]:
+                best[j] = (float(other[0][j]), [name])
+    for j, names in own.items():
+        yield from (Withheld(name, _in_words(now, j)) for name in best.get(j, (0.0, names))[1])
+
+
+def _in_words(change: FloatArray, j: int) -> str:
+    middle, low, high = change[:, j]
+    return f"RMSE of joint {j + 1} {middle:+.2g} N m, 95 % interval {low:+.2g} to {high:+.2g}"
