@@ -20,9 +20,9 @@ def test_the_page_promises_something():
 
 @pytest.mark.parametrize("row", ROWS)
 def test_each_promise_names_its_tests(row):
-    named = re.findall(r"`([\w/]+\.py)(?:::(\w+))?`", row)
+    named = re.findall(r"`([\w/]+\.py)((?:::\w+)*)`", row)
     assert named
-    for file, name in named:
+    for file, names in named:
         text = (ROOT / "tests" / file).read_text()
-        if name:
+        for name in names.split("::")[1:]:
             assert re.search(rf"^\s*(?:def|class) {name}\b", text, flags=re.MULTILINE), name
