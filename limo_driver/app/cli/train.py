@@ -137,7 +137,7 @@ def command(  # one argument for each option
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.learning import require_model
+    from limo_driver.app.library.inputs import require_model
     from limo_driver.app.library.reading import read
     from limo_driver.recordings.bandwidth import bandwidth_for
 

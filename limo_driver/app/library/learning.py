@@ -11,6 +11,7 @@ from limo_driver.app.library.inputs import (
     model_for,
     recording_of,
     recordings_of,
+    require_model,
     simulation_of,
     trained_of,
 )
@@ -382,26 +383,3 @@ def train(
     hybrid = HybridModel(simulation, chosen)
     hybrid.fitted_ = fitted(simulation, measured, chosen, progress or (lambda _epoch: None))
     return hybrid
-
-
-def require_model(name: str) -> type[ResidualModel[Any]] | None:
-    """Return the estimator of a name that `train` takes; None for a network of limo's own.
-
-    Args:
-        name: As for `train`.
-
-    Raises:
-        ConfigError: There is none, or it is trained in another way.
-        PlugInError: It is of another distribution and cannot be used.
-    """
-    from estimators.neural import NETWORKS
-    from estimators.registry import known_estimators, to_train, trained_by_name
-    from limo_driver.runtime.plugins import ESTIMATORS, plug_in
-
-    plug_in(ESTIMATORS, name, NETWORKS)  # refuses one that takes the name of a network
-    if name in NETWORKS:
-        return None
-    if name not in known_estimators():
-        known = ", ".join((*trained_by_name(), *NETWORKS))
-        raise ConfigError(f"no model is called {name!r}; known: {known}")
-    return to_train(name)
