@@ -231,7 +231,7 @@ def compare_simulations(
 
     motion = recording.calm_motion(bandwidth)
 
-    def outside(part: Part) -> float | None:
+    def outside(part: ComparedPart) -> float | None:
         if part.domain is None:
             return None
         own = ArmMotion(motion, np.zeros_like(motion.position), improved.model)
@@ -297,7 +297,7 @@ def _culprits(
     joint: int,
     error: float,
     rmse: Callable[[Simulation], FloatArray],
-    outside: Callable[[Part], float | None],
+    outside: Callable[[ComparedPart], float | None],
 ) -> tuple[Culprit, ...]:
     """Return the parts without which a joint (0-based) errs less, the worst first."""
     found = [
@@ -309,7 +309,7 @@ def _culprits(
 
 
 @dataclass(frozen=True)
-class Part:
+class ComparedPart:
     """What two simulations have otherwise at one place: effects, or the inertias of links."""
 
     name: str
@@ -318,7 +318,7 @@ class Part:
     domain: Domain | None = None  # in which it was learned
 
 
-def parts_of(improved: Simulation, given: Simulation) -> Iterator[Part]:
+def parts_of(improved: Simulation, given: Simulation) -> Iterator[ComparedPart]:
     """Yield the parts in which an improved simulation differs from the given one."""
     ours, theirs = _by_place(improved), _by_place(given)
     for place in dict.fromkeys([*ours, *theirs]):
@@ -332,9 +332,9 @@ def parts_of(improved: Simulation, given: Simulation) -> Iterator[Part]:
             trial = replace(improved, effects=(*before, *other, *after))
             domains = (effect.domain for effect in own if isinstance(effect, TorqueEffect))
             joints = (own or other)[0].joints
-            yield Part(place.replace("_", " "), joints, trial, next(domains, None))
+            yield ComparedPart(place.replace("_", " "), joints, trial, next(domains, None))
     if improved.inertials != given.inertials:
-        yield Part(BODIES, (), replace(improved, inertials=given.inertials))
+        yield ComparedPart(BODIES, (), replace(improved, inertials=given.inertials))
 
 
 def _by_place(simulation: Simulation) -> dict[str, tuple[Effect, ...]]:

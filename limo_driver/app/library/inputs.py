@@ -21,7 +21,6 @@ from limo_driver.types import same_robot
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from estimators.base import ResidualModel
     from estimators.residual_model import ResidualModel
 
 _T = TypeVar("_T")

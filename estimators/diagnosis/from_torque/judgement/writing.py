@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.comparison import BODIES, Part, parts_of
+from estimators.diagnosis.comparison import BODIES, ComparedPart, parts_of
 from estimators.diagnosis.from_torque.fitting.contribution import TINY, own_joints
 from estimators.diagnosis.from_torque.fitting.linearised import polished
 from estimators.diagnosis.from_torque.fitting.problem import fitted
@@ -275,7 +275,7 @@ def _rare(improved: Observations, given: Simulation) -> Iterator[Withheld]:
 
 
 def _of_several_joints(
-    elsewhere: Elsewhere, parts: Sequence[Part], known: Sequence[str]
+    elsewhere: Elsewhere, parts: Sequence[ComparedPart], known: Sequence[str]
 ) -> Iterator[Withheld]:
     """Yield the parts of several joints that make one clearly worse or the arm, or help none.
 
@@ -305,7 +305,7 @@ def _of_several_joints(
 
 
 def _of_one_joint(
-    elsewhere: Elsewhere, parts: Sequence[Part], known: Sequence[str]
+    elsewhere: Elsewhere, parts: Sequence[ComparedPart], known: Sequence[str]
 ) -> Iterator[Withheld]:
     """Yield the parts of joints that are not surely better: one without which it is, or all."""
     now = elsewhere.change(known)
