@@ -168,11 +168,15 @@ def export_c(
     """
     from estimators.embedded.export import export_c as written
 
-    if isinstance(model, (Path, str)):
-        model = trained_of(model) if Path(model).is_dir() else simulation_of(model)
-    estimator: Any = model
     recordings = [recording_of(item) for item in free]
-    return written(estimator, out, rate, delay, false_alarms, name, recordings)
+    return written(_estimator_of(model), out, rate, delay, false_alarms, name, recordings)
+
+
+def _estimator_of(model: ResidualModel[Any] | Simulation | Path | str) -> Any:  # noqa: ANN401
+    """Return a model or a simulation, or what a folder or a file holds; writers refuse others."""
+    if isinstance(model, (Path, str)):
+        return trained_of(model) if Path(model).is_dir() else simulation_of(model)
+    return model
 
 
 def export_ros2(
@@ -211,11 +215,8 @@ def export_ros2(
     """
     from estimators.embedded.ros2_package import export_ros2 as written
 
-    if isinstance(model, (Path, str)):
-        model = trained_of(model) if Path(model).is_dir() else simulation_of(model)
-    estimator: Any = model
     recordings = [recording_of(item) for item in free]
-    return written(estimator, out, rate, delay, false_alarms, name, recordings, frame)
+    return written(_estimator_of(model), out, rate, delay, false_alarms, name, recordings, frame)
 
 
 def export_onnx(

@@ -19,6 +19,7 @@ from estimators.diagnosis.from_torque.selection.search import Search
 from estimators.diagnosis.quantities import listed, of_joints
 from estimators.diagnosis.settings.judgement import GUESSES
 from estimators.regression.evidence import Evidence, Prior, joined
+from limo_driver.logs.readers.columns import CURRENT
 from limo_driver.physics import TorqueGain, spoken
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation, Tolerances
     from limo_driver.recordings.recording import Recording
 
-CURRENT: Final = "current"  # the channel of a recording that has them
 _Place = tuple[str, tuple[int, ...]]
 
 
