@@ -12,15 +12,14 @@ A diagnosis is helped where a law was learned from too little motion to be known
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimators.diagnosis.comparison import BODIES, ComparedPart, parts_of
 from estimators.diagnosis.from_torque.fitting.contribution import TINY, own_joints
-from estimators.diagnosis.from_torque.fitting.linearised import polished
-from estimators.diagnosis.from_torque.fitting.problem import fitted
+from estimators.diagnosis.from_torque.fitting.linearised import linearised
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import Split, blocks, of_another_kind, rmse, rmse_change
@@ -61,15 +60,23 @@ class Elsewhere:
     turns: tuple[tuple[Observations, NDArray[np.bool_]], ...]  # with each fit; rows left out
 
     @classmethod
-    def of(cls, judged: JudgedSet, given: Simulation) -> Elsewhere:
+    def of(cls, judged: JudgedSet, improved: Observations, given: Simulation) -> Elsewhere:
         """Fit a judged set again without each kind of motion.
 
         Args:
             judged: The set.
+            improved: The recordings with its fit to all rows.
             given: The simulation that it may improve.
         """
-        kind, chosen = of_another_kind(judged.problem.observed)
-        turns = tuple((_fitted_without(judged, given, rows), rows) for rows in chosen)
+        observed, places = judged.problem.observed, places_of(judged.problem, judged.solution)
+        kind, chosen = of_another_kind(observed)
+        around = linearised(improved, observed.simulation, places)
+
+        def fitted(rows: NDArray[np.bool_]) -> Observations:
+            split = Split.without(observed, rows).fitted
+            return in_domains(around.learned_from(split, observed.simulation), given, split)
+
+        turns = tuple((fitted(rows), rows) for rows in chosen)
         return cls(kind, given, judged.remaining.floor, turns)
 
     @cached_property
@@ -90,34 +97,27 @@ class Elsewhere:
         """RMSE of each joint by the given simulation, (n,) [N m]."""
         return rmse(self._as_given.residual, self._measured)
 
-    def change(self, parts: Collection[str]) -> FloatArray:
+    def change(self, parts: Collection[str], than: Collection[str] | None = None) -> FloatArray:
         """Return the change of each joint's RMSE, and the ends of its interval, (3, n) [N m].
 
         Args:
             parts: That are as given, by name.
+            than: Likewise, of what is changed; all of it, if not said.
         """
-        first = self._as_given
-        after = np.concatenate(
+        first, out = self._as_given, np.concatenate([np.flatnonzero(r) for _, r in self.turns])
+        after, counts = self._left(parts), self._measured[out]
+        before = first.residual[out] if than is None else self._left(than)
+        middle = rmse(after, counts) - rmse(before, counts)
+        return np.stack([middle, *rmse_change(before, after, blocks(first)[out], counts)])
+
+    def _left(self, parts: Collection[str]) -> FloatArray:
+        """Return what fits leave of the motion that was left out for them, some parts as given."""
+        return np.concatenate(
             [
                 turn.beside(without(turn.simulation, self.given, parts)).residual[rows]
                 for turn, rows in self.turns
             ]
         )
-        out = np.concatenate([np.flatnonzero(rows) for _, rows in self.turns])
-        before, counts = first.residual[out], self._measured[out]
-        middle = rmse(after, counts) - rmse(before, counts)
-        return np.stack([middle, *rmse_change(before, after, blocks(first)[out], counts)])
-
-
-def _fitted_without(judged: JudgedSet, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
-    """Return the recordings with the fit of a set to all rows but some (K,)."""
-    observed = judged.problem.observed
-    split = Split.without(observed, rows)
-    problem = replace(judged.problem, split=split)
-    solution = fitted(problem, judged.solution.members, judged.solution.noise)
-    start, places = problem.beside(solution), places_of(problem, solution)
-    found = polished(start, observed.simulation, split.fitted, places)
-    return in_domains(found, given, split.fitted)
 
 
 def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
@@ -205,8 +205,8 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
         given: The simulation that it may improve.
     """
     proven = in_domains(judged.beside, given, judged.problem.split.fitted)
+    elsewhere = Elsewhere.of(judged, improved, given)
     improved = in_domains(improved, given, improved.moving)
-    elsewhere = Elsewhere.of(judged, given)
     found = withheld(elsewhere, improved)
     names = [item.part for item in found]
 
@@ -250,34 +250,18 @@ def withheld(elsewhere: Elsewhere, improved: Observations) -> tuple[Withheld, ..
         elsewhere: The proof.
         improved: The recordings with what would be written.
     """
-    given = elsewhere.given
-    found = {item.part: item for item in _rare(improved, given)}
-    parts = list(parts_of(improved.simulation, given))
-    for step in (_of_several_joints, _of_one_joint, _of_several_joints):
+    parts = list(parts_of(improved.simulation, elsewhere.given))
+    found: dict[str, Withheld] = {}
+    for step in (_of_several_joints, _of_one_joint, _of_several_joints, partial(_rare, improved)):
         rest = [part for part in parts if part.name not in found]
         found |= {item.part: item for item in step(elsewhere, rest, tuple(found))}
     return tuple(found.values())
 
 
-def _rare(improved: Observations, given: Simulation) -> Iterator[Withheld]:
-    """Yield the laws that were missing and act on too few rows, as an effective number."""
-    rows, stated = improved.moving, {effect.place.replace("_", " ") for effect in given.effects}
-    for part in parts_of(improved.simulation, given):
-        if part.name in stated or part.name == BODIES:
-            continue
-        other = improved.beside(part.without).simulated
-        added = np.where(rows, improved.simulated - other, 0.0)
-        square, fourth = np.sum(added**2, axis=0), np.sum(added**4, axis=0)
-        acts = square > 0
-        share = square[acts] ** 2 / (fourth[acts] * rows.sum(axis=0)[acts])
-        if acts.any() and share.max() < ELSEWHERE.share:
-            yield Withheld(part.name, f"acts on {100 * share.max():.1g} % of the rows alone")
-
-
 def _of_several_joints(
     elsewhere: Elsewhere, parts: Sequence[ComparedPart], known: Sequence[str]
 ) -> Iterator[Withheld]:
-    """Yield the parts of several joints that make one clearly worse or the arm, or help none.
+    """Yield the parts of several joints that make one surely worse, and clearly, or the arm.
 
     Args:
         elsewhere: The proof.
@@ -287,19 +271,15 @@ def _of_several_joints(
     scale = np.maximum(elsewhere.as_given, TINY)
     now = elsewhere.change(known)
     for part in parts:
-        if len(part.joints) == 1:
-            continue
         own = [j - 1 for j in part.joints] or list(range(scale.size))
-        if (now[2][own] < 0).all():
+        if len(part.joints) == 1 or not (now[1][own] > 0).any():
             continue
         other = elsewhere.change([*known, part.name])
         lost = (other[0] - now[0]) / scale
-        j = own[int(np.argmin(np.where(now[2] < 0, np.inf, lost)[own]))]
-        worse = now[0][j] > 0 and lost[j] < 0
+        j = own[int(np.argmin(np.where(now[1] > 0, lost, np.inf)[own]))]
         sum_now, sum_other = (np.sum(((scale + x[0]) / scale) ** 2) for x in (now, other))
-        much = now[1][j] > 0 and now[0][j] > CONTRIBUTION.material * elsewhere.floor[j]
-        is_worse = worse and (much or sum_other < sum_now)
-        if is_worse or not (now[2][own] < 0).any():
+        much = now[0][j] > CONTRIBUTION.material * elsewhere.floor[j]
+        if lost[j] < 0 and (much or sum_other < sum_now):
             yield Withheld(part.name, _in_words(now, j))
             known, now = (*known, part.name), other
 
@@ -307,21 +287,44 @@ def _of_several_joints(
 def _of_one_joint(
     elsewhere: Elsewhere, parts: Sequence[ComparedPart], known: Sequence[str]
 ) -> Iterator[Withheld]:
-    """Yield the parts of joints that are not surely better: one without which it is, or all."""
+    """Yield the parts of joints that are surely worse: the one without which it is not, or all."""
     now = elsewhere.change(known)
     own = {
         j: [part.name for part in parts if part.joints == (j + 1,)]
-        for j in np.flatnonzero(now[2] >= 0).tolist()
+        for j in np.flatnonzero(now[1] > 0).tolist()
     }
     best: dict[int, tuple[float, list[str]]] = {}
     for k in range(max(map(len, own.values()), default=0)):
         some = {j: names[k] for j, names in own.items() if len(names) > max(k, 1)}
         other = elsewhere.change([*known, *some.values()]) if some else now
         for j, name in some.items():
-            if other[2][j] < 0 and other[0][j] < best.get(j, (0.0, []))[0]:
+            if other[0][j] < min(best.get(j, (0.0, []))[0], 0.0):
                 best[j] = (float(other[0][j]), [name])
     for j, names in own.items():
         yield from (Withheld(name, _in_words(now, j)) for name in best.get(j, (0.0, names))[1])
+
+
+def _rare(
+    improved: Observations,
+    elsewhere: Elsewhere,
+    parts: Sequence[ComparedPart],
+    known: Sequence[str],
+) -> Iterator[Withheld]:
+    """Yield laws that were missing, act on too few rows, and surely help on none left out."""
+    rows = improved.moving
+    stated = {effect.place.replace("_", " ") for effect in elsewhere.given.effects}
+    for part in parts:
+        if part.name in stated or part.name == BODIES:
+            continue
+        other = improved.beside(part.without).simulated
+        added = np.where(rows, improved.simulated - other, 0.0)
+        square, fourth = np.sum(added**2, axis=0), np.sum(added**4, axis=0)
+        acts = square > 0
+        share = square[acts] ** 2 / (fourth[acts] * rows.sum(axis=0)[acts])
+        if not acts.any() or share.max() >= ELSEWHERE.share:
+            continue
+        if not (elsewhere.change(known, [*known, part.name])[2][acts] < 0).any():
+            yield Withheld(part.name, f"acts on {100 * share.max():.1g} % of the rows alone")
 
 
 def _in_words(change: FloatArray, j: int) -> str:

@@ -164,7 +164,7 @@ def test_a_joint_that_hardly_moved_counts_as_the_others_do(given, monkeypatch, o
     """Its few rows are nothing beside the sum of squares of the other's."""
     observed = observe(given, given, duration=20.0)
     trial = SimpleNamespace(residual=observed.residual * [0.2, of_short])
-    for name, returned in (("_newton", None), ("_newton_of_found", None), ("_shorter", [trial])):
+    for name, returned in (("_newton", None), ("_shorter", [trial])):
         monkeypatch.setattr(Linearised, name, lambda *_, returned=returned: returned)
     rows = observed.moving & (np.arange(len(observed.moving))[:, None] < [np.inf, 100])
     assert Linearised.of(observed, ()).step(rows) is (trial if taken else None)
