@@ -213,8 +213,9 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
     def kept(some: Observations) -> Observations:
         return some.beside(without(some.simulation, given, names)) if names else some
 
+    judged = replace(judged, beside=kept(proven))
     still, unknown = still_named(judged, names)
-    judged = replace(judged, beside=kept(proven), named=still, unknown=unknown)
+    judged = replace(judged, named=still, unknown=unknown)
     return Written(judged, kept(improved), found, elsewhere.kind)
 
 
@@ -224,10 +225,14 @@ def still_named(
     """Return what is still named where some parts do not hold, and the joints of what is unknown.
 
     What a law that does not hold was found for is there all the same, as far as it is no noise.
+
+    Args:
+        judged: The set, proven without those parts.
+        parts: By name.
     """
     problem, floor = judged.problem, judged.remaining.floor
     gone = [i for i in judged.findings if _part_of(problem.candidates[i]) in parts]
-    error = rmse(problem.observed.residual, problem.split.held_out)
+    error = rmse(judged.proven, problem.split.held_out)
     large = error > np.hypot(1.0, JUDGEMENT.predictable) * floor
     joints = {j for i in gone for j in own_joints(problem, i) if large[j]}
     named = tuple(i for i in judged.named if i not in gone)

@@ -182,10 +182,11 @@ def test_a_law_that_is_not_written_has_no_name_and_what_it_was_found_for_is_unkn
     rows = np.ones((4, 2), dtype=bool)
     problem = SimpleNamespace(
         candidates=candidates, split=SimpleNamespace(held_out=rows),
-        observed=SimpleNamespace(residual=np.array([[5.0, 1.0]] * 4), n=2),
+        observed=SimpleNamespace(n=2),
     )  # fmt: skip
     judged = SimpleNamespace(
         problem=problem, remaining=SimpleNamespace(floor=np.ones(2)),
+        proven=np.array([[5.0, 1.0]] * 4),
         findings=(0, 1, 2, 3), named=(0, 1, 2, 3), unknown=(),
     )  # fmt: skip
     assert still_named(judged, []) == ((0, 1, 2, 3), ())
