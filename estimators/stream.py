@@ -204,13 +204,21 @@ class Stream:
             RecordingError: The recording has another rate.
             ShapeError: The recording has another number of joints.
         """
+        self.check_rate(recording)
+        return self.advance(self.init(), recording.time, recording.position)[0].torque
+
+    def check_rate(self, recording: Recording) -> None:
+        """Check that a recording has the stream's rate.
+
+        Raises:
+            RecordingError: It has another.
+        """
         if abs(recording.rate / self.rate - 1.0) > RATE_TOLERANCE:
             raise RecordingError(
                 f"is sampled at {recording.rate:.5g} Hz, expected {self.rate:g} Hz, the rate of "
                 "the stream",
                 path=recording.source or None,
             )
-        return self.advance(self.init(), recording.time, recording.position)[0].torque
 
     def _signals(
         self, shape: tuple[int, ...], position: ArrayLike, torque: ArrayLike | None

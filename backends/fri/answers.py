@@ -195,12 +195,15 @@ def _mirrored(
     return CommandData(position, io=outputs)
 
 
-def sent_as(command: JointCommand, said: CommandData | None, *, sent: bool = True) -> JointCommand:
+def sent_as(
+    command: JointCommand, said: CommandData | None, setpoint: FloatArray, *, sent: bool = True
+) -> JointCommand:
     """Return a command as the robot was told it last, with the limits that changed it.
 
     Args:
         command: Within the limits.
-        said: To the robot, last; None for nothing.
+        said: To the robot, last; None for nothing: it has no torque then.
+        setpoint: Where the arm stands if nothing was said, (n,) [rad].
         sent: Whether there was a packet that could be answered with the command.
     """
     name = _SAID_AS[type(command)]
@@ -208,7 +211,10 @@ def sent_as(command: JointCommand, said: CommandData | None, *, sent: bool = Tru
     given: FloatArray = getattr(command, name[0])
     if sent and values is not None and values == numbers(given):
         return command
-    last = given if values is None else np.array(values)
+    if values is None:
+        last = setpoint if isinstance(command, PositionCommand) else np.zeros_like(given)
+    else:
+        last = np.array(values)
     return replace(command, limited_by=(*command.limited_by, "link"), **{name[0]: last})
 
 
@@ -306,6 +312,8 @@ class Lead:
         """Hold where an active session says something that does not go with commands."""
         self._familiar = message.robot, message.connection  # most often the very same say the same
         self.trouble = why_not_commanded(message)
+        if not self._wire.anchored:
+            self.trouble = "the arm and the robot's application stand outside the joints' ranges"
         if (mode := command_mode(message)) is not self.mode:
             self.trouble = f"the command mode changed from {self.mode.name} to {mode.name}"
         if self.trouble and not self._contract.at_rest:

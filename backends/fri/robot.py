@@ -281,18 +281,21 @@ class FriRobot(Robot):
     def _send(self, command: JointCommand) -> JointCommand:
         if self._missed or self._session.state is not _ACTIVE:
             self._contract.withhold()  # there is no packet that could be answered with it
-            return sent_as(command, self._lead.said, sent=False)
+            return self._sent_as(command, sent=False)
         self._lead.commanded = True
         if self._replied:  # one answer to each packet: this one goes on with the next
             self._contract.withhold(self._replies.carried)
-            return sent_as(command, self._lead.said)
+            return self._sent_as(command)
         changed = self._wire.changed
         if not self._reply(command):  # nothing left
             self._contract.withhold()
-            return sent_as(command, self._lead.said, sent=False)
+            return self._sent_as(command, sent=False)
         if self._wire.changed == changed and self._lead.said is not None:
             return command
-        return sent_as(command, self._lead.said)
+        return self._sent_as(command)
+
+    def _sent_as(self, command: JointCommand, *, sent: bool = True) -> JointCommand:
+        return sent_as(command, self._lead.said, self._contract.setpoint, sent=sent)
 
     def _receive(self, timeout: float | None) -> JointState | None:
         if not self._replied:

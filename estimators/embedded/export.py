@@ -1,32 +1,7 @@
-"""Write an estimator as a pair of C files.
-
-The threshold of external torque that gives a stated rate of false alarms.
-
-It counts in standard deviations of the model's error, and is found in one of two ways.
-
-*Of recorded free motion.* Where nothing touches the arm, external torque is error. Each time it
-rises above a level u and falls again, its largest value is a peak; peaks further apart than
-1/bandwidth are taken for independent. With u so that K peaks lie above it, by b on average, in the
-time T, the tail of an exponential distribution gives
-
-    rate of alarms = (K / T) exp(-(k - u) / b)
-
-for each joint, of which it has the n-th part of what is bearable. Errors peak at reversals, far
-beyond what normal ones of the same size do, so this is the way to take.
-
-*Without any.* Errors are taken for normal, with a spectrum up to the bandwidth B. They cross k of
-their standard deviations upwards at most B exp(-k² / 2) times a second, on both sides:
-
-    rate of alarms = 2 n B exp(-k² / 2)
-
-Source: Coles, "An Introduction to Statistical Modeling of Extreme Values", 2001, ch. 4 and 5
-(peaks over thresholds, declustering); Rice, "Mathematical analysis of random noise", Bell System
-Technical Journal 24, 1945, sec. 3.3.
-"""
+"""Write an estimator as a pair of C files."""
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -35,12 +10,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from estimators.embedded.contact import FALSE_ALARMS, NO_CONTACT, Contact, measured_contact
 from estimators.embedded.laws import EffectsCode
 from estimators.embedded.learned import LearnedCode, learned
 from estimators.embedded.tables import SIDE_BY_SIDE, defines, each_joint, table, tables
 from estimators.rigid_body.regressor import RegressorChain
 from estimators.stream import Stream
-from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 from limo_driver.physics.effects.body import Payload
 from limo_driver.quoting import in_c_comment
@@ -58,13 +34,9 @@ from limo_driver.runtime.outputs import require_folder, whole
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.base import LiveEstimator
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
 
-FALSE_ALARMS: Final = 1.0  # [1/h]
 NAME: Final = "limo"
 _TORQUES: Final = 5  # of the model that are filtered: its own, three parts of it, and measured
 _INCLUDES: Final = f"""#include "{NAME}.h"
@@ -74,9 +46,6 @@ _INCLUDES: Final = f"""#include "{NAME}.h"
 #include <string.h>
 """
 _SOURCE: Final = Path(__file__).parent / "code"
-_HOUR: Final = 3600.0  # [s]
-_FEWEST: Final = 20  # peaks that a tail is fitted to
-_PART: Final = 0.1  # of all peaks, that are tail
 
 
 @dataclass(frozen=True, repr=False)
@@ -87,21 +56,24 @@ class CodeExport(Displayed):
     source: Path
     rate: float  # of the positions [Hz]
     delay: float  # by which the estimate is late [s]
-    threshold: tuple[float, ...]  # of external torque, in standard deviations of its error
-    measured: bool  # whether that is of free motion, or as if errors were normal
-    false_alarms: float  # of the whole arm [1/h]
+    contact: Contact | None = None  # where free motion was given
 
     def headline(self) -> str:
         """Say where the files are and what they take."""
         return (
             f"{self.header} and {self.source.name}: positions at {self.rate:g} Hz, estimates "
-            f"{1e3 * self.delay:g} ms later; {self.false_alarms:g} false alarms of contact an hour"
-            + (" by the free motion given" if self.measured else ", if errors were normal")
+            f"{1e3 * self.delay:g} ms later; {self.contact or NO_CONTACT}"
         )
 
     def figures(self) -> dict[str, tuple[float, ...]]:
-        """Return the threshold of each joint."""
-        return {"contact above [standard deviations]": self.threshold}
+        """Return the threshold of each joint, and the error that it counts in."""
+        if self.contact is None:
+            return {}
+        level, error = self.contact.level, self.contact.error
+        found = {"contact above [standard deviations]": tuple(level.tolist())}
+        if np.isfinite(error).all():
+            found["contact above [N m]"] = tuple((level * error).tolist())
+        return found
 
 
 def export_c(
@@ -122,10 +94,10 @@ def export_c(
         folder: Where `<name>.h` and `<name>.c` are written.
         rate: Of the positions [Hz].
         delay: By which estimates are late [s], see `Stream`.
-        false_alarms: Of contact, on the whole arm [1/h], see `threshold`.
+        false_alarms: Of contact, on the whole arm [1/h].
         name: Of the files, and with which all names in them begin.
         free: Motion at this rate that nothing touched and the model was not trained on, whose
-            errors say where a contact begins; if none is given, errors are taken for normal.
+            errors say where a contact begins; if none is given, the code has no contact.
 
     Returns:
         The files, and what they were made for.
@@ -148,24 +120,22 @@ def export_c(
     if slides.any():
         joint = simulation.model.joint_names[int(np.argmax(slides))]
         raise ConfigError(f"{joint} slides; only joints that turn have a form in C")
-    if free:
-        level = measured_threshold(false_alarms, stream, free)
-    else:
-        level = normal_threshold(false_alarms, estimator.n, estimator.bandwidth)
+    if not free and false_alarms != FALSE_ALARMS:
+        raise ConfigError(f"{false_alarms:g} false alarms an hour: {NO_CONTACT}")
+    contact = measured_contact(false_alarms, stream, simulation, free) if free else None
     code = _Code(
         stream,
         simulation,
         EffectsCode.of(simulation.effects, rate),
         learned(estimator, rate),
-        level,
+        contact,
     )
     header, source = Path(folder) / f"{name}.h", Path(folder) / f"{name}.c"
     require_folder(Path(folder), "C code", (header.name, source.name))
     for path, text in ((header, code.header()), (source, code.source())):
         with whole(path) as draft:
             draft.write_text(named(text, name), encoding="utf-8")
-    reached = tuple(level.tolist())
-    return CodeExport(header, source, rate, stream.delay, reached, bool(free), false_alarms)
+    return CodeExport(header, source, rate, stream.delay, contact)
 
 
 def simulation_of(model: LiveEstimator) -> Simulation:
@@ -197,7 +167,7 @@ class _Code:
     simulation: Simulation
     effects: EffectsCode
     learned: LearnedCode
-    threshold: FloatArray  # (n,)
+    contact: Contact | None
 
     def header(self) -> str:
         stream, filtering = self.stream, self.stream.differentiator
@@ -213,15 +183,23 @@ class _Code:
             "LIMO_EFFECT_MEMORY": max(len(self.effects.memory), 1),
             "LIMO_JOINT_MEMORY": max(len(self.learned.joints), 1),
             "LIMO_NETWORK_MEMORY": max(self.learned.network, 1),
+            "LIMO_CONTACT": int(self.contact is not None),
         }
         robot = in_c_comment(Path(self.simulation.robot).name)
         joints = ", ".join(map(in_c_comment, self.simulation.model.joint_names))
         about = (
             f"/* Joint torque of {robot}, written by limo {version(NAME)}.\n"
-            f" * Joints in order: {joints}. SI units. Not to be edited. */\n"
+            f" * Joints in order: {joints}. SI units. Not to be edited.\n"
+            f" * {self.contact or in_c_comment(NO_CONTACT)}.{self._thresholds()} */\n"
         )
         guard = "#ifndef LIMO_H\n#define LIMO_H\n\n"
         return about + guard + defines(sizes) + "\n" + _read("estimator.h") + "\n#endif\n"
+
+    def _thresholds(self) -> str:
+        if self.contact is None:
+            return ""
+        joints = enumerate(map(in_c_comment, self.simulation.model.joint_names))
+        return "".join(f"\n *   {name}: above {self.contact.of_joint(j)}" for j, name in joints)
 
     def source(self) -> str:
         joint_physics = "joint_physics.c" in self.learned.sources
@@ -256,7 +234,7 @@ class _Code:
                 tables(body, payloads),
                 table("taps", np.ascontiguousarray(filtering.taps.T)),
                 table("torque_taps", smoother.taps[0]) if smoother else "",
-                table("contact_above", self.threshold),
+                self._contact(),
                 table("effects_at_first", self.effects.memory or (0.0,)),
                 table("joints_at_first", self.learned.joints or (0.0,)),
                 self.learned.tables,
@@ -267,6 +245,12 @@ class _Code:
             ]
         )
         return each_joint(body, text)
+
+    def _contact(self) -> str:
+        if self.contact is None:
+            return ""
+        error = table("free_error", self.contact.error)
+        return error + table("contact_above", self.contact.level)
 
     def _acting(self) -> str:
         """Return the functions of the effects, and of their laws."""
@@ -300,81 +284,3 @@ def _function(name: str, parameters: str, names: tuple[str, ...], statements: st
 
 def _read(name: str) -> str:
     return (_SOURCE / name).read_text(encoding="utf-8")
-
-
-def normal_threshold(false_alarms: float, joints: int, bandwidth: float) -> FloatArray:
-    """Return how many standard deviations normal errors reach as often, (n,).
-
-    Args:
-        false_alarms: Wanted of the whole arm [1/h].
-        joints: Number n of joints.
-        bandwidth: Of the filter on motion and torque [Hz].
-
-    Raises:
-        ConfigError: So many would be no rate of alarms, or more than there are crossings.
-    """
-    crossings = 2.0 * joints * bandwidth * _HOUR
-    if not 0.0 < false_alarms < crossings:
-        raise ConfigError(
-            f"{false_alarms:g} false alarms an hour, expected above 0 and below {crossings:.3g}, "
-            f"which {joints} joints behind {bandwidth:g} Hz give without any threshold"
-        )
-    return np.full(joints, math.sqrt(2.0 * math.log(crossings / false_alarms)))
-
-
-def measured_threshold(
-    false_alarms: float, stream: Stream, free: Sequence[Recording]
-) -> FloatArray:
-    """Return how many standard deviations the errors on free motion reach as often, (n,).
-
-    Args:
-        false_alarms: Wanted of the whole arm [1/h].
-        stream: Of the model.
-        free: Motion that nothing touched, and that the model was not trained on.
-
-    Raises:
-        ConfigError: The rate of alarms is not possible.
-        RecordingError: A recording has another rate, or a joint's errors have too few peaks.
-    """
-    normal_threshold(false_alarms, stream.n, stream.model.bandwidth)  # refuses an impossible rate
-    peaks: list[list[FloatArray]] = [[] for _ in range(stream.n)]
-    known = np.zeros(stream.n)
-    apart = math.ceil(stream.rate / stream.model.bandwidth)
-    for recording in free:
-        recording.check_robot(stream.model.simulation.model)  # pyright: ignore[reportAttributeAccessIssue]
-        late, _ = stream.advance(
-            stream.init(), recording.time, recording.position, recording.torque
-        )
-        if late.measured is None:
-            continue
-        usable = ~late.outside
-        usable[: 2 * stream.samples] = False  # the filter fills
-        size = np.where(usable, np.abs(late.measured - late.torque) / late.std, 0.0)
-        known += usable.sum(axis=0) / stream.rate
-        for j in range(stream.n):
-            peaks[j].append(_peaks(size[:, j], apart))
-    found = [np.concatenate(own) for own in peaks]
-    for j, own in enumerate(found):
-        if own.size < _FEWEST:
-            raise RecordingError(
-                f"joint {j + 1}: {own.size} peaks of the error where the model is sure, expected "
-                f"at least {_FEWEST}; record free motion for longer, like that of the training"
-            )
-    wanted = false_alarms / _HOUR / stream.n
-    return np.array([_level(own, time, wanted) for own, time in zip(found, known, strict=True)])
-
-
-def _peaks(size: FloatArray, apart: int) -> FloatArray:
-    """Return the largest value of each stretch of `apart` samples that is above its neighbours."""
-    blocks = np.append(size, np.zeros(-size.size % apart)).reshape(-1, apart).max(axis=1)
-    above: NDArray[np.bool_] = blocks > 0.0
-    before, after = np.append(0.0, blocks[:-1]), np.append(blocks[1:], 0.0)
-    return blocks[above & (blocks >= before) & (blocks > after)]
-
-
-def _level(peaks: FloatArray, time: float, wanted: float) -> float:
-    """Return the level that peaks in so much time [s] exceed at a rate [1/s]."""
-    ordered = np.sort(peaks)[::-1]
-    tail = max(_FEWEST - 1, math.ceil(_PART * ordered.size))
-    u, mean = float(ordered[tail]), float(np.mean(ordered[:tail] - ordered[tail]))
-    return u + mean * max(math.log(tail / time / wanted), 0.0)

@@ -13,14 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import yaml
 
-from estimators.embedded.export import (
-    FALSE_ALARMS,
-    NAME,
-    CodeExport,
-    export_c,
-    named,
-    simulation_of,
-)
+from estimators.embedded.contact import FALSE_ALARMS
+from estimators.embedded.export import NAME, CodeExport, export_c, named, simulation_of
 from estimators.embedded.tables import table
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import ConfigError

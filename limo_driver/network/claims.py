@@ -275,6 +275,11 @@ class Keys:
         return f"{self.root}/torque/external"
 
     @property
+    def contact(self) -> str:
+        """Whether something leans on each joint, or nobody knows."""
+        return f"{self.root}/contact"
+
+    @property
     def event(self) -> str:
         """Contacts, drift, swaps of models, and what else happens."""
         return f"{self.root}/event"

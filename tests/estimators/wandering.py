@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
+    from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
 
@@ -39,3 +41,11 @@ def wander(
         velocity += size * w * np.cos(angle)
         acceleration -= size * w**2 * np.sin(angle)
     return Motion(t, position, velocity, acceleration)
+
+
+def calm(simulation: Simulation, rate: float, seconds: float) -> Recording:
+    """Record free motion of an arm that is as simulated, with noise of 0.05 N m."""
+    t = np.arange(int(seconds * rate)) / rate
+    motion = wander(t, np.zeros(simulation.model.n), 5, (0.1, 0.9), (0.01, 0.3))
+    noise = np.random.default_rng(0).normal(0.0, 0.05, motion.position.shape)
+    return Recording.from_arrays(t, motion.position, simulation.predict(motion) + noise)

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from wandering import calm
 
 import limo_driver as limo
 from backends.can.config import ArmConfig
@@ -161,7 +162,8 @@ def test_json_is_json(block):
 
 @pytest.mark.parametrize("block", [b for b in EVERY if b.language == "c"], ids=str)
 def test_c_compiles_with_an_exported_header(block, tmp_path):
-    limo.export_c(Simulation("iiwa14"), tmp_path, 1000.0)
+    arm = Simulation("iiwa14")
+    limo.export_c(arm, tmp_path, 1000.0, free=[calm(arm, 1000.0, 12.0)])
     flags = ["-std=c11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", f"-I{tmp_path}"]
     (tmp_path / "block.c").write_text(block.text, encoding="utf-8")
     subprocess.run(["gcc", *flags, tmp_path / "block.c"], check=True)
@@ -198,6 +200,7 @@ def having(tmp_path_factory):
     run limo simple.yaml monday.parquet
     run other simple.yaml tuesday.parquet
     run other loaded.yaml wednesday.parquet
+    run limo loaded.yaml thursday.parquet
     limo identify monday.parquet --robot iiwa14 --out sim.yaml
     limo train run.parquet --sim sim.yaml --model joint-physics --out model
     """
@@ -209,7 +212,7 @@ def having(tmp_path_factory):
     (folder / "lossy.yaml").write_text(
         next(b.text for b in EVERY if (b.document, b.language) == ("fri_controller.md", "yaml"))
     )
-    for day in ("monday", "tuesday", "wednesday"):
+    for day in ("monday", "tuesday", "wednesday", "thursday"):
         recorded = pq.read_table(folder / f"{day}.parquet")  # of a logger that knows no robot
         pq.write_table(recorded.replace_schema_metadata(None), folder / f"{day}.parquet")
     move_by_servos(folder)
@@ -242,9 +245,10 @@ def move_by_servos(folder):
 
 
 HAS = {  # a reader of each document; the rest comes from its own blocks
-    "README.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf",
+    "README.md": "monday.parquet tuesday.parquet wednesday.parquet thursday.parquet arm.urdf",
     "can.md": "arm.yaml sim.yaml motion.traj.parquet",
     "diagnosis.md": "monday.parquet tuesday.parquet sim.yaml run.parquet",
+    "embedding.md": "run.parquet",
     "estimators.md": "run.parquet other.parquet sim.yaml",
     "fri_controller.md": "sim.yaml lossy.yaml",
     "models.md": "model newer run.parquet test.parquet",

@@ -81,8 +81,11 @@ static void evaluate(limo_memory *memory, double time, const double q[N], const 
     estimate->filled = true;
     for (int j = 0; j < N; ++j) {
         estimate->torque[j] = estimate->simulation[j] + estimate->learned[j];
-        estimate->measured[j] = estimate->external[j] = estimate->threshold[j] = NAN;
+        estimate->measured[j] = estimate->external[j] = NAN;
+#if LIMO_CONTACT
+        estimate->threshold[j] = NAN;
         estimate->contact[j] = false;
+#endif
     }
 }
 
@@ -313,9 +316,14 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
     for (int j = 0; torque && j < N; ++j) {
         estimate->measured[j] = x[LIMO_LANES + j];
         estimate->external[j] = estimate->measured[j] - estimate->torque[j];
+#if LIMO_CONTACT
+        if (isnan(estimate->deviation[j])) { /* the model knows none: that of free motion */
+            estimate->deviation[j] = free_error[j];
+        }
         estimate->threshold[j] = contact_above[j] * estimate->deviation[j];
         estimate->contact[j] = estimate->filled && !estimate->outside[j] &&
                                fabs(estimate->external[j]) > estimate->threshold[j];
+#endif
     }
     return LIMO_OK;
 }

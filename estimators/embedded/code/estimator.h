@@ -41,9 +41,11 @@ typedef struct {
     double friction[LIMO_JOINTS];  /* what of the simulation is friction */
     double measured[LIMO_JOINTS];  /* behind the same filter; NAN where none is given */
     double external[LIMO_JOINTS];  /* measured - torque: -J^T of the wrench on the arm */
-    double threshold[LIMO_JOINTS]; /* of external torque, in the same place; NAN where unknown */
     bool outside[LIMO_JOINTS];     /* unlike what was learned; the deviation is a guess there */
-    bool contact[LIMO_JOINTS];     /* external torque beyond its threshold, where that is known */
+#if LIMO_CONTACT
+    double threshold[LIMO_JOINTS]; /* of external torque, from where on it is a contact */
+    bool contact[LIMO_JOINTS];     /* external torque is beyond it */
+#endif
     bool filled;                   /* the filter has forgotten the start or the last gap */
 } limo_estimate;
 
@@ -69,7 +71,7 @@ limo_status limo_step(limo_state *state, double time, const double position[LIMO
                       const double *torque, limo_estimate *estimate);
 
 /* The same model on a motion whose derivatives are known, such as a commanded one: no filter, no
- * delay. `measured`, `external`, `threshold` and `contact` are not filled. */
+ * delay. What is measured, and so contact, is not filled. */
 void limo_model_init(limo_memory *memory);
 limo_status limo_model_step(limo_memory *memory, double time, const double position[LIMO_JOINTS],
                             const double velocity[LIMO_JOINTS],

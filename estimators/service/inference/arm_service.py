@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
+from estimators.service.inference.contact import ContactReport
 from estimators.service.inference.history import History, RateWatch
 from estimators.service.inference.live_model import Window
 from limo_driver.errors import LimoError, WireFormatError
+from limo_driver.network.contact_state import ContactState
 from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
@@ -50,6 +52,9 @@ class Outlet(Protocol):
 
     def external(self, payload: bytes, attachment: bytes) -> None:
         """Publish an external torque, -Jᵀ F of the wrench that the environment exerts."""
+
+    def contact(self, state: ContactState) -> None:
+        """Publish what is known of contacts."""
 
     def state(self, payload: bytes, stamp_ns: int, sequence: int) -> None:
         """Keep a joint state as it came."""
@@ -107,6 +112,8 @@ class ArmService:
         self._last = np.nan  # [s], of the last state
         self._measured = False  # torque comes with the states
         self._settled = np.inf  # [s], when the memory that began anew will be full
+        self._began = np.nan  # [s], when memory began anew
+        self._report = ContactReport(watchdog)
         self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
         self._highest = np.full(n, -np.inf)
         self._unturned = np.ones(n, dtype=np.bool_)  # friction of these may stand anyhow
@@ -228,6 +235,8 @@ class ArmService:
         self.history.append(now, state.position, torque)
         for contact in self.watchdog.step(now, answer.external) if known else ():
             self._tell(contact, now)
+        if self._report.step(now, answer.external, answer.std, known=known):
+            self._tell_contacts(now)
         self.window.add(answer, self.watchdog.active, self._unturned, known=known)
 
     def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> Answer:
@@ -275,7 +284,7 @@ class ArmService:
         self._lowest.fill(np.inf)
         self._highest.fill(-np.inf)
         self._unturned, self._all_turned = np.ones_like(self._unturned), False
-        self._settled = now + 2.0 * self.model.stream.delay
+        self._began, self._settled = now, now + 2.0 * self.model.stream.delay
         if not first:
             self.counts["resets"] += 1
             self._tell_reset(why)
@@ -293,6 +302,18 @@ class ArmService:
     def _cut_contacts_off(self) -> None:
         for contact in self.watchdog.restart():
             self._tell(contact, contact.ended or contact.began)
+
+    def _tell_contacts(self, now: float) -> None:
+        """Say of each joint whether something leans on it, nothing does, or nobody knows."""
+        model, report = self.model, self._report
+        delay = model.stream.delay
+        since = tuple(self._stamp(time - delay) for time in report.since)
+        self._outlet.contact(
+            ContactState(
+                self._stamp(now - delay), report.joints, since, model.version, model.physics_only,
+                now - self._began,
+            )
+        )  # fmt: skip
 
     def _stamp(self, time: float) -> int:
         """Return the Unix time [ns] of a time of the stream [s]."""

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.network.contact_state import Touch
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
@@ -15,6 +16,11 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
+REPORT_PERIOD: Final = 0.1  # [s] of states, after which a report is due again, changed or not
+_ROUNDING: Final = 1e-6  # [s], of stamps
+_SURE: Final = 2.0  # standard deviations that have to fit below a threshold
+_TOUCHES: Final = (Touch.FREE, Touch.CONTACT, Touch.UNKNOWN)
+_UNKNOWN: Final = 2  # of these
 MARGIN: Final = 1.0  # [s] before and after a contact, in which something may lean on the arm
 
 
@@ -108,6 +114,53 @@ class ContactWatchdog:
         self.active[j] = False
         peak, unknown = float(self._peaks[j]), bool(np.isnan(torque))
         return replace(contact, torque=peak, ended=since, cut_off=unknown)
+
+
+class ContactReport:
+    """What is known of contacts, for whoever must tell none from unknown.
+
+    A joint without contact is free where its external torque is known, and two standard deviations
+    of the estimate are below its threshold; else nobody knows.
+
+    Args:
+        watchdog: Whose contacts.
+    """
+
+    def __init__(self, watchdog: ContactWatchdog) -> None:
+        self._watchdog = watchdog
+        self._touch = np.full(watchdog.threshold.shape, _UNKNOWN)  # index of each touch
+        self._since = np.full(watchdog.threshold.shape, np.nan)  # [s]
+        self._due = -np.inf  # [s], when it is due again
+
+    def step(self, time: float, external: FloatArray, std: FloatArray, *, known: bool) -> bool:
+        """Take an answer, (n,) each [N m], at `time` [s]; say whether there is news.
+
+        Args:
+            time: Of the state that was answered.
+            external: NaN where no torque was measured.
+            std: NaN where the estimator does not know its errors.
+            known: Whether velocities are known by now.
+        """
+        sure = (_SURE * std < self._watchdog.threshold) & np.isfinite(external)
+        active = self._watchdog.active
+        touch = np.where(active, 1, np.where(sure, 0, _UNKNOWN)) if known else _UNKNOWN
+        changed = touch != self._touch
+        if time < self._due and not changed.any():
+            return False
+        self._touch = np.where(changed, touch, self._touch)
+        self._since[changed | np.isnan(self._since)] = time
+        self._due = time + REPORT_PERIOD - _ROUNDING
+        return True
+
+    @property
+    def joints(self) -> tuple[Touch, ...]:
+        """What is known of each joint."""
+        return tuple(_TOUCHES[k] for k in self._touch.tolist())
+
+    @property
+    def since(self) -> list[float]:
+        """When each joint came to be so, by the stamps of states [s]."""
+        return self._since.tolist()
 
 
 @compiled(reads=("external", "threshold", "duration"))

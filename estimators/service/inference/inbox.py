@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from estimators.service.inference.arm_service import Outlet
     from limo_driver.logs.mcap_log import McapLog
+    from limo_driver.network.contact_state import ContactState
     from limo_driver.network.readiness import ServicePhase
     from limo_driver.network.streaming import Keys
 
@@ -151,6 +152,7 @@ class NetworkOutlet:
         bulletin.join(session)
         self._estimate = declare_stream(session, keys.estimate)
         self._external = declare_stream(session, keys.external)
+        self._contact = declare_stream(session, keys.contact)
         self.external_wanted = False
         self._matching = self._external.declare_matching_listener(self._match)
 
@@ -162,6 +164,10 @@ class NetworkOutlet:
     def external(self, payload: bytes, attachment: bytes) -> None:
         """Publish an external torque, -Jᵀ F of what pushes the arm; the log has it in estimates."""
         self._external.put(payload, attachment=attachment)
+
+    def contact(self, state: ContactState) -> None:
+        """Publish what is known of contacts."""
+        self._contact.put(state.encode())
 
     def state(self, payload: bytes, stamp_ns: int, sequence: int) -> None:
         """Log a joint state as it came."""
@@ -184,7 +190,7 @@ class NetworkOutlet:
     def close(self) -> None:
         """Take the keys off the network."""
         self._matching.undeclare()
-        for publisher in (self._estimate, self._external):
+        for publisher in (self._estimate, self._external, self._contact):
             publisher.undeclare()
         self._bulletin.close()
 

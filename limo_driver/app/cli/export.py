@@ -46,7 +46,9 @@ def command(
     ] = 1.0,
     free: Annotated[
         list[Path] | None,
-        typer.Option(help="C: recording of motion that nothing touched; several times."),
+        typer.Option(
+            help="C: recording of motion that nothing touched, which contact needs; several times."
+        ),
     ] = None,
     mujoco: Annotated[
         int | None,
@@ -85,7 +87,7 @@ def command(
     Examples:
         limo export sim.yaml --to mjcf --into model.xml --out improved/
         limo export diagnosis/sim.yaml --to urdf --out improved/
-        limo export model/ --to c --free calm.parquet --out firmware/
+        limo export sim.yaml --to c --free calm.parquet --out firmware/
         limo export model/ --to ros2 --out ws/src/limo_dynamics
     """
     from limo_driver.errors import ConfigError
@@ -121,8 +123,7 @@ def _show_code(found: CodeExport, *, as_json: bool) -> None:
             "files": [str(found.header), str(found.source)],
             "rate": found.rate,
             "delay": found.delay,
-            "threshold": list(found.threshold),
-            "false_alarms": found.false_alarms,
+            "contact": None if found.contact is None else found.contact.values(),
         }
         terminal().print_json(json.dumps(values))
     else:

@@ -141,7 +141,7 @@ def export_c(
 
     The code allocates nothing, and needs nothing but the C library's mathematics. It has the rigid
     body, the joint effects with their memory, the filter on live motion, what was learned with its
-    standard deviation, external torque and contact.
+    standard deviation, external torque, and contact where free motion is given.
 
     Args:
         model: A fitted model or a simulation, or the folder of one or the sim.yaml of the other.
@@ -151,8 +151,7 @@ def export_c(
         false_alarms: Of contact on the whole arm, that are bearable [1/h].
         name: Of the files, and with which all names in them begin.
         free: Recordings at this rate of motion that nothing touched and the model was not trained
-            on. Their errors say where a contact begins; without any, errors are taken for normal,
-            which errors at reversals are not.
+            on. Their errors say where a contact begins; without any, the code has no contact.
 
     Returns:
         The files, with what they were made for.

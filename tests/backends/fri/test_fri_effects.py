@@ -64,6 +64,14 @@ class TestRefusedByTheNetwork:
                 robot.receive()
             judged.check()
 
+    def test_first_torque_of_all_was_none(self):
+        with stepped(mode=CommandMode.TORQUE) as robot:
+            robot.receive()
+            refusing(robot).left = 1
+            sent = robot.send(TorqueCommand(torque=np.ones(7)))
+        assert sent.torque == pytest.approx(np.zeros(7))
+        assert sent.limited_by[-1] == "link"
+
     def test_torques_wait(self):
         with stepped(mode=CommandMode.TORQUE) as robot:
             judged, network = pushing(robot), refusing(robot)

@@ -393,3 +393,5 @@ def test_arm_outside_its_range_is_not_commanded_there():
             for _ in range(3):
                 assert robot.receive().position == pytest.approx([3.2] * 7)
                 assert arm.listen() == []
+        with pytest.raises(BackendError, match="outside the joints' ranges"):
+            robot.send(PositionCommand(position=np.zeros(7)))

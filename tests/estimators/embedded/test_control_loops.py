@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from lanes import sampled
+from wandering import calm
 
 from estimators.embedded.export import export_c
 from limo_driver.physics import Simulation
@@ -20,7 +21,8 @@ SOURCES = ("ros2_control/limo_effort_controller", "libfranka/contact_stop", "fri
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
 @sampled("source", SOURCES, "each runs a compiler")
 def test_the_example_compiles_with_the_exported_header(source: str, tmp_path: Path) -> None:
-    export_c(Simulation("iiwa14"), tmp_path, 1000.0)
+    arm = Simulation("iiwa14")
+    export_c(arm, tmp_path, 1000.0, free=[calm(arm, 1000.0, 12.0)])
     flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
     command = ["g++", *flags, f"-I{STUBS}", f"-I{tmp_path}", str(EXAMPLES / f"{source}.cpp")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -11,7 +13,8 @@ from c_model import COMPILERS, CEstimates, CModel, worst
 from lanes import sampled
 from wandering import wander
 
-from estimators.embedded.export import export_c, measured_threshold, normal_threshold
+from estimators.embedded.contact import measured_contact
+from estimators.embedded.export import export_c
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
@@ -118,7 +121,7 @@ def test_networks_equal_their_streams(
     compare(model, built.stream(moved.time, moved.position, moved.torque), moved)
 
 
-def test_a_bare_simulation_knows_no_errors_and_no_contact(
+def test_a_bare_simulation_equals_its_stream_and_rests(
     rigid: Simulation, built_rigid: CModel, moved: Recording
 ) -> None:
     """And it rests where its stream does: with an encoder's noise, through a gap and a start."""
@@ -136,8 +139,6 @@ def test_a_bare_simulation_knows_no_errors_and_no_contact(
     compare(rigid, found, moved)
     friction = found["friction"][6200:7000]  # the gap is over
     assert np.abs(friction).max() < 1e-3  # of 1 N m
-    assert np.isnan(found["threshold"]).all()
-    assert not found["contact"].any()
 
 
 @pytest.mark.slow("learns, and runs a minute of motion")
@@ -148,7 +149,6 @@ def test_without_torque_there_is_no_external_one(
     late = Stream(physics, RATE).predict(moved)
     assert worst(found["torque"], late) < SINGLE
     assert np.isnan(found["external"]).all()
-    assert not found["contact"].any()
 
 
 def test_bad_input_is_refused_and_changes_nothing(built_rigid: CModel, moved: Recording) -> None:
@@ -182,50 +182,70 @@ def test_a_wild_time_costs_a_start_and_not_all_that_follow(
     np.testing.assert_array_equal(late.torque[301:], anew.torque)
 
 
-@pytest.mark.slow("learns, compiles and runs a minute of motion")
+def alarms(found: CEstimates) -> int:
+    """Return how often a contact began; what is within 0.1 s is one."""
+    begun = np.flatnonzero(np.diff((found["contact"] > 0.0).any(axis=1).astype(int)) > 0)
+    return int(np.count_nonzero(np.diff(begun, prepend=-100) > 10))
+
+
+PUSHED: list[object] = ["rigid", pytest.param("physics", marks=pytest.mark.slow("learns"))]
+
+
+@pytest.mark.parametrize("kind", PUSHED)
 def test_a_push_is_a_contact_and_errors_are_as_rarely_one_as_stated(
-    physics: JointPhysics,
+    kind: str,
     record: Callable[[int, float], Recording],
     tmp_path: Path,
+    request: pytest.FixtureRequest,
 ) -> None:
     """Sixty alarms an hour are one in the minute that is judged; four are within its chance."""
+    model = request.getfixturevalue(kind)
+    free = [record(seed, 60.0) for seed in (1, 2)]
     # the arm's recordings are at half the rate
-    stream, free = Stream(physics, 100.0), [record(seed, 60.0) for seed in (1, 2)]
-    assert free[0].rate == pytest.approx(100.0)
-    level = measured_threshold(60.0, stream, free)
-    assert (level > normal_threshold(60.0, 2, 10.0)).all()  # errors peak at reversals
-    built = CModel.of(physics, tmp_path, 100.0, false_alarms=60.0, free=free)
+    built = CModel.of(model, tmp_path, 100.0, false_alarms=60.0, free=free)
+    header = (tmp_path / "limo.h").read_text()
+    assert re.search(r"60 false alarms of contact an hour, from \d+ s of free motion", header)
+    assert "elbow: above" in header
     quiet = record(3, 60.0)
-    found = built.stream(quiet.time, quiet.position, quiet.torque)
-    begun = np.diff((found["contact"] > 0.0).any(axis=1).astype(int), prepend=0) > 0
-    assert np.count_nonzero(np.diff(np.flatnonzero(begun), prepend=-100) > 10) <= 4
+    assert alarms(built.stream(quiet.time, quiet.position, quiet.torque)) <= 4
     pushed, push = quiet.torque.copy(), (quiet.time > 12.0) & (quiet.time < 12.5)
     pushed[push, 1] += 6.0
     found = built.stream(quiet.time, quiet.position, pushed)
     during = (found.time > 12.1) & (found.time < 12.4) & (found["outside"][:, 1] == 0.0)
     assert during.any()
     assert found["contact"][during, 1].all()
-    with pytest.raises(RecordingError, match=r"joint 1.*free motion for longer"):
-        measured_threshold(60.0, stream, [record(4, 3.0)])
+    assert np.isfinite(found["threshold"]).all()
 
 
-def test_the_threshold_gives_the_stated_rate_on_normal_errors() -> None:
-    """A white error behind a filter of the bandwidth crosses at most as often."""
-    rate, bandwidth, joints, alarms = 200.0, 10.0, 7, 3600.0  # an alarm a second
-    random = np.random.default_rng(0)
-    spectrum = np.fft.rfft(random.standard_normal((joints, 1 << 17)))
-    spectrum[:, np.fft.rfftfreq(1 << 17, 1 / rate) > bandwidth] = 0.0
-    error = np.fft.irfft(spectrum)
-    level = normal_threshold(alarms, joints, bandwidth)[:, None]
-    over = np.abs(error / error.std(axis=1, keepdims=True)) > level
-    begun = np.count_nonzero(~over[:, :-1] & over[:, 1:]) / ((1 << 17) / rate)
-    assert 0.3 < begun <= 1.0  # the spectrum reaches up to B: its mean frequency is B / sqrt(3)
+def test_without_free_motion_no_code_of_contact_is_written(
+    rigid: Simulation, tmp_path: Path
+) -> None:
+    written = export_c(rigid, tmp_path, RATE)
+    assert "no contact, whose threshold takes free motion (--free RECORDING)" in str(written)
+    assert "takes free motion (--free RECORDING)" in written.header.read_text()
+    program = tmp_path / "asks.c"
+    program.write_text('#include "limo.h"\nbool f(limo_estimate *e) { return e->contact[0]; }\n')
+    done = subprocess.run(
+        ["gcc", "-fsyntax-only", str(program)], capture_output=True, text=True, check=False
+    )
+    assert "no member named" in done.stderr
+    with pytest.raises(ConfigError, match=r"5 false alarms an hour: .*--free RECORDING"):
+        export_c(rigid, tmp_path, RATE, false_alarms=5.0)
 
 
-@pytest.mark.parametrize("alarms", [0.0, -1.0, float("nan"), 1e9])
-def test_an_impossible_rate_of_alarms_is_refused(alarms: float) -> None:
-    with pytest.raises(ConfigError, match="false alarms"):
-        normal_threshold(alarms, 7, 10.0)
+def test_free_motion_that_says_too_little_is_refused(
+    rigid: Simulation, record: Callable[[int, float], Recording]
+) -> None:
+    stream, calm = Stream(rigid, 100.0), record(4, 3.0)
+    with pytest.raises(RecordingError, match=r"shoulder: \d+ peaks .* 2\.8 s .* record some \d+ s"):
+        measured_contact(1.0, stream, rigid, [calm])
+    with pytest.raises(RecordingError, match=r"no error that counts in 0\.1 s"):
+        measured_contact(1.0, stream, rigid, [calm[slice(0, 10)]])
+    with pytest.raises(RecordingError, match="sampled at 100 Hz, expected 200 Hz"):
+        measured_contact(1.0, Stream(rigid, 200.0), rigid, [calm])
+    for wrong in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ConfigError, match="false alarms an hour, expected more than 0"):
+            measured_contact(wrong, stream, rigid, [calm])
 
 
 def test_names_begin_as_told(rigid: Simulation, tmp_path: Path) -> None:

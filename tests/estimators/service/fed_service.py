@@ -10,6 +10,7 @@ from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.inference.live_model import LiveModel
 from estimators.stream import Stream
+from limo_driver.network.contact_state import ContactState
 from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
@@ -37,6 +38,7 @@ class Kept:
         self.estimates: list[TorqueEstimate] = []
         self.attachments: list[Attachment] = []
         self.externals: list[np.ndarray] = []
+        self.contacts: list[ContactState] = []
         self.states: list[bytes] = []
         self.events: list[tuple[str, dict[str, Any]]] = []
 
@@ -49,6 +51,9 @@ class Kept:
 
     def external(self, payload: bytes, _attachment: bytes) -> None:
         self.externals.append(decode_joint_state(payload).torque)
+
+    def contact(self, state: ContactState) -> None:
+        self.contacts.append(ContactState.decode(state.encode()))
 
     def state(self, payload: bytes, _stamp_ns: int, _sequence: int) -> None:
         self.states.append(payload)

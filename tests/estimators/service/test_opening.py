@@ -33,6 +33,7 @@ outlet = SimpleNamespace(
     external_wanted=True,
     estimate=lambda payload, *_: answered.append(payload),
     external=lambda *_: None,
+    contact=lambda *_: None,
     state=lambda *_: None,
     event=lambda *_, **__: None,
 )

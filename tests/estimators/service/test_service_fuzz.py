@@ -60,6 +60,9 @@ class Answers:
     def external(self, *_: object) -> None:
         """Is in the estimate."""
 
+    def contact(self, *_: object) -> None:
+        """Is not looked at."""
+
     def state(self, *_: object) -> None:
         """Is not looked at."""
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from fed_service import DELAY, NAMES, START, feed, live, messages, service_of
 
-from estimators.service.inference.contact import ContactWatchdog
+from estimators.service.inference.contact import REPORT_PERIOD, ContactReport, ContactWatchdog
 from estimators.service.settings import ServiceSettings
 from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.network.contact_state import Touch
 from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
@@ -135,3 +136,57 @@ class TestSettings:
             ConfigError, match="contact_torque is nan, expected a list of numbers above 0"
         ):
             ServiceSettings(contact_torque=(1.0, np.nan))
+
+
+class TestReport:
+    def test_of_a_push_says_free_then_contact_then_free(self, rigid, learned, motion) -> None:
+        pushed = motion.torque.copy()
+        pushed[200:300, 1] -= 8.0
+        service, kept = service_of(rigid, live(learned))
+        feed(service, messages(replace(motion, torque=pushed)))
+        second = [state.joints[1] for state in kept.contacts]
+        turns = [a for a, b in zip(second, [None, *second], strict=False) if a is not b]
+        assert turns == [Touch.UNKNOWN, Touch.FREE, Touch.CONTACT, Touch.FREE]
+        began = next(s for s in kept.contacts if s.joints[1] is Touch.CONTACT)
+        told = next(facts for kind, facts in kept.events if kind == "contact")
+        assert began.stamp_ns + round(1e9 * DELAY) == told["state_stamp"]
+        assert began.model == "1"
+        assert not began.physics_only
+
+    def test_comes_ten_times_a_second_while_nothing_changes(self, rigid, learned, motion) -> None:
+        service, kept = service_of(rigid, live(learned))
+        feed(service, messages(motion))
+        steps = np.diff([state.stamp_ns for state in kept.contacts]) * 1e-9
+        assert steps.max() == pytest.approx(REPORT_PERIOD)
+        assert kept.contacts[-1].since_gap == pytest.approx(
+            motion.time[-1] - motion.time[0], abs=0.1
+        )
+
+    def test_knows_nothing_after_a_gap_until_memory_is_full(self, rigid, learned, motion) -> None:
+        service, kept = service_of(rigid, live(learned))
+        sent = messages(motion)
+        feed(service, sent[:200])
+        assert kept.contacts[-1].joints == (Touch.FREE, Touch.FREE)
+        told = len(kept.contacts)
+        feed(service, sent[300:])
+        after = kept.contacts[told:]
+        assert after[0].joints == (Touch.UNKNOWN, Touch.UNKNOWN)
+        assert after[0].since_gap == 0.0
+        free = next(state for state in after if Touch.UNKNOWN not in state.joints)
+        assert free.since_gap >= 2.0 * DELAY
+
+    def test_of_physics_without_known_errors_is_unknown_where_nothing_is_felt(
+        self, rigid, motion
+    ) -> None:
+        service, kept = service_of(rigid)
+        feed(service, messages(motion))
+        assert {touch for state in kept.contacts for touch in state.joints} == {Touch.UNKNOWN}
+
+    def test_of_an_estimate_that_is_unsure_by_its_threshold_is_unknown(self) -> None:
+        report = ContactReport(ContactWatchdog(np.array([3.0, 3.0]), np.array([0.1, 0.1])))
+        assert report.step(0.0, np.zeros(2), np.array([1.4, 1.6]), known=True)
+        assert report.joints == (Touch.FREE, Touch.UNKNOWN)
+        assert not report.step(0.01, np.zeros(2), np.array([1.4, 1.6]), known=True)
+        assert report.step(0.02, np.array([np.nan, 0.0]), np.ones(2), known=True)
+        assert report.joints == (Touch.UNKNOWN, Touch.FREE)
+        assert report.since == [0.02, 0.02]

@@ -14,6 +14,7 @@ from processes import ARM, PATIENCE, RATE, Answers, driven, limo, served, slow_m
 from estimators.model_folder import load_model
 from estimators.stream import Stream
 from limo_driver.logs.mcap_log import log_files, read_mcap
+from limo_driver.network.contact_state import ContactListener, ContactState, Touch
 from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
 from limo_driver.network.model_client import ModelClient
 from limo_driver.network.streaming import Keys, is_alive, open_session
@@ -108,6 +109,39 @@ def test_a_killed_service_leaves_a_log_and_comes_back_with_the_champion(
         with served(network, *given):
             wait_for(lambda: len(answers.models) > before)
         assert answers.models[before] == "2"
+
+
+def test_a_listener_knows_nothing_while_no_service_does_and_a_swap_forgets_nothing(
+    store: ModelStore, network: Network
+) -> None:
+    given = ("--arm", ARM, "--store", store.root)
+    with open_session(config=network.here) as session, driven(session):
+        heard: list[ContactState] = []
+        keeping = session.declare_subscriber(
+            Keys(ARM).contact,
+            lambda sample: heard.append(ContactState.decode(sample.payload.to_bytes())),
+        )
+        # A machine that tests share hears late: what would be a stall to a controller is none here.
+        contacts = ContactListener(session, ARM, patience=5.0)
+        assert contacts.of(1) is Touch.UNKNOWN
+        with served(network, *given) as service:
+            wait_for(lambda: contacts.of(1) is not Touch.UNKNOWN)
+            known = len(heard)
+            ModelClient(session, ARM).load("2")
+            wait_for(lambda: heard[-1].model == "2")
+            wait_for(lambda: len(heard) > known + 10)
+            gaps = [state.since_gap for state in heard[known:]]
+            assert gaps == sorted(gaps)
+            assert all(Touch.UNKNOWN not in state.joints for state in heard[known:])
+            service.kill()
+            service.wait(PATIENCE)
+        wait_for(lambda: contacts.of(1) is Touch.UNKNOWN)
+        before = len(heard)
+        with served(network, *given):
+            wait_for(lambda: contacts.of(1) is not Touch.UNKNOWN)
+        assert Touch.UNKNOWN in heard[before].joints  # while its memory fills
+        contacts.close()
+        keeping.undeclare()
 
 
 @contextmanager
