@@ -63,7 +63,7 @@ if TYPE_CHECKING:
 class Linearised:
     """Columns of everything around a simulation."""
 
-    observed: Observations  # beside that simulation
+    observed: Observations  # with that simulation
     found: tuple[Effect, ...]  # of it, whose numbers only data determine
     columns: ColumnTable
     nuisance: Nuisance
@@ -81,7 +81,7 @@ class Linearised:
         """Lay out the columns.
 
         Args:
-            observed: The recordings beside the simulation.
+            observed: The recordings with the simulation.
             found: Effects of that simulation.
             bodies: Links (0-based) of which nothing is known before the data.
             stated: The simulation whose values are known to its tolerances, if not this one.
@@ -111,7 +111,7 @@ class Linearised:
         out of what is compared, so that no value has to make up for them.
 
         Returns:
-            The recordings beside it; None if there is none.
+            The recordings with it; None if there is none.
         """
         residual = self.observed.residual
         noise = Noise.of(residual, split, self.observed.segment, self.observed.least_noise)
@@ -139,7 +139,7 @@ class Linearised:
         return None
 
     def learned_from(self, split: NDArray[np.bool_], given: Simulation) -> Observations:
-        """Return the recordings beside what a part of the rows (K, n) would have taught.
+        """Return the recordings with what a part of the rows (K, n) would have taught.
 
         By one step from what all of them did. What those rows say nothing of is as it is given: so
         count the numbers of what was found from there, as tolerances do.
@@ -174,7 +174,7 @@ class Linearised:
         return mean
 
     def _shorter(self, step: FloatArray) -> Iterator[Observations]:
-        """Yield the recordings beside the simulation a step ahead, and parts of a step ahead."""
+        """Yield the recordings with the simulation a step ahead, and parts of a step ahead."""
         for part in NEWTON.shorter:
             try:
                 yield self.observed.beside(self._moved(part * step))
@@ -339,13 +339,13 @@ def polished(
     that moved far from it, and effects that act on one another, need more steps.
 
     Args:
-        around: The recordings beside the simulation to start from.
+        around: The recordings with the simulation to start from.
         given: The simulation whose tolerances hold.
         split: Rows to fit to, (K, n).
         places: Of what was found: effect, joints (1-based), and whether it was missing.
 
     Returns:
-        The recordings beside the fitted simulation.
+        The recordings with the fitted simulation.
     """
     for _ in range(NEWTON.rounds):
         better = linearised(around, given, places).step(split)
@@ -361,7 +361,7 @@ def linearised(
     """Lay out the columns around a simulation, of all that was found.
 
     Args:
-        around: The recordings beside the simulation.
+        around: The recordings with the simulation.
         given: The simulation whose tolerances hold.
         places: Of what was found: effect, joints (1-based), and whether it was missing.
     """

@@ -1,10 +1,11 @@
 """Writing: which parts of a fit go into the improved simulation.
 
-A part is what is found or moved of one effect at its joints, or of the bodies. The fit is repeated
-without motion of another kind, several times, and each time held against that motion. A joint that
-is surely worse there than given, or not better although nothing else shows that it is, has parts
-that do not hold: those are as given, the fewest that mend it. Nor is a part written that acts on
-less than a share of the rows that count, as in half a second at one position.
+A part is what is found or moved of one effect at its joints, or of the bodies. From the fit to all
+rows, one step leads to the fit without motion of another kind, several times, which is each time
+held against that motion. A joint that is surely worse there than given has parts that do not hold:
+those are as given, the fewest that mend it. Nor is a part written that acts on less than a share of
+the rows that count, as in half a second at one position, and surely helps on nothing left out. What
+may as well be better as worse is written, and told if it was found.
 
 A diagnosis is helped where a law was learned from too little motion to be known beyond it.
 """
@@ -23,6 +24,7 @@ from estimators.diagnosis.from_torque.fitting.linearised import linearised
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import Split, blocks, of_another_kind, rmse, rmse_change
+from estimators.diagnosis.quantities import of_joints
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
@@ -183,8 +185,10 @@ class Written:
     withheld: tuple[Withheld, ...] = ()
     kind: str = ""  # of motion that was left out for the proof
 
+    unsure: tuple[int, ...] = ()  # joints, 1-based, of what was found, that are not surely better
+
     def notes(self) -> Iterator[str]:
-        """Say what is not written, in one sentence."""
+        """Say what is not written, and where that may as well not be, in one sentence each."""
         parts: dict[str, list[str]] = {}
         for item in self.withheld:
             parts.setdefault(item.why, []).append(item.part)
@@ -192,7 +196,13 @@ class Written:
             some = "; ".join(f"{', '.join(names)} ({why})" for why, names in parts.items())
             yield (
                 "Not written into the improved simulation, which has these as given, since they do "
-                f"not surely hold where {self.kind} were left out: {some}."
+                f"not hold where {self.kind} were left out: {some}."
+            )
+        if self.unsure:
+            where = of_joints(self.unsure)
+            yield (
+                f"Where {self.kind} were left out, the improved simulation is not surely better "
+                f"than the given one at {where}."
             )
 
 
@@ -216,7 +226,10 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
     judged = replace(judged, beside=kept(proven))
     still, unknown = still_named(judged, names)
     judged = replace(judged, named=still, unknown=unknown)
-    return Written(judged, kept(improved), found, elsewhere.kind)
+    some = {j for i in judged.findings for j in judged.problem.candidates[i].joints}
+    not_better = elsewhere.change(names)[2] >= 0
+    unsure = tuple(j + 1 for j in sorted(some) if not_better[j])
+    return Written(judged, kept(improved), found, elsewhere.kind, unsure)
 
 
 def still_named(
@@ -243,9 +256,8 @@ def _part_of(candidate: Candidate) -> str:
     """Return the name of the part that a candidate becomes."""
     if candidate.effect == LINK_INERTIA:
         return BODIES
-    numbers = ", ".join(str(j + 1) for j in candidate.joints)
-    where = f", joint{'s' if len(candidate.joints) > 1 else ''} {numbers}" if numbers else ""
-    return candidate.effect.replace("_", " ") + where
+    place = (candidate.effect.replace("_", " "), of_joints([j + 1 for j in candidate.joints]))
+    return ", ".join(place if candidate.joints else place[:1])
 
 
 def withheld(elsewhere: Elsewhere, improved: Observations) -> tuple[Withheld, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis import diagnose
+from estimators.diagnosis.from_torque.judgement import writing
 from estimators.diagnosis.from_torque.judgement.writing import (
     Elsewhere,
     Written,
@@ -118,6 +119,13 @@ def test_what_acts_at_one_place_alone_is_not_written(observed, rigid):
     assert "% of the rows alone" in found[0].why
 
 
+def test_what_acts_seldom_is_written_where_it_surely_helps_elsewhere(observed, rigid, monkeypatch):
+    monkeypatch.setattr(writing, "ELSEWHERE", replace(writing.ELSEWHERE, share=1.0))
+    tiny = TorqueOffset(joint=1, offset=1e-9)
+    found = withheld(*proof(observed, plus(rigid, VISCOUS, tiny)))
+    assert names(found) == {"torque offset, joint 1"}
+
+
 def test_without_parts_a_simulation_is_as_given(rigid):
     improved = plus(rigid, VISCOUS, OFFSET)
     assert without(improved, rigid, ["viscous friction, joint 2"]) == plus(rigid, OFFSET)
@@ -165,8 +173,9 @@ def test_a_diagnosis_says_what_it_wrote_and_what_not(rigid, recordings):
 
 def test_a_sentence_names_what_is_not_written(observed, rigid):
     elsewhere, beside = proof(observed, plus(rigid, VISCOUS, OFFSET))
-    keep = Written(None, beside, withheld(elsewhere, beside), elsewhere.kind)
-    (said,) = keep.notes()
+    keep = Written(None, beside, withheld(elsewhere, beside), elsewhere.kind, unsure=(1, 2))
+    said, unsure = keep.notes()
+    assert "not surely better than the given one at joints 1, 2" in unsure
     assert "torque offset, joint 1 (RMSE of joint 1 +" in said
     assert "whole recordings were left out" in said
 
