@@ -5,7 +5,7 @@ rows, one step leads to the fit without motion of another kind, several times, w
 held against that motion. A joint that is surely worse there than given has parts that do not hold:
 those are as given, the fewest that mend it. Nor is a part written that acts on less than a share of
 the rows that count, as in half a second at one position, and surely helps on nothing left out. What
-may as well be better as worse is written, and told if it was found.
+may as well be better as worse is written, and a note says so if it was found.
 
 A diagnosis is helped where a law was learned from too little motion to be known beyond it.
 """
