@@ -12,7 +12,8 @@ found.save("diagnosis/")
 Values: RobotModel, Motion, Trajectory, Recording, Commanded, Simulation. Robots: open_robot, Robot,
 JointState and commands. What to do with them: inspect, read, plan, excite, excite_servos, run,
 simulate, simulate_dataset, identify, predict, predict_forward, train, sweep, evaluate, diagnose,
-diagnose_fleet, export, serve. Requests and settings say how: PlanRequest, Rows, ...
+diagnose_fleet, export, external_wrench, contact_thresholds,
+serve. Requests and settings say how: PlanRequest, Rows, ...
 
 Where a recording is taken, so is the path of its file, and where several are, one alone or any
 iterable; likewise simulations, trajectories, models and robots. Arguments that cannot be used raise
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.rigid_body import JointTerms, Rows
     from estimators.service.settings import RetrainingSettings, ServiceSettings
+    from limo_driver.app.library.contacts import contact_thresholds, external_wrench
     from limo_driver.app.library.diagnosing import diagnose
     from limo_driver.app.library.exporting import export, export_c, export_onnx, export_ros2
     from limo_driver.app.library.fleets import diagnose_fleet
@@ -106,6 +108,7 @@ _HOME = {
     "Trajectory": "limo_driver.trajectory",
     "Workspace": "limopa",
     "WrenchCommand": "limo_driver.types",
+    "contact_thresholds": "limo_driver.app.library.contacts",
     "diagnose": "limo_driver.app.library.diagnosing",
     "diagnose_fleet": "limo_driver.app.library.fleets",
     "evaluate": "limo_driver.app.library.learning",
@@ -115,6 +118,7 @@ _HOME = {
     "export_c": "limo_driver.app.library.exporting",
     "export_onnx": "limo_driver.app.library.exporting",
     "export_ros2": "limo_driver.app.library.exporting",
+    "external_wrench": "limo_driver.app.library.contacts",
     "identify": "limo_driver.app.library.learning",
     "inspect": "limo_driver.app.library.inspecting",
     "load_model": "limo_driver.app.library.learning",
@@ -162,6 +166,7 @@ __all__ = [
     "Trajectory",
     "Workspace",
     "WrenchCommand",
+    "contact_thresholds",
     "diagnose",
     "diagnose_fleet",
     "evaluate",
@@ -171,6 +176,7 @@ __all__ = [
     "export_c",
     "export_onnx",
     "export_ros2",
+    "external_wrench",
     "identify",
     "inspect",
     "load_model",

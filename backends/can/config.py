@@ -193,8 +193,10 @@ class ArmConfig(Declared):
 
     @cached_property
     def model(self) -> RobotModel:
-        """The robot: its kinematics, inertias and limits."""
-        return RobotModel.load(self.robot)
+        """The robot: its kinematics, inertias, which hold it against gravity, and limits."""
+        model = RobotModel.load(self.robot)
+        model.check_masses()
+        return model
 
     def spec(self, torque_resolution: FloatArray) -> RobotSpec:
         """Return the specification of the arm.

@@ -167,6 +167,87 @@ def _mat(folder: Path) -> list[Path]:
     return [folder / name for name in ("plain.mat", "packed.mat", "old.mat")]
 
 
+def _hdf5(folder: Path) -> list[Path]:
+    import h5py
+
+    paths = [folder / "log.h5", folder / "matlab.mat"]
+    with h5py.File(paths[0], "w") as file:
+        for name, values in motion().items():
+            packed = {"compression": "gzip", "chunks": True} if name == "q_rad" else {}
+            file.create_dataset(f"run/{name}", data=values, **packed)
+        file["run/names"] = np.array(_NAMES, dtype=h5py.string_dtype())
+    with h5py.File(paths[1], "w", userblock_size=512) as file:
+        for name, values in motion().items():
+            written = file.create_dataset(name, data=values.T)
+            written.attrs["MATLAB_class"] = np.bytes_("double")
+        cell = file.create_dataset("#refs#/a", data=np.array([[106, 49]], np.uint16))
+        cell.attrs["MATLAB_class"] = np.bytes_("char")
+        file.create_dataset("labels", data=np.array([[cell.ref]], dtype=h5py.ref_dtype))
+    data = bytearray(paths[1].read_bytes())
+    data[:128] = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    paths[1].write_bytes(data)
+    return paths
+
+
+def _ros1(folder: Path) -> list[Path]:
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store, own = get_typestore(Stores.ROS1_NOETIC), motion()
+    kind = "sensor_msgs/msg/JointState"
+    time, head, state = (
+        store.types[name] for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", kind)
+    )
+    paths = {folder / "plain.bag": None, folder / "packed.bag": Writer.CompressionFormat.BZ2}
+    for path, packing in paths.items():
+        writer = Writer(path)
+        if packing is not None:
+            writer.set_compression(packing)
+        with writer:
+            topic = writer.add_connection("/joint_states", kind, typestore=store)
+            for k in range(ROWS):
+                stamp = 1_700_000_000 * 10**9 + round(own["t"][k] * 1e9)
+                header = head(k, time(stamp // 10**9, stamp % 10**9), "")
+                values = (np.ascontiguousarray(own[key][k]) for key in ("q_rad", "dq", "tau_nm"))
+                data = store.serialize_ros1(state(header, list(_NAMES), *values), kind)
+                writer.write(topic, stamp, bytes(data))
+    return list(paths)
+
+
+def _plain_mcap(folder: Path) -> list[Path]:
+    """Write states in JSON, and in protobuf by a schema of doubles."""
+    from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+    from google.protobuf.descriptor_pool import DescriptorPool
+    from google.protobuf.message_factory import GetMessageClass
+    from mcap.writer import CompressionType, Writer
+
+    described = FileDescriptorProto(name="state.proto", package="lab", syntax="proto3")
+    kind = described.message_type.add(name="State")
+    kind.field.add(name="name", number=1, type=9, label=3)
+    for k, name in enumerate(("position", "effort"), start=2):
+        kind.field.add(name=name, number=k, type=1, label=3)
+    pool = DescriptorPool()
+    pool.Add(described)
+    made = GetMessageClass(pool.FindMessageTypeByName("lab.State"))
+    own, paths = motion(), [folder / "json.mcap", folder / "protobuf.mcap"]
+    schema = FileDescriptorSet(file=[described]).SerializeToString()
+    for path in paths:
+        with path.open("wb") as file:
+            writer = Writer(file, 4000, CompressionType.NONE, enable_crcs=False)
+            writer.start("", "fuzz")
+            is_json = path.stem == "json"
+            known = 0 if is_json else writer.register_schema("lab.State", "protobuf", schema)
+            topic = writer.register_channel("/arm", path.stem, known)
+            for k in range(ROWS):
+                lists = {"name": list(_NAMES), "position": own["q_rad"][k].round(6).tolist(),
+                         "effort": own["tau_nm"][k].round(6).tolist()}  # fmt: skip
+                data = json.dumps(lists).encode() if is_json else made(**lists).SerializeToString()
+                stamp = 1_700_000_000 * 10**9 + round(own["t"][k] * 1e9)
+                writer.add_message(topic, stamp, data, stamp, k)
+            writer.finish()
+    return paths
+
+
 def _payloads() -> list[tuple[int, bytes]]:
     from limo_driver.network.messages import JointStateCodec
 
@@ -392,6 +473,9 @@ FORMATS: Final = {
     "mat": Format(_mat, _read_log),
     "db3": Format(_db3, _read_log),
     "mcap": Format(_mcap, _read_log),
+    "plain-mcap": Format(_plain_mcap, _read_log),
+    "ros1": Format(_ros1, _read_log),
+    "hdf5": Format(_hdf5, _read_log),
     "lerobot": Format(_lerobot, _inspect_log, _inside),
     "recording": Format(_recordings, _load_recording),
     "trajectory": Format(_trajectory, _load_trajectory),

@@ -76,7 +76,12 @@ class Contact:
 
 
 def measured_contact(
-    false_alarms: float, stream: Stream, simulation: Simulation, free: Sequence[Recording]
+    false_alarms: float,
+    stream: Stream,
+    simulation: Simulation,
+    free: Sequence[Recording],
+    *,
+    in_torque: bool = False,
 ) -> Contact:
     """Return from where on external torque is a contact, by the errors on free motion.
 
@@ -85,6 +90,8 @@ def measured_contact(
         stream: Of the model.
         simulation: What the model adds to.
         free: Motion that nothing touched, and that the model was not trained on.
+        in_torque: Whether thresholds are torques, whatever errors the model states, and hold where
+            it says that the motion is unlike what was learned, too.
 
     Raises:
         ConfigError: The rate of alarms is not possible.
@@ -94,8 +101,10 @@ def measured_contact(
         raise ConfigError(f"{false_alarms:g} false alarms an hour, expected more than 0")
     for recording in free:
         recording.check_robot(simulation.model)
-    parts = [_errors(stream, recording) for recording in free]
+    parts = [_errors(stream, recording, everywhere=in_torque) for recording in free]
     error, std, counts = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if in_torque:
+        std = np.full_like(std, np.nan)
     seconds = counts.sum(axis=0) / stream.rate
     names = simulation.model.joint_names
     for name, time in zip(names, seconds, strict=True):
@@ -124,13 +133,13 @@ def measured_contact(
 
 
 def _errors(
-    stream: Stream, recording: Recording
+    stream: Stream, recording: Recording, *, everywhere: bool
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return errors on free motion, their standard deviation, and which count, (T, n) each."""
     recording.check_torque()
     stream.check_rate(recording)
     late, _ = stream.advance(stream.init(), recording.time, recording.position, recording.torque)
-    usable = ~late.outside
+    usable = np.ones_like(late.outside) if everywhere else ~late.outside
     gaps = np.flatnonzero(np.abs(np.diff(recording.time)) > stream.longest_step) + 1
     for start in (0, *gaps):
         usable[start : start + 2 * stream.samples] = False  # the filter fills

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.verdict import Finding, Identified, StatedValue, Verdict
     from estimators.fleet.result import FleetDiagnosis
-    from estimators.fleet.row import FleetRow, ToleratedValue
+    from estimators.fleet.row import FleetRow
     from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
     from limo_driver.pages.markup import Figure
 
@@ -49,7 +49,7 @@ _VALUE: Final = pa.struct(
     {
         "effect": pa.string(),
         "joints": pa.list_(pa.int64()),  # 1-based
-        "kind": pa.string(),  # missing, wrong_parameter, identified, stated, tolerated
+        "kind": pa.string(),  # missing, wrong_parameter, identified, stated
         "confidence": pa.float64(),
         "parameter": pa.string(),
         "value": pa.string(),  # JSON: a number, a text, or lists of them
@@ -112,7 +112,6 @@ def fleet_page(fleet: FleetDiagnosis, folder: Path) -> Page:
 def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
     if not standings:
         return paragraph(f"Fewer than {FLEET.arms} arms: none can be told from the others.")
-    drawn = [item for item in standings if item.odd or not item.series.tolerance]
     sides = ((_ALIKE, "like the others", False), (_ODD, "odd", True))
     data = [
         _dots(
@@ -123,7 +122,7 @@ def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
             colour,
         )
         for colour, name, odd in sides
-        if (own := [item for item in drawn if item.odd == odd])
+        if (own := [item for item in standings if item.odd == odd])
     ]
     axes = layout("robust standard deviations from the median arm", "")
     figure = {"data": data, "layout": axes, "height": _height(i.arm for i in standings)}
@@ -343,22 +342,12 @@ def _values(row: FleetRow) -> dict[str, Any]:
         "values": [
             *(v for f in verdict.findings for v in _parameters(f, f.kind, f.confidence)),
             *(v for item in verdict.identified for v in _parameters(item, "identified", None)),
-            *(_stated(item) for item in verdict.values if item.moved),
-            *map(_tolerated, row.tolerated),
+            *map(_stated, verdict.values),
         ],
         "heldout_rmse_before": verdict.fit.heldout_rmse_before,
         "heldout_rmse_after": verdict.fit.heldout_rmse_after,
         "noise_floor": verdict.fit.noise_floor,
         "unit": verdict.fit.unit,
-    }
-
-
-def _tolerated(item: ToleratedValue) -> dict[str, Any]:
-    return {
-        "kind": "tolerated",
-        "parameter": item.name,
-        "value": json.dumps(item.value),
-        "unit": item.unit,
     }
 
 

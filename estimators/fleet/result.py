@@ -23,7 +23,7 @@ import yaml
 
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import IMPROVED
-from estimators.fleet.row import FLEET, ToleratedValue
+from estimators.fleet.row import FLEET
 from estimators.fleet.standing import drifts_of, series_of, spreads_of, standings_of
 from limo_driver.runtime.outputs import KeptResults
 
@@ -47,11 +47,12 @@ class FleetDiagnosis:
     robot: str
     rows: tuple[FleetRow, ...]
     set_aside: Mapping[str, int] = field(default_factory=dict[str, int])  # rows by other versions
+    joints: tuple[str, ...] = ()  # names, as the description has them; numbers alone if not given
 
     @cached_property
     def series(self) -> tuple[Series, ...]:
         """Errors and values over arms and dates."""
-        return series_of(self.rows)
+        return series_of(self.rows, self.joints)
 
     @cached_property
     def drifts(self) -> tuple[FleetDrift, ...]:
@@ -77,6 +78,19 @@ class FleetDiagnosis:
     def drifting(self) -> tuple[str, ...]:
         """Arms of which something drifts, the surest first."""
         return tuple(dict.fromkeys(item.arm for item in self.drifts))
+
+    @cached_property
+    def sentences(self) -> dict[str, str]:
+        """What is to be known of each arm that drifts or is odd: of its quantities, the clearest.
+
+        An error says that something is wrong, a value what, so that it goes before.
+        """
+        drifts = sorted(self.drifts, key=lambda item: item.series.ratio)
+        odd = sorted((x for x in self.standings if x.odd), key=lambda item: item.series.ratio)
+        found = dict[str, str]()
+        for item in (*drifts, *odd):
+            found.setdefault(item.arm, str(item))
+        return found
 
     @property
     def failed(self) -> tuple[FleetRow, ...]:
@@ -105,20 +119,9 @@ class FleetDiagnosis:
         lines = [f"{done} of {len(self.rows)} recordings diagnosed, of {arms} arms."]
         for other, count in self.set_aside.items():
             lines.append(f"set aside: {count} diagnoses by limo {other}, not of this version")
-        seen: set[str] = set()
-        for item in self.standings:
-            if item.odd and item.arm not in seen:
-                seen.add(item.arm)
-                lines.append(
-                    f"odd: {item.arm}, {item.series.name} {item.median:.3g} {item.series.unit} "
-                    f"where the fleet has {item.fleet:.3g} (z = {item.z:+.1f})"
-                )
-        told: set[str] = set()
-        for item in self.drifts:
-            if item.arm not in told:
-                told.add(item.arm)
-                lines.append(f"drifting: {item.arm}, {item.series.name} {changed(item)}")
-        if not seen and not told:
+        if self.sentences:
+            lines += [f"{arm}: {sentence}" for arm, sentence in self.sentences.items()]
+        else:
             odd = "no arm is odd" if self.standings else f"no arm of fewer than {FLEET.arms} is odd"
             lines.append(f"{odd}, and no drift shows")
         return "\n".join(lines)
@@ -165,7 +168,6 @@ class FleetStore:
             "seconds": outcome.seconds,
             "error": outcome.error,
             "limo": version("limo"),
-            "tolerated": [value.as_json() for value in outcome.tolerated],
         }
         self._kept.keep(key, about, outcome.files, improved)
 
@@ -189,8 +191,7 @@ class FleetStore:
             done = replace(row, seconds=float(kept["seconds"]), error=str(kept["error"]))
             if done.error:
                 return done
-            tolerated = tuple(map(ToleratedValue.from_json, kept["tolerated"]))
-            return replace(done, verdict=verdict_in(place), folder=place, tolerated=tolerated)
+            return replace(done, verdict=verdict_in(place), folder=place)
         except (OSError, ValueError, KeyError, TypeError):  # ConfigError is a ValueError
             return None
 

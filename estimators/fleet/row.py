@@ -1,28 +1,21 @@
-"""One diagnosis of a fleet as a row: what was found, and values within their tolerances.
-
-Values that a recording moves within the tolerance that a simulation states of them.
-
-Such a move is no finding: the simulation allows it. Side by side, the values of many arms say more:
-one that is alike at all of them but one is no chance.
-"""
+"""One diagnosis of a fleet as a row: its recording, and what was found."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-from estimators.diagnosis.from_torque.pipeline import Diagnosis
 from estimators.diagnosis.verdict import IMPROVED
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
     from estimators.diagnosis.from_motion.pipeline import DriveDiagnosis
-    from estimators.diagnosis.result import Shift
+    from estimators.diagnosis.from_torque.pipeline import Diagnosis
     from estimators.diagnosis.verdict import Verdict
     from limo_driver.physics import Simulation
 
@@ -30,7 +23,6 @@ _DATE: Final = re.compile(
     r"(?<!\d)(\d{4})-?([01]\d)-?([0-3]\d)(?:[T_ -]?([0-2]\d)[-:.]?([0-5]\d)(?:[-:.]?([0-5]\d))?)?"
     r"(?!\d)"
 )
-_TOLD: Final = 0.3  # of a tolerance; what a recording leaves as open as that says little of an arm
 
 
 @dataclass(frozen=True)
@@ -46,7 +38,6 @@ class FleetRow:
     verdict: Verdict | None = None
     error: str = ""  # one line, where there is no verdict
     folder: Path | None = None  # of its diagnosis, with report.html
-    tolerated: tuple[ToleratedValue, ...] = ()  # values that moved within their tolerances
 
     @property
     def diagnosed(self) -> bool:
@@ -90,54 +81,14 @@ class FleetSettings:
     arms: int = 4  # fewest among which one can be odd
     odd: float = 5.0  # robust standard deviations from the median arm
     least: float = 0.1  # relative difference or change below which nothing is said
-    tolerance: float = 1.0  # times a value's tolerance: likewise, where the simulation states one
-    told: float = 0.5  # of an arm's recordings, that have to tell such a value of it
+    tolerance: float = 1.0  # times the tolerance of a value: likewise
+    told: float = 0.5  # of an arm's recordings, that have to tell a value of it
     dates: int = 6  # fewest recordings with a date of which a trend is taken
     false_alarms: float = 0.01  # drifts expected by chance in a whole fleet without any
     worst: int = 10  # recordings listed
 
 
 FLEET: Final = FleetSettings()
-
-
-@dataclass(frozen=True)
-class ToleratedValue:
-    """A value that the simulation states with a tolerance, as one recording has it."""
-
-    name: str  # e.g. "f_v of joint 5 (viscous friction)"
-    value: float  # [unit]
-    unit: str
-    tolerance: float  # standard deviation that the simulation allows [unit]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as JSON."""
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, kept: Mapping[str, Any]) -> ToleratedValue:
-        """Return what `as_json` wrote.
-
-        Raises:
-            KeyError: Something is not there.
-            TypeError: It is none.
-            ValueError: A number is none.
-        """
-        return cls(
-            str(kept["name"]), float(kept["value"]), str(kept["unit"]), float(kept["tolerance"])
-        )
-
-
-def tolerated_values(shifts: Iterable[Shift]) -> tuple[ToleratedValue, ...]:
-    """Return the values that a recording tells well, of all that its fit may move.
-
-    Args:
-        shifts: Of one diagnosis.
-    """
-    return tuple(
-        ToleratedValue(s.name, s.fitted, s.unit, abs((s.fitted - s.nominal) / s.sigmas))
-        for s in shifts
-        if s.left < _TOLD and s.sigmas != 0.0
-    )
 
 
 @dataclass(frozen=True)
@@ -148,7 +99,6 @@ class FleetOutcome:
     error: str = ""  # one line, where there is no verdict
     files: Mapping[str, bytes] = field(default_factory=dict[str, bytes])  # by name
     simulation: Simulation | None = None  # improved; its file depends on where that will lie
-    tolerated: tuple[ToleratedValue, ...] = ()
 
 
 def outcome_of(found: Diagnosis | DriveDiagnosis, seconds: float) -> FleetOutcome:
@@ -166,5 +116,4 @@ def outcome_of(found: Diagnosis | DriveDiagnosis, seconds: float) -> FleetOutcom
         found.save(folder)
         written = [path for path in sorted(Path(folder).iterdir()) if path.name != IMPROVED]
         files = {path.name: path.read_bytes() for path in written}
-    tolerated = tolerated_values(found.shifts) if isinstance(found, Diagnosis) else ()
-    return FleetOutcome(seconds, files=files, simulation=found.simulation, tolerated=tolerated)
+    return FleetOutcome(seconds, files=files, simulation=found.simulation)

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.stats import chi2, kendalltau, linregress, norm, t, theilslopes
 
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from estimators.diagnosis.differences import AMOUNTS, joint_called
 from estimators.fleet.row import FLEET
-from limo_driver.physics import spoken
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from datetime import datetime
 
     from numpy.typing import NDArray
@@ -26,6 +25,20 @@ if TYPE_CHECKING:
 
 _NORMAL: Final = float(1 / norm.ppf(0.75))  # standard deviation over median absolute deviation
 _DAY: Final = 86_400.0  # [s]
+QUANTITIES: Final = {  # by effect and parameter: what wears, breaks, or was built otherwise
+    ("coulomb_friction", "tau_c"): "Coulomb friction",
+    ("viscous_friction", "f_v"): "viscous friction",
+    ("armature", "inertia"): "armature",
+    ("joint_elasticity", "stiffness"): "joint stiffness",
+    ("spring_load", "stiffness"): "stiffness of the spring",
+    ("backlash", "gap"): "backlash",
+    ("payload", "mass"): "payload",
+    ("position_servo", "kp"): AMOUNTS["position_servo"],
+    ("velocity_servo", "kv"): AMOUNTS["velocity_servo"],
+    ("torque_drive", "gain"): AMOUNTS["torque_drive"],
+    ("integral_gain", "ki"): AMOUNTS["integral_gain"],
+    ("drive_delay", "delay"): AMOUNTS["drive_delay"],
+}
 
 
 @dataclass(frozen=True)
@@ -43,6 +56,11 @@ class ArmStanding:
         """Whether the arm is the odd one out."""
         return abs(self.z) > FLEET.odd
 
+    def __str__(self) -> str:
+        """Return the arm's value, and that of the others."""
+        own, unit = self.series, self.series.unit
+        return f"{own.name} is {self.median:.3g} {unit} where the fleet has {self.fleet:.3g} {unit}"
+
 
 @dataclass(frozen=True)
 class FleetDrift:
@@ -53,6 +71,19 @@ class FleetDrift:
     change: float  # over the dates: relative for errors, else in the unit of the series
     interval: tuple[float, float]  # 95 %, of the change
     p: float  # of so clear a trend by chance
+    ends: tuple[float, float]  # of the trend, at the first date and at the last [unit]
+
+    @property
+    def size(self) -> float:
+        """How many times the least change that matters it is."""
+        return abs(self.change) / _least_change(self.series)
+
+    def __str__(self) -> str:
+        """Return from what to what it changed."""
+        first, last = self.ends
+        verb = "rose" if last > first else "fell"
+        change = f"from {first:.3g} to {last:.3g} {self.series.unit}"
+        return f"{self.series.name} {verb} {change} between the first and the last date"
 
 
 @dataclass(frozen=True)
@@ -68,7 +99,7 @@ class UnitSpread:
 
 
 def drifts_of(series: Sequence[Series]) -> tuple[FleetDrift, ...]:
-    """Return the quantities that change over dates, surest first.
+    """Return the quantities that change over dates, what changes most first.
 
     The trend is Theil and Sen's, and the surer of two tests says whether it is one, with a
     threshold that allows for both, and for how many series were tested. Kendall's does not mind
@@ -83,12 +114,8 @@ def drifts_of(series: Sequence[Series]) -> tuple[FleetDrift, ...]:
     own = [item.of(arm) for item in series for arm in item.names()]
     tested = [item for item in own if np.isfinite(item.days).sum() >= FLEET.dates]
     found = [_drift(item) for item in tested if np.unique(item.days).size > 1]
-    sure = [
-        item
-        for item in found
-        if item.p < FLEET.false_alarms / len(tested) and _matters(item.change, item.series)
-    ]
-    return tuple(sorted(sure, key=lambda item: item.p))
+    sure = [item for item in found if item.p < FLEET.false_alarms / len(tested) and item.size > 1.0]
+    return tuple(sorted(sure, key=lambda item: -item.size))
 
 
 def dates_of(own: Series) -> int:
@@ -101,8 +128,8 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
 
     The scale is the median absolute deviation of the arms' medians, beside the least difference
     that matters, so that arms that agree closely do not make a small difference a large one. What
-    drifts at an arm is said there, and does not make it odd, too. A value within its tolerance that
-    only a few recordings of an arm tell is theirs and not the arm's.
+    drifts at an arm is said there, and does not make it odd, too. A value that only a few
+    recordings of an arm tell is theirs and not the arm's.
 
     Args:
         series: Of all arms.
@@ -111,7 +138,7 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
     drifting = {(item.arm, item.series.name) for item in drifts}
     found: list[ArmStanding] = []
     for item in series:
-        arms = [arm for arm in item.names() if not item.tolerance or item.told(arm) >= FLEET.told]
+        arms = [arm for arm in item.names() if item.told(arm) >= FLEET.told]
         if len(arms) < FLEET.arms:
             continue
         compared = [float(np.median(item.of(arm).compared())) for arm in arms]
@@ -128,12 +155,8 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
 
 
 def spreads_of(series: Sequence[Series]) -> tuple[UnitSpread, ...]:
-    """Return how units differ, of every series that several arms have.
-
-    Values within their tolerances are not among them: they are a hundred, and most never move.
-    """
-    several = [item for item in series if len(item.names()) > 1 and not item.tolerance]
-    return tuple(map(_spread, several))
+    """Return how units differ, of every series that several arms have."""
+    return tuple(_spread(item) for item in series if len(item.names()) > 1)
 
 
 def _drift(own: Series) -> FleetDrift:
@@ -148,7 +171,10 @@ def _drift(own: Series) -> FleetDrift:
     tests: tuple[Any, ...] = (kendalltau(days, values), linregress(days, values))
     surest = min(float(test.pvalue) for test in tests) if np.ptp(values) > 0 else 1.0
     p = min(1.0, len(tests) * surest)
-    return FleetDrift(own.arms[0], own, change, (interval[0], interval[1]), p)
+    first, last = (
+        _unlogged(trend.intercept + trend.slope * at, own) for at in (days.min(), days.max())
+    )
+    return FleetDrift(own.arms[0], own, change, (interval[0], interval[1]), p, (first, last))
 
 
 def _least(item: Series, centre: float) -> float:
@@ -156,9 +182,9 @@ def _least(item: Series, centre: float) -> float:
     return float(np.log1p(FLEET.least)) if item.ratio else FLEET.least * abs(centre)
 
 
-def _matters(change: float, own: Series) -> bool:
+def _least_change(own: Series) -> float:
     size = 1.0 if own.ratio else abs(float(np.median(own.values)))
-    return abs(change) > max(FLEET.least * size, FLEET.tolerance * own.tolerance)
+    return max(FLEET.least * size, FLEET.tolerance * own.tolerance)
 
 
 def _spread(item: Series) -> UnitSpread:
@@ -202,7 +228,7 @@ class Series:
     arms: tuple[str, ...]  # (R,)
     days: FloatArray  # (R,) since the first date of the fleet [days]; NaN without a date
     values: FloatArray  # (R,) [unit]
-    tolerance: float = 0.0  # that the simulation states of the value [unit]; 0 of anything else
+    tolerance: float = 0.0  # of the value, or half of its 95 % interval [unit]; 0 of an error
     recordings: Mapping[str, int] = field(default_factory=dict[str, int])  # of each arm, in all
 
     def compared(self) -> FloatArray:
@@ -240,40 +266,42 @@ class Series:
         return dict(zip(arms.tolist(), np.split(order, ends), strict=True))
 
 
-def series_of(rows: Sequence[FleetRow]) -> tuple[Series, ...]:
-    """Return the error of each joint, and each value of an effect found, identified or tolerated.
+def series_of(rows: Sequence[FleetRow], joints: Sequence[str] = ()) -> tuple[Series, ...]:
+    """Return the error of each joint, and each quantity of it, whatever effect it was found as.
+
+    What a simulation states, or every joint has some of, has a value where a recording shows it
+    well. What fewer than half of the recordings find to be missing, as a payload, is 0 elsewhere.
 
     Args:
         rows: Of a fleet; those without a verdict say nothing.
+        joints: Their names.
     """
-    dated = [row.date for row in rows if row.diagnosed and row.date is not None]
-    first = min(dated, default=None)
-    found: dict[tuple[str, str, bool], list[tuple[str, float, float]]] = {}
-    tolerances: dict[str, float] = {}
-    for known in (value for row in rows for value in row.tolerated):
-        tolerances[known.name] = max(known.tolerance, tolerances.get(known.name, 0.0))
-    for row in rows:
-        if row.verdict is None:
-            continue
-        day = _days(row.date, first)
-        for name, unit, ratio, value in _quantities(row.verdict, tolerances):
-            found.setdefault((name, unit, ratio), []).append((row.arm, day, value))
-        for known in row.tolerated:
-            found.setdefault((known.name, known.unit, False), []).append(
-                (row.arm, day, known.value)
+    judged = [(row, row.verdict) for row in rows if row.verdict is not None]
+    first = min((row.date for row, _ in judged if row.date is not None), default=None)
+    found: dict[tuple[str, str, bool], dict[int, tuple[float, float]]] = {}
+    ordinary: set[tuple[str, str, bool]] = set()
+    for k, (_, verdict) in enumerate(judged):
+        for about, value, tolerance, is_ordinary in _quantities(verdict, joints):
+            if value is not None:
+                found.setdefault(about, {}).setdefault(k, (value, tolerance))
+            if is_ordinary:
+                ordinary.add(about)
+    recordings = Counter(row.arm for row, _ in judged)
+    series: list[Series] = []
+    for about, values in found.items():
+        rare = about not in ordinary and len(values) < len(judged) / 2
+        known = [k for k in range(len(judged)) if rare or k in values]
+        series.append(
+            Series(
+                *about,
+                tuple(judged[k][0].arm for k in known),
+                np.array([_days(judged[k][0].date, first) for k in known]),
+                np.array([values[k][0] if k in values else 0.0 for k in known]),
+                float(np.median([tolerance for _, tolerance in values.values()])),
+                recordings,
             )
-    recordings = Counter(row.arm for row in rows if row.verdict is not None)
-    return tuple(
-        Series(
-            *about,
-            tuple(arm for arm, _, _ in items),
-            np.array([day for _, day, _ in items]),
-            np.array([value for _, _, value in items]),
-            tolerances.get(about[0], 0.0),
-            recordings,
         )
-        for about, items in found.items()
-    )
+    return tuple(series)
 
 
 def _days(date: datetime | None, first: datetime | None) -> float:
@@ -283,30 +311,33 @@ def _days(date: datetime | None, first: datetime | None) -> float:
 
 
 def _quantities(
-    verdict: Verdict, tolerated: Container[str]
-) -> Iterator[tuple[str, str, bool, float]]:
-    """Give name, unit, whether it is compared as a ratio, and value.
+    verdict: Verdict, joints: Sequence[str]
+) -> Iterator[tuple[tuple[str, str, bool], float | None, float, bool]]:
+    """Give name, unit and whether it is compared as a ratio; value, tolerance, if it is ordinary.
 
-    A stated value that is found wrong goes on in the series of those within its tolerance: which of
-    the two it is depends on nothing but how far it has moved.
+    Settings that only serve a fit, such as the width of a sign function, are no quantities.
     """
     for j, error in enumerate(verdict.fit.heldout_rmse_before, start=1):
-        yield f"error of joint {j}", verdict.fit.unit, True, float(error)
+        yield (f"error{_of((j,), joints)}", verdict.fit.unit, True), float(error), 0.0, True
+    for item in verdict.values:
+        if name := QUANTITIES.get((item.effect, item.name)):
+            about = (f"{name}{_of(item.joints, joints)}", item.unit, False)
+            known = item.fitted if item.is_known_well or item.beyond else None
+            yield about, known, item.tolerance or _half(item.ci95), True
     for item in (*verdict.findings, *verdict.identified):
-        if item.effect in {CONTACT, UNKNOWN}:
-            continue
-        joints = ", ".join(map(str, item.joints))
-        place = f" of joint {joints}" if joints else ""
-        for name, known in item.parameters.items():
-            stated = f"{name}{place} ({spoken(item.effect)})"
-            for at, value in _numbers(known.value):
-                own = f"{spoken(item.effect)}{place}: {name}{at}"
-                yield stated if stated in tolerated else own, known.unit, False, value
+        for parameter, known in item.parameters.items():
+            name, value = QUANTITIES.get((item.effect, parameter)), known.value
+            if name and isinstance(value, (int, float)) and np.isfinite(value):
+                place = _of(item.joints, joints) if item.effect != "payload" else ""
+                is_ordinary = item in verdict.identified
+                about = (f"{name}{place}", known.unit, False)
+                yield about, float(value), _half(known.ci95), is_ordinary
 
 
-def _numbers(value: object, at: str = "") -> Iterator[tuple[str, float]]:
-    if isinstance(value, (tuple, list)):
-        for k, item in enumerate(value, start=1):
-            yield from _numbers(item, f"{at}[{k}]")
-    elif isinstance(value, (int, float)) and np.isfinite(value):
-        yield at, float(value)
+def _of(on: Sequence[int], joints: Sequence[str]) -> str:
+    called = [joint_called(j, joints[j - 1]) if joints else str(j) for j in on]
+    return f" of joint {', '.join(called)}" if called else ""
+
+
+def _half(ci95: tuple[Any, ...] | None) -> float:
+    return abs(ci95[1] - ci95[0]) / 2 if ci95 else 0.0

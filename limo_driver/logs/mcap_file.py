@@ -26,7 +26,7 @@ from limo_driver.network.messages.cdr import ENCODING, SCHEMAS
 from limo_driver.runtime.given_files import check_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator
+    from collections.abc import Callable, Generator, Iterator, Sequence
     from pathlib import Path
     from typing import BinaryIO
 
@@ -52,6 +52,9 @@ _DAMAGE = (
 )
 
 
+_NONE = Schema(id=0, name="", encoding="", data=b"")  # of messages that need none, as in JSON
+
+
 class LoggedMessage(NamedTuple):
     """One message of a log."""
 
@@ -62,6 +65,7 @@ class LoggedMessage(NamedTuple):
     publish_time_ns: int
     sequence: int  # modulo 2**32
     definition: bytes = b""  # of its type, as the log has it
+    encoding: str = CDR  # of the payload
 
 
 class McapWriter:
@@ -140,8 +144,12 @@ class McapWriter:
         return channel
 
 
-def read_mcap(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[LoggedMessage]:
-    """Read the messages in CDR of a log, in the order in which they were logged.
+def read_mcap(
+    path: Path,
+    tell: Callable[[str], None] | None = None,
+    encodings: Sequence[str] = (CDR,),
+) -> Iterator[LoggedMessage]:
+    """Read the messages of a log, in the order in which they were logged.
 
     A file that was cut off is read up to its last complete chunk; of one with damage in it, the
     chunks that are damaged are left out.
@@ -149,6 +157,7 @@ def read_mcap(path: Path, tell: Callable[[str], None] | None = None) -> Iterator
     Args:
         path: Any MCAP file.
         tell: Told, once, if not all of the file was read: how much, and why.
+        encodings: Of messages that are wanted.
 
     Raises:
         RecordingError: The file cannot be read, or is no MCAP file.
@@ -158,7 +167,7 @@ def read_mcap(path: Path, tell: Callable[[str], None] | None = None) -> Iterator
         with path.open("rb") as file:
             if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                 raise RecordingError("is no MCAP file", path=path)
-            stopped = yield from _messages(file, path.stat().st_size)
+            stopped = yield from _messages(file, path.stat().st_size, _Contents(encodings))
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror or error}", path=path) from None
     if stopped and tell is not None:
@@ -205,9 +214,11 @@ class _Losses:
         )
 
 
-def _messages(file: BinaryIO, size: int) -> Generator[LoggedMessage, None, str]:
+def _messages(
+    file: BinaryIO, size: int, contents: _Contents
+) -> Generator[LoggedMessage, None, str]:
     """Yield messages; return what of the file could not be read, or nothing."""
-    contents, losses, count = _Contents(), _Losses(size), 0
+    losses, count = _Losses(size), 0
     while True:
         start = file.tell()
         record = _next_record(file, size)
@@ -324,7 +335,8 @@ def _count_of(file: BinaryIO, size: int) -> int | None:
 class _Contents:
     """Channels of a file, collected record by record."""
 
-    def __init__(self) -> None:
+    def __init__(self, encodings: Sequence[str]) -> None:
+        self._encodings = encodings
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
 
@@ -367,8 +379,9 @@ class _Contents:
                 self._channels[part.id] = part
             case Message():
                 channel = self._channels[part.channel_id]
-                if channel.message_encoding == CDR:
-                    schema = self._schemas[channel.schema_id]
+                encoding = channel.message_encoding
+                if encoding in self._encodings:
+                    schema = self._schemas[channel.schema_id] if channel.schema_id else _NONE
                     return LoggedMessage(
                         channel.topic,
                         schema.name,
@@ -376,7 +389,8 @@ class _Contents:
                         part.log_time,
                         part.publish_time,
                         part.sequence,
-                        schema.data if schema.encoding == ENCODING else b"",
+                        schema.data if schema.encoding in {ENCODING, encoding} else b"",
+                        encoding,
                     )
             case _:
                 pass

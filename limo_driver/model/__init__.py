@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.model.robot_model import BUILT_IN, Capsule, RobotModel
+    from limo_driver.model.wrench import ExternalWrench
 
-__all__ = ["BUILT_IN", "Capsule", "Inertial", "RobotModel"]
+__all__ = ["BUILT_IN", "Capsule", "ExternalWrench", "Inertial", "RobotModel"]
+_HOME = {"ExternalWrench": "wrench", "Inertial": "descriptions.geometry"}
 
 
 def __getattr__(name: str) -> object:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = "descriptions.geometry" if name == "Inertial" else "robot_model"
-    return getattr(import_module(f"{__name__}.{home}"), name)
+    return getattr(import_module(f"{__name__}.{_HOME.get(name, 'robot_model')}"), name)

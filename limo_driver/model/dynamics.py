@@ -32,6 +32,7 @@ class ArmDynamics(ABC):
     pin_model: Any  # of the n joints
     pin_tree: Any  # of the m links, each with a joint of its own
     linkage: JointLinkage  # which of the n joints moves each of the m links
+    massless: tuple[str, ...]  # names of links without a mass, for which no torque is computed
     _data: Any  # of `pin_model`
     _flange: int  # frame
 
@@ -39,6 +40,10 @@ class ArmDynamics(ABC):
     def n(self) -> int:
         """Number of joints."""
         return int(self.pin_model.nv)
+
+    @abstractmethod
+    def check_masses(self) -> None:
+        """Refuse an arm whose torques cannot be computed, as links state no mass."""
 
     @abstractmethod
     def with_gravity(self, gravity: Sequence[float]) -> Self:
@@ -144,8 +149,10 @@ class ArmDynamics(ABC):
             Symmetric, (n, n) [kg m²].
 
         Raises:
+            ConfigError: A link has no mass.
             ShapeError: The position is not (n,).
         """
+        self.check_masses()
         M = pin.crba(self.pin_model, self._data, self._one(position))
         return np.triu(M) + np.triu(M, 1).T
 
@@ -207,8 +214,11 @@ class ArmDynamics(ABC):
             Joint torques, (T, n) [N m].
 
         Raises:
+            ConfigError: A link has no mass.
             ShapeError: The arrays are not all (T, n).
         """
+        if self.massless:
+            self.check_masses()
         if not type(position) is type(velocity) is type(acceleration) is np.ndarray:
             position, velocity, acceleration = (
                 as_numbers(*item)

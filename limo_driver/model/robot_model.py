@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model.descriptions.chain import (
+    frames_alone,
     frames_of_joint,
     is_nearly_possible,
     joint_limits,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 BUILT_IN = ("iiwa14",)
 _MOST_NEGATIVE = 0.5  # of the largest principal moment, that a negative one may still be a slip
+_GRAIN = 1e-6  # [m], extent below which a moment of inertia is rounding
 _MORE = ", of which one is above the sum of the others"
 
 
@@ -65,7 +67,8 @@ class RobotModel(ArmDynamics, Displayed):
     none is chosen, those that slide at the end of the arm (a gripper's) are locked with what
     follows them, and their bodies added to the link that carries them. A continuous joint has
     limits of half a turn to either side, within which motion is planned; recordings may count any
-    number of turns.
+    number of turns. Masses may be left out: motion is planned, run and looked at without, and what
+    computes torques refuses (`massless`).
 
     Of an MJCF file the arm is the tree of bodies with the most hinges. What a file states beside
     the rigid body (friction, damping, armature, springs) is in `description`; a `Simulation` that
@@ -81,8 +84,7 @@ class RobotModel(ArmDynamics, Displayed):
 
     Raises:
         ConfigError: The file is missing, is neither, has no joint that moves or none of these
-            names, a moving link has no mass, an inertial names no moving link or no possible body;
-            or gravity is not finite.
+            names, an inertial names no moving link or no possible body; or gravity is not finite.
         ShapeError: The gravity is not (3,).
 
     Example:
@@ -120,7 +122,8 @@ class RobotModel(ArmDynamics, Displayed):
             self.description, self.pin_tree, self.inertials, chain.link_joints
         )
         self.inertials |= apart
-        _check_masses(self.inertials, chain.link_joints, self.urdf)
+        self._frames = frames_alone(self.pin_tree, self.description)
+        _check_moments(self.inertials, chain.link_joints, self.urdf)
         rounded = self._with_real_bodies(apart)
         self._override(inertials or {})
         given = self.description.gravity if gravity is None else gravity
@@ -148,7 +151,11 @@ class RobotModel(ArmDynamics, Displayed):
             self.limits.position_max,
             self.sliding,
         )
-        told = (*self.description.notes, *locked, *slides, *unstated, *driven, *rounded, *doubts)
+        lacking = (self._massless(),) if self.massless else ()
+        told = (
+            *(*self.description.notes, *locked, *slides, *unstated),
+            *(*driven, *rounded, *lacking, *doubts),
+        )
         self.notes: tuple[str, ...] = told
         # joints without ends; their limits say within which turn motion is planned, no more
         self.turning: tuple[bool, ...] = tuple(x in chain.turning for x in self.joint_names)
@@ -287,6 +294,26 @@ class RobotModel(ArmDynamics, Displayed):
         """
         return read_shapes(self.description, self.pin_model)
 
+    def check_masses(self) -> None:
+        """Refuse an arm whose torques cannot be computed.
+
+        Raises:
+            ConfigError: A link has no mass.
+        """
+        if self.massless:
+            raise ConfigError(self._massless(), path=self.urdf)
+
+    def _massless(self) -> str:
+        links = self.massless
+        joint = self.link_joints[self.link_names.index(links[0])]
+        who = f"link {links[0]}, which joint {joint} moves, has"
+        if len(links) > 1:
+            who = f"{len(links)} links that move, {shortened(links)}, have"
+        return (
+            f"{who} no mass: motion can be planned and run, and torques are computed only once "
+            f"<inertial> is stated of {'each' if len(links) > 1 else 'it'}"
+        )
+
     def check_runnable(self) -> None:
         """Refuse an arm that cannot be run.
 
@@ -307,12 +334,13 @@ class RobotModel(ArmDynamics, Displayed):
         """Refuse to move an arm whose description leaves ranges out, for which some are made up.
 
         Raises:
-            ConfigError: A joint has limits of 0 to 0, as exporters leave them.
+            ConfigError: A joint has limits of 0 to 0, as exporters leave them, or reversed.
         """
         if unranged := self.description.unranged:
             raise ConfigError(
-                f"the limits of {shortened(unranged)} are 0 to 0, so nobody knows how far the arm "
-                f"may go: state them in the {self.description.kind}, or the type continuous",
+                f"the limits of {shortened(unranged)} are 0 to 0 or reversed, so nobody knows how "
+                f"far the arm may go: state them in the {self.description.kind}, or the type "
+                "continuous",
                 path=self.urdf,
             )
 
@@ -344,7 +372,8 @@ class RobotModel(ArmDynamics, Displayed):
         Args:
             changed: Links that are not as the file has them, by name; nothing more is said of them.
         """
-        nearly = {name: body for name, body in self.inertials.items() if not body.has_extent()}
+        massive = {name: body for name, body in self.inertials.items() if body.mass > 0}
+        nearly = {name: body for name, body in massive.items() if not body.has_extent()}
         real = {name: body.nearest_consistent() for name, body in nearly.items()}
         self._override({**{x: y.nearest_consistent() for x, y in changed.items()}, **real})
         return tuple(
@@ -376,23 +405,26 @@ class RobotModel(ArmDynamics, Displayed):
                     inertial.mass, np.array(inertial.com), inertial.tensor()
                 )
             self.inertials[link] = inertial
+        # links that move and state no mass, but for frames between axes, which need none
+        self.massless: tuple[str, ...] = tuple(
+            name
+            for name, body in self.inertials.items()
+            if body.mass <= 0 and name not in self._frames
+        )
 
 
-def _check_masses(
+def _check_moments(
     inertials: Mapping[str, Inertial], joint_names: Sequence[str], path: Path
 ) -> None:
-    """Refuse links that move and have no mass, or moments of inertia that nothing explains.
+    """Refuse moments of inertia that nothing explains.
 
     Rods and point masses have none about an axis, and a small one is negative where products of
     inertia were rounded or got another sign: the nearest body stands for them.
     """
     for (link, body), joint in zip(inertials.items(), joint_names, strict=True):
-        if body.mass <= 0:
-            raise ConfigError(
-                f"link {link}, which joint {joint} moves, has no mass; state its <inertial>",
-                path=path,
-            )
         least, _, most = np.linalg.eigvalsh(body.tensor()).tolist()
+        if body.mass <= 0 or abs(least) <= body.mass * _GRAIN**2:
+            continue
         if least < -_MOST_NEGATIVE * most or most < 0:
             raise ConfigError(
                 f"link {link}, which joint {joint} moves, has the principal moments of inertia "

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.display import Displayed
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from limo_driver.model.robot_model import RobotModel
     from limo_driver.types import FloatArray
 
@@ -74,3 +78,42 @@ class FlangeWrench:
         covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
         value = -covariance @ (weighted @ external)
         return Wrench(value, covariance * (1.0 if known else np.nan))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ExternalWrench(Displayed):
+    """What the environment exerted on an arm, sample by sample.
+
+    In the axes of a frame and about its origin: force, then torque [N, N m].
+    """
+
+    frame: str
+    time: FloatArray  # (T,) [s]
+    value: FloatArray  # (T, 6)
+    std: FloatArray  # (T, 6), one standard deviation; NaN where errors of torque are unknown
+    external: FloatArray  # (T, n) [N m], measured less estimated torque
+    bias: FloatArray  # (n,) [N m], taken off that
+
+    @property
+    def force(self) -> FloatArray:
+        """Size of the force, (T,) [N]."""
+        return np.linalg.norm(self.value[:, :3], axis=1)
+
+    def headline(self) -> str:
+        """Say how large the force is, and how sure."""
+        half, most = np.quantile(self.force, (0.5, 0.95))
+        sure = np.median(1.96 * np.linalg.norm(self.std[:, :3], axis=1))
+        known = "" if np.isnan(sure) else f"; 95 % of its errors within {sure:.2f} N"
+        return (
+            f"force at {self.frame}: half of {len(self.time)} samples below {half:.2f} N, 95 % "
+            f"below {most:.2f} N{known}"
+        )
+
+    def figures(self) -> Mapping[str, Sequence[object]]:
+        """Return the external torque of each joint, and what was taken off it."""
+        rms = np.sqrt(np.mean(self.external**2, axis=0))
+        return {
+            "joint": range(1, len(rms) + 1),
+            "external, RMS [N m]": rms.tolist(),
+            "bias [N m]": self.bias.tolist(),
+        }

@@ -68,7 +68,7 @@ class Simulation(Displayed):
             `replace` does not read it again.
 
     Raises:
-        ConfigError: The robot, a link or a joint does not exist.
+        ConfigError: The robot, a link or a joint does not exist, or a link has no mass.
 
     Example:
         >>> from limo_driver.physics import ViscousFriction
@@ -91,6 +91,7 @@ class Simulation(Displayed):
             )
         if self.described is None or self.described.name != self.robot:
             object.__setattr__(self, "described", RobotModel.load(self.robot))
+        self.model.check_masses()
         self._check_drives()
         for effect in self.effects:
             for joint in _joints_of(effect):

@@ -10,7 +10,7 @@ import numpy as np
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import POSITION, channels_of, chosen, led_by
 from limo_driver.recordings.checks import check_arm
-from limo_driver.recordings.gate import LeftOut, about_gaps, inspect_commands
+from limo_driver.recordings.gate import LeftOut, about_gaps, inspect_commands, with_one_clock
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import readonly
 
@@ -100,6 +100,7 @@ class Commanded:
             RecordingError: There are no commands, or no position to start from; times or commands
                 cannot be used, nor positions where most rows have them.
         """
+        columns = with_one_clock(columns)
         command = set_points(columns.command, source)
         usable = inspect_commands(columns)
         placed = np.asarray(np.isfinite(columns.position).all(axis=1))

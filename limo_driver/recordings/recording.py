@@ -33,6 +33,7 @@ from limo_driver.recordings.gate import (
     UsableRows,
     inspect,
     inspect_by_joint,
+    with_one_clock,
     without_silent_torques,
 )
 from limo_driver.runtime.display import Displayed
@@ -215,7 +216,7 @@ class Recording(FilteredSamples, Displayed):
 
     @classmethod
     def _checked(cls, columns: Columns, source: str) -> Recording:
-        columns = without_wraps(columns)
+        columns = with_one_clock(without_wraps(columns))
         if columns.command is not None and np.isnan(columns.torque).all():
             return cls._without_torque(columns, source)
         columns = without_silent_torques(columns)

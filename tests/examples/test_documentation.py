@@ -58,10 +58,6 @@ NOT_RUN = {
     "ros2.md": ["needs a robot, and ends at Ctrl-C", "writes into a workspace of ROS"],
     "start.md": ["installs limo, and runs what runs this"] * 3,
     "streaming.md": ["needs two other machines"],
-    "ultrasound.md": [
-        "takes a minute, and is what the workflow does",
-        "needs an arm that publishes its state",
-    ],
     "without_torque.md": ["needs a real arm"],
     "workflow.md": ["needs a real arm"],
 }
@@ -253,7 +249,6 @@ HAS = {  # a reader of each document; the rest comes from its own blocks
     "fri_controller.md": "sim.yaml lossy.yaml",
     "models.md": "model newer run.parquet test.parquet",
     "streaming.md": "limo.traj.parquet model",
-    "ultrasound.md": "monday.parquet tuesday.parquet wednesday.parquet",
     "without_torque.md": "arm.xml moves.parquet more_moves.parquet",
     "workflow.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf believed.yaml",
 }

@@ -43,6 +43,7 @@ PUBLIC = (
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})
 # What runs for longer than a moment, needs the network, or a model that was trained before.
 LONG = (
+    "contact_thresholds",
     "diagnose",
     "diagnose_fleet",
     "simulate_dataset",
@@ -151,7 +152,8 @@ def folder(tmp_path_factory):
     t = np.arange(0, 4, 0.004)
     motion = limo.Motion.from_positions(t, 0.2 * (1 - np.cos(np.pi * t / 2))[:, None] * np.ones(7))
     torque = sim.predict(motion)
-    limo.Recording.from_arrays(t, motion.position, torque).save(folder / "run.parquet")
+    for name in ("run.parquet", "scan.parquet"):
+        limo.Recording.from_arrays(t, motion.position, torque).save(folder / name)
     servos = tuple(PositionServo(joint=joint, kp=2000.0, kd=100.0) for joint in range(1, 8))
     limo.Simulation("iiwa14", drives=servos).save(folder / "servos.yaml")
     commanded = limo.Recording.from_arrays(t, motion.position, command=motion.position)

@@ -126,6 +126,10 @@ class ControlledArm(MujocoRobot):
         """Lean on the joints from outside, (7,) [N m]."""
         self._sampled.push(torque)
 
+    def torque_of(self, force: FloatArray) -> FloatArray:
+        """Return the torque on the joints, (7,) [N m], of a force on the flange, (3,) [N]."""
+        return self._jacobian()[:3].T @ force
+
     def advance(
         self,
         targets: FloatArray,

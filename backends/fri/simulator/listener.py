@@ -24,6 +24,7 @@ from backends.fri.simulator.judge import (
     spoken,
 )
 from backends.fri.simulator.ledger import Arrival, Ledger
+from backends.fri.simulator.scenario import FlangeForce
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
@@ -291,7 +292,10 @@ class CommandedArm:
         """
         push, self.program = np.zeros(JOINTS), np.zeros(JOINTS)
         for event in now.pushes:
-            push[event.joint - 1] += event.torque
+            if isinstance(event, FlangeForce):
+                push += self.arm.torque_of(np.array(event.force))
+            else:
+                push[event.joint - 1] += event.torque
         for event in now.motions:
             phase = 2.0 * np.pi * (time - event.at) / event.duration
             self.program[event.joint - 1] += 0.5 * event.amplitude * (1.0 - np.cos(phase))

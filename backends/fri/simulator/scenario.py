@@ -77,7 +77,7 @@ class Now:
     safety: SafetyState = SafetyState.NORMAL
     session: SessionState = SessionState.COMMANDING_ACTIVE  # at most
     silent: bool = False
-    pushes: tuple[SimulatedPush, ...] = ()
+    pushes: tuple[SimulatedPush | FlangeForce, ...] = ()
     motions: tuple[ProgramMotion, ...] = ()
 
 
@@ -135,7 +135,7 @@ def together(events: Iterable[ControllerEvent]) -> Now:
                 now = replace(now, session=min(now.session, event.state))
             case Silence():
                 now = replace(now, silent=True)
-            case SimulatedPush():
+            case SimulatedPush() | FlangeForce():
                 now = replace(now, pushes=(*now.pushes, event))
             case ProgramMotion():
                 now = replace(now, motions=(*now.motions, event))
@@ -260,6 +260,14 @@ class SimulatedPush(ControllerEvent):
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlangeForce(ControllerEvent):
+    """Somebody pushes the flange, in the axes of the base."""
+
+    name: ClassVar[str] = "force"
+    force: tuple[float, ...] = parameter("N", lower=-300.0, upper=300.0, length=3)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Silence(ControllerEvent):
     """The controller sends nothing, and goes on."""
 
@@ -286,6 +294,7 @@ EVENTS: dict[str, type[ControllerEvent]] = {
         SafetyStop,
         SessionCap,
         SimulatedPush,
+        FlangeForce,
         Silence,
         ProgramMotion,
     )

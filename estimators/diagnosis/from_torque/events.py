@@ -25,7 +25,7 @@ from estimators.diagnosis.from_torque.fitting.settling import (
 )
 from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
-from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse
+from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
 from estimators.diagnosis.from_torque.residuals.holds import holds
 from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, impacts, jolts
 from estimators.diagnosis.from_torque.residuals.jolts import impacts_note as note_of_play
@@ -177,7 +177,7 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     # another effect, but there is no more than before
     nearer = JudgedSet.of(*settled_around(again.problem, again.solution, progress))
     larger = len(nearer.solution.members) > len(again.solution.members)
-    if not larger and not worse(nearer.problem, nearer.proven, again.proven, again.remaining):
+    if not larger and not worse_at(nearer.problem, nearer.proven, again.proven, again.remaining):
         again = nearer
     found = {effect for effect, _ in again.places(again.named)}
     serves = again.serves and not judged.serves
@@ -206,6 +206,6 @@ def beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> 
         return judged
     fewer = set(again.unknown) < set(judged.unknown)
     wrong = set(again.unknown) == set(judged.unknown) and found & held
-    if fewer or (wrong and not worse(problem, again.proven, judged.proven, judged.remaining)):
+    if fewer or (wrong and not worse_at(problem, again.proven, judged.proven, judged.remaining)):
         return again
     return judged

@@ -64,10 +64,9 @@ class MotionSettings:
         "it is at most 1.3, but for an LWR4+, and of a Franka sampled at 30 Hz 17, and 6 from 2.5 "
         "to 5 Hz")
     matters: float = setting(0.25, "of the squared error",
-        "that a simulation leaves, which such noise has to make",
+        "that a simulation leaves, which noise has to make, unless no lag would leave so little",
         "higher compares noise; lower leaves out fast motion where it is known well enough",
-        chosen="an LWR4+ whose torques hold nothing above 5 Hz has 0.001; the Franka 0.6, and "
-        "0.3 to 0.4 from 2.5 to 5 Hz")
+        chosen="the Franka has 0.6, and 0.3 to 0.4 from 2.5 to 5 Hz")
     joints: float = setting(1 / 3, "of the joints that move", "at which it is, for all to be "
         "compared at a lower bandwidth",
         "more keeps noise of the joints that carry most; fewer takes one late torque for noise",

@@ -33,7 +33,8 @@ _SECONDS_PER_DAY = 86400.0
 _PART_UNDER_WAY = 0.1  # of all files of a log together, in the one that is being written
 
 
-def command(
+def command(  # one argument for each option
+    context: typer.Context,
     arm: Annotated[
         list[str],
         typer.Option(
@@ -99,6 +100,17 @@ def command(
         str,
         typer.Option(metavar="SECONDS", help="How long it has to last; also joint by joint."),
     ] = "0.15",
+    free: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RECORDING",
+            help="Motion that nothing touched: its errors say what a contact is, instead of "
+            "--contact; takes --model.",
+        ),
+    ] = None,
+    false_alarms: Annotated[
+        float, typer.Option(metavar="PER_HOUR", help="Of contact on the whole arm, with --free.")
+    ] = 1.0,
     retrain: Annotated[
         bool | None,
         typer.Option(
@@ -170,6 +182,8 @@ def command(
     from limo_driver.app.library.supervising import listens, serve_apart
     from limo_driver.network.ros import RosTopic
 
+    if free:
+        contact = free_contact(context, model, free, false_alarms, delay)
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
     retraining = retraining_of(stores, log, retrain, retrain_every, training_seconds, challenger)
@@ -216,6 +230,28 @@ def settings_of(
         contact_torque=per_joint("--contact", contact, "N m"),
         contact_duration=per_joint("--contact-for", contact_for, "s"),
     )
+
+
+def free_contact(
+    context: typer.Context, model: Path | None, free: list[Path], false_alarms: float, delay: float
+) -> str:
+    """Return what `--contact` would say for a rate of false alarms on free motion.
+
+    Raises:
+        ConfigError: There is no model, or contacts are given twice.
+    """
+    from limo_driver.app.library.contacts import contact_thresholds
+    from limo_driver.errors import ConfigError
+
+    if model is None:
+        raise ConfigError("--free takes --model, whose errors on that motion it judges")
+    source = context.get_parameter_source("contact")
+    if source is not None and source.name == "COMMANDLINE":
+        raise ConfigError("--contact and --free both say what a contact is")
+    levels = contact_thresholds(model, free, false_alarms=false_alarms, delay=delay)
+    found = ",".join(f"{level:.3g}" for level in levels)
+    say(f"{false_alarms:g} false alarms an hour: --contact {found}", stderr=True)
+    return found
 
 
 def per_joint(option: str, text: str, unit: str) -> tuple[float, ...]:

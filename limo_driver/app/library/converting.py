@@ -17,7 +17,7 @@ from limo_driver.logs.readers.proposals.recorded_joints import mapped_part
 from limo_driver.logs.ros.joint_state_log import joint_state_blocks
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.files.recording_file import columns_writer
-from limo_driver.recordings.gate import LeftOut, inspect, without_silent_torques
+from limo_driver.recordings.gate import LeftOut, OneClock, inspect, without_silent_torques
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -78,8 +78,7 @@ def convert_log(
     judged = _Judged(log, model, is_whole=blocks is None)
     with columns_writer(out, about) as write:
         for columns in pieces:
-            judged.add(columns)
-            write(columns)
+            write(judged.taken(columns))
     return judged.converted(used.joints)
 
 
@@ -140,8 +139,7 @@ def convert_bags(
     }
     judged = _Judged(bags[0], model, is_whole=True)
     with columns_writer(out, about) as write:
-        judged.add(replace(columns, warnings=(said(proposal), *columns.warnings)))
-        write(columns)
+        write(judged.taken(replace(columns, warnings=(said(proposal), *columns.warnings))))
     return ConvertedBags(judged.converted(model.joint_names), own)
 
 
@@ -182,8 +180,7 @@ def _streamed(
     judged, last = _Judged(bags[0], model, is_whole=second is None), first
     with columns_writer(out, about) as write:
         for log in chain([first], [] if second is None else [second], blocks):
-            judged.add(log.columns)
-            write(log.columns)
+            write(judged.taken(log.columns))
             last = log
     whole = judged.converted(named)
     beside = (f"left out: {', '.join(last.beside)}",) if last.beside else ()
@@ -230,17 +227,19 @@ class _Judged:
     def __init__(self, log: Path, model: RobotModel | None, *, is_whole: bool) -> None:
         self._log, self._model, self._is_whole = log, model, is_whole
         self._head: Columns | None = None  # the first block
+        self._clock = OneClock()
         self._rows = self._usable = self._blocks = 0
         self._first = self._last = 0.0
         self._left_out: dict[str, list[int]] = defaultdict(list)
         self._warnings = dict[str, None]()
 
-    def add(self, columns: Columns) -> None:
-        """Judge what comes next.
+    def taken(self, columns: Columns) -> Columns:
+        """Judge what comes next, and return it with a time that goes on.
 
         Raises:
             RecordingError: It cannot be used, or is of an earlier time.
         """
+        columns = self._clock.taken(columns)
         try:
             judged = without_silent_torques(columns)
             findings = inspect(judged)
@@ -262,6 +261,7 @@ class _Judged:
         self._first = self._first if self._blocks else float(columns.time[0])
         self._last, self._blocks = float(time[-1]), self._blocks + 1
         self._rows, self._usable = self._rows + columns.time.size, self._usable + time.size
+        return columns
 
     def converted(self, joints: tuple[str, ...]) -> Converted:
         """Return what is to be told."""

@@ -102,7 +102,7 @@ def diagnose_fleet(
                 progress(done, len(ended), len(rows))
         others = store.of_other_versions({row.key for row in rows})
         all_rows = tuple(ended[row.recording] for row in rows)
-        fleet = FleetDiagnosis(known.model.name, all_rows, others)
+        fleet = FleetDiagnosis(known.model.name, all_rows, others, known.model.joint_names)
         save_fleet(fleet, folder)
     if len(fleet.failed) == len(rows):
         place = str(simulation) if isinstance(simulation, (Path, str)) else "the simulation"

@@ -13,6 +13,7 @@ import math
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from string import Template
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -30,22 +31,33 @@ if TYPE_CHECKING:
     import zenoh
 
     from limo_driver.model import RobotModel
+    from limo_driver.network.messages import TorqueEstimate
     from limo_driver.network.streaming import Keys
     from limo_driver.types import FloatArray
 
 HOST: Final = "127.0.0.1"
 RATE: Final = 20.0  # [Hz] of the values
-_PLACES = (
-    '<section id="arm" class="arm"><div class="stage">'
+_PLACES = Template(
+    '<div class="watch"><section id="arm" class="arm" aria-label="The arm"><div class="stage">'
     '<svg class="leaders" aria-hidden="true"></svg></div></section>'
-    '<section><h2>Torque</h2><div id="joints" class="grid three"></div></section>'
-    '<section class="grid two"><div><h2>Service</h2><table id="status"></table></div>'
-    '<div><h2>Events</h2><ul id="events"></ul></div></section>'
+    '<section class="curves" aria-label="Torque"><div class="controls player">'
+    '<button id="pause">Pause</button>'
+    '<input id="when" type="range" step="0.05" aria-label="Time that is shown">'
+    '<output id="at">live</output><select id="span" aria-label="Time span of the curves">'
+    '<option value="10">10 s</option><option value="60">1 min</option>'
+    '<option value="600">10 min</option></select></div>'
+    '<div id="joints" data-names="$names"></div>'
+    '<p class="key small"><i class="measured"></i>measured <i class="after"></i>estimated, with its'
+    ' 95 % interval <i class="gap"></i>no value <i class="pushed"></i>contact '
+    '<i class="swap"></i>other model</p></section>'
+    '<section class="facts"><div><h2>Events</h2><ul id="events"></ul></div>'
+    '<div><h2>Service</h2><table id="status"></table></div></section></div>'
 )
 _LEAD = (
     "Rings: external torque of each joint, beside the 95 % interval of its estimate. Arrow: the "
-    "force at the flange that explains the external torques best. Curves, last 10 s: measured "
-    "(grey), estimated with its 95 % interval (blue)."
+    "force at the flange that explains the external torques best, during a contact. There is no "
+    "value where none came, and while the filter of the motion fills after a gap. The last ten "
+    "minutes since this page was opened can be looked at: pause, and move the slider."
 )
 SURE: Final = 1.96  # standard deviations of a 95 % interval
 _NAMED: Final = 8  # joints, in a sentence
@@ -101,7 +113,8 @@ def live_page(arm: str, model: RobotModel) -> Page:
     limits = model.limits
     pose = np.clip(np.zeros(model.n), limits.position_min, limits.position_max)
     said = '<p id="said" class="sources">waiting for the arm …</p>'
-    body = f"<header><h1>{in_html(arm)}</h1>{said}</header>" + paragraph(_LEAD, "lead") + _PLACES
+    places = _PLACES.substitute(names=in_html(json.dumps(model.joint_names)))
+    body = f"<header><h1>{in_html(arm)}</h1>{said}</header>{places}{paragraph(_LEAD, 'lead')}"
     return Page(f"{arm}, live", body, arm=arm_view(model, pose), player="live.js")
 
 
@@ -204,18 +217,30 @@ class ArmFeed(Closing):
                 self._shown["position"] = _plain(state.position, 5)
                 self._shown["stamp"] = state.stamp_ns / 1e9
         if (sample := self._estimates.try_recv()) is not None:
-            estimate = decode_torque_estimate(sample.payload.to_bytes())
-            self._shown |= {
-                "estimate_stamp": estimate.stamp_ns / 1e9,
-                "torque": _plain(estimate.torque, 4),
-                "interval": _plain(SURE * estimate.std, 4),
-                "external": _plain(estimate.external, 4),
-                "measured": _plain(estimate.torque + estimate.external, 4),
-                "outside": estimate.outside.tolist(),
-                "model": estimate.model,
-                "fallback": estimate.fallback,
-                "force": self._force(estimate.external),
-            }
+            self._show(decode_torque_estimate(sample.payload.to_bytes()))
+
+    def _show(self, estimate: TorqueEstimate) -> None:
+        """Show an estimate; no torque while the filter of the motion fills.
+
+        Physics alone never know their deviation; a model that does not, does not know the rate.
+        """
+        n, lost = len(estimate.names), estimate.outside & (not estimate.fallback)
+        lost = np.full(n, True) if estimate.reset else lost & np.isnan(estimate.std)
+        torque, external, std = (
+            np.where(lost, np.nan, values) if len(values) == n else values
+            for values in (estimate.torque, estimate.external, estimate.std)
+        )
+        self._shown |= {
+            "estimate_stamp": estimate.stamp_ns / 1e9,
+            "torque": _plain(torque, 4),
+            "interval": _plain(SURE * std, 4),
+            "external": _plain(external, 4),
+            "measured": _plain(torque + external, 4),
+            "outside": estimate.outside.tolist(),
+            "model": estimate.model,
+            "fallback": estimate.fallback,
+            "force": self._force(external),
+        }
 
     def _force(self, external: FloatArray) -> list[float | None] | None:
         """Return the force on the flange that explains external torques best, (3,) [N].

@@ -1,7 +1,5 @@
 """What names of columns say: quantity, joint, unit, and which columns are of one kind.
 
-What the name of a column says: which quantity of which joint, measured or commanded, its unit.
-
 A name is cut into words at signs, at digits and where a capital follows a small letter; the words
 of the field are looked up. `actual_q_0`, `axisQMsr[3]`, `joint1_pos_deg` and
 `observation.state.shoulder_pan.pos` are all read so.
@@ -71,6 +69,7 @@ WRITTEN: Final = {
     "°": "deg",
     "mrad": "mrad",
     "m": "m",
+    "n": "N",
     "metres": "m",
     "meters": "m",
     "mm": "mm",
@@ -130,9 +129,9 @@ MEASURED, PLAIN, COMMANDED, DERIVED = 0, 1, 2, 3  # ranks: which of two is the m
 _SAYS: Final = {
     TIME: "time t timestamp timestamps stamp clock elapsed zeit zeitin",
     POSITION: "q qpos pos position positions angle angles theta jpos",
-    VELOCITY: "dq qd qdot qvel vel velocity velocities speed speeds omega jvel dtheta",
-    ACCELERATION: "ddq qdd qddot qacc acc accel acceleration accelerations",
-    TORQUE: "tau torque torques effort efforts eff trq moment moments mom tq qfrc",
+    VELOCITY: "dot dq qd qdot qvel vel velocity velocities speed speeds omega jvel dtheta",
+    ACCELERATION: "ddot ddq qdd qddot qacc acc accel acceleration accelerations",
+    TORQUE: "tau torque torques force forces effort efforts eff trq moment moments mom tq qfrc",
     CURRENT: "current currents cur curr i iq",
     TEMPERATURE: "temp temperature temperatures",
 }
@@ -157,14 +156,15 @@ _NO_ROBOT: Final = (
     "joint joints jnt axis axes ax motor motors drive link arm manipulator robot left right side "
     "state states data value values list array vector log channel signal topic msg raw filtered "
     "filt filter lowpass encoder sensor input in per rot rotation load abs total num idx "
-    "controller control actuator"
+    "controller control actuator observation observations obs"
 )
 _USUAL: Final = frozenset(_NO_ROBOT.split())
 _BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°")
 # the letter before the number of an axis, as in `tau_A1`, which is no ampere; `mA_1` is
 _AXIS: Final = re.compile(r"(?:(?<![A-Za-z])a|(?<![A-Z])(?<!\bm)(?<!_m)A)(?=[ _.-]?\d)")
-_MOTOR: Final = "m"  # is a metre in brackets, and stands for the motor elsewhere, as in `theta_m`
+_IN_BRACKETS: Final = ("m", "n")  # units there; elsewhere the motor, as in `theta_m`, or a number
+_DOTS: Final = re.compile(r"\b(?:d dot|dot dot)\b")  # of an acceleration, as in `qDDot`
 _UNITS: Final = {TIME: SECONDS, CURRENT: CURRENTS, **UNITS}
 _SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn/s", "m": "m/s"}
 _SAID = {MEASURED: "measured", PLAIN: "", COMMANDED: "commanded", DERIVED: "derived"}
@@ -196,7 +196,8 @@ class Name:
 
 def words_of(text: str) -> tuple[str, ...]:
     """Cut a name into words, in lower case."""
-    return tuple(word.lower() for word in _WORD.findall(text))
+    words = " ".join(word.lower() for word in _WORD.findall(text))
+    return tuple(_DOTS.sub("ddot", words).split())
 
 
 def read_name(column: str, joints: Sequence[str] = ()) -> Name:
@@ -211,6 +212,7 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
     for match in _BRACKETED.finditer(column):
         if found := WRITTEN.get(match[1].strip().lower()):
             unit, rest = found, rest.replace(match[0], " ")
+    stated = unit
     words = words_of(rest)
     joint, words = _joint_in(words, joints)
     if isinstance(joint, int):
@@ -221,8 +223,10 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
     quantity = _QUANTITY[said[-1]] if said else NOTHING
     if quantity == CURRENT and any(_QUANTITY[word] == TORQUE for word in said):
         quantity = TORQUE  # computed of a current, as `torque_current` is
+    if not said and unit in SECONDS and joint is None:
+        quantity = TIME  # if it runs evenly, which no name says
     if not said and unit and joint is not None:
-        quantity = _of_unit(unit)
+        quantity = CURRENT if stated in CURRENTS else _of_unit(unit)
     if quantity == VELOCITY:
         unit = _SPEED.get(unit, unit)
     if quantity != TIME and any(word in _ELSEWHERE for word in words):
@@ -231,6 +235,11 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
         unit = ""
     ranks = [_RANK[word] for word in words if word in _RANK]
     return Name(column, quantity, max(ranks, default=PLAIN), joint, unit, words)
+
+
+def says_time(name: Name) -> bool:
+    """Say whether a name has a word for a time, and not its unit alone."""
+    return any(_QUANTITY.get(word) == TIME for word in name.family)
 
 
 def is_commanded(words: Iterable[str]) -> bool:
@@ -285,7 +294,7 @@ def _unit_at_end(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
         if not before or len(last) < many:
             continue
         for written in ("/".join(last), "".join(last)):
-            if written in WRITTEN and written != _MOTOR:
+            if written in WRITTEN and written not in _IN_BRACKETS:
                 return WRITTEN[written], before
     return "", words
 

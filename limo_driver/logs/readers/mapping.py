@@ -21,8 +21,9 @@ import numpy as np
 import yaml
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, SECONDS, UNITS
-from limo_driver.recordings.channels import CHANNELS, POSITION, Columns, seconds
+from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, UNITS
+from limo_driver.logs.readers.table import TimeColumns, units_of
+from limo_driver.recordings.channels import CHANNELS, POSITION, Columns
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.outputs import whole
@@ -44,55 +45,6 @@ _DECIDE: Final = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class TimeColumns(Declared):
-    """Where the time stands: one column, or two that count seconds and the rest of them."""
-
-    columns: tuple[str, ...] = parameter("", "names of the columns", default=())
-    unit: tuple[str, ...] = parameter("", "of each column", of=SECONDS, default=("s",))
-    rate: float | None = parameter(
-        "Hz", "of rows that have no time", lower=0.0, above=True, default=None
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.columns and self.rate is None:
-            raise ConfigError("time: has neither `columns:` nor a `rate:`")
-        if self.columns:
-            self._same_length("columns", "unit")
-
-    def origin(self, table: LogTable) -> tuple[Any, ...]:
-        """Return what each column has where time is 0: its first value that is known."""
-        return tuple(_first_known(table.column(name)) for name in self.columns)
-
-    def read(
-        self, table: LogTable, origin: tuple[Any, ...] | None = None
-    ) -> tuple[FloatArray, tuple[str, ...]]:
-        """Return the time (T,) [s] since an origin, and what has to be said of it.
-
-        Args:
-            table: Of the log, or of a block of it.
-            origin: Of the log; that of the table if not given.
-        """
-        if not self.columns:
-            return (table.first_row + np.arange(table.rows)) / float(self.rate or 1.0), ()
-        total, told = np.zeros(table.rows), list[str]()
-        origin = self.origin(table) if origin is None else origin
-        for name, unit, first in zip(self.columns, self.unit, origin, strict=True):
-            values = table.column(name)
-            if values.dtype.kind in "mM":
-                shift = float((_first_known(values) - first) / np.timedelta64(1, "s"))
-                since, said = seconds(values)
-                since = since + shift
-                told.append(said)
-            elif values.dtype.kind in "iu":  # exact, before the digits of a date are lost
-                since = (values - first).astype(np.int64) * SECONDS[unit]
-            else:
-                since = (values - first) * SECONDS[unit]
-            total += since
-        return total, tuple(told)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Channels(Declared):
     """One quantity of all joints: value = sign · factor · (column - zero), in SI units.
 
@@ -102,7 +54,7 @@ class Channels(Declared):
     columns: tuple[str, ...] = parameter(
         "", f"one for each joint, in their order; {NO_COLUMN} where the log has none of it"
     )
-    unit: tuple[str, ...] = parameter("", "of the columns", of=_EVERY)
+    unit: tuple[str, ...] = parameter("", "of the columns")
     sign: tuple[float, ...] = parameter("1", "1 or -1", lower=-1, upper=1, default=(1.0,))
     zero: tuple[float, ...] = parameter("", "what the column says at zero", default=(0.0,))
     factor: tuple[float, ...] = parameter(
@@ -111,6 +63,7 @@ class Channels(Declared):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        object.__setattr__(self, "unit", units_of(self.unit, _EVERY))
         for name in ("unit", "sign", "zero", "factor"):
             if len(getattr(self, name)) not in {1, len(self.columns)}:
                 raise self._refused(name, f"one entry, or one for each of {len(self.columns)}")
@@ -373,11 +326,6 @@ class LogMapping(Declared, Displayed):
 def values_of(table: LogTable, name: str) -> NDArray[Any]:
     """Return a column of a log; NaN throughout where it has none."""
     return np.full(table.rows, np.nan) if name == NO_COLUMN else table.column(name)
-
-
-def _first_known(values: NDArray[Any]) -> Any:  # noqa: ANN401  # a number or a date
-    known = ~np.isnat(values) if values.dtype.kind in "mM" else np.isfinite(values)
-    return values[known.argmax()] if known.any() else values.dtype.type(0)
 
 
 def _ordered(channels: Channels, order: list[int]) -> Channels:

@@ -1,4 +1,4 @@
-"""LogTable: what a log of any kind holds, as named columns of numbers, before it is mapped."""
+"""LogTable: what a log holds, as named columns of numbers, and where its time stands."""
 
 from __future__ import annotations
 
@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.errors import RecordingError
+from limo_driver.errors import ConfigError, ParameterError, RecordingError
+from limo_driver.logs.readers.columns import SECONDS, WRITTEN
+from limo_driver.recordings.channels import seconds
 from limo_driver.runtime.display import shortened
+from limo_driver.runtime.parameters import Declared, parameter, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
+
+    from limo_driver.types import FloatArray
 
 _MATRIX: Final = 2  # dimensions
 _BEYOND: Final = 1e100  # of any unit, squared it still is a number
@@ -199,3 +204,72 @@ def _names_of(
     """Return names of the columns of an array, and of the one array of texts that has them."""
     alike = [(name, texts) for name, texts in labels.items() if len(texts) == width]
     return alike[0] if len(alike) == 1 else ("", tuple(range(width)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeColumns(Declared):
+    """Where the time stands: one column, or two that count seconds and the rest of them."""
+
+    columns: tuple[str, ...] = parameter("", "names of the columns", default=())
+    unit: tuple[str, ...] = parameter("", "of each column", default=("s",))
+    rate: float | None = parameter(
+        "Hz", "of rows that have no time", lower=0.0, above=True, default=None
+    )
+    factor: float = parameter(
+        "1", "seconds that passed in one of the log", lower=0.0, above=True, default=1.0
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "unit", units_of(self.unit, SECONDS))
+        if not self.columns and self.rate is None:
+            raise ConfigError("time: has neither `columns:` nor a `rate:`")
+        if self.columns:
+            self._same_length("columns", "unit")
+
+    def origin(self, table: LogTable) -> tuple[Any, ...]:
+        """Return what each column has where time is 0: its first value that is known."""
+        return tuple(_first_known(table.column(name)) for name in self.columns)
+
+    def read(
+        self, table: LogTable, origin: tuple[Any, ...] | None = None
+    ) -> tuple[FloatArray, tuple[str, ...]]:
+        """Return the time (T,) [s] since an origin, and what has to be said of it.
+
+        Args:
+            table: Of the log, or of a block of it.
+            origin: Of the log; that of the table if not given.
+        """
+        if not self.columns:
+            return (table.first_row + np.arange(table.rows)) / float(self.rate or 1.0), ()
+        total, told = np.zeros(table.rows), list[str]()
+        origin = self.origin(table) if origin is None else origin
+        for name, unit, first in zip(self.columns, self.unit, origin, strict=True):
+            values = table.column(name)
+            if values.dtype.kind in "mM":
+                shift = float((_first_known(values) - first) / np.timedelta64(1, "s"))
+                since, said = seconds(values)
+                since = since + shift
+                told.append(said)
+            elif values.dtype.kind in "iu":  # exact, before the digits of a date are lost
+                since = (values - first).astype(np.int64) * SECONDS[unit]
+            else:
+                since = (values - first) * SECONDS[unit]
+            total += since
+        return self.factor * total, tuple(told)
+
+
+def _first_known(values: NDArray[Any]) -> Any:  # noqa: ANN401  # a number or a date
+    known = ~np.isnat(values) if values.dtype.kind in "mM" else np.isfinite(values)
+    return values[known.argmax()] if known.any() else values.dtype.type(0)
+
+
+def units_of(given: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
+    """Return units as limo writes them: N m for Nm, N*m and N·m."""
+    every, found = tuple(known), list[str]()
+    for unit in given:
+        own = unit if unit in every else WRITTEN.get(unit.lower(), unit)
+        if own not in every:
+            raise ParameterError("unit", shown(unit), f"one of {', '.join(every)}")
+        found.append(own)
+    return tuple(found)

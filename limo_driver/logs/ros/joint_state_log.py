@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
+from limo_driver.logs.mcap_file import CDR, LoggedMessage, McapWriter, read_mcap
 from limo_driver.logs.ros.db3_file import read_db3
+from limo_driver.logs.ros.plain_messages import JSON, PROTOBUF
+from limo_driver.logs.ros.ros1_bag import read_ros1
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.batches import BLOCK
-from limo_driver.recordings.gate import SYSTEMATIC
+from limo_driver.recordings.gate import SYSTEMATIC, in_order, runs_backwards
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -30,7 +32,8 @@ if TYPE_CHECKING:
 _NANOSECOND = 1e-9  # [s]
 _LISTED = 8  # topics that a message names
 _DB3 = (".db3", ".zstd")
-_ENDINGS = (".mcap", *_DB3)
+_ROS1 = ".bag"
+_ENDINGS = (".mcap", *_DB3, _ROS1)
 _REPORTED = 1024  # messages between two reports of progress
 
 
@@ -72,7 +75,7 @@ def joint_states(
 
     Raises:
         RecordingError: No joint states, several topics of them, other joints, or stamps that run
-            backwards more than now and then.
+            backwards again and again.
     """
     rows, warnings = _Rows(joints, topic), list[str]()
     for message in _messages(paths, warnings, progress):
@@ -102,7 +105,7 @@ def joint_state_blocks(
         progress: Told the files and the messages read, now and then.
 
     Raises:
-        RecordingError: As `joint_states` does, and where a message comes later than a block.
+        RecordingError: As `joint_states` does.
     """
     rows, warnings = _Rows(joints, topic), list[str]()
     for message in _messages(paths, warnings, progress):
@@ -138,7 +141,7 @@ def bag_files(paths: Sequence[Path]) -> list[Path]:
         if path.is_dir():
             found = sorted((x for x in path.iterdir() if x.suffix in _ENDINGS), key=_natural)
         if not found:
-            raise RecordingError("holds no .mcap or .db3 files", path=path)
+            raise RecordingError("holds no .mcap, .db3 or .bag files", path=path)
         files += found
     return files
 
@@ -147,13 +150,18 @@ def read_bag(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
     """Read the messages of one file of a log, in the order in which they were logged.
 
     Args:
-        path: An MCAP file or one of a SQLite bag; its ending says which.
+        path: An MCAP file, one of a SQLite bag, or a bag of ROS 1; its ending says which.
         tell: Told, once, if the file was not read to its end, and why.
 
     Raises:
         RecordingError: The file cannot be read, or is something else.
+        MissingPackageError: Of a bag of ROS 1: rosbags is not installed.
     """
-    return read_db3(path, tell) if path.suffix in _DB3 else read_mcap(path, tell)
+    if path.suffix == _ROS1:
+        return read_ros1(path, tell)
+    if path.suffix in _DB3:
+        return read_db3(path, tell)
+    return read_mcap(path, tell, (CDR, JSON, PROTOBUF))
 
 
 def write_joint_states(
@@ -209,7 +217,6 @@ class _Rows:
         self._stamps = array("q")
         self._values = array("d")  # position, velocity and torque of all joints, row by row
         self._start: int | None = None  # [ns], of the first block
-        self._last = 0  # [ns], of the last row that was given out
         self._duplicates = self._reordered_before = 0
 
     @property
@@ -219,7 +226,7 @@ class _Rows:
 
     def add(self, message: LoggedMessage) -> None:
         self.topics.setdefault(message.topic, message.schema)
-        if message.schema != JOINT_STATE:
+        if message.schema != JOINT_STATE or message.encoding != CDR:
             return
         if self.topic is None:
             self.topic = message.topic
@@ -271,19 +278,12 @@ class _Rows:
         assert self.joints is not None  # noqa: S101  # there are rows
         assert self.topic is not None  # noqa: S101
         stamps = np.array(self._stamps, dtype=np.int64)
-        reordered = self._reordered(stamps, one_clock=one_clock)
-        order = np.argsort(stamps, kind="stable")
+        order, reordered = self._order(stamps, one_clock=one_clock)
         values = np.array(self._values).reshape(stamps.size, 3, -1)[order]
         stamps = stamps[order]
-        if self._start is not None and stamps[0] < self._last:
-            back = (self._last - int(stamps[0])) * _NANOSECOND
-            raise RecordingError(
-                f"the stamps of {self.topic} run backwards by {back:.3g} s; are these two "
-                "recordings? convert them one by one"
-            )
         values, stamps = self._given_out(values, stamps, most)
         start = self._start if self._start is not None else int(stamps[0])
-        self._start, self._last = start, int(stamps[-1])
+        self._start = start
         self._duplicates += int((np.diff(stamps) == 0).sum())
         self._reordered_before += reordered
         position, velocity, torque = (values[:, k] for k in range(3))
@@ -338,16 +338,18 @@ class _Rows:
                 f"{', '.join(named) or 'nothing'}"
             )
 
-    def _reordered(self, stamps: NDArray[np.int64], *, one_clock: bool) -> int:
-        late = np.append(False, stamps[1:] < np.maximum.accumulate(stamps)[:-1])
-        if one_clock and late.mean() > SYSTEMATIC:
-            at = int(np.flatnonzero(late)[0])
+    def _order(
+        self, stamps: NDArray[np.int64], *, one_clock: bool
+    ) -> tuple[NDArray[np.int64], int]:
+        if not one_clock:
+            return np.argsort(stamps, kind="stable"), 0
+        order, overtaken = in_order(stamps)
+        if (share := runs_backwards(stamps[order])) > SYSTEMATIC:
             raise RecordingError(
-                f"the stamps run backwards at message {at} of {self.topic}, and {late.mean():.0%} "
-                "of them do; are these two recordings? convert them one by one",
-                rows=[at],
+                f"the stamps of {self.topic} run backwards at {share:.0%} of the messages; are "
+                "these two publishers?"
             )
-        return int(late.sum())
+        return order, overtaken
 
     def _check_measured(self, position: FloatArray, torque: FloatArray) -> None:
         for name, values in (("position", position), ("effort", torque)):

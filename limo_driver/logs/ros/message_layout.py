@@ -19,7 +19,7 @@ from limo_driver.network.messages.cdr import CdrReader
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-_CODES: Final = {
+CODES: Final = {
     "bool": "?",
     "byte": "B",
     "char": "B",
@@ -35,16 +35,16 @@ _CODES: Final = {
     "float64": "d",
 }
 _FLOATS: Final = "fd"  # what joints are measured in; modes and flags are not kept
-_STRING: Final = "string"
-_LABELS: Final = ("name", "names", "joint_names")  # fields that name what the arrays are of
+STRING: Final = "string"
+LABELS: Final = ("name", "names", "joint_names")  # fields that name what the arrays are of
 _TIMES: Final = ("builtin_interfaces/Time", "builtin_interfaces/Duration")
-_HEADER: Final = "std_msgs/Header"
+HEADER: Final = "std_msgs/Header"
 _FIELD: Final = re.compile(
-    r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?P<array>\[(?P<size>(?:<=)?\d*)\])?\s+(?P<name>[a-z]\w*)"
+    r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?P<array>\[(?P<size>(?:<=)?\d*)\])?\s+(?P<name>[A-Za-z]\w*)"
     r"(?P<constant>\s*=)?"
 )
-_MOST: Final = 10_000  # entries of one array, and numbers of one message
-_DEEPEST: Final = 8  # types within each other
+MOST: Final = 10_000  # entries of one array, and numbers of one message
+DEEPEST: Final = 8  # types within each other
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ class MessageLayout:
 
     def __init__(self, name: str, definition: str) -> None:
         self.name = name
-        self._types = _types_of(_short(name), definition)
-        self._root = _short(name)
-        self._check(self._root, ())
+        self.types = _types_of(_short(name), definition)
+        self.root = _short(name)
+        self._check(self.root, ())
 
     def decode(self, payload: bytes | memoryview) -> DecodedMessage:
         """Return the numbers of one message.
@@ -89,17 +89,17 @@ class MessageLayout:
             WireFormatError: The payload is malformed; names its offset.
         """
         reader, found = _FieldReader(payload), DecodedMessage()
-        self._take(reader, self._root, "", (), found)
+        self._take(reader, self.root, "", (), found)
         reader.end()
         return found
 
     def _check(self, kind: str, within: tuple[str, ...]) -> None:
-        if kind in within or len(within) > _DEEPEST:
+        if kind in within or len(within) > DEEPEST:
             raise WireFormatError(f"the definition of {self.name} holds itself", 0)
-        for own in self._types[kind]:
-            if own.kind in _CODES or own.kind == _STRING:
+        for own in self.types[kind]:
+            if own.kind in CODES or own.kind == STRING:
                 continue
-            if own.kind not in self._types:
+            if own.kind not in self.types:
                 raise WireFormatError(f"the definition of {self.name} lacks the type {own.kind}", 0)
             self._check(own.kind, (*within, kind))
 
@@ -111,24 +111,24 @@ class MessageLayout:
         labels: tuple[str, ...],
         found: DecodedMessage | None,
     ) -> None:
-        for own in self._types[kind]:
+        for own in self.types[kind]:
             place = f"{path}.{own.name}" if path else own.name
-            if own.kind == _STRING:
+            if own.kind == STRING:
                 texts = reader.texts(own.many, place)
-                if own.many is not None and own.name in _LABELS:
+                if own.many is not None and own.name in LABELS:
                     labels = texts
                     if found is not None and not found.labels:
                         found.labels = texts
-            elif own.kind in _CODES:
-                values = reader.values(_CODES[own.kind], own.many, place)
-                if found is not None and _CODES[own.kind] in _FLOATS and place != "time":
-                    found.values |= _named(place, values, own.many, labels)
-                    if len(found.values) > _MOST:
-                        raise WireFormatError(f"more than {_MOST} numbers", reader.offset)
+            elif own.kind in CODES:
+                values = reader.values(CODES[own.kind], own.many, place)
+                if found is not None and CODES[own.kind] in _FLOATS and place != "time":
+                    found.values |= named(place, values, own.many, labels)
+                    if len(found.values) > MOST:
+                        raise WireFormatError(f"more than {MOST} numbers", reader.offset)
             elif own.many is not None:  # whose numbers have no joint of their own
                 for _ in range(reader.length(own.many, place)):
                     self._take(reader, own.kind, place, labels, None)
-            elif own.kind == _HEADER and not path and found is not None:
+            elif own.kind == HEADER and not path and found is not None:
                 found.stamp_ns = reader.time(place)
                 reader.string(place)
             else:
@@ -157,8 +157,8 @@ class _FieldReader(CdrReader):
     def length(self, many: int, name: str) -> int:
         """Take the length of an array, unless its type states it."""
         count = many or self.number("I", name)
-        if count > _MOST:
-            raise WireFormatError(f"{name} has length {count}, expected {_MOST} at most", 0)
+        if count > MOST:
+            raise WireFormatError(f"{name} has length {count}, expected {MOST} at most", 0)
         return count
 
 
@@ -181,9 +181,17 @@ def layout_of(name: str, definition: bytes) -> MessageLayout | str:
         return str(error)
 
 
-def _named(
+def named(
     place: str, values: tuple[float, ...], many: int | None, labels: tuple[str, ...]
 ) -> Mapping[str, float]:
+    """Return the numbers of a field by column.
+
+    Args:
+        place: Of the field, such as `feedback.positions`.
+        values: Its numbers.
+        many: None of a field that is no array.
+        labels: Joints that the message names, which name as many numbers.
+    """
     if many is None:
         return {place: values[0]}
     if labels and len(labels) == len(values):
@@ -220,8 +228,8 @@ def _fields(text: str, package: str) -> list[MessageField]:
         if match["constant"]:
             continue
         kind = match["type"]
-        if kind not in _CODES and kind != _STRING:
-            kind = _HEADER if kind == "Header" else _short(kind)
+        if kind not in CODES and kind != STRING:
+            kind = HEADER if kind == "Header" else _short(kind)
             kind = kind if "/" in kind else f"{package}/{kind}"
         size = match["size"] or ""
         many = None if match["array"] is None else int(size) if size.isdigit() else 0
@@ -231,7 +239,7 @@ def _fields(text: str, package: str) -> list[MessageField]:
 
 def _whole(own: MessageField, known: Mapping[str, object]) -> MessageField:
     """Return a field whose type is named as it is in the definition, whatever package says it."""
-    if own.kind in known or own.kind in _CODES or own.kind == _STRING:
+    if own.kind in known or own.kind in CODES or own.kind == STRING:
         return own
     last = own.kind.rpartition("/")[2]
     alike = [name for name in known if name.rpartition("/")[2] == last]

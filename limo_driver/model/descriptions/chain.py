@@ -4,7 +4,6 @@
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
 from __future__ import annotations
 
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
@@ -207,12 +206,36 @@ def frames_of_joint(model: pin.Model, joint: int) -> dict[str, FloatArray]:
     }
 
 
+def frames_alone(tree: pin.Model, description: RobotDescription) -> frozenset[str]:
+    """Return links that are no more than a frame between two axes, and need no mass.
+
+    They have no shape, nor has what is fixed to them, and carry a link that has a mass.
+
+    Args:
+        tree: Of links, each with a joint of its own.
+        description: As read.
+    """
+    shaped = {
+        str(link.get("name"))
+        for link in description.root.findall("link")
+        if link.find("visual") is not None or link.find("collision") is not None
+    }
+    found = set[str]()
+    for joint in range(1, tree.njoints):
+        carried = [k for k in tree.subtrees[joint] if k != joint]
+        if any(tree.inertias[k].mass > 0 for k in carried) and shaped.isdisjoint(
+            frames_of_joint(tree, joint)
+        ):
+            found.add(link_of_joint(tree, joint))
+    return frozenset(found)
+
+
 def _with_ends(description: RobotDescription) -> tuple[str, tuple[str, ...]]:
     """Return the text with an end to either side of each continuous joint, and their names.
 
     Links and joints may share names in a file; in pinocchio, both are frames.
     """
-    root = deepcopy(description.root)
+    root = description.without("visual", "collision", "material")
     links = {link.get("name") for link in root.findall("link")}
     joints = [joint for joint in root.findall("joint") if joint.get("type") == "continuous"]
     for joint in joints:

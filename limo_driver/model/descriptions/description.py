@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 from xml.etree import ElementTree as ET
@@ -144,6 +145,19 @@ class RobotDescription:
     def text(self) -> str:
         """The description as URDF."""
         return ET.tostring(self.root, encoding="unicode")
+
+    def without(self, *tags: str) -> ET.Element:
+        """Return a copy of `root` without some elements of it and of its links.
+
+        Args:
+            tags: Such as `visual`: of shapes that pinocchio's parser cannot read, it says many
+                lines, and of materials that it has twice, it refuses all.
+        """
+        root = deepcopy(self.root)
+        for owner in (root, *root.findall("link")):
+            for element in [each for each in owner if each.tag in tags]:
+                owner.remove(element)
+        return root
 
     def jerk_of(self, joints: Sequence[str]) -> FloatArray | None:
         """Return the jerk in the limit of each joint, (n,) [rad/s^3]; None if none states any.

@@ -12,13 +12,12 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.model.descriptions.description import Following, JointDynamics, RobotDescription
 from limo_driver.model.descriptions.geometry import numbers, rotation_of, rpy_of, turned
-from limo_driver.model.descriptions.urdf_checks import (
-    check_urdf,
-    end_of,
+from limo_driver.model.descriptions.urdf_checks import check_urdf, end_of
+from limo_driver.model.descriptions.urdf_mends import (
+    mended,
     unranged_notes,
-    with_ground,
+    with_plain_numbers,
     without_ends,
-    without_odd_shapes,
 )
 from limo_driver.model.descriptions.xml_text import read_xml
 from limo_driver.runtime.display import shortened
@@ -75,9 +74,9 @@ def read_description(path: Path, joints: Sequence[str] = ()) -> RobotDescription
 
 
 def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
-    grounded = with_ground(root)
+    notes = mended(root, path)
     check_urdf(root, path)
-    odd = without_odd_shapes(root)
+    with_plain_numbers(root)
     unranged = without_ends(root)
     dynamics: dict[str, JointDynamics] = {}
     for joint in root.findall("joint"):
@@ -87,9 +86,7 @@ def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
                 friction=_number(stated, "friction", path, least=0.0),
                 damping=_number(stated, "damping", path, least=0.0),
             )
-    return RobotDescription(
-        root, path, "URDF", dynamics, notes=(*grounded, *odd), unranged=unranged
-    )
+    return RobotDescription(root, path, "URDF", dynamics, notes=notes, unranged=unranged)
 
 
 def _number(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from xml.etree import ElementTree as ET
 
 import coal
 import numpy as np
@@ -119,7 +120,7 @@ def read_shapes(description: RobotDescription, model: pin.Model) -> ArmShapes:
     try:
         geometry = pin.buildGeomFromUrdfString(
             model,
-            description.text,
+            ET.tostring(description.without("visual", "material"), encoding="unicode"),
             pin.GeometryType.COLLISION,
             package_dirs=[str(folder) for folder in description.path.resolve().parents],
         )

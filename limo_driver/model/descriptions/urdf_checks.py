@@ -7,29 +7,24 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.description import ROOM
 from limo_driver.quoting import in_shell
 from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from xml.etree import ElementTree as ET
 
 _MOVABLE: Final = ("revolute", "continuous", "prismatic")
-_MOST: Final = ("effort", "velocity")  # of a joint that moves
-_ENDING: Final = ("revolute", "prismatic")  # which have to state where their range ends
 _ON_A_FIXED_BASE: Final = (*_MOVABLE, "fixed")
-_FREE: Final = ("floating", "planar")
 _AXES: Final = 3
-_VECTORS: Final = ("xyz", "rpy", "size", "scale")  # of several numbers; all else is one
+VECTORS: Final = ("xyz", "rpy", "size", "scale")  # of several numbers; all else is one
 _SHAPES: Final = ("box", "cylinder", "sphere", "capsule", "mesh")
-_TEXTS: Final = ("filename", "name")
+TEXTS: Final = ("filename", "name")
 LARGEST: Final = 1e50  # of a number in any unit; its square and more can be computed
-_NUMBERS: Final = {
+NUMBERS: Final = {
     "link": (
         *("inertial/mass", "inertial/inertia", "inertial/origin"),
         *("visual/origin", "collision/origin"),
@@ -42,15 +37,6 @@ _INERTIAL: Final = {
     "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
 }
 _MACROS: Final = ("${", "$(")
-_GROUND: Final = "world"
-_NEEDED: Final = {  # and what each needs
-    "box": ("size",),
-    "cylinder": ("radius", "length"),
-    "sphere": ("radius",),
-    "capsule": ("radius", "length"),
-    "mesh": ("filename",),
-}
-_REFUSED: Final = "without a range, the arm cannot be planned or run"
 
 
 def check_urdf(root: ET.Element, path: Path) -> None:
@@ -70,7 +56,6 @@ def check_urdf(root: ET.Element, path: Path) -> None:
     _check_numbers(root, path)
     _check_ends(root, path)
     _check_tree(root, path)
-    _check_limits(root, path)
 
 
 def end_of(joint: ET.Element, which: str) -> str:
@@ -122,45 +107,12 @@ def _check_ends(root: ET.Element, path: Path) -> None:
                 raise ConfigError(f"joint {name!r}: {said}", path=path)
 
 
-def _check_limits(root: ET.Element, path: Path) -> None:
-    """Refuse joints that state no range, or one that ends before it begins.
-
-    Raises:
-        ConfigError: There is one.
-    """
-    for joint in root.findall("joint"):
-        name, limit = joint.get("name"), joint.find("limit")
-        if limit is not None and joint.get("type") in _MOVABLE:
-            for most in _MOST:
-                if limit.get(most) is None:
-                    raise ConfigError(f"joint {name!r}: its <limit> states no {most}", path=path)
-        if joint.get("type") not in _ENDING:
-            continue
-        if limit is None:
-            raise ConfigError(
-                f"joint {name!r} states no <limit>; one without ends is of the type continuous",
-                path=path,
-            )
-        low, high = (float(limit.get(end, "0")) for end in ("lower", "upper"))
-        if low > high:
-            raise ConfigError(
-                f"joint {name!r}: its limits go from {low:g} to {high:g}, expected lower < upper",
-                path=path,
-            )
-
-
 def _check_types(root: ET.Element, path: Path) -> None:
     for joint in root.findall("joint"):
-        if joint.get("type") not in {*_ON_A_FIXED_BASE, *_FREE}:
+        if joint.get("type") not in _ON_A_FIXED_BASE:
             raise ConfigError(
                 f"joint {joint.get('name')} is of type {joint.get('type')!r}, expected one of "
                 f"{', '.join(_ON_A_FIXED_BASE)}",
-                path=path,
-            )
-        if joint.get("type") in _FREE:
-            raise ConfigError(
-                f"joint {joint.get('name')} is {joint.get('type')}; limo's arms stand on a fixed "
-                "base",
                 path=path,
             )
 
@@ -174,7 +126,7 @@ def _check_numbers(root: ET.Element, path: Path) -> None:
     for link in root.findall("link"):
         for stated in link.findall("inertial"):
             _check_inertial(stated, f"link {link.get('name')!r}", path)
-    for kind, parts in _NUMBERS.items():
+    for kind, parts in NUMBERS.items():
         for owner in root.findall(kind):
             for part in parts:
                 for element in owner.findall(part):
@@ -238,15 +190,15 @@ def _check_tree(root: ET.Element, path: Path) -> None:
 
 def _check_element(owner: str, element: ET.Element, path: Path) -> None:
     for name, text in element.attrib.items():
-        if name in _TEXTS:
+        if name in TEXTS:
             continue
-        if name in _VECTORS and len(text.split()) != _AXES:
+        if name in VECTORS and len(text.split()) != _AXES:
             said = text.strip() or "empty"
             raise ConfigError(
                 f"{owner}: {name} of its {element.tag} is {said}, expected {_AXES} numbers",
                 path=path,
             )
-        for word in text.split() if name in _VECTORS else [text]:
+        for word in text.split() if name in VECTORS else [text]:
             try:
                 value = float(word)
             except ValueError:
@@ -260,96 +212,3 @@ def _check_element(owner: str, element: ET.Element, path: Path) -> None:
                     f"expected {expected}",
                     path=path,
                 )
-
-
-def with_ground(root: ET.Element) -> tuple[str, ...]:
-    """Add the ground that a URDF for Drake is welded to without stating it; return what to say.
-
-    Args:
-        root: Its outermost element; the link is added there.
-    """
-    links = {str(link.get("name")) for link in root.findall("link")}
-    on_it = [joint for joint in root.findall("joint") if end_of(joint, "parent") == _GROUND]
-    if _GROUND in links or not any(joint.get("type") == "fixed" for joint in on_it):
-        return ()
-    root.insert(0, ET.Element("link", name=_GROUND))
-    return (f"link {_GROUND} is not stated; it is taken as the ground, as Drake does",)
-
-
-def without_ends(root: ET.Element) -> tuple[str, ...]:
-    """Let joints whose ends are both at 0 move on, as none are stated; return their names.
-
-    Exporters of CAD programs leave ends so where nobody entered any, and a joint that cannot move
-    would be a fixed one. One that turns becomes continuous, a slide gets room to either side.
-
-    Args:
-        root: Outermost element of a URDF that is checked; its joints are changed.
-    """
-    found: list[str] = []
-    for joint in root.findall("joint"):
-        limit, kind = joint.find("limit"), joint.get("type")
-        if limit is None or kind not in ("revolute", "prismatic"):
-            continue
-        if any(float(limit.get(end, "0")) for end in ("lower", "upper")):
-            continue
-        found.append(str(joint.get("name")))
-        if kind == "revolute":
-            joint.set("type", "continuous")
-            for end in ("lower", "upper"):
-                limit.attrib.pop(end, None)
-        else:
-            limit.set("lower", repr(-ROOM))
-            limit.set("upper", repr(ROOM))
-    return tuple(found)
-
-
-def without_odd_shapes(root: ET.Element) -> tuple[str, ...]:
-    """Take out shapes that are none of a URDF, which its parser would drop; return what to say.
-
-    Args:
-        root: Outermost element of a URDF; its links are changed.
-    """
-    lost: list[str] = []
-    for link in root.findall("link"):
-        for kind in ("visual", "collision"):
-            for shape in link.findall(kind):
-                if _is_shape(shape.find("geometry")):
-                    continue
-                link.remove(shape)
-                if kind == "collision":
-                    lost.append(str(link.get("name")))
-    if not lost:
-        return ()
-    many = "a collision shape" if len(lost) == 1 else f"{len(lost)} collision shapes"
-    named, known = shortened(list(dict.fromkeys(lost))), ", ".join(_NEEDED)
-    return (
-        f"not represented: {many} of {named}, none of {known} with a size: motion is planned "
-        "without",
-    )
-
-
-def _is_shape(geometry: ET.Element | None) -> bool:
-    """Say whether a shape is one that a URDF has, with all that it needs."""
-    if geometry is None or len(geometry) == 0:
-        return False
-    needed = _NEEDED.get(geometry[0].tag)
-    return needed is not None and all(geometry[0].get(name) is not None for name in needed)
-
-
-def unranged_notes(names: Sequence[str], slides: Sequence[str]) -> tuple[str, ...]:
-    """Say which of the joints that move state no range, and what is taken for it.
-
-    Args:
-        names: Joints of `without_ends` that move.
-        slides: Those of them that slide.
-    """
-    turn = [name for name in names if name not in slides]
-    taken = (
-        (turn, "turn without end"),
-        (slides, f"have {ROOM:g} m to either side"),
-    )
-    return tuple(
-        f"the limits of {shortened(of)} are 0 to 0, so none are stated: taken to {what}; {_REFUSED}"
-        for of, what in taken
-        if of
-    )

@@ -46,17 +46,34 @@ class ArmScene {
     this.camera.up.set(0, 0, 1);
     const seen = this.pose(arm.pose);
     if (arm.motion?.path) this.path(floats(arm.motion.path), seen);
-    const middle = seen.low.clone().add(seen.high).multiplyScalar(0.5);
-    const away = Math.max(1.9 * arm.length, 1.7 * seen.low.distanceTo(seen.high));
-    this.camera.position.set(middle.x + 0.55 * away, middle.y + 0.75 * away, middle.z + 0.4 * away);
+    this.camera.position.set(0.55, 0.75, 0.4);
     this.controls = new THREE.OrbitControls(this.camera, this.renderer.domElement);
-    this.controls.target.copy(middle);
+    this.frame(seen);
     this.controls.enableZoom = false; // the wheel scrolls the page
     this.controls.update();
     this.controls.addEventListener("change", () => this.render());
     this.labels = this.arm.pins.map((pin) => this.label(pin));
     new ResizeObserver(() => this.render()).observe(stage);
     this.render();
+  }
+
+  // See all of a box from where it was looked at; a stage that is higher than wide, from further.
+  frame({ low, high }) {
+    const middle = low.clone().add(high).multiplyScalar(0.5);
+    const { clientWidth: width, clientHeight: height } = this.stage, narrow = width ? Math.max(1, height / width) : 1;
+    const away = narrow * Math.max(1.9 * this.arm.length, 1.7 * low.distanceTo(high));
+    const from = this.camera.position.clone().sub(this.controls.target).setLength(1.013 * away);
+    this.camera.position.copy(middle).add(from);
+    this.controls.target.copy(middle);
+    this.controls.update();
+  }
+
+  // Keep all boxes in sight that an arm was in.
+  hold({ low, high }) {
+    const before = this.held, shape = this.stage.clientWidth / this.stage.clientHeight;
+    this.held = { low: low.min(before?.low ?? low), high: high.max(before?.high ?? high), shape };
+    if (before && before.shape === shape && before.low.equals(low) && before.high.equals(high)) return;
+    this.frame(this.held);
   }
 
   // Arrow keys turn the view as a finger does.

@@ -135,7 +135,7 @@ class SpringLoad(TorqueEffect):
     """
 
     name: ClassVar[str] = "spring_load"
-    sized_by: ClassVar[tuple[str, ...]] = ("stiffness", "cubic")
+    sized_by: ClassVar[tuple[str, ...]] = ("stiffness",)  # stiffening alone pulls nowhere near rest
     description: ClassVar[Description] = Description(
         signature="the error depends on position alone, not on load",
         shown_by="wide_sweep",

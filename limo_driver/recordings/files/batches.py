@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import gzip
+import io
 import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
@@ -77,6 +78,8 @@ def text_batches(
     read: csv.ReadOptions | None = None,
     parse: csv.ParseOptions | None = None,
     convert: csv.ConvertOptions | None = None,
+    *,
+    aligned: bool = False,
 ) -> tuple[Iterator[pa.RecordBatch], pa.Schema]:
     """Return the rows of delimited text, however long, and their schema.
 
@@ -88,11 +91,12 @@ def text_batches(
         read: Options of pyarrow, likewise the others.
         parse: Of the cells.
         convert: Of the values.
+        aligned: Whether several blanks may stand between two cells.
 
     Raises:
         OSError: It cannot be read; ArrowException likewise, also while the rows come.
     """
-    with csv.open_csv(text_source(path), read, parse, convert) as file:
+    with csv.open_csv(text_source(path, aligned=aligned), read, parse, convert) as file:
         first = next(iter(file), None)
         if first is None:
             return iter(()), file.schema
@@ -102,7 +106,7 @@ def text_batches(
     }
     lasting = convert or csv.ConvertOptions()
     lasting.column_types = types
-    file = csv.open_csv(text_source(path), read, parse, lasting)
+    file = csv.open_csv(text_source(path, aligned=aligned), read, parse, lasting)
 
     def batches() -> Iterator[pa.RecordBatch]:
         with file:
@@ -116,9 +120,38 @@ def is_packed(path: Path) -> bool:
     return path.suffix.lower() == _PACKED
 
 
-def text_source(path: Path) -> Path | gzip.GzipFile:
-    """Return what a text is read from: the file, or one that unpacks it within its budget."""
+def text_source(path: Path, *, aligned: bool = False) -> Path | io.BufferedIOBase:
+    """Return what a text is read from: the file, or one that unpacks it within its budget.
+
+    Args:
+        path: Of the file.
+        aligned: Whether its cells stand below each other, with blanks between.
+    """
+    if aligned:
+        return io.BufferedReader(_Aligned(_Unpacked(path) if is_packed(path) else path.open("rb")))
     return _Unpacked(path) if is_packed(path) else path
+
+
+class _Aligned(io.RawIOBase):
+    """A text with one blank where there were more, and none at either end of a line."""
+
+    def __init__(self, file: io.BufferedIOBase) -> None:
+        self._file, self._rest = file, b""
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, into: Any) -> int:  # noqa: ANN401  # a buffer
+        if not self._rest:
+            lines = self._file.readlines(len(into))
+            self._rest = b"".join(b" ".join(line.split()) + b"\n" for line in lines)
+        part, self._rest = self._rest[: len(into)], self._rest[len(into) :]
+        into[: len(part)] = part
+        return len(part)
+
+    def close(self) -> None:
+        self._file.close()
+        super().close()
 
 
 class _Unpacked(gzip.GzipFile):

@@ -1,5 +1,12 @@
 """The gate that every recording passes: which of its rows can be used."""
 
+from limo_driver.recordings.gate.clock import (
+    SYSTEMATIC,
+    OneClock,
+    in_order,
+    runs_backwards,
+    with_one_clock,
+)
 from limo_driver.recordings.gate.doubts import (
     LeftOut,
     UsableRows,
@@ -11,10 +18,10 @@ from limo_driver.recordings.gate.held_values import (
     LONGEST_STEP_PERIODS,
     contiguous,
     held_reason,
+    one_factor,
     velocity_factor,
 )
 from limo_driver.recordings.gate.rows import (
-    SYSTEMATIC,
     inspect,
     inspect_by_joint,
     inspect_commands,
@@ -25,13 +32,18 @@ __all__ = [
     "LONGEST_STEP_PERIODS",
     "SYSTEMATIC",
     "LeftOut",
+    "OneClock",
     "UsableRows",
     "about_gaps",
     "contiguous",
     "held_reason",
+    "in_order",
     "inspect",
     "inspect_by_joint",
     "inspect_commands",
+    "one_factor",
+    "runs_backwards",
     "velocity_factor",
+    "with_one_clock",
     "without_silent_torques",
 ]

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.recordings.channels import VELOCITY, led_by
-from limo_driver.recordings.gate.held_values import contiguous, held_torque, velocity_factors
+from limo_driver.recordings.gate.held_values import (
+    contiguous,
+    held_torque,
+    one_factor,
+    velocity_factors,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,10 +47,17 @@ def doubts_about_rows(columns: Columns, rows: NDArray[np.int64]) -> tuple[str, .
 
 
 def _about_velocity(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
+    factors = velocity_factors(columns, rows)
+    factor = one_factor(np.array(list(factors.values())))
+    if factor is not None and len(factors) > 1:
+        return [
+            f"velocity is {factor:.3g} times the rate of change of position at all joints: does "
+            f"the time run {factor:.3g} times as fast as it should? The velocity is not used"
+        ]
     return [
         f"velocity_{j + 1} is {factor:.3g} times the rate of change of position_{j + 1}; "
         "it is not used"
-        for j, factor in velocity_factors(columns, rows).items()
+        for j, factor in factors.items()
         if not _FACTORS[0] < factor < _FACTORS[1]
     ]
 

@@ -34,7 +34,10 @@ _MOST_SHARE = 0.5  # above, the sensor is slower than the log or coarser than it
 _ALTERNATING = 0.5  # part of third differences that change sign; 0.77 in noise, none in smooth data
 LONGEST_STEP = 0.05  # [s]; motion within the bandwidth of an arm can be interpolated over less
 LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
+_AROUND = 5  # samples before and after a jump, whose steps are the joint's own motion
 _SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
+_ONE = 0.05  # of a factor, by which it is the same at all joints
+_OFF = (0.2, 1.6)  # of its logarithm, from where no filter makes it, to where units do
 _SWEEP = 0.1  # [s] over which velocity and change of position are compared
 
 
@@ -107,6 +110,38 @@ def held_position(
     return held
 
 
+def near_jumps(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
+    """Mark samples on both sides of jumps of a position, (T,), as many as make a gap.
+
+    Rows were lost there and their times closed up, or poses were recorded one after the other: from
+    one row to the next the joint goes farther than its own motion and any acceleration lets it, and
+    stays there.
+
+    Args:
+        time: Increasing, (T,) [s].
+        position: (T,) [rad], of one joint.
+    """
+    marked = np.zeros(time.size, dtype=bool)
+    steps, size = np.diff(time), np.abs(np.diff(position))
+    if not size.any():
+        return marked
+    period, gap, speed = float(np.median(steps)), longest_step(steps), size / steps
+    reach = LEAST_JUMP + MOST_ACCELERATION * np.maximum(steps, period) ** 2
+    least = np.maximum(reach, FASTER * float(np.median(size[size > 0])))  # no step of an encoder
+    for k in np.flatnonzero((size > least) & (steps <= gap)):
+        around = np.append(speed[max(k - _AROUND, 0) : k], speed[k + 1 : k + 1 + _AROUND])
+        farther = np.append(speed[max(k - 3 * _AROUND, 0) : k], speed[k + 1 : k + 1 + 3 * _AROUND])
+        own = max(
+            FASTER * around.max(initial=0.0) * max(float(steps[k]), period),
+            2 * _AROUND * period * float(np.median(farther)),  # a few rows that were held
+        )
+        before, after = position[max(k - 2, 0) : k + 1], position[k + 1 : k + 4]
+        stays = abs(float(np.median(after) - np.median(before))) > size[k] / 2
+        if stays and size[k] > own + reach[k]:
+            marked |= np.abs(time - (time[k] + time[k + 1]) / 2) <= (gap + steps[k]) / 2
+    return marked
+
+
 def held_reason(j: int) -> str:
     """Return why rows are left out in which a joint's position is held.
 
@@ -175,6 +210,13 @@ def contiguous(time: FloatArray) -> tuple[slice, ...]:
     return tuple(slice(a, b) for a, b in pairwise(bounds))
 
 
+def even_runs(time: FloatArray) -> list[slice]:
+    """Split times (T,) [s] where they do not increase, and at the gaps."""
+    steps = np.diff(time)
+    breaks = np.flatnonzero((steps <= 0) | (steps > longest_step(steps))) + 1
+    return [slice(a, b) for a, b in pairwise([0, *breaks.tolist(), time.size])]
+
+
 def longest_step(steps: FloatArray) -> float:
     """Return the longest step that is no gap [s], by the steps of time (T - 1,) [s]."""
     forward = steps[steps > 0]
@@ -199,6 +241,20 @@ def velocity_factor(time: FloatArray, position: FloatArray, velocity: FloatArray
     does = np.add.reduceat(np.where(known, np.diff(position), 0.0), starts)
     energy = float(does @ does)
     return float(says @ does) / energy if energy > 0 else None
+
+
+def one_factor(factors: FloatArray) -> float | None:
+    """Return the factor by which the velocities of all joints are off alike; None if none is.
+
+    Args:
+        factors: Of velocity over rate of change, (n,); NaN of joints that rest.
+    """
+    known = np.abs(factors[np.isfinite(factors)])
+    if known.size < min(factors.size, 2) or not known.all() or not known.size:
+        return None
+    factor = float(np.median(known))
+    is_one = np.abs(np.log(known / factor)).max() < _ONE
+    return factor if is_one and _OFF[0] < abs(np.log(factor)) < _OFF[1] else None
 
 
 def swept(columns: Columns, rows: NDArray[np.int64], joint: int) -> float:

@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import POSITION, RATES, VELOCITY, by_channel, led_by, unit_of
+from limo_driver.recordings.gate.clock import FEWEST_LATE, SYSTEMATIC
 from limo_driver.recordings.gate.doubts import STILL, LeftOut, UsableRows, doubts_about_rows
 from limo_driver.recordings.gate.held_values import (
     contiguous,
+    even_runs,
     held_position,
     held_reason,
     held_torque,
-    longest_step,
+    near_jumps,
     swept,
     velocity_factors,
 )
@@ -35,8 +37,7 @@ FEWEST_SAMPLES = 20
 SHORTEST = 0.5  # [s]
 SHORTEST_PIECE = 0.2  # [s] between two gaps, in which a low-pass of 2.5 Hz can settle
 FEWEST_CONTIGUOUS = 10  # samples; fewer between two gaps cannot be differentiated
-SYSTEMATIC = 0.02  # share of rows above which a fault is no accident
-_BACKWARDS = 0.5  # share of steps back in time above which the rows are in reverse order
+_BACKWARDS = 0.1  # share of steps back in time above which no time can be relied on
 # rad (a hundred turns are 628), rad/s, N m: what no arm does. What this arm cannot do is seen once
 # the arm is known, by `Recording.check_robot`. A joint that is told how fast to turn turns on.
 _IMPOSSIBLE = {
@@ -175,6 +176,9 @@ class _Gate:
         self.leave_out("a spike that no motion makes", self.spikes())
         for reason, rows in self.held_positions().items():
             self.leave_out(reason, np.isin(self.rows, rows))
+        for j, position in enumerate(self.columns.position.T):
+            among = near_jumps(self.time, position[self.rows])
+            self.leave_out(f"position_{j + 1} jumps as no joint moves: cut there", among)
 
     def check_values(self) -> None:
         """Leave out rows with a value that is none."""
@@ -249,7 +253,7 @@ class _Gate:
             )
 
     def check_direction(self) -> None:
-        """Refuse rows in the reverse order of time: no run of them would be left to be judged."""
+        """Refuse rows in no order of time: no run of them would be left to be judged."""
         back = np.flatnonzero(np.diff(self.time) < 0)
         if back.size > _BACKWARDS * max(self.time.size - 1, 1):
             first, second = self.rows[back[0]], self.rows[back[0] + 1]
@@ -265,11 +269,7 @@ class _Gate:
 
     def fragments(self) -> Mask:
         """Mark runs of even progress that are too short to be differentiated."""
-        time = self.time
-        steps = np.diff(time)
-        breaks = np.flatnonzero((steps <= 0) | (steps > longest_step(steps))) + 1
-        bounds = np.concatenate([[0], breaks, [time.size]])
-        lengths = np.diff(bounds)
+        lengths = np.array([rows.stop - rows.start for rows in even_runs(self.time)])
         return np.repeat(lengths < FEWEST_CONTIGUOUS, lengths)
 
     def impossible_time(self) -> Mask:
@@ -296,7 +296,10 @@ class _Gate:
         if not time.size:
             return np.zeros(0, dtype=bool)
         late = np.append(False, time[1:] <= np.maximum.accumulate(time)[:-1])
-        if late.mean() > SYSTEMATIC:
+        bounds = [0, *(np.flatnonzero(np.diff(late)) + 1).tolist(), late.size]
+        lengths = np.diff(bounds)
+        single = late & np.repeat(lengths < FEWEST_LATE, lengths)  # whose stamp alone is wrong
+        if np.mean(late & ~single) > SYSTEMATIC:
             at = int(np.flatnonzero(late)[0])
             raise RecordingError(
                 f"the time runs backwards at row {self.rows[at]}, from {time[at - 1]:.6g} s to "

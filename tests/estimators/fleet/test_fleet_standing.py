@@ -1,5 +1,6 @@
 """Odd arms and drifts are found in rows that have them, and in no others."""
 
+import re
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -13,15 +14,17 @@ from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
     Fit,
+    Identified,
     Interval,
     RowCount,
+    StatedValue,
     Unexplained,
     Verdict,
     Where,
 )
 from estimators.fleet import FleetDiagnosis, FleetRow
 from estimators.fleet.page import fleet_page
-from estimators.fleet.row import ToleratedValue, arm_of, date_of
+from estimators.fleet.row import arm_of, date_of
 
 START = datetime(2026, 3, 1)
 
@@ -63,7 +66,27 @@ def test_the_odd_arm_and_the_drifting_one_are_named_and_no_other(seed):
     assert drift.interval[0] < 1.0 < drift.interval[1]
 
 
-def tolerated(odd: float, growth: float = 0.0) -> FleetDiagnosis:
+def stated(name: str, fitted: float, tolerance: float = 0.3) -> StatedValue:
+    """Return a value of joint 1 that the simulation states as 1."""
+    effect = {"f_v": "viscous_friction", "inertia": "armature"}.get(name, "coulomb_friction")
+    close = (fitted - 0.01, fitted + 0.01)
+    return StatedValue(name, effect, (1,), ("stick",), "u", 1.0, fitted, close, tolerance, True, False, False, 0.0)  # fmt: skip  # noqa: E501
+
+
+def having(whole: FleetRow, *values: StatedValue, **found: tuple[Finding, ...]) -> FleetRow:
+    """Return a row with stated values, and with findings."""
+    assert whole.verdict is not None
+    return replace(whole, verdict=replace(whole.verdict, values=values, **found))
+
+
+def missing(effect: str, **parameters: float) -> Finding:
+    known = {k: Interval(v, "u", (0.9 * v, 1.1 * v)) for k, v in parameters.items()}
+    return Finding(
+        effect, "missing", (1,), (), 1.0, known, Where(), 1.0, BeforeAfter((0.1,), (0.1,)), ""
+    )
+
+
+def of_values(odd: float, growth: float = 0.0, name: str = "f_v") -> FleetDiagnosis:
     """Return six arms whose errors are alike; of a value that all may move, two are unlike."""
     random = np.random.default_rng(0)
     rows: list[FleetRow] = []
@@ -71,53 +94,112 @@ def tolerated(odd: float, growth: float = 0.0) -> FleetDiagnosis:
         unit = 1 + 0.03 * random.standard_normal()
         for day in range(8):
             value = unit * (odd if k == 2 else 1.0) * (1 + (growth * day / 7 if k == 4 else 0.0))
-            f_v = ToleratedValue("f_v of joint 5", value + 0.02 * random.standard_normal(), "", 0.3)
-            rows.append(replace(row(f"arm{k}", day, (0.1,)), tolerated=(f_v,)))
-    return FleetDiagnosis("one", tuple(rows))
+            own = stated(name, value + 0.02 * random.standard_normal())
+            rows.append(having(row(f"arm{k}", day, (0.1,)), own))
+    return FleetDiagnosis("one", tuple(rows), joints=("stick",))
 
 
 def test_values_within_their_tolerances_tell_odd_and_drifting_arms(tmp_path):
-    found = tolerated(odd=1.7, growth=0.8)
+    found = of_values(odd=1.7, growth=0.8)
     assert found.odd == ("arm2",)
     assert found.drifting == ("arm4",)
-    assert all(item.series.tolerance for item in (*found.standings[:1], *found.drifts))
-    assert "f_v of joint 5" in fleet_page(found, tmp_path).html()
-    assert not [item for item in found.spreads if item.series.tolerance]
+    assert set(found.sentences) == {"arm2", "arm4"}
+    assert re.fullmatch(
+        r"viscous friction of joint 1 \(stick\) is 1\.\d+ u where the fleet has [.\d]+ u",
+        found.sentences["arm2"],
+    )
+    rose = (
+        r"viscous friction of joint 1 \(stick\) rose from (1|0\.\d+) to 1\.[789]\d* u between the "
+    )
+    assert re.match(rose, found.sentences["arm4"])
+    assert found.sentences["arm4"] in fleet_page(found, tmp_path).html()
 
 
-def test_a_value_that_leaves_its_tolerance_goes_on_in_one_series():
-    name = "f_v of joint 1 (viscous friction)"
+def test_what_only_serves_a_fit_makes_no_arm_odd():
+    found = of_values(odd=5.0, growth=5.0, name="v_eps")
+    assert found.odd == found.drifting == ()
+    assert [item.name for item in found.series] == ["error of joint 1 (stick)"]
+
+
+def test_a_quantity_is_one_series_whatever_it_was_found_as():
+    """Stated and moved, found beyond its tolerance, or as friction that was not stated."""
     rows: list[FleetRow] = []
-    for day in range(6):
-        own = row("arm0", day, (0.1,))
-        value = 2.0 + 0.2 * day
+    for day in range(8):
+        own, value = row("arm0", day, (0.1,)), 4.0 + 0.5 * day
         if day < 3:
-            own = replace(own, tolerated=(ToleratedValue(name, value, "N m s/rad", 0.3),))
+            rows.append(having(own, stated("tau_c", value)))
+        elif day < 6:
+            found = replace(missing("coulomb_friction", tau_c=value), kind="wrong_parameter")
+            rows.append(having(own, findings=(found,)))
         else:
-            assert own.verdict is not None
-            f_v = {"f_v": Interval(value, "N m s/rad", (value, value))}
-            found = Finding(
-                "viscous_friction", "wrong_parameter", (1,), (), 1.0, f_v, Where(), 1.0,
-                BeforeAfter((0.1,), (0.1,)), "",
-            )  # fmt: skip
-            own = replace(own, verdict=replace(own.verdict, findings=(found,)))
-        rows.append(own)
-    (series,) = (item for item in FleetDiagnosis("one", tuple(rows)).series if not item.ratio)
-    assert series.name == name
-    assert series.values.tolist() == [2.0 + 0.2 * day for day in range(6)]
+            friction = missing("coulomb_friction", tau_c=value).parameters
+            rows.append(having(own, identified=(Identified("coulomb_friction", 1, friction),)))
+    fleet = FleetDiagnosis("one", tuple(rows))
+    (series,) = (item for item in fleet.series if not item.ratio)
+    assert series.name == "Coulomb friction of joint 1"
+    assert series.values.tolist() == [4.0 + 0.5 * day for day in range(8)]
+    assert fleet.sentences == {
+        "arm0": "Coulomb friction of joint 1 rose from 4 to 7.5 u between the first and the last "
+        "date"
+    }
+
+
+@pytest.mark.parametrize(
+    ("found", "named"),
+    [
+        (missing("payload", mass=0.75), "payload is 0.75 u where the fleet has 0 u"),
+        (missing("spring_load", stiffness=20.0), "stiffness of the spring of joint 1 is 20 u"),
+    ],
+)
+def test_what_one_arm_alone_has_is_zero_at_the_others(found, named):
+    rows = [
+        having(row(f"arm{k}", day, (0.1,)), findings=(found,) if k == 3 and day else ())
+        for k in range(5)
+        for day in range(4)
+    ]
+    (arm,) = FleetDiagnosis("one", tuple(rows)).sentences.items()
+    assert arm[0] == "arm3"
+    assert named in arm[1]
+
+
+def test_what_some_recordings_do_not_show_is_not_zero_there():
+    """Neither what is stated, nor friction that every joint has, and only some motions show."""
+    friction = (Identified("viscous_friction", 1, missing("", f_v=1.0).parameters),)
+    vague = replace(stated("tau_c", 1.0), ci95=(0.0, 2.0))
+    rows = [
+        having(row(f"arm{k}", day, (0.1,)), stated("tau_c", 1.0), identified=friction)
+        if day < (3 if k == 2 else 1)
+        else having(row(f"arm{k}", day, (0.1,)), vague)
+        for k in range(5)
+        for day in range(4)
+    ]
+    found = FleetDiagnosis("one", tuple(rows))
+    assert found.odd == ()
+    assert {set(x.values) == {1.0} for x in found.series if not x.ratio} == {True}
+
+
+def test_a_value_says_more_of_an_arm_than_its_error_does():
+    rows = [
+        having(row(f"arm{k}", day, (2.0 if k == 1 else 0.1,)), stated("tau_c", 1.0 + (k == 1)))
+        for k in range(5)
+        for day in range(4)
+    ]
+    found = FleetDiagnosis("one", tuple(rows))
+    assert found.odd == ("arm1",)
+    assert found.sentences["arm1"].startswith("Coulomb friction of joint 1 is 2 u")
 
 
 def test_less_than_a_tolerance_is_nothing_however_clear():
-    found = tolerated(odd=1.25, growth=0.25)
+    found = of_values(odd=1.25, growth=0.25)
     assert found.odd == found.drifting == ()
 
 
 def test_a_value_that_few_recordings_of_an_arm_tell_is_no_value_of_the_arm():
-    found = tolerated(odd=1.7)
+    found = of_values(odd=1.7)
     own = [row for row in found.rows if row.arm == "arm2"]
     for told, odd in ((len(own) // 2, ("arm2",)), (len(own) // 2 - 1, ())):
         silent = {row.key for row in own[told:]}
-        rows = tuple(replace(r, tolerated=()) if r.key in silent else r for r in found.rows)
+        rows = tuple(having(r) if r.key in silent else r for r in found.rows)
         assert FleetDiagnosis("one", rows).odd == odd
 
 
@@ -182,8 +264,8 @@ def test_the_page_names_them_and_escapes_paths(tmp_path):
     assert found.headline == "Odd: arm2; drifting: arm4"
     assert "<h1" in html
     assert found.headline in html
-    assert "odd: arm2, error of joint 2" in html
-    assert "drifting: arm4, error of joint 2" in html
+    assert "arm2: error of joint 2 is" in html
+    assert "arm4: error of joint 2 rose from" in html
     assert "&lt;b&gt;.parquet" in html
 
 

@@ -166,12 +166,20 @@ def test_a_jerk_that_is_stated_is_planned_with_and_kept(tmp_path):
             assert robot.spec.jerk == pytest.approx([30.0])
 
 
-def test_an_arm_without_inertias_is_refused_by_name(tmp_path):
+def test_an_arm_without_inertias_moves_and_what_needs_torques_refuses_it_by_name(tmp_path):
     light = ONE_JOINT[: ONE_JOINT.index("<inertial>")] + ONE_JOINT[ONE_JOINT.index("</link>\n<j") :]
     (tmp_path / "light.urdf").write_text(light)
     said = "link arm, which joint hinge moves, has no mass"
-    with pytest.raises(ConfigError, match=said):
-        RobotModel.load(tmp_path / "light.urdf")
+    model = RobotModel.load(tmp_path / "light.urdf")
+    assert model.massless == ("arm",)
+    assert any(said in note for note in model.notes)
+    model.check_runnable()
+    assert model.flange_pose(np.zeros(1)).shape == (4, 4)
+    for torques in (model.gravity_torque, model.mass_matrix):
+        with pytest.raises(ConfigError, match=said):
+            torques(np.zeros(1))
+    heavy = Inertial(1.0, (0.0, 0.0, 0.5), (0.1, 0.0, 0.0, 0.1, 0.0, 0.1))
+    assert model.with_inertials({"arm": heavy}).mass_matrix(np.zeros(1)) > 0
     for backend in ("virtual", "mujoco"):
         with pytest.raises(ConfigError, match=said):
             open_robot(backend, robot=str(tmp_path / "light.urdf"))

@@ -96,3 +96,71 @@ def test_no_step_can_be_of_two_units():
 
 def test_no_rows_are_no_time():
     assert seconds(np.zeros(0, dtype=np.int64))[0].shape == (0,)
+
+
+def moved(change, rows=slice(None)):
+    """Return a recording of two joints in motion, with stamps that are changed."""
+    even = 0.004 * np.arange(3000)
+    phase = np.outer(even, [0.9, 1.7])
+    stamps = change(even.copy())
+    return Recording.from_arrays(stamps[rows], np.sin(phase)[rows], 5 * np.cos(phase)[rows])
+
+
+def late_from(row, by):
+    return lambda t: np.where(np.arange(t.size) >= row, t + by, t)
+
+
+@pytest.mark.parametrize(
+    ("by", "way"),
+    [(-0.5, "back"), (-0.02, "back"), (-3600.0, "back"), (0.5, "forward"), (1e8, "forward")],
+)
+def test_a_clock_that_was_set_cuts_a_recording_and_no_row_is_lost(by, way):
+    recording = moved(late_from(1500, by))
+    assert len(recording) == 3000
+    assert [(part.start, part.stop) for part in recording.segments] == [(0, 1500), (1500, 3000)]
+    assert recording.duration == pytest.approx(0.004 * 2998 + 1.0)
+    said = f"the clock was set {way} by {abs(by):.4g} s at row 1500, while the arm moved on: cut"
+    assert recording.warnings[0].startswith(said)
+
+
+def test_a_clock_that_was_set_twice_is_cut_twice():
+    recording = moved(lambda t: late_from(2500, 7.0)(late_from(1500, -0.5)(t)))
+    assert [part.start for part in recording.segments] == [0, 1500, 2500]
+
+
+@pytest.mark.parametrize("by", [-0.5, 0.5])
+def test_a_gap_and_another_recording_are_no_step_of_the_clock(by):
+    recording = moved(lambda t: t, np.r_[0:1500, 1625:3000])
+    assert not [warning for warning in recording.warnings if "clock" in warning]
+    with pytest.raises(RecordingError, match="are these two recordings in one file"):
+        moved(late_from(1400, -by - 4.5), np.r_[0:1200, 1400:3000])
+
+
+def test_rows_that_were_lost_while_the_time_ran_on_are_a_cut():
+    rows = np.r_[0:1500, 1625:3000]
+    recording = moved(lambda t: np.where(np.arange(3000) >= 1625, t - 0.5, t), rows)
+    assert len(recording.segments) == 2
+    (left,) = {item.reason for item in recording.left_out if "jumps" in item.reason}
+    assert left == "position_1 jumps as no joint moves: cut there"
+    assert 2840 < len(recording) < 2875
+    assert not {1499, 1500} & set(recording.rows.tolist())
+
+
+@pytest.mark.parametrize(("every", "early"), [(40, 0.0045), (40, 0.009), (25, 0.006)])
+def test_a_few_stamps_that_are_early_cost_their_rows_alone(every, early):
+    def change(time):
+        time[every::every] -= early
+        return time
+
+    recording = moved(change)
+    assert len(recording) == 3000 - (3000 - 1) // every
+    assert {item.reason for item in recording.left_out} == {"the time does not increase"}
+
+
+def test_stamps_that_are_early_time_and_again_are_refused():
+    def change(time):
+        time[5::5] -= 0.006
+        return time
+
+    with pytest.raises(RecordingError, match="the time runs backwards in 599 of 3000 rows"):
+        moved(change)

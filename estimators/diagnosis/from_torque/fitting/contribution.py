@@ -141,17 +141,24 @@ def sure(
         member: Of it.
         joints: That count (0-based), together; by default those that it acts on.
     """
-    own, less = own_joints(problem, member), problem.less(solution.members, (member,))
-    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
-    rows = problem.rotation(solution.noise, (*solution.members, *less)).held_out
-    if _misses(left, bare, rows, problem.observed.moving)[own].any():
+    if seldom(problem, solution, member):
         return True
-    counted = own if joints is None else list(joints)
-    shown = problem.split.held_out
+    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    counted = own_joints(problem, member) if joints is None else list(joints)
+    less, shown = problem.less(solution.members, (member,)), problem.split.held_out
     gained = np.sum((taken_off(left, bare, shown) / _square(left, shown))[counted])
     if gained <= HELD_OUT.rounding:
         return False
     return surely_better(problem, solution, solution.members, less, counted)
+
+
+def seldom(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member acts so seldom that rows held out in turn miss most of it."""
+    less = problem.less(solution.members, (member,))
+    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    rows = problem.rotation(solution.noise, (*solution.members, *less)).held_out
+    missed = _misses(left, bare, rows, problem.observed.moving)
+    return bool(missed[own_joints(problem, member)].any())
 
 
 def relieves(problem: RegressionProblem, solution: Solution, member: int) -> bool:

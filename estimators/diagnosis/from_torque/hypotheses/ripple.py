@@ -2,29 +2,25 @@
 
 A ripple has any number of cycles in a revolution, and a push can come at any time. Both are
 sought in what a fit of the nuisance parameters alone leaves.
-
-Sums over rows of many lines at once are compiled: a scan is of thousands of lines over each row;
-as arrays of all of them, most of its time would go into moving what the filter passes of each to
-memory and back.
 """
 
-# pyright: reportIndexIssue=false
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import median_filter
 
+from estimators.diagnosis.from_torque.hypotheses.line_sums import line_sums
 from estimators.diagnosis.settings.hypotheses import RIPPLE
 from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.filters.differentiation import ORDER
-from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Hypothesis
@@ -124,6 +120,7 @@ class _Angle:
     residual: FloatArray  # (R,) less what `known` explains [N m]
     known: FloatArray  # (R, c) orthonormal: dependence on position, lines found before
     bandwidth: float  # [Hz]
+    way: float  # longest that was moved through, without a gap [rad]
 
     @classmethod
     def of(
@@ -132,22 +129,28 @@ class _Angle:
         """Take the rows of one joint (0-based)."""
         rows = observed.moving[:, joint]
         q, v = observed.slow.position[rows, joint], observed.slow.velocity[rows, joint]
-        shape = _shape(q, v, knots)
+        places = _places(q, observed.recording[rows])
+        shape = _shape(q, v, knots, places)
         known = _orthonormal(shape, np.linalg.norm(shape, axis=0))
         y = residual[rows, joint]
         if y.size:  # a short burst is no line, yet would have power in all of them
             middle = float(np.median(y))
             most = RIPPLE.burst * float(np.median(np.abs(y - middle)))
             y = np.clip(y, middle - most, middle + most)
-        return cls(q, np.abs(v), _rest(y, known), known, observed.bandwidth)
+        way = max((float(np.ptp(q[place])) for place in places), default=0.0)
+        return cls(q, np.abs(v), _rest(y, known), known, observed.bandwidth, way)
 
     @property
     def range(self) -> float:
-        """Angle that nearly all rows lie in [rad]."""
-        if self.position.size < RIPPLE.shape:
+        """Angle that nearly all rows lie in [rad]; 0 where too few do."""
+        if self.position.size < RIPPLE.shape or not self.way:
             return 0.0
         low, high = np.quantile(self.position, RIPPLE.bulk)
         return float(high - low)
+
+    def of_periods(self, periods: float) -> float:
+        """Return the cycles per revolution of a line that was moved through so many times."""
+        return periods * 2 * np.pi / min(self.way, self.range)
 
     def passed(self, cycles: float) -> FloatArray:
         """Return what the filter leaves of a line at each row, (R,)."""
@@ -201,6 +204,25 @@ class _Angle:
         return float(self.residual @ self.residual)
 
 
+def _places(position: FloatArray, recording: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
+    """Return the rows (R,) of each range that recordings moved through together, without a gap.
+
+    What each of several places has of its own looks like lines, as many in a revolution as there
+    are places, where none is moved through as often as a line has to be.
+
+    Args:
+        position: At each row, (R,) [rad].
+        recording: Which each row is of, (R,).
+    """
+    own = [position[recording == k] for k in np.unique(recording)]
+    ends = sorted((float(some.min()), float(some.max())) for some in own)
+    merged = ends[:1]
+    for low, high in ends[1:]:
+        start, end = merged[-1]
+        merged[-1:] = [(start, max(end, high))] if low <= end else [(start, end), (low, high)]
+    return [(position >= low) & (position <= high) for low, high in merged]
+
+
 def _rest(values: FloatArray, known: FloatArray) -> FloatArray:
     """Return what orthonormal columns do not explain."""
     return values - known @ (known.T @ values)
@@ -214,13 +236,17 @@ def _orthonormal(columns: FloatArray, size: FloatArray) -> FloatArray:
     return basis[:, values > RIPPLE.dependent * size.max()]
 
 
-def _shape(q: FloatArray, v: FloatArray, knots: int) -> FloatArray:
-    """Return hats of the position, alone and times the sign of motion, (R, 2 knots)."""
-    if not q.size:
-        return np.zeros((0, 2 * knots))
-    at = np.linspace(q.min(), max(q.max(), q.min() + 1e-6), knots)
-    hats = np.maximum(0.0, 1.0 - np.abs(q[:, None] - at) / (at[1] - at[0]))
-    return np.concatenate([hats, np.sign(v)[:, None] * hats], axis=1)
+def _shape(
+    q: FloatArray, v: FloatArray, knots: int, places: Sequence[NDArray[np.bool_]]
+) -> FloatArray:
+    """Return hats of the position at each place, alone and times the sign of motion, (R, c)."""
+    hats = [np.zeros((q.size, 0))]
+    for place in places:
+        low, high = float(q[place].min()), float(q[place].max())
+        at = np.linspace(low, max(high, low + 1e-6), knots)
+        hats.append(np.maximum(0.0, 1.0 - np.abs(q[:, None] - at) / (at[1] - at[0])))
+    every = np.concatenate(hats, axis=1)
+    return np.concatenate([every, np.sign(v)[:, None] * every], axis=1)
 
 
 def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
@@ -229,10 +255,10 @@ def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
     Over a range of few revolutions lines overlap. The first one found is blurred by all others, and
     what it leaves of itself would look like a line beside it; so with each new one all are refined.
     """
-    if angle.range <= 0 or RIPPLE.least_periods * 2 * np.pi / angle.range > RIPPLE.most_cycles:
+    if angle.range <= 0 or angle.of_periods(RIPPLE.least_periods) > RIPPLE.most_cycles:
         return ()
     step = 2 * np.pi / angle.range / RIPPLE.oversampling
-    first = RIPPLE.least_periods * RIPPLE.oversampling * step
+    first = angle.of_periods(RIPPLE.least_periods)
     count = int((RIPPLE.most_cycles - first) / step)
     threshold = float(np.log(joints * count / RIPPLE.false_lines))
     found: tuple[float, ...] = ()
@@ -248,6 +274,10 @@ def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
         if more is None:
             break
         found, rest = more, angle.without(*more)
+    for line in found:  # which another one may have made that was found later
+        others = tuple(other for other in found if other != line)
+        if _last_stands_out(angle, (*others, line), step) <= threshold:
+            found = others
     return found
 
 
@@ -269,12 +299,6 @@ def _peaks(spectrum: Spectrum, found: Sequence[float]) -> Iterator[float]:
             return
         best = float(cycles[np.argmax(above)])
         yield best
-
-
-def _last_stands_out(angle: _Angle, lines: Sequence[float], step: float) -> float:
-    """Return the power of the last of some lines over the level around it, beside the others."""
-    before = angle.without(*lines[:-1])
-    return _stands_out(before, before.without(lines[-1]), lines[-1], step)
 
 
 def _together(angle: _Angle, lines: tuple[float, ...], step: float) -> tuple[float, ...]:
@@ -299,7 +323,8 @@ def _slow_line(angle: _Angle) -> float | None:
     if angle.range <= 0:
         return None
     step = 2 * np.pi / angle.range / RIPPLE.oversampling
-    near = step * np.arange(*(RIPPLE.oversampling * np.array(RIPPLE.few_periods)))
+    fewest, most = map(angle.of_periods, RIPPLE.few_periods)
+    near = np.arange(fewest, most, step)
     energy = [angle.left(float(cycles)) for cycles in near]
     line = _refined(angle, float(near[int(np.argmin(energy))]), step)
     return line if angle.left(line) < (1.0 - RIPPLE.least_part) * angle.energy else None
@@ -318,83 +343,13 @@ def _refined(angle: _Angle, cycles: float, step: float) -> float:
     return cycles
 
 
-def _stands_out(angle: _Angle, rest: _Angle, line: float, step: float) -> float:
-    """Return a line's power over the level around it once it is taken out.
+def _last_stands_out(angle: _Angle, lines: Sequence[float], step: float) -> float:
+    """Return the power of the last of some lines over the level around it, beside the others.
 
     A strong line raises its own neighbourhood, since no joint covers its range evenly.
     """
-    around = rest.power(line - RIPPLE.neighbours // 2 * step, step, RIPPLE.neighbours)
+    before = angle.without(*lines[:-1])
+    rest = before.without(lines[-1])
+    around = rest.power(lines[-1] - RIPPLE.neighbours // 2 * step, step, RIPPLE.neighbours)
     level = max(1.0, float(np.median(around.normalised)) / np.log(2))
-    own = 0.5 * (angle.energy - rest.energy) / (rest.energy / rest.residual.size)
-    return own / level
-
-
-@compiled(nogil=True, error_model="numpy")
-def line_sums(
-    position: FloatArray,
-    speed: FloatArray,
-    residual: FloatArray,
-    first: float,
-    step: float,
-    count: int,
-    bandwidth: float,
-    least: float,
-    block: int,
-) -> FloatArray:
-    """Sum up evenly spaced lines, each as the filter leaves it on R rows.
-
-    A phase is a product, so that few exponentials are needed; and the filter leaves less of each
-    line than of the one before, so that no row counts beyond the first one that it stops.
-
-    Args:
-        position: (R,) [rad].
-        speed: Its size, (R,) [rad/s].
-        residual: (R,) [N m].
-        first: Line [1/rev].
-        step: From each to the next [1/rev].
-        count: Of lines.
-        bandwidth: Of the filter [Hz].
-        least: Gain of the filter below which a row does not count.
-        block: Lines that share one exponential.
-
-    Returns:
-        Of each line residual times cosine and sine [N m], energy of the residual that is passed
-        [N² m²], and rows that count; (4, count).
-    """
-    sums = np.zeros((4, count))
-    cycles = first + step * np.arange(count)
-    cosine, sine = np.ones(block), np.zeros(block)  # of each line over the first of its block
-    for r in range(position.size):
-        own = speed[r] / (2 * np.pi * bandwidth)
-        energy = residual[r] * residual[r]
-        cos, sin = math.cos(step * position[r]), math.sin(step * position[r])
-        for k in range(1, block):
-            cosine[k] = cos * cosine[k - 1] - sin * sine[k - 1]
-            sine[k] = cos * sine[k - 1] + sin * cosine[k - 1]
-        for start in range(0, count, block):
-            if _passed(own * cycles[start]) < least:
-                break
-            phase = cycles[start] * position[r]
-            ahead, aside = residual[r] * math.cos(phase), residual[r] * math.sin(phase)
-            lines = slice(start, min(start + block, count))
-            each, real, imaginary = cycles[lines], sums[0, lines], sums[1, lines]
-            noise, rows = sums[2, lines], sums[3, lines]
-            for k in range(real.size):
-                gain = _passed(own * each[k])
-                counts = 1.0 if gain >= least else 0.0
-                gain *= counts
-                real[k] += gain * (ahead * cosine[k] - aside * sine[k])
-                imaginary[k] += gain * (ahead * sine[k] + aside * cosine[k])
-                noise[k] += gain * gain * energy
-                rows[k] += counts
-    return sums
-
-
-@compiled(nogil=True, error_model="numpy", inline="always")
-def _passed(ratio: float) -> float:
-    """Return what the filter passes of a frequency, over its bandwidth."""
-    square = ratio * ratio
-    power = 1.0
-    for _ in range(ORDER):
-        power *= square
-    return 1.0 / (1.0 + power)
+    return 0.5 * (before.energy - rest.energy) / (rest.energy / rest.residual.size) / level

@@ -11,9 +11,11 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
     contribution,
     contribution_of_all,
+    in_turn,
     left_by_tolerances,
     material,
     own_joints,
+    seldom,
     sure,
     surely_less,
     without,
@@ -178,6 +180,8 @@ def abstained(
     What helps elsewhere, or not for sure, stays in the set without a name. A wrong effect often
     explains part of an unknown one. The right one leaves nothing that a black box can predict.
     Ordinary friction that was not stated is no name, and explains nothing of what is beyond it.
+    Nor is a name what only mends what values did that moved inside their tolerances: some joint
+    that it acts on has to be surely better than as it was given.
 
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
@@ -195,7 +199,12 @@ def abstained(
         member
         for member in solution.members
         if member in plain
-        or (member in sure and _is_beyond(doubtful, problem, solution, member, remaining))
+        or (
+            member in sure
+            and _is_beyond(doubtful, problem, solution, member, remaining)
+            and not _is_part_of_more(problem, solution, member, unknown.tolist())
+            and _betters(problem, solution, member)
+        )
     )
     return stay, tuple(int(j) for j in unknown)
 
@@ -220,6 +229,17 @@ def _is_beyond(
     return sure(problem, solution, member, rest)
 
 
+def _is_part_of_more(
+    problem: RegressionProblem, solution: Solution, member: int, unknown: Sequence[int]
+) -> bool:
+    """Say whether a member may be but a part of what nothing explains at other joints (0-based).
+
+    What acts on several, as a wrong body does, looks like a slight effect of its own at one more.
+    """
+    others = {*unknown} - {*problem.candidates[member].joints}
+    return len(others) > 1 and material(problem, solution, member) < JUDGEMENT.small
+
+
 def acts_most(
     problem: RegressionProblem, solution: Solution, member: int, floor: FloatArray
 ) -> int:
@@ -239,10 +259,27 @@ def gains(
 
     Where that states no friction, ordinary friction is no gain: it has to be better than that.
     """
-    bare = bool(problem.base)
-    given = left_by_tolerances(problem, solution) if bare else problem.observed.residual
-    rows = problem.split.held_out
+    given, rows = _given(problem, solution), problem.split.held_out
     return surely_less(proven, given, remaining.floor, problem.observed, rows)
+
+
+def _betters(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a joint that a member acts on is surely better than `gains` counts from.
+
+    On rows that are held out in turn; those that miss most of what it does cannot say.
+    """
+    given, observed = _given(problem, solution), problem.observed
+    (left,), rows = in_turn(problem, solution, solution.members)
+    scale = rmse(left, rows)[:, None]
+    return seldom(problem, solution, member) or any(
+        surely_less(left[:, [j]], given[:, [j]], scale[j], observed, rows[:, [j]])
+        for j in own_joints(problem, member)
+    )
+
+
+def _given(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return the residual (K, n) that a gain is counted from [N m]."""
+    return left_by_tolerances(problem, solution) if problem.base else problem.observed.residual
 
 
 def harmed(
@@ -263,13 +300,6 @@ def least_harmful(
         return float(np.sum((error / np.maximum(scale, TINY)) ** 2))
 
     return problem.less(solution.members, (min(some, key=left),))
-
-
-def worse(
-    problem: RegressionProblem, proven: FloatArray, other: FloatArray, remaining: RemainingResidual
-) -> bool:
-    """Say whether one residual (K, n) is clearly larger than another on held-out motion."""
-    return bool(worse_at(problem, proven, other, remaining))
 
 
 def worse_at(

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.settings.fitting import LATENESS
 from estimators.diagnosis.settings.residuals import MOTION, NOISE, ROWS
 from limo_driver.physics import Armature, BodyEffect
 from limo_driver.runtime.compiled import compiled
@@ -246,7 +247,11 @@ def _noisy(simulation: Simulation, recordings: Sequence[Recording], bandwidth: f
     Those of the wrist carry too little to show it. What needs torque to accelerate are the links,
     what they carry, and the rotors, which are often the most of it; friction is as noisy as the
     sign of a velocity, and says nothing of accelerations.
+
+    Such noise matters where it makes much of the error, or where torques hold so little of it that
+    no lag would leave as little: a lag that is found is then none.
     """
+    lagging = 1.0 + (2.0 * np.pi * bandwidth * max(LATENESS.times)) ** 2  # power before over after
     accelerated = (each for each in simulation.effects if isinstance(each, BodyEffect | Armature))
     bodies = replace(simulation, effects=tuple(accelerated))
     needed, measured, error = (np.zeros(bodies.model.n) for _ in range(3))
@@ -259,7 +264,8 @@ def _noisy(simulation: Simulation, recordings: Sequence[Recording], bandwidth: f
         left = recording.filtered(recording.torque - simulation.predict(motion), bandwidth)
         error += np.var(left[inner], axis=0) * inner.sum()
         counts |= np.ptp(recording.position, axis=0) > MOTION.travel
-    noisy = (needed > MOTION.noise * measured) & (needed > MOTION.matters * error)
+    matters = (needed > MOTION.matters * error) | (needed > lagging * measured)
+    noisy = (needed > MOTION.noise * measured) & matters
     return bool(MOTION.joints * np.sum(counts) <= np.sum(noisy & counts) > 0)
 
 

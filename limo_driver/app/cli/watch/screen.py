@@ -6,7 +6,7 @@ import json
 import math
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from typing import TYPE_CHECKING, Any, cast
 
 import typer
@@ -14,6 +14,8 @@ import typer
 from limo_driver.quoting import in_line
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import zenoh
     from rich.console import RenderableType
     from rich.text import Text
@@ -25,7 +27,10 @@ _WIDEST = 500  # characters of a line
 _BARS = " ▁▂▃▄▅▆▇█"
 _PER_BAR = 10  # bins of the latency histogram in one bar
 _EVENTS = 12  # shown
+_KEPT = 100  # of them, as on the network
+_DULL = "reset"  # a kind of which many would bury the others
 _LONGEST = 65536  # bytes of a status
+_LAST = 2**63  # [ns] of a stamp
 
 
 def show(watched: Watched, duration: float | None) -> None:
@@ -66,10 +71,11 @@ def _events(watched: Watched) -> RenderableType:
     from rich.text import Text
 
     lines = Text()
-    for arm, event in list(watched.events):
+    for arm, event, times in folded(watched.events)[-_EVENTS:]:
         when = datetime.fromtimestamp(event.stamp_ns / 1e9, UTC).astimezone()
         style = {30: "yellow", 40: "red", 50: "bold red"}.get(int(event.level), "")
-        lines.append(printable(f"{when:%H:%M:%S} {arm}: {event.text}") + "\n", style=style)
+        often = f" ({times} times)" if times > 1 else ""
+        lines.append(printable(f"{when:%H:%M:%S} {arm}: {event.text}{often}") + "\n", style=style)
     return Panel(lines, title="events", title_align="left")
 
 
@@ -178,21 +184,48 @@ def printable(text: str) -> str:
     return in_line(text[:_WIDEST])
 
 
+def folded(events: Iterable[tuple[str, Event]]) -> list[tuple[str, Event, int]]:
+    """Return events with how many they stand for: the last reset of an arm for all of them."""
+    listed = list(events)
+    resets = Counter(arm for arm, event in listed if event.kind == _DULL)
+    left, found = resets.copy(), list[tuple[str, Any, int]]()
+    for arm, event in listed:
+        if event.kind == _DULL:
+            left[arm] -= 1
+        if event.kind != _DULL or not left[arm]:
+            found.append((arm, event, resets[arm] if event.kind == _DULL else 1))
+    return found
+
+
+def _plain_event(event: Event, times: int) -> dict[str, Any]:
+    """Return an event as plain values, with the stamps [s] between which its contact lies."""
+    whole = {k: v for k, v in event.facts.items() if isinstance(v, int) and 0 < v < _LAST}
+    seconds = {k: v / 1e9 for k, v in whole.items() if k.endswith("_stamp")}
+    return {
+        "kind": printable(event.kind),
+        "text": printable(event.text),
+        "t": event.stamp_ns / 1e9,
+        "times": times,
+        "joint": whole.get("joint"),
+        "began": seconds.get("began_stamp"),
+        "ended": seconds.get("ended_stamp"),
+    }
+
+
 class Watched:
     """Messages received so far: the last status of each arm, and the latest events."""
 
     def __init__(self, *, as_json: bool) -> None:
         self.as_json = as_json
         self.statuses: dict[str, tuple[float, dict[str, Any]]] = {}
-        self.events: deque[tuple[str, Event]] = deque(maxlen=_EVENTS)
+        self.events: deque[tuple[str, Event]] = deque(maxlen=_KEPT)
         self.malformed = 0
 
     def of(self, arm: str) -> dict[str, Any]:
         """Return status and events of an arm as plain values; no status where it is stale."""
         came, status = self.statuses.get(arm, (-math.inf, None))
-        events = [
-            f"{event.kind}: {printable(event.text)}" for of, event in list(self.events) if of == arm
-        ]
+        own = [(of, event) for of, event in list(self.events) if of == arm]
+        events = [_plain_event(event, times) for _, event, times in folded(own)]
         return {"status": status if time.monotonic() - came < STALE else None, "events": events}
 
     def take_status(self, sample: zenoh.Sample) -> None:

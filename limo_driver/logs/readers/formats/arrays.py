@@ -1,4 +1,4 @@
-"""Logs that are named arrays, or trees of them: .npz, JSON and .mat, as tables."""
+"""Logs that are named arrays, or trees of them: .npz, JSON, .mat and HDF5, as tables."""
 
 from __future__ import annotations
 
@@ -312,16 +312,30 @@ def read_mat(path: Path) -> LogTable:
     """Read the arrays of a file, those of its structures included.
 
     Raises:
-        RecordingError: It is none, damaged, of version 7.3, or unpacks to more than a log does.
+        RecordingError: It is none, damaged, or unpacks to more than a log does; or it is of version
+            7.3, and h5py is not installed.
     """
     return table_of_tree(apart(variables_of, path, RecordingError), str(path), _MATLAB)
+
+
+def read_hdf5(path: Path) -> LogTable:
+    """Read the arrays of a file with one or two axes, those of its groups included.
+
+    Raises:
+        RecordingError: It is none, damaged, or unpacks to more than a log does; or h5py is not
+            installed.
+    """
+    from limo_driver.logs.readers.formats.hdf5 import tree_of
+
+    return table_of_tree(apart(tree_of, path, RecordingError), str(path), "HDF5")
 
 
 def variables_of(path: Path) -> dict[str, Any]:
     """Return the variables of a file by name, in this process, whatever they unpack to.
 
     Raises:
-        RecordingError: It is none, damaged, or of version 7.3.
+        RecordingError: It is none, or damaged.
+        MissingPackageError: It is of version 7.3, and h5py is not installed.
     """
     from scipy.io import loadmat  # slow to import
     from scipy.io.matlab import MatReadError
@@ -329,9 +343,9 @@ def variables_of(path: Path) -> dict[str, Any]:
     try:
         found: dict[str, Any] = loadmat(path, simplify_cells=True)
     except NotImplementedError:
-        raise RecordingError(
-            "is HDF5, as MATLAB writes with -v7.3, which is not read; `save` it with -v7", path=path
-        ) from None
+        from limo_driver.logs.readers.formats.hdf5 import tree_of
+
+        return tree_of(path)
     except (MatReadError, OSError, ValueError, TypeError, KeyError, EOFError) as error:
         raise RecordingError(f"cannot be read as .mat: {error}", path=path) from None
     return {name: values for name, values in found.items() if not name.startswith("__")}

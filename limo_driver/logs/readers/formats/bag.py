@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.logs.mcap_file import CDR
 from limo_driver.logs.readers.columns import (
     POSITION,
     TORQUE,
@@ -22,10 +23,11 @@ from limo_driver.logs.readers.columns import (
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.logs.ros.joint_state_log import bag_files, read_bag
 from limo_driver.logs.ros.known_layouts import layout_for
+from limo_driver.logs.ros.plain_messages import numbers_of
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.network.messages.cdr import CdrReader
 from limo_driver.recordings.files.stretches import STRETCH, Stretches
-from limo_driver.recordings.gate import SYSTEMATIC
+from limo_driver.recordings.gate import SYSTEMATIC, in_order, runs_backwards
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.logs.mcap_file import LoggedMessage
+    from limo_driver.logs.ros.message_layout import DecodedMessage
     from limo_driver.types import FloatArray
 
 DYNAMIC_JOINT_STATE: Final = "control_msgs/msg/DynamicJointState"
@@ -103,7 +106,7 @@ def read_bags(
 
     Raises:
         RecordingError: No joint states, several topics that could be meant, or stamps that run
-            backwards more than now and then.
+            backwards again and again.
     """
     found, notes = _Found(topic), list[str]()
     for path in bag_files(paths):
@@ -123,9 +126,11 @@ def read_bags(
         more.append(f"left aside: {'; '.join(others[:_LISTED])}")
     if found.malformed:
         more.append(f"{found.malformed} messages could not be decoded")
-    kind = f"ROS 2 bag, topic {kept.topic}"
+    version = 1 if all(path.suffix == ".bag" for path in bag_files(paths)) else 2
+    kind = f"ROS {version} bag" if kept.encoding == CDR else f"MCAP file in {kept.encoding}"
+    kind, is_si = f"{kind}, topic {kept.topic}", kept.encoding == CDR or kept.schema in _ORDER
     spread = kept.stretches.spread
-    return LogTable(columns, source, kind, {}, (*notes, *more), spread=spread, is_si=True)
+    return LogTable(columns, source, kind, {}, (*notes, *more), spread=spread, is_si=is_si)
 
 
 def topic_with(
@@ -142,7 +147,7 @@ def topic_with(
         RecordingError: Several topics do.
     """
     found = _Found(topic)
-    messages = (m for path in bag_files(paths) for m in read_bag(path) if m.schema == JOINT_STATE)
+    messages = (m for path in bag_files(paths) for m in read_bag(path) if _is_state(m))
     for message in islice(messages, _PEEKED):
         found.add(message)
     groups = [g for g in found.groups.values() if set(joints) <= set(g.names)]
@@ -152,6 +157,10 @@ def topic_with(
             f"joint states of several topics: {', '.join(topics)}; say which is meant"
         )
     return topics[0] if topics else None
+
+
+def _is_state(message: LoggedMessage) -> bool:
+    return message.schema == JOINT_STATE and message.encoding == CDR
 
 
 @dataclass(frozen=True)
@@ -173,8 +182,10 @@ class _Group:
     schema: str
     names: tuple[str, ...]  # of the joints, or of the columns where no joints are named
     held: tuple[str, ...]  # columns
+    encoding: str = CDR
     stamps: array[int] = field(default_factory=lambda: array("q"))  # since the last stretch
     values: array[float] = field(default_factory=lambda: array("d"))
+    unstamped: int = 0  # messages that have no stamp, whose time is that of their receipt
     stretches: Stretches[_Rows] = field(default_factory=lambda: Stretches(_Rows.cut))
 
     def __str__(self) -> str:
@@ -186,9 +197,10 @@ class _Group:
         """Number of messages."""
         return self.stretches.total + len(self.stamps)
 
-    def add(self, stamp: int, values: FloatArray) -> None:
-        """Add the values of one message, (k,)."""
-        self.stamps.append(stamp)
+    def add(self, message: LoggedMessage, stamp: int | None, values: FloatArray) -> None:
+        """Add the values of one message, (k,); of a stamp that was never set it is 0."""
+        self.unstamped += stamp == 0
+        self.stamps.append(stamp or message.log_time_ns)
         self.values.frombytes(values.tobytes())
         if len(self.stamps) == STRETCH:
             self._flush()
@@ -214,24 +226,28 @@ class _Group:
         self._flush()
         pieces = self.stretches.pieces()
         stamps = np.concatenate([piece.stamps for piece in pieces])
-        late = np.append(False, stamps[1:] < np.maximum.accumulate(stamps)[:-1])
-        if late.mean() > SYSTEMATIC:
+        order, overtaken = in_order(stamps)
+        if (share := runs_backwards(stamps[order])) > SYSTEMATIC:
             raise RecordingError(
-                f"the stamps of {self.topic} run backwards at message {int(late.argmax())}, and "
-                f"{late.mean():.0%} of them do; are these two recordings, or two publishers?",
+                f"the stamps of {self.topic} run backwards at {share:.0%} of the messages; are "
+                "these two publishers?",
                 path=source,
-                rows=[int(late.argmax())],
             )
-        order = np.argsort(stamps, kind="stable")
         values = np.concatenate([piece.values for piece in pieces])[order]
         columns: dict[str, NDArray[Any]] = {"time": stamps[order]}
         for quantity in dict.fromkeys(name.partition(".")[0] for name in self.held):
             own = [k for k, name in enumerate(self.held) if name.partition(".")[0] == quantity]
             if not np.isnan(values[:, own]).all():
                 columns |= {self.held[k]: values[:, k] for k in own}
-        told = [f"{late.sum()} messages were logged after one with a later stamp"]
         notes = [self.stretches.note()] if self.stretches.spread else []
-        return columns, notes + (told if late.any() else [])
+        if overtaken:
+            notes.append(f"{overtaken} messages were logged after one with a later stamp")
+        if self.unstamped:
+            notes.append(
+                f"{self.unstamped} messages have no stamp (0): their times are those at which they "
+                "were received"
+            )
+        return columns, notes
 
 
 @dataclass
@@ -242,13 +258,17 @@ class _Found:
     groups: dict[tuple[str, tuple[str, ...]], _Group] = field(default_factory=dict)
     topics: dict[str, str] = field(default_factory=dict)
     unread: dict[str, str] = field(default_factory=dict)  # topic → why its type cannot be read
+    others: set[str] = field(default_factory=set)  # topics of something else than joints
     malformed: int = 0
 
     def add(self, message: LoggedMessage) -> None:
         """Add a message, if it is a joint state."""
-        self.topics.setdefault(message.topic, message.schema)
+        self.topics.setdefault(message.topic, message.schema or message.encoding)
         try:
-            if message.schema in _DECODERS:
+            if message.encoding != CDR:
+                if message.topic not in self.others:
+                    self._add_numbers(message, numbers_of(message))
+            elif message.schema in _DECODERS:
                 self._add_state(message, _DECODERS[message.schema](message.payload))
             elif message.schema in _STATES or message.topic == self.topic:
                 self._add_any(message)
@@ -268,7 +288,7 @@ class _Found:
         for k, own in enumerate((state.position, state.velocity, state.torque)):
             if own.size:
                 values[k * n : (k + 1) * n] = own[columns]
-        group.add(state.stamp_ns, values)
+        group.add(message, state.stamp_ns, values)
 
     def _add_any(self, message: LoggedMessage) -> None:
         """Add what a message of another type says of joints, by its definition."""
@@ -276,17 +296,20 @@ class _Found:
         if isinstance(layout, str):
             self.unread[message.topic] = layout
             return
-        found = layout.decode(message.payload)
+        self._add_numbers(message, layout.decode(message.payload))
+
+    def _add_numbers(self, message: LoggedMessage, found: DecodedMessage) -> None:
         key = (message.topic, tuple(found.values))
         group = self.groups.get(key)
         if group is None:
             held = tuple(filter(_is_of_joints, found.values))
             if not held:
+                self.others.add(message.topic)
                 return
             names = found.labels or held
             group = self.groups[key] = _Group(message.topic, message.schema, names, held)
-        stamp = message.log_time_ns if found.stamp_ns is None else found.stamp_ns
-        group.add(stamp, np.array([found.values[name] for name in group.held]))
+            group.encoding = message.encoding
+        group.add(message, found.stamp_ns, np.array([found.values[name] for name in group.held]))
 
     def meant(self, joints: Sequence[str], source: str, notes: Sequence[str] = ()) -> _Group:
         """Return the group that has the robot's joints; notes say what was wrong with the files."""

@@ -9,6 +9,8 @@ import gzip
 import re
 import zlib
 from codecs import getincrementaldecoder
+from csv import reader
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pyarrow as pa
@@ -16,6 +18,7 @@ from pyarrow import csv
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.columns import WRITTEN
+from limo_driver.logs.readers.formats.arrow import kept_numbers
 from limo_driver.recordings.files.batches import (
     LONG_TEXT,
     Kept,
@@ -23,11 +26,15 @@ from limo_driver.recordings.files.batches import (
     is_packed,
     kept_of,
     text_batches,
+    text_source,
 )
+from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from limo_driver.logs.readers.table import LogTable
 
 _HEAD = 65536  # bytes that are looked at
 _LINES = 20
@@ -38,7 +45,8 @@ _CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?|\d{4}-\d\d-\d\d[T ]\d\d:.*"
 _USUAL, _WINDOWS = "utf-8-sig", "cp1252"
 _MARKED = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}  # by the first bytes
 _UNWRITTEN = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")  # what no text has
-_EMPTY = (*csv.ConvertOptions().null_values, "None")  # cells without a value; Python writes None
+# cells without a value; Python writes None
+_EMPTY = (*csv.ConvertOptions().null_values, "None", " ")
 _DAMAGE = (OSError, EOFError, zlib.error, pa.ArrowException, UnicodeDecodeError)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 
@@ -54,19 +62,43 @@ class Dialect(NamedTuple):
     encoding: str  # of the text, as Python names it
     told: int = 0  # lines of words above the names
     units: bool = False  # whether a line of units stands below the names
+    aligned: bool = False  # whether several blanks stand between cells, or some before the first
 
 
-def read_delimited(path: Path) -> tuple[Kept, tuple[str, ...]]:
+def read_delimited(path: Path) -> LogTable:
     """Read delimited text, or stretches of one that is long.
 
-    Returns:
-        Its columns, and what has to be said of how it was read.
-
     Raises:
-        RecordingError: It cannot be read, or is no such text.
+        RecordingError: It cannot be read, is no such text, or holds several tables.
     """
     text = DelimitedText(path)
-    return text.kept(), text.notes()
+    try:
+        found = kept_numbers(text.kept(), str(path), "delimited text")
+    except RecordingError:
+        if len(tables := _tables_in(path, text.dialect)) > 1:
+            listed = "; ".join(f"one of {names} from line {line} on" for line, names in tables)
+            raise RecordingError(
+                f"holds {len(tables)} tables: {listed}; expected one, so give each a file of its "
+                "own, or join their columns",
+                path=path,
+            ) from None
+        raise
+    return replace(found, notes=(*text.notes(), *found.notes))
+
+
+def _tables_in(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
+    """Return the line and the names of each table in a text that is not long."""
+    if is_packed(path) or path.stat().st_size > LONG_TEXT:
+        return []
+    lines = path.read_text(dialect.encoding, errors="replace").splitlines()
+    found, above = list[tuple[int, str]](), (0, [""])
+    for number, line in enumerate(lines, 1):
+        cells = _cells(line, dialect.separator)
+        if _is_row(cells) and len(above[1]) > 1 and not any(map(_is_value, above[1])):
+            found.append((above[0], shortened([cell for cell in above[1] if cell])))
+        if line.strip() and not _is_of_units(cells):
+            above = (number, cells)
+    return found
 
 
 class DelimitedText:
@@ -80,7 +112,7 @@ class DelimitedText:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path, self._dialect = path, dialect_of(path)
+        self._path, self.dialect = path, dialect_of(path)
         self._rows, self._cut = 0, list[str]()
 
     def kept(self) -> Kept:
@@ -93,7 +125,8 @@ class DelimitedText:
             if is_packed(self._path) or self._path.stat().st_size > LONG_TEXT:
                 kept = kept_of(*self._batches())
             else:
-                kept = Kept(csv.read_csv(self._path, *self._options()))
+                source = text_source(self._path, aligned=self.dialect.aligned)
+                kept = Kept(csv.read_csv(source, *self._options()))
         except _DAMAGE as error:
             raise self._unreadable(error) from None
         self._rows = kept.spread or kept.table.num_rows
@@ -117,29 +150,29 @@ class DelimitedText:
     def notes(self) -> tuple[str, ...]:
         """Say what has to be said of the rows that were read."""
         notes = list[str]()
-        if told := self._dialect.told:
+        if told := self.dialect.told:
             notes.append(f"{told} line{'s' * (told > 1)} above the names left aside")
-        if self._dialect.units:
+        if self.dialect.units:
             notes.append("the line below the names has their units")
-        if not self._dialect.named:
+        if not self.dialect.named:
             notes.append("it has no line of names; columns are counted from 1")
-        if self._dialect.encoding == _WINDOWS:
+        if self.dialect.encoding == _WINDOWS:
             notes.append("it is not UTF-8; its text is taken for that of Windows (cp1252)")
         if cut := self._cut:
             rows = "1 row" if len(cut) == 1 else f"{len(cut)} rows"
             notes.append(
-                f"{rows} left out: another number of cells than the {len(self._dialect.names)} of "
+                f"{rows} left out: another number of cells than the {len(self.dialect.names)} of "
                 f"the first line{cut[0]}"
             )
         return tuple(notes)
 
     def _batches(self) -> tuple[Iterator[pa.RecordBatch], pa.Schema]:
-        batches = text_batches(self._path, *self._options())
+        batches = text_batches(self._path, *self._options(), aligned=self.dialect.aligned)
         self._cut.clear()  # of the look at the first rows
         return batches
 
     def _options(self) -> tuple[csv.ReadOptions, csv.ParseOptions, csv.ConvertOptions]:
-        dialect = self._dialect
+        dialect = self.dialect
         return (
             csv.ReadOptions(
                 column_names=list(dialect.names),
@@ -162,7 +195,7 @@ class DelimitedText:
         return "skip"
 
     def _check_cut(self) -> None:
-        expected = len(self._dialect.names)
+        expected = len(self.dialect.names)
         if len(self._cut) > max(1, self._rows // 50):
             raise RecordingError(
                 f"has {len(self._cut)} rows with another number of cells, expected {expected} as "
@@ -196,21 +229,24 @@ def dialect_of(path: Path) -> Dialect:
     lines[0] = lines[0].lstrip("#%/ ")  # names may stand in a comment
     separator = _separator_of(lines)
     first = _cells(lines[0], separator)
-    named = not all(_is_number(cell) for cell in first)
+    named = not all(map(_is_number, filter(None, first)))
     units = _units_below(lines, separator) if named else ()
     rows = lines[1 + bool(units) :] or lines
-    decimal = "."
-    if separator != "," and any(_DECIMAL_COMMA.fullmatch(x) for x in _cells(rows[0], separator)):
-        decimal = ","
-    names = list(first) if named else _counted(len(first))
+    below = [_cells(row, separator) for row in rows]
+    decimal = "," if any(_DECIMAL_COMMA.fullmatch(x) for row in below for x in row) else "."
+    if all(_is_as_wide(row, first) and len(row) > len(first) for row in below):
+        first = [*first, ""]  # rows end in a separator; what stands behind it may yet be a value
+    names = first if named else [""] * len(first)
     names = [name or f"column_{k + 1}" for k, name in enumerate(names)]
     if units:
-        pairs = zip(names, units, strict=True)
-        names = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
+        pairs = zip(names, units, strict=False)
+        named_units = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
+        names = [*named_units, *names[len(named_units) :]]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise RecordingError(f"has more than one column {', '.join(repeated)}", path=path)
+    aligned = separator == " " and any("  " in line or line[:1].isspace() for line in lines)
     return Dialect(
-        separator, skipped, tuple(names), named, decimal, encoding, told=told, units=bool(units)
+        separator, skipped, tuple(names), named, decimal, encoding, told, bool(units), aligned
     )
 
 
@@ -233,9 +269,10 @@ def _lines_above(lines: list[str]) -> int:
             continue
         first = is_row.index(True)
         rows = [len(cells[k]) for k in filled[first:]]
-        many = max(set(rows), key=rows.count)
-        above = [k for k in filled[:first] if len(cells[k]) == many and not _is_row(cells[k])]
-        if rows[0] != many or not above or rows.count(many) <= len(rows) // 2:
+        row = cells[filled[first]]
+        names_of = (k for k in filled[:first] if _is_as_wide(row, cells[k]))
+        above = [k for k in names_of if not _is_row(cells[k])]
+        if not above or rows.count(len(row)) <= len(rows) // 2:
             continue
         names = above[0]
         if len(above) > 1 and not _is_of_units(cells[above[1]]):  # a title of as many cells
@@ -257,9 +294,14 @@ def _is_value(cell: str) -> bool:
 def _units_below(lines: list[str], separator: str) -> tuple[str, ...]:
     """Return what a line of units below the names says of each column; nothing if there is none."""
     below = _cells(lines[1], separator) if len(lines) > 1 else []
-    if len(below) != len(_cells(lines[0], separator)) or not _is_of_units(below):
+    if not _is_as_wide(below, _cells(lines[0], separator)) or not _is_of_units(below):
         return ()
     return tuple(_bare(cell) for cell in below)
+
+
+def _is_as_wide(row: list[str], names: list[str]) -> bool:
+    """Say whether a row has a cell for each name; it may end in a separator that they lack."""
+    return len(row) == len(names) or (len(row) == len(names) + 1 and not row[-1])
 
 
 def _is_of_units(cells: list[str]) -> bool:
@@ -320,18 +362,20 @@ def _is_comment(lines: list[str], k: int) -> bool:
 
 def _regularity(separator: str, first: str, rows: list[str]) -> tuple[int, int]:
     """Return how many lines a separator cuts into as many cells, and how many cells those are."""
-    cells = len(_cells(first, separator))
-    alike = sum(len(_cells(row, separator)) == cells for row in rows)
-    return (alike if cells > 1 else -1, cells)
+    names = _cells(first, separator)
+    alike = sum(_is_as_wide(_cells(row, separator), names) for row in rows)
+    return (alike if len(names) > 1 else -1, len(names))
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    return [cell.strip().strip('"').strip() for cell in line.rstrip("\r\n").split(separator)]
+    if separator == " ":
+        line = " ".join(line.split())
+    if '"' in line:
+        (cells,) = reader([line.strip()], delimiter=separator, skipinitialspace=True)
+    else:
+        cells = line.rstrip("\r\n").split(separator)
+    return [cell.strip() for cell in cells]
 
 
 def _is_number(cell: str) -> bool:
     return bool(_NUMBER.fullmatch(cell) or _DECIMAL_COMMA.fullmatch(cell))
-
-
-def _counted(many: int) -> list[str]:
-    return [f"column_{k + 1}" for k in range(many)]

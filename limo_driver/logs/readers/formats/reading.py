@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import RecordingError
@@ -14,18 +13,20 @@ if TYPE_CHECKING:
 
     from limo_driver.logs.readers.table import LogTable
 
-BAGS: Final = (".mcap", ".db3", ".zstd")
+BAGS: Final = (".mcap", ".db3", ".zstd", ".bag")
 _PLAIN: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
 _PACKED: Final = ".gz"
 TEXTS: Final = (*_PLAIN, *(f"{ending}{_PACKED}" for ending in _PLAIN))
 PARQUET: Final = (".parquet", ".pq")
 ARRAYS: Final = (".npz",)
-OBJECTS: Final = (".json", ".jsonl", ".ndjson", ".mat")
+_HDF5: Final = (".h5", ".hdf5")
+OBJECTS: Final = (".json", ".jsonl", ".ndjson", ".mat", *_HDF5)
+_SHEETS: Final = (".xlsx", ".xls", ".xlsm", ".ods")
 _EXPECTED: Final = (
     f"expected delimited text ({', '.join(_PLAIN)}, also as .gz), Parquet, NumPy's .npz, JSON "
-    "(.json, .jsonl), MATLAB's .mat, a ROS 2 bag (.mcap, .db3) or the folder of a bag or of a "
-    "LeRobotDataset; what Python reads of it, a "
-    "DataFrame or arrays by name, limo.read takes"
+    "(.json, .jsonl), MATLAB's .mat, HDF5 (.h5, .hdf5), a bag (.mcap, .db3, .bag) or the folder of "
+    "a bag or of a LeRobotDataset; what Python reads of it, a DataFrame or arrays by name, "
+    "limo.read takes"
 )
 
 
@@ -73,11 +74,15 @@ def read_table(
     if ending in TEXTS:
         from limo_driver.logs.readers.formats.delimited import read_delimited
 
-        text, notes = read_delimited(path)
-        found = kept_numbers(text, str(path), "delimited text")
-        return replace(found, notes=(*notes, *found.notes))
+        return read_delimited(path)
     if ending in PARQUET:
         return kept_numbers(read_parquet(path), str(path), "Parquet")
+    if ending in _SHEETS:
+        raise RecordingError(
+            "is a workbook, which is not read: save its sheet as CSV, or give "
+            "`limo.read(pandas.read_excel(...), robot)` what pandas reads of it",
+            path=path,
+        )
     raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
 
 
@@ -86,6 +91,10 @@ def _read_objects(path: Path, ending: str) -> LogTable:
         from limo_driver.logs.readers.formats.arrays import read_mat
 
         return read_mat(path)
+    if ending in _HDF5:
+        from limo_driver.logs.readers.formats.arrays import read_hdf5
+
+        return read_hdf5(path)
     from limo_driver.logs.readers.formats.arrays import read_json
 
     return read_json(path)
@@ -103,6 +112,7 @@ def _read_folder(
 
         return read_bags([path], topic, joints)
     raise RecordingError(
-        "is a folder that holds neither a bag (.mcap, .db3) nor a LeRobotDataset (meta/info.json)",
+        "is a folder that holds neither a bag (.mcap, .db3, .bag) nor a LeRobotDataset "
+        "(meta/info.json)",
         path=path,
     )

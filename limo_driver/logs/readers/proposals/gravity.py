@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
+_USUAL: Final = 0.99  # quantile of torques that is held against the limits of the drives
+_EFFORT: Final = (1e-3, 3.0)  # of these limits, that the torque of some joint comes to
+_TORQUE_SCALES: Final = {"N m": 1.0, "N cm": 1e2, "mN m": 1e3}
 _ROWS: Final = 1500  # that are looked at
 _FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyond it
 _MOST: Final = 0.5  # of the variance of a current beside its friction
@@ -27,6 +31,16 @@ _ALIKE: Final = (0.2, 5.0)  # spans beside the usual one, of joints that move li
 _JUMP: Final = 0.05  # of the logarithm of 57.3, by which a joint may move within a row
 _LEAP: Final = 3.0  # times the longest of usual steps, that another unit makes
 _QUANTILES: Final = (0.01, 0.99)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A unit for each joint, why, and what is open."""
+
+    units: tuple[str, ...]
+    why: str
+    question: str = ""  # empty where one reading alone fits
+    fits_both: bool = False  # all in rad as well as all in deg
 
 
 class Gravity:
@@ -191,3 +205,70 @@ def other_unit_from(position: FloatArray) -> int | None:
     jumps &= steps > _LEAP * np.nanquantile(steps, 0.99, axis=0)
     rows = np.flatnonzero(jumps.sum(axis=1) > position.shape[1] / 2)
     return int(rows[0]) + 1 if rows.size else None
+
+
+def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) -> Reading:
+    """Say in which unit torques are, and forces of slides, from the gravity of the arm.
+
+    Args:
+        position: (T, n) [rad, m].
+        torque: (T, n) as the log has it.
+        model: The robot.
+    """
+    rows = some_rows(position, torque)
+    cost = Gravity(model, torque[rows])
+    slopes = cost.slopes(position[rows])
+    if not slopes.size:
+        slopes = cost.as_mounted(position[rows], ("rad",) * model.n).slopes(position[rows])
+    if slopes.size:
+        middle = float(np.median(slopes))
+        for unit, scale in _TORQUE_SCALES.items():
+            if 1 / WITHIN < middle / scale < WITHIN:
+                why = f"{middle / scale:.2g} times the gravity torque of the arm"
+                question = (
+                    f"torque: no name says {unit}, and in N m it is {middle:.2g} times the gravity "
+                    f"torque of the arm: is it in {unit}, or a current?"
+                )
+                return Reading(_of_joints(unit, model), why, question if unit != "N m" else "")
+        return Reading(
+            _of_joints("N m", model),
+            f"{middle:.2g} times the gravity torque of the arm",
+            f"torque: it is {middle:.2g} times the gravity torque of the arm in N m: which unit?",
+        )
+    return _by_effort(torque[rows], model)
+
+
+def _by_effort(torque: FloatArray, model: RobotModel) -> Reading:
+    """Return N m for torques (T, n) that the drives can make; with a question for others."""
+    units, limit = _of_joints("N m", model), model.limits.torque
+    part = np.nanquantile(np.abs(torque), _USUAL, axis=0) / np.where(
+        (limit > 0) & np.isfinite(limit), limit, math.nan
+    )
+    known = part[np.isfinite(part)]
+    if known.size and not _EFFORT[0] < known.max() < _EFFORT[1]:
+        return Reading(
+            units,
+            f"{known.max():.2g} times the largest torque of the drives",
+            f"torque: no name says its unit, and in N m it is {known.max():.2g} times what the "
+            "drives of the description can do: which unit?",
+        )
+    why = "assumed: gravity makes too little of it to tell"
+    return Reading(units, f"{why}, and the drives can do it" if known.size else why)
+
+
+def current_factors(position: FloatArray, current: FloatArray, model: RobotModel) -> FloatArray:
+    """Return the N m that one unit of current makes at each joint, (n,); NaN where none shows.
+
+    Args:
+        position: (T, n) [rad, m].
+        current: (T, n) as the log has it.
+        model: The robot, whose bodies set the scale.
+    """
+    rows = some_rows(position, current)
+    return Gravity(model, current[rows]).factors(position[rows])
+
+
+def _of_joints(unit: str, model: RobotModel) -> tuple[str, ...]:
+    """Return the unit of each joint, or the one that all have: a torque of a slide is a force."""
+    units = tuple("N" if slides and unit == "N m" else unit for slides in model.sliding)
+    return units if len(set(units)) > 1 else units[:1]

@@ -11,13 +11,13 @@ import numpy as np
 from limo_driver.logs.readers.columns import UNITS
 from limo_driver.logs.readers.proposals.gravity import (
     DECISIVE,
-    WITHIN,
     Gravity,
+    Reading,
     maybe_in_radians,
     some_rows,
     usual,
 )
-from limo_driver.recordings.gate import velocity_factor
+from limo_driver.recordings.gate import one_factor, velocity_factor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,18 +33,8 @@ _REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
 _FEWEST_ROWS: Final = 10
 ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
 _SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
+_SHARED: Final = 0.25  # of a step, that one next to it makes where it is part of a motion
 _FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
-_TORQUE_SCALES: Final = {"N m": 1.0, "N cm": 1e2, "mN m": 1e3}
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A unit for each joint, why, and what is open."""
-
-    units: tuple[str, ...]
-    why: str
-    question: str = ""  # empty where one reading alone fits
-    fits_both: bool = False  # all in rad as well as all in deg
 
 
 @dataclass(frozen=True)
@@ -152,7 +142,7 @@ def _too_fast_in_rad(
 ) -> tuple[str, str] | None:
     """Return degrees where positions (T, k) of joints `turns` move too fast for radians."""
     every = max(1, round(_SWEEP / float(np.median(np.diff(time)))))
-    time, position = time[::every], position[::every]
+    time, position = time[::every], _without_jumps(position)[::every]
     if time.size < _FEWEST_ROWS:
         return None
     speeds = np.abs(np.diff(position, axis=0)) / np.diff(time)[:, None]
@@ -161,6 +151,16 @@ def _too_fast_in_rad(
         if 0 < _FASTER * limit < speed:
             return "deg", f"in rad, joint {j + 1} would move at {speed:.3g} of {limit:.3g} rad/s"
     return None
+
+
+def _without_jumps(position: FloatArray) -> FloatArray:
+    """Return positions (T, k) without steps that none next to them shares: no speed makes these."""
+    steps = np.diff(position, axis=0)
+    size, way = np.abs(steps), np.sign(steps)
+    none = np.zeros_like(steps[:1])
+    before, after = np.vstack([none, steps[:-1]]), np.vstack([steps[1:], none])
+    shared = np.maximum(before * way, after * way) > _SHARED * size
+    return np.vstack([position[:1], position[:1] + np.cumsum(np.where(shared, steps, 0.0), axis=0)])
 
 
 def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None) -> Reading:
@@ -282,7 +282,11 @@ def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:
 
 
 def velocity_unit(
-    time: FloatArray, position: FloatArray, velocity: FloatArray, sliding: Sequence[bool]
+    time: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+    sliding: Sequence[bool],
+    stated: tuple[str, ...] = (),
 ) -> Reading:
     """Say in which unit velocities are, from the rate of change of positions.
 
@@ -291,6 +295,7 @@ def velocity_unit(
         position: (T, n) [rad, m].
         velocity: (T, n) as the log has it.
         sliding: Whether each joint slides, (n,).
+        stated: The unit that names state, if they do.
     """
     rows = usual(position) & usual(velocity) & usual(time[:, None])
     time, position, velocity = time[rows], position[rows], velocity[rows]
@@ -301,15 +306,32 @@ def velocity_unit(
         ]
     )
     slides = np.array(sliding)
-    turning, turn_why = _velocity_unit(factors[~slides], ("rad/s", "deg/s", "rpm"))
-    sliding_unit, slide_why = _velocity_unit(factors[slides], ("m/s", "mm/s"))
+    turning, turn_why = _velocity_unit(factors[~slides], stated or ("rad/s", "deg/s", "rpm"))
+    sliding_unit, slide_why = _velocity_unit(factors[slides], stated or ("m/s", "mm/s"))
+    scales = [UNITS["velocity"][sliding_unit if slide else turning] for slide in sliding]
+    question = _about_time(factors * scales)
     if not slides.any():
-        return Reading((turning,), turn_why)
+        return Reading((turning,), turn_why, question)
     units = tuple(sliding_unit if slides_ else turning for slides_ in sliding)
     why = (
         slide_why if slides.all() or slide_why == turn_why else f"{turn_why}; {slide_why} (slides)"
     )
-    return Reading(units if len(set(units)) > 1 else units[:1], why)
+    return Reading(units if len(set(units)) > 1 else units[:1], why, question)
+
+
+def _about_time(factors: FloatArray) -> str:
+    """Return a question where velocities are off by one factor at all joints; else nothing.
+
+    Args:
+        factors: Of velocities over rates of change in the same unit, (n,); NaN of joints that rest.
+    """
+    if (factor := one_factor(factors)) is None:
+        return ""
+    return (
+        f"time: at all joints the velocities are {factor:.3g} times the rate of change of the "
+        f"positions: do {1 / factor:.3g} s pass in one of the log (`factor: {1 / factor:.3g}` "
+        "under `time:`), or are the velocities none (delete `velocity:`)?"
+    )
 
 
 def _velocity_unit(factors: FloatArray, units: Sequence[str]) -> tuple[str, str]:
@@ -326,48 +348,3 @@ def _velocity_unit(factors: FloatArray, units: Sequence[str]) -> tuple[str, str]
         if ALIKE[0] < ratio < ALIKE[1]:
             return unit, f"{ratio:.3g} times the rate of change of the positions"
     return units[0], f"{middle:.3g} times the rate of change of the positions; not used"
-
-
-def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) -> Reading:
-    """Say in which unit torques are, and forces of slides, from the gravity of the arm.
-
-    Args:
-        position: (T, n) [rad, m].
-        torque: (T, n) as the log has it.
-        model: The robot.
-    """
-    rows = some_rows(position, torque)
-    cost = Gravity(model, torque[rows])
-    slopes = cost.slopes(position[rows])
-    if not slopes.size:
-        slopes = cost.as_mounted(position[rows], ("rad",) * model.n).slopes(position[rows])
-    if slopes.size:
-        middle = float(np.median(slopes))
-        for unit, scale in _TORQUE_SCALES.items():
-            if 1 / WITHIN < middle / scale < WITHIN:
-                why = f"{middle / scale:.2g} times the gravity torque of the arm"
-                return Reading(_of_joints(unit, model), why)
-        return Reading(
-            _of_joints("N m", model),
-            f"{middle:.2g} times the gravity torque of the arm",
-            f"torque: it is {middle:.2g} times the gravity torque of the arm in N m: which unit?",
-        )
-    return Reading(_of_joints("N m", model), "assumed: gravity makes too little of it to tell")
-
-
-def current_factors(position: FloatArray, current: FloatArray, model: RobotModel) -> FloatArray:
-    """Return the N m that one unit of current makes at each joint, (n,); NaN where none shows.
-
-    Args:
-        position: (T, n) [rad, m].
-        current: (T, n) as the log has it.
-        model: The robot, whose bodies set the scale.
-    """
-    rows = some_rows(position, current)
-    return Gravity(model, current[rows]).factors(position[rows])
-
-
-def _of_joints(unit: str, model: RobotModel) -> tuple[str, ...]:
-    """Return the unit of each joint, or the one that all have: a torque of a slide is a force."""
-    units = tuple("N" if slides and unit == "N m" else unit for slides in model.sliding)
-    return units if len(set(units)) > 1 else units[:1]

@@ -37,12 +37,14 @@ from limo_driver.logs.readers.columns import (
 )
 from limo_driver.logs.readers.formats.lerobot import KIND as LEROBOT
 from limo_driver.logs.readers.mapping import Channels, LogMapping, values_of
-from limo_driver.logs.readers.proposals.gravity import other_unit_from
+from limo_driver.logs.readers.proposals.gravity import (
+    current_factors,
+    other_unit_from,
+    torque_reading,
+)
 from limo_driver.logs.readers.proposals.motion_units import (
     Beside,
-    current_factors,
     position_reading,
-    torque_reading,
     velocity_unit,
 )
 from limo_driver.logs.readers.proposals.recorded_joints import recorded_part, whole_of_mujoco
@@ -57,7 +59,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-_MUJOCO = "qpos"
+_MUJOCO, _MUJOCO_FORCE = "qpos", "qfrc"
 _OF_DRIVES = " If they were told to drives, name them under `command_torque:`, not `torque:`"
 _NORMALISED = 100.0
 _MUCH_NEARER = 4.0  # times, that commands in another unit have to lie to positions; units are 57
@@ -350,6 +352,9 @@ def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> 
         return draft.take(TORQUE, family, (family.unit,), "the names say so")
     motion = position.read(draft.table, POSITION)
     found = torque_reading(motion, draft.values(family), draft.model)
+    if all(_MUJOCO_FORCE in name.family for name in family.names):
+        si = tuple("N" if slides else "N m" for slides in draft.model.sliding)
+        found = replace(found, units=si, why="MuJoCo has forces in N m and N", question="")
     if found.question:
         draft.questions.append(found.question)
     return draft.take(TORQUE, family, found.units, found.why)
@@ -386,14 +391,17 @@ def _rates(
     draft: _Draft, quantity: str, family: ColumnFamily, time: TimeColumns, position: Channels
 ) -> Channels:
     """Take velocities, in the unit that their names say or that the rate of positions tells."""
-    if family.unit in UNITS[VELOCITY]:
-        return draft.take(quantity, family, (family.unit,), "the names say so")
+    stated = (family.unit,) if family.unit in UNITS[VELOCITY] else ()
     seconds = time.read(draft.table)[0]
     rising = np.append(True, np.diff(seconds) > 0) & np.isfinite(seconds)
     motion = position.read(draft.table, POSITION)
     values = draft.values(family)[rising]
-    found = velocity_unit(seconds[rising], motion[rising], values, draft.model.sliding)
-    return draft.take(quantity, family, found.units, found.why)
+    sliding = draft.model.sliding
+    found = velocity_unit(seconds[rising], motion[rising], values, sliding, stated)
+    if found.question and quantity == VELOCITY:
+        draft.questions.append(found.question)
+    why = "the names say so" if stated else found.why
+    return draft.take(quantity, family, stated or found.units, why)
 
 
 def _commands(draft: _Draft, position: Channels, torque: Channels | None) -> Channels | None:

@@ -20,6 +20,7 @@ from limo_driver.logs.readers.columns import (
     ColumnFamily,
     Name,
     read_name,
+    says_time,
 )
 from limo_driver.logs.readers.mapping import TimeColumns
 from limo_driver.recordings.channels import RATES, unit_of
@@ -76,7 +77,9 @@ def time_columns(table: LogTable) -> TimeFound:
         rest = np.asarray(table.columns[counters["ns"]], dtype=np.float64)
         if np.nanmax(rest) < _SECOND:
             return TimeFound(pair, "seconds, and the nanoseconds of each")
-    running = [n.column for n in names if _runs(table.columns[n.column])]
+    running = [n.column for n in names if says_time(n) and _runs(table.columns[n.column])]
+    if not running:
+        running = [n.column for n in names if _is_even(table.columns[n.column])]
     if not running:  # an index of dates, as pandas writes it, says what it is by its type
         dates = [name for name, values in table.columns.items() if values.dtype.kind in "mM"]
         running = dates if len(dates) == 1 else []

@@ -17,6 +17,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model.descriptions.description import RobotDescription, StatedMotor, StatedServo
 from limo_driver.model.descriptions.mjcf.joints import (
     HINGE,
+    SLIDE,
     actuators,
     body_name,
     check_assets,
@@ -29,7 +30,7 @@ from limo_driver.model.descriptions.mjcf.joints import (
     most_command,
 )
 from limo_driver.model.descriptions.mjcf.plasticity import OWN, plastic_springs
-from limo_driver.model.descriptions.mjcf.writer import TURNING, ArmWriter
+from limo_driver.model.descriptions.mjcf.writer import ArmWriter
 from limo_driver.model.descriptions.urdf_checks import LARGEST
 from limo_driver.model.descriptions.xml_text import MOST_JOINTS
 from limo_driver.runtime.given_files import apart
@@ -72,7 +73,7 @@ def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
         if not (np.abs(getattr(model, name)) <= LARGEST).all():
             raise ConfigError(f"its {name}, as MuJoCo has it, is no finite number", path=path)
     root = _arm(model, path, joints)
-    writer = ArmWriter(model, root, path)
+    writer = ArmWriter(model, root)
     writer.write(root)
     coupled = writer.couple()
     return RobotDescription(
@@ -115,11 +116,9 @@ def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
 
 def _arm(model: Any, path: Path, joints: Sequence[str]) -> int:  # noqa: ANN401
     """Return the body at the root of the tree that is the arm."""
-    hinges: dict[int, list[str]] = {}
-    for joint in range(model.njnt):
-        of_tree = hinges.setdefault(int(model.body_rootid[model.jnt_bodyid[joint]]), [])
-        if int(model.jnt_type[joint]) == HINGE:
-            of_tree.append(joint_name(model, joint))
+    hinges = _joints_by_tree(model, HINGE)
+    if not any(hinges.values()):
+        hinges = _joints_by_tree(model, SLIDE)
     patterns = [joint.partition("=")[0].strip() for joint in joints]
     chosen = {
         root: sum(any(fnmatchcase(name, pattern) for pattern in patterns) for name in names)
@@ -128,7 +127,7 @@ def _arm(model: Any, path: Path, joints: Sequence[str]) -> int:  # noqa: ANN401
     counts = chosen if any(chosen.values()) else {root: len(x) for root, x in hinges.items()}
     most = max(counts.values(), default=0)
     if not most:
-        raise ConfigError("has no hinge joint", path=path)
+        raise ConfigError("has no joint that turns or slides", path=path)
     arms = [root for root, many in counts.items() if many == most]
     names = ", ".join(body_name(model, root) for root in arms)
     if len(arms) >= _FEWEST:
@@ -139,20 +138,29 @@ def _arm(model: Any, path: Path, joints: Sequence[str]) -> int:  # noqa: ANN401
             f"{path.name}#{one}",
             path=path,
         )
-    free = [
-        j
+    balls = [
+        joint_name(model, j)
         for j in range(model.njnt)
         if int(model.body_rootid[model.jnt_bodyid[j]]) == arms[0]
-        and int(model.jnt_type[j]) not in TURNING
+        and int(model.jnt_type[j]) == mujoco.mjtJoint.mjJNT_BALL
     ]
-    if free:
-        kind = "ball" if model.jnt_type[free[0]] == mujoco.mjtJoint.mjJNT_BALL else "free"
+    if balls:
         raise ConfigError(
-            f"{names} has the {kind} joint {joint_name(model, free[0])}; limo's arms stand on a "
-            "fixed base, with one axis a joint",
+            f"{names} has the ball joint {balls[0]}, expected one axis a joint: three hinges in "
+            "its place can be read",
             path=path,
         )
     return arms[0]
+
+
+def _joints_by_tree(model: Any, kind: int) -> dict[int, list[str]]:  # noqa: ANN401
+    """Return the names of the joints of a kind, by the body at the root of their tree."""
+    found: dict[int, list[str]] = {}
+    for joint in range(model.njnt):
+        of_tree = found.setdefault(int(model.body_rootid[model.jnt_bodyid[joint]]), [])
+        if int(model.jnt_type[joint]) == kind:
+            of_tree.append(joint_name(model, joint))
+    return found
 
 
 def _pattern_of(names: Sequence[str], every: Sequence[str]) -> str:

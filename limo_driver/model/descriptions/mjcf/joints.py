@@ -4,7 +4,9 @@
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+import os
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -22,10 +24,10 @@ from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from pathlib import Path
     from xml.etree import ElementTree as ET
 
 HINGE, SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+ROOT: Final = "LIMO_DESCRIPTIONS"  # variable of a folder, within which files may include others
 _PAIR: Final = 2  # joints of a body, of which one may be the play of the other
 _WIDEST_PLAY: Final = 0.2  # [rad], as the effect has it
 _ALIKE: Final = 1e-9  # of axes and their places [m]
@@ -203,9 +205,11 @@ def check_includes(path: Path) -> tuple[Path, ...]:
     """Return the files that an MJCF file is made of, itself first.
 
     Raises:
-        ConfigError: One lies outside the folder of the first, or declares entities.
+        ConfigError: One lies outside the folder of the first, and of the one that the user states
+            in `LIMO_DESCRIPTIONS`; or declares entities.
     """
     folder = path.resolve().parent
+    trusted = [folder, *(Path(stated).resolve() for stated in [os.environ.get(ROOT)] if stated)]
     found, waiting = [path], [(path, folder)]
     while waiting:
         current, beside = waiting.pop()
@@ -214,8 +218,12 @@ def check_includes(path: Path) -> tuple[Path, ...]:
             if (name := element.get("file")) is None:
                 continue
             file = beside / name
-            if not file.resolve().is_relative_to(folder):
-                raise ConfigError(f"includes {name}, which is outside its folder", path=current)
+            if not any(map(file.resolve().is_relative_to, trusted)):
+                raise ConfigError(
+                    f"includes {name}, which is outside its folder; if you trust that, set {ROOT} "
+                    "to a folder that holds both",
+                    path=current,
+                )
             if not file.is_file():
                 raise ConfigError(f"includes {name}, which is not there", path=path)
             if file not in found:

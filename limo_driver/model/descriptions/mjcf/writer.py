@@ -14,7 +14,6 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from limo_driver.errors import ConfigError
 from limo_driver.model.descriptions.description import ROOM, SITE, JointDynamics
 from limo_driver.model.descriptions.geometry import numbers, rpy_of, turned
 from limo_driver.model.descriptions.mjcf.joints import (
@@ -38,8 +37,8 @@ _POLYNOMIAL: Final = 5  # coefficients of an equality of joints
 class ArmWriter:
     """Writes one tree of bodies as links and joints."""
 
-    def __init__(self, model: Any, root: int, path: Path) -> None:  # noqa: ANN401
-        self.model, self.path = model, path
+    def __init__(self, model: Any, root: int) -> None:  # noqa: ANN401
+        self.model = model
         self.robot = ET.Element("robot", name=Path(body_name(model, root)).stem)
         self.dynamics: dict[str, JointDynamics] = {}
         self.shifts: dict[str, FloatArray] = {}
@@ -54,19 +53,13 @@ class ArmWriter:
         play = play_of(self.model, joints)
         if play is not None:
             joints.remove(play)
-        if len(joints) > 1:
-            named = ", ".join(joint_name(self.model, j) for j in joints)
-            raise ConfigError(
-                f"body {name} has {len(joints)} joints, {named}; expected one a body",
-                path=self.path,
-            )
-        joint = joints[0] if joints else None
+        joint = joints[-1] if joints else None
         anchor = np.zeros(3) if joint is None else np.array(self.model.jnt_pos[joint])
         self.shifts[name] = anchor
         link = ET.SubElement(self.robot, "link", name=name)
         self._inertial(link, body, anchor)
         self._shapes(link, body, anchor)
-        self._joint(name, body, joint, anchor)
+        self._joints_of(name, body, joints)
         if joint is not None and play is not None:
             self._play(joint, play)
         for site in np.flatnonzero(self.model.site_bodyid == body).tolist():
@@ -100,8 +93,15 @@ class ArmWriter:
         return coupled
 
     def _joints(self, body: int) -> list[int]:
+        """Return the joints of a body; one that lets it float is none, with a note."""
         first, many = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])
-        return list(range(first, first + many))
+        every = range(first, first + many)
+        free = [joint for joint in every if int(self.model.jnt_type[joint]) not in TURNING]
+        self.notes += [
+            f"the base is taken to stand still: {joint_name(self.model, joint)} would let it float"
+            for joint in free
+        ]
+        return [joint for joint in every if joint not in free]
 
     def _parent(self, body: int) -> tuple[str, FloatArray]:
         parent = int(self.model.body_parentid[body])
@@ -110,14 +110,26 @@ class ArmWriter:
         name = body_name(self.model, parent)
         return name, self.shifts[name]
 
-    def _joint(self, name: str, body: int, joint: int | None, anchor: FloatArray) -> None:
+    def _joints_of(self, name: str, body: int, joints: list[int]) -> None:
+        """Write the joints of a body one after the other, with a frame between each two."""
         model = self.model
         parent, shift = self._parent(body)
-        rotation = _matrix(model.body_quat[body])
-        place = np.array(model.body_pos[body]) + rotation @ anchor - shift
-        if joint is None:
+        place, rotation = np.array(model.body_pos[body]) - shift, _matrix(model.body_quat[body])
+        if not joints:
             self._fixed(f"{name}_mount", parent, name, place, rotation)
-            return
+        for k, joint in enumerate(joints):
+            anchor = np.array(model.jnt_pos[joint])
+            child = name if joint == joints[-1] else f"{name}_{joint_name(model, joint)}"
+            if child != name:
+                ET.SubElement(self.robot, "link", name=child)
+            before = np.array(model.jnt_pos[joints[k - 1]]) if k else np.zeros(3)
+            self._joint(joint, (parent, child), place + rotation @ (anchor - before), rotation)
+            parent, place, rotation = child, np.zeros(3), np.eye(3)
+
+    def _joint(
+        self, joint: int, links: tuple[str, str], place: FloatArray, rotation: FloatArray
+    ) -> None:
+        model = self.model
         kind, axis = int(model.jnt_type[joint]), np.array(model.jnt_axis[joint])
         start = float(model.qpos0[model.jnt_qposadr[joint]])
         if kind == HINGE:
@@ -129,8 +141,8 @@ class ArmWriter:
         title = joint_name(model, joint)
         element = ET.SubElement(self.robot, "joint", name=title, type=said)
         _place(element, place, rotation)
-        ET.SubElement(element, "parent", link=parent)
-        ET.SubElement(element, "child", link=name)
+        ET.SubElement(element, "parent", link=links[0])
+        ET.SubElement(element, "child", link=links[1])
         ET.SubElement(element, "axis", xyz=numbers(axis))
         low, high = model.jnt_range[joint] if limited else (-ROOM, ROOM)
         bounds = {"lower": repr(float(low)), "upper": repr(float(high))}

@@ -1,5 +1,6 @@
 """A scenario on the wire: what a client sees of it, and what the report says."""
 
+import numpy as np
 import pytest
 from controller_runs import PATIENT, InStep, last_line, started_client
 from ports import free_port
@@ -12,6 +13,7 @@ from backends.fri.simulator.scenario import (
     Delay,
     Direction,
     Duplicate,
+    FlangeForce,
     Loss,
     ProgramMotion,
     QualityDrop,
@@ -22,6 +24,7 @@ from backends.fri.simulator.scenario import (
     SimulatedPush,
 )
 from backends.fri.simulator.settings import ControllerSettings
+from limo_driver.model import RobotModel
 
 pytestmark = pytest.mark.waits
 
@@ -64,6 +67,17 @@ def test_stops_drops_and_pushes_are_felt_by_the_client():
     assert {text.split(":")[0] for text in (c["what"] for c in report["complaints"])} <= {
         "illegal axis delta"
     }
+
+
+def test_a_force_on_the_flange_is_felt_by_all_joints():
+    force = np.array([5.0, -3.0, -12.0])
+    _, client, _ = played(
+        FlangeForce(at=0.0, duration=9.0, force=tuple(force)), duration=2.6, in_step=True
+    )
+    jacobian = RobotModel.load("iiwa14").flange_jacobian(np.array(client["measured"]))
+    expected = -jacobian[:3].T @ force
+    assert np.abs(expected).max() > 5.0
+    assert client["external"] == pytest.approx(expected, abs=0.5)
 
 
 @pytest.mark.slow("seconds at the pace of a real controller")

@@ -18,6 +18,7 @@ from backends.fri.simulator.scenario import (
     ControllerScenario,
     Delay,
     Direction,
+    FlangeForce,
     Loss,
     ScenarioClock,
     SimulatedPush,
@@ -168,6 +169,7 @@ events:
   - {event: reorder, at: 8, for: 1, fraction: 1}
   - {event: duplicate, at: 8, for: 1, fraction: 1}
   - {event: motion, at: 9, for: 1, joint: 1, amplitude: 0.1}
+  - {event: force, at: 9, for: 1, force: [0, 0, -12]}
 """,
         )
     )
@@ -190,6 +192,7 @@ events:
     assert clock.at(7.0).silent
     assert clock.at(8.5).to_client == Disturbance(reorder=1.0, duplicate=1.0)
     assert clock.at(9.5).motions[0].amplitude == 0.1
+    assert clock.at(9.5).pushes == (FlangeForce(at=9.0, duration=1.0, force=(0.0, 0.0, -12.0)),)
     assert clock.at(99.0) == ScenarioClock(ControllerScenario()).at(0.0)
 
 
@@ -210,6 +213,11 @@ events:
             "events:\n  - {event: push, at: 0, for: 1, joint: 8, torque: 1}",
             2,
             "joint is 8, expected",
+        ),
+        (
+            "events:\n  - {event: force, at: 0, for: 1, force: [1, 2]}",
+            2,
+            "expected a list of 3 numbers",
         ),
         ("events:\n  - {event: quality, at: 0, for: 1, quality: bad}", 2, "one of poor, fair"),
         ("events: [", 1, "is no YAML"),

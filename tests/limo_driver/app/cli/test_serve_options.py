@@ -11,6 +11,7 @@ from limo_driver.app.cli import main
 from limo_driver.app.cli.serve import log_limits, per_joint
 from limo_driver.app.library import serving
 from limo_driver.errors import ConfigError
+from limo_driver.recordings.recording import Recording
 
 pytestmark = pytest.mark.waits
 
@@ -77,3 +78,19 @@ def test_an_open_network_is_said_at_the_start(monkeypatch, capsys, tmp_path, clo
         main()
     said = capsys.readouterr().err
     assert ("the network is open" in said) == (not closed)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--store", "s"), "--free takes --model"),
+        (("--model", "m", "--contact", "3"), "--contact and --free both say what a contact is"),
+        (("--model", "m"), "m: cannot be read"),
+    ],
+)
+def test_free_motion_that_cannot_say_what_a_contact_is(limo, tmp_path, options, said):
+    t = np.arange(0.0, 1.0, 0.01)
+    Recording.from_arrays(t, np.sin(t)[:, None], np.cos(t)[:, None]).save(tmp_path / "a.parquet")
+    done = limo("serve", "--arm", "a", "--free", tmp_path / "a.parquet", *options)
+    assert done.returncode == 2
+    assert said in done.stderr

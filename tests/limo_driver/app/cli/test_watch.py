@@ -160,6 +160,27 @@ class TestEvents:
         what.take_event(Sample(key, event()))
         assert (what.malformed, len(what.events)) == (1, 0)
 
+    def test_resets_do_not_bury_a_contact(self):
+        what, began = watched(), 10**18
+        facts = [
+            {"joint": 2, "began_stamp": began},
+            {"joint": float("nan"), "began_stamp": 10**400},
+        ]
+        for given in facts:
+            sent = Event(began, Level.WARN, "contact", f"a push {len(given)}", given)
+            what.events.append(("arm", sent))
+        for k in range(40):
+            sent = Event(began, Level.WARN, "reset", f"memory is reset {k}")
+            what.events.extend([("arm", sent), ("other", sent)])
+        pushed, hostile, reset = what.of("arm")["events"]
+        assert (pushed["kind"], pushed["joint"], pushed["began"]) == ("contact", 2, 1e9)
+        assert (hostile["joint"], hostile["began"]) == (None, None)
+        assert (reset["text"], reset["times"]) == ("memory is reset 39", 40)
+        json.dumps([pushed, hostile, reset], allow_nan=False)
+        take_status(what, STATUS)
+        assert "memory is reset 39 (40 times)" in shown(what)
+        assert "a push" in shown(what)
+
     def test_facts_do_not_replace_what_the_line_says(self, capsys):
         watched(as_json=True).take_event(Sample("limo/arm/event", event(arm="other", joint=1)))
         line = json.loads(capsys.readouterr().out)

@@ -14,11 +14,10 @@ import pytest
 from fleet_recordings import record_swing
 
 import limo_driver as limo
-from estimators.diagnosis.result import Shift
-from estimators.diagnosis.verdict import Fit, RowCount, Unexplained, Verdict
+from estimators.diagnosis.verdict import Fit, RowCount, StatedValue, Unexplained, Verdict
 from estimators.fleet.page import write_table
 from estimators.fleet.result import FleetDiagnosis, FleetStore, digest_of, key_of
-from estimators.fleet.row import FleetOutcome, FleetRow, ToleratedValue, tolerated_values
+from estimators.fleet.row import FleetOutcome, FleetRow
 from limo_driver.app.library.executors import run_all
 from limo_driver.app.library.fleets import FleetJob, matched, rows_of
 from limo_driver.errors import ConfigError, RecordingError
@@ -161,26 +160,21 @@ def test_rows_of_other_versions_are_set_aside_and_told(tmp_path, monkeypatch):
     assert "set aside: 1 diagnoses by limo 0.0.9" in said
 
 
-def test_values_that_moved_within_their_tolerances_are_kept(tmp_path):
+def test_stated_values_and_those_that_fit_are_in_the_table(tmp_path):
     store, row = FleetStore(tmp_path), FleetRow(Path("a.parquet"), "key", "arm", None)
-    verdict = Verdict(
-        "consistent", (), Unexplained(), (), None, Fit((), (), (), 0.0, (0.0, 0.0)), RowCount(1, {})
-    )
+    own = ("f_v", "viscous_friction", (1,), ("a",), "N m s/rad", 2.0, 2.6, (2.5, 2.7), 0.3)
+    values = (StatedValue(*own, assumed=True, beyond=False, reported=False, share=0.0),)
+    fit, count = Fit((), (), (), 0.0, (0.0, 0.0)), RowCount(1, {})
+    verdict = Verdict("consistent", (), Unexplained(), (), None, fit, count, values=values)
     verdict.save(tmp_path / "verdict.json")
-    shifts = (
-        Shift("f_v of joint 1", 2.0, 2.6, "N m s/rad", 2.0, 0.1),
-        Shift("mass of link 1", 0.0, 0.01, "relative", 0.5, 0.9),  # hardly seen in the recording
-    )
-    known = tolerated_values(shifts)
-    assert known == (ToleratedValue("f_v of joint 1", 2.6, "N m s/rad", pytest.approx(0.3)),)
     files = {"verdict.json": (tmp_path / "verdict.json").read_bytes()}
-    store.keep("key", FleetOutcome(1.0, files=files, tolerated=known))
+    store.keep("key", FleetOutcome(1.0, files=files))
     done = store.finished(row)
     assert done is not None
-    assert done.tolerated == known
     write_table([done], tmp_path / "results.parquet")
     (value,) = pq.read_table(tmp_path / "results.parquet").to_pylist()[0]["values"]
-    assert (value["kind"], value["parameter"]) == ("tolerated", "f_v of joint 1")
+    assert (value["kind"], value["parameter"], value["stated"]) == ("stated", "f_v", 2.0)
+    assert (value["value"], value["ci95"]) == ("2.6", "[2.5, 2.7]")
 
 
 def test_the_key_changes_with_bytes_simulation_and_bandwidth(fleet):

@@ -7,6 +7,7 @@ import re
 from importlib.metadata import files
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -14,6 +15,7 @@ import pytest
 from lanes import sampled
 from logged import written
 from mjcf_arms import arm_of
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from scipy.io import savemat
@@ -25,7 +27,7 @@ from limo_driver.physics import CoulombFriction, Simulation, ViscousFriction
 from limo_driver.types import Motion
 
 ROBOTS = ("iiwa14", "panda.urdf", "model.xml")
-STORE = get_typestore(Stores.ROS2_HUMBLE)
+STORE, ROS1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
 JointState = STORE.types["sensor_msgs/msg/JointState"]
 Header = STORE.types["std_msgs/msg/Header"]
 Stamp = STORE.types["builtin_interfaces/msg/Time"]
@@ -123,6 +125,23 @@ def bag(storage):
     return write
 
 
+def ros1(folder, names, time, q, torque):
+    with Ros1Writer(folder / "log.bag") as writer:
+        topic = writer.add_connection("/js", JointState.__msgtype__, typestore=ROS1)
+        for k, stamp in enumerate((1e18 + 1e9 * time).astype(np.int64).tolist()):
+            header = ROS1.types["std_msgs/msg/Header"](k, Stamp(stamp // 10**9, stamp % 10**9), "")
+            state = JointState(header, list(names), q[k], np.zeros(0), torque[k])
+            data = ROS1.serialize_ros1(state, JointState.__msgtype__)
+            writer.write(topic, stamp, bytes(data))
+    return folder / "log.bag"
+
+
+def hdf5(folder, _names, time, q, torque):
+    with h5py.File(folder / "log.h5", "w") as file:
+        file["time"], file["observations/qpos"], file["observations/effort"] = time, q, torque
+    return folder / "log.h5"
+
+
 def lerobot(version):
     def write(folder, names, time, q, torque):
         path = folder / "set"
@@ -157,6 +176,8 @@ KINDS = {
     "arrays in Python": arrays,
     "ROS 2 bag, MCAP": bag(StoragePlugin.MCAP),
     "ROS 2 bag, .db3": bag(StoragePlugin.SQLITE3),
+    "ROS 1 bag": ros1,
+    "HDF5": hdf5,
     "LeRobotDataset v2.1": lerobot("v2.1"),
     "LeRobotDataset v3.0": lerobot("v3.0"),
 }

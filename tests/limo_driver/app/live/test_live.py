@@ -26,7 +26,14 @@ KEYS = Keys("arm")
 POSE = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 FORCE = np.array([0.0, 12.0, -5.0])
 STATUS = {"state": "serving", "model": "7", "rate": 1000.0, "answered": 998, "delay": 0.1,
-          "contact": [False, True, *[False] * 5]}  # fmt: skip
+          "contact": [False, True, *[False] * 5],
+          "arrivals": {"received": 100, "lost": 2558}}  # fmt: skip
+EVENTS = [
+    {"kind": "contact", "text": "joint 2 is pushed", "t": 1.0, "times": 1, "joint": 2,
+     "began": 1.0, "ended": None},
+    {"kind": "reset", "text": "memory is reset", "t": 1.0, "times": 14, "joint": None,
+     "began": None, "ended": None},
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -39,19 +46,17 @@ def followed(tmp_path, model):
     """A feed, and a function that publishes a state and an estimate to it."""
     names = model.joint_names
     with sessions_of_two(tmp_path) as (here, there):
-        feed = ArmFeed(here, KEYS, model, lambda: {"status": STATUS, "events": ["contact: a push"]})
+        feed = ArmFeed(here, KEYS, model, lambda: {"status": STATUS, "events": EVENTS})
         states, estimates = (declare_stream(there, key) for key in (KEYS.joints, KEYS.estimate))
         external = -model.flange_jacobian(POSE)[:3].T @ FORCE
 
-        def publish(k=0, joints=names):
+        def publish(k=0, joints=names, **flags):
             n = len(joints)
             zero = np.zeros(n)
-            stamp = 10**9 + 10**6 * k
+            stamp, values = 10**9 + 10**6 * k, (zero + 1.0, zero + 0.1, np.resize(external, n))
             states.put(JointStateCodec(joints).encode(stamp, np.resize(POSE, n), zero, zero))
             estimates.put(
-                TorqueEstimateCodec(joints).encode(
-                    stamp, zero + 1.0, zero + 0.1, np.resize(external, n), zero > 0, model="7"
-                )
+                TorqueEstimateCodec(joints).encode(stamp, *values, zero > 0, model="7", **flags)
             )
 
         yield feed, publish
@@ -82,6 +87,21 @@ def test_a_feed_has_state_estimate_interval_and_force(followed):
     assert shown["force"] == pytest.approx(FORCE, abs=0.3)
     assert shown["status"]["model"] == "7"
     json.dumps(shown, allow_nan=False)
+
+
+def test_what_a_filter_says_while_it_fills_is_no_value(followed):
+    feed, publish = followed
+    heard(feed, publish, "force")
+    shown = {}
+
+    def is_lost():
+        publish(reset=True)
+        shown.update(feed.snapshot())
+        return shown["torque"] == [None] * N
+
+    wait_until(is_lost)
+    assert [shown[name] for name in ("measured", "external", "interval")] == [[None] * N] * 3
+    assert shown["force"] is None
 
 
 @pytest.mark.parametrize(
@@ -184,11 +204,25 @@ def test_a_browser_shows_the_arm_as_it_moves(followed, model):
             assert tab.errors == []
             assert tab.value("document.querySelectorAll('canvas.strip').length") == N
             live = "Number(document.body.dataset.frames) > 5"
+            assert violations(tab, server.address, 1400, dark=False, ready=live) == []
             assert violations(tab, server.address, 390, dark=True, ready=live) == []
             tab.wait("document.querySelectorAll('canvas.strip.pushed').length")
             assert tab.value("document.querySelectorAll('canvas.strip.pushed').length") == 1
+            tab.value("document.getElementById('pause').click()")
+            held = tab.value("document.getElementById('when').value")
+            frames = tab.value("document.body.dataset.frames")
+            tab.wait(f"Number(document.body.dataset.frames) > {frames} + 5")
+            assert tab.value("document.getElementById('when').value") == held
+            assert tab.value("document.getElementById('pause').textContent") == "Live"
+            for width, height in ((1400, 900), (390, 844)):
+                tab.look(server.address, width, height)
+                tab.wait("document.querySelector('#events li')")
+                below = "[...document.querySelectorAll('.strip, .stage, #events li')]"
+                below += ".map((item) => item.getBoundingClientRect().bottom)"
+                assert max(tab.value(below)) <= height
     finally:
         stop.set()
         source.join()
-    for said in ("model 7", "estimated 1.00 ± 0.20", "contact: a push", "1000 Hz"):
+    assert "model 7, lost 2558 of 2658 (96 %)" in text
+    for said in ("± 0.20 N m", "joint 2 is pushed", "(14 times)", "1 joint1", "1000 Hz"):
         assert said in text

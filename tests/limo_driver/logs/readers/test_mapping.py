@@ -41,6 +41,15 @@ def test_sign_zero_unit_and_factor():
     np.testing.assert_allclose(found.time, np.arange(ROWS) * 0.004)
 
 
+@pytest.mark.parametrize("unit", ["Nm", "N*m", "N·m", "N m"])
+def test_units_may_be_written_as_people_do(unit):
+    assert Channels(columns=TORQUE_COLUMNS, unit=(unit,)).unit == ("N m",)
+    assert Channels(columns=TORQUE_COLUMNS, unit=("Nmm",)).unit == ("N mm",)
+    assert TimeColumns(columns=("t",), unit=("sec",)).unit == ("s",)
+    with pytest.raises(ConfigError, match=r"unit is 'bar', expected one of rad, deg"):
+        Channels(columns=TORQUE_COLUMNS, unit=("bar",))
+
+
 def test_joints_may_stand_in_another_order():
     order = [3, 1, 0, 2, 6, 5, 4]
     given = mapping(

@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pytest
 
 import limo_driver as limo
@@ -46,14 +47,16 @@ def limited(joint, limits):
     return re.sub(pattern, rf"\g<1>{limits}", ARM, count=1, flags=re.DOTALL)
 
 
-@pytest.mark.parametrize("limits", ['lower="0" upper="0"', 'lower="0.0" upper="-0"', ""])
+@pytest.mark.parametrize(
+    "limits", ['lower="0" upper="0"', 'lower="0.0" upper="-0"', "", 'lower="9" upper="2"']
+)
 def test_limits_that_an_exporter_left_at_0_are_none(file, limits):
     """The joint turns on, and stands in no range of 0 to 0 that decides units or is kept to."""
     model = RobotModel.load(file(limited("shoulder", limits)))
     assert model.turning == (True, False)
     assert model.limits.position_min[0] < -3.0
     (note,) = [note for note in model.notes if "0 to 0" in note]
-    assert note.startswith("the limits of shoulder are 0 to 0, so none are stated")
+    assert note.startswith("the limits of shoulder are 0 to 0 or reversed, so none")
     with pytest.raises(ConfigError, match=r"the limits of shoulder are 0 to 0.*in the URDF"):
         model.check_runnable()
     with pytest.raises(ConfigError, match=r"the limits of shoulder are 0 to 0.*in the URDF"):
@@ -108,10 +111,58 @@ def test_the_ground_that_a_file_for_drake_leaves_out_is_taken(file):
     assert len([note for note in model.notes if "link world is not stated" in note]) == 1
 
 
-@pytest.mark.parametrize("weld", [WELD.replace("world", "wall"), WELD.replace("fixed", "floating")])
-def test_another_link_that_is_not_there_is_no_ground(file, weld):
-    with pytest.raises(ConfigError, match=r"is the link 'wall', which is not there|is floating"):
-        RobotModel.load(file(ARM.replace("</robot>", f"{weld}</robot>")))
+OVERLOOKED = {
+    "an axis of a joint that does not move": (WELD.replace("</j", '<axis xzy="0 0 1"/></j'), 1),
+    "a base that floats": (WELD.replace("fixed", "floating"), 2),
+    "what carries a part of a robot": (WELD.replace("world", "wall"), 1),
+    "a prefix in what is Gazebo's": ("<gazebo><controller:plugin interface:x='1'/></gazebo>", 0),
+    "dashes in a comment": ("<!-- arm -- of steel --->", 0),
+    "a call of a macro that is nowhere": ('<xacro:camera name="a"/>', 1),
+}
+
+
+@pytest.mark.parametrize("what", OVERLOOKED)
+def test_what_other_readers_overlook_changes_nothing_of_the_arm(file, what):
+    more, notes = OVERLOOKED[what]
+    plain = RobotModel.load(file(ARM, "plain.urdf"))
+    model = RobotModel.load(file(ARM.replace("</robot>", f"{more}</robot>")))
+    assert model.joint_names == plain.joint_names
+    pose = np.array([[0.3, -0.4]])
+    np.testing.assert_array_equal(model.gravity_torque(pose), plain.gravity_torque(pose))
+    assert len(model.notes) == len(plain.notes) + notes
+
+
+@pytest.mark.parametrize(
+    ("given", "instead", "note"),
+    [
+        ("<robot", "<!-- made by hand -->\n<?xml version='1.0'?>\n<robot", ""),
+        ("</robot>\n", "</robot>\0", ""),
+        ('xyz="0.1 0 0.2"/>', "xyz='0.1 0 0.2'rpy=\"0 0 0\"/>", ""),
+        ("</inertial>", "</inertial><xacro:grey/>", "does not define, grey"),
+        ('<robot name="arm">', "<robot>", ""),
+        ('izz="0.01"', 'izz="0.01\n"', ""),
+        ('ixy="0"', 'ixy="-1e-320"', ""),
+        ('effort="40"', 'effort="-1.0"', "effort=-1.0 of joint shoulder"),
+        (' effort="40"', "", "joint shoulder states no effort limit"),
+        (re.search("<limit[^>]*>", ARM)[0], "", "limits of shoulder are 0 to 0"),
+    ],
+)
+def test_what_other_readers_take_for_the_same_is_the_same(file, given, instead, note):
+    plain = RobotModel.load(file(ARM, "plain.urdf"))
+    model = RobotModel.load(file(ARM.replace(given, instead, 1)))
+    assert model.inertials == plain.inertials
+    assert model.joint_names == plain.joint_names
+    assert note in " ".join(model.notes)
+
+
+def test_frames_between_axes_need_no_mass_and_links_with_a_shape_do(file):
+    light = re.sub(r"<inertial><origin xyz=.0.1.*?</inertial>", "", ARM, count=1)
+    framed = RobotModel.load(file(light))
+    shape = "<visual><geometry><sphere radius='1'/></geometry></visual>"
+    assert framed.massless == ()
+    assert np.isfinite(framed.gravity_torque(np.zeros(2))).all()
+    shaped = light.replace('<link name="upper">', f'<link name="upper">{shape}')
+    assert RobotModel.load(file(shaped, "shaped.urdf")).massless == ("upper",)
 
 
 def test_an_export_changes_nothing_of_what_is_left_out(file, tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.hypotheses.ripple import line_sums
+from estimators.diagnosis.from_torque.hypotheses.line_sums import line_sums
 
 ROWS, COUNT, BLOCK = 50, 40, 16  # two blocks and a half
 FIRST, STEP, BANDWIDTH, LEAST = 5.0, 0.7, 10.0, 0.25

@@ -16,8 +16,11 @@ from estimators.diagnosis.from_torque.hypotheses.ripple import (
     ripples,
     with_fewer_lines,
 )
+from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.pushes import covered, pushes
-from limo_driver.physics import TorqueOffset, TorqueRipple
+from limo_driver.physics import Simulation, TorqueOffset, TorqueRipple
+from limo_driver.recordings.recording import Recording
+from limo_driver.types.motion import Motion
 
 
 def test_a_ripple_is_found_at_its_joint_with_its_cycles() -> None:
@@ -28,6 +31,31 @@ def test_a_ripple_is_found_at_its_joint_with_its_cycles() -> None:
 
     assert [(found[0].effect, found[0].joints)] == [("torque_ripple", (3,))]
     assert found[0].settings == pytest.approx((37.3,), abs=0.1)
+
+
+def at_places(arm, torque):
+    """Record an arm of two joints at five places, far apart beside what is passed through there."""
+    simulation, recordings = Simulation(str(arm)), []
+    for k, moved in enumerate(motion(seed, 2, 20.0) for seed in range(5)):
+        q, v, a = (0.05 * x for x in (moved.position, moved.velocity, moved.acceleration))
+        measured = simulation.predict(Motion(moved.time, 0.3 * k + q, v, a))
+        measured += 0.02 * np.random.default_rng(k).standard_normal(q.shape)
+        measured[:, 0] += torque(k, q[:, 0])
+        recordings.append(Recording.from_arrays(moved.time, 0.3 * k + q, measured, source=str(k)))
+    return Observations.of(simulation, recordings, 10.0)
+
+
+def test_what_places_have_of_their_own_is_no_ripple_but_lines_seen_at_each_are(arm):
+    own = np.random.default_rng(1).uniform(-0.4, 0.4, (5, 2))
+    curved = at_places(arm, lambda k, q: own[k, 0] + own[k, 1] * (q / 0.05) ** 2)
+    lined = at_places(arm, lambda k, q: 0.3 * np.sin(300.0 * (0.3 * k + q)))
+    through = max(np.ptp(one.position[:, 0]) for one in curved.recordings)
+
+    offered = [N for h in ripples(curved, curved.residual) if h.joints == (0,) for N in h.settings]
+    found = [h.settings for h in ripples(lined, lined.residual) if h.joints == (0,)]
+
+    assert min(offered, default=np.inf) > 2 * np.pi / through  # not 7 in a revolution, or 21
+    assert found == [pytest.approx((300.0,), abs=1.0)]
 
 
 def test_of_lines_that_a_range_does_not_resolve_each_is_offered_alone() -> None:

@@ -14,7 +14,14 @@ from estimators.diagnosis.from_torque.judgement.judgement import worse_at
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.stages import quiet
-from limo_driver.physics import CoulombFriction, Simulation, SpringLoad, Tolerances, ViscousFriction
+from limo_driver.physics import (
+    CoulombFriction,
+    PreslidingHysteresis,
+    Simulation,
+    SpringLoad,
+    Tolerances,
+    ViscousFriction,
+)
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +57,19 @@ def test_what_is_worse_than_ordinary_friction_gives_way_to_it(problem):
 def test_what_is_no_worse_stays(problem):
     ordinary = judged(problem, problem.base)
     assert ordinary.beyond_ordinary() is ordinary
+
+
+def test_a_law_without_a_name_gives_way_to_ordinary_friction_that_has_one(problem, monkeypatch):
+    """Of a joint that rubs, dry friction was lost where another law was no surer."""
+    law, dry = (PreslidingHysteresis.name, (0,)), (CoulombFriction.name, (0,))
+    found = next(i for i, item in enumerate(problem.candidates) if item.place == law)
+    rest = tuple(i for i in problem.base if problem.candidates[i].place != dry)
+    monkeypatch.setattr(JudgedSet, "_worse_at", lambda *_: ())
+    unsure = replace(judged(problem, (*rest, found)), named=())
+    assert not unsure._surely_better
+    plain = unsure.beyond_ordinary()
+    assert law not in places(plain)
+    assert dry in plain.places(plain.named)
 
 
 @pytest.fixture(scope="module")

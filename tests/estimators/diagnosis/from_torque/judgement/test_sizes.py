@@ -33,7 +33,7 @@ def finding(effect, joint, *, kind="missing", **intervals):
     [
         (finding("spring_load", 7, stiffness=(-0.01, 0.28), rest=(0.2, 0.5)), False),
         (finding("spring_load", 7, stiffness=(0.01, 0.28), rest=(-0.2, 0.5)), True),
-        (finding("spring_load", 7, stiffness=(-0.01, 0.28), cubic=(0.3, 0.4)), True),
+        (finding("spring_load", 7, stiffness=(-0.01, 0.28), cubic=(0.3, 0.4)), False),
         (finding("spring_load", 7, stiffness=(-0.5, -0.1)), True),
         (finding("torque_ripple", 6, amplitude=((0.0, 0.9), (0.0, 0.5))), False),
         (finding("torque_ripple", 6, amplitude=((0.0, 0.9), (0.2, 0.3))), True),

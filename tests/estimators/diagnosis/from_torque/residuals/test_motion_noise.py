@@ -61,9 +61,23 @@ def test_what_rotors_need_counts_as_what_links_need(arm):
     """Those of a wrist with harmonic drives need a hundred times as much as its links."""
     rotors = Armature(joint=1, inertia=100.0), Armature(joint=2, inertia=9.0)
     geared = replace(arm, effects=rotors)
-    slight = recorded(geared, 1e-4)
+    slight = recorded(geared, 1e-5)
     assert clear_bandwidth(geared, [slight], USUAL) < USUAL
     assert clear_bandwidth(arm, [slight], USUAL) == USUAL
+
+
+def test_noise_counts_beside_errors_however_large_where_no_lag_would_leave_so_little(arm):
+    """A lag was named that took the noise of a hundred times the torque out of a simulation."""
+    geared = replace(
+        arm, effects=(Armature(joint=1, inertia=100.0), Armature(joint=2, inertia=9.0))
+    )
+    clear, noisy = recorded(geared, 1e-6), recorded(geared, 1e-4)
+    off = 200.0 * np.sin(clear.time)[:, None]  # [N m], of what is not known of the arm
+    clear, noisy = (
+        Recording.from_arrays(one.time, one.position, one.torque + off) for one in (clear, noisy)
+    )
+    assert clear_bandwidth(geared, [noisy], USUAL) < USUAL
+    assert clear_bandwidth(geared, [clear], USUAL) == USUAL
 
 
 def test_fast_motion_is_no_noise_even_of_bodies_that_are_half_too_heavy(arm):

@@ -1,6 +1,7 @@
 import pytest
 
 from limo_driver.logs.readers.columns import (
+    ACCELERATION,
     COMMANDED,
     CURRENT,
     DERIVED,
@@ -19,6 +20,17 @@ JOINTS = ("joint_a1", "joint_a2", "shoulder_pan")
 
 KNOWN = [
     ("q0", POSITION, PLAIN, 0, ""),
+    ("c1 (A)", CURRENT, PLAIN, 1, "A"),
+    ("qDot1", VELOCITY, PLAIN, 1, ""),
+    ("q_dot[3]", VELOCITY, PLAIN, 3, ""),
+    ("qDDot1", ACCELERATION, PLAIN, 1, ""),
+    ("q_dot_dot_2", ACCELERATION, PLAIN, 2, ""),
+    ("force", TORQUE, PLAIN, None, ""),
+    ("F1 (N)", TORQUE, PLAIN, 1, "N"),
+    ("tau1 (N·m)", TORQUE, PLAIN, 1, "N m"),
+    ("tau1 [N*m]", TORQUE, PLAIN, 1, "N m"),
+    ("tau1 [Nmm]", TORQUE, PLAIN, 1, "N mm"),
+    ("tick_ms", TIME, PLAIN, None, "ms"),
     ("position_1", POSITION, PLAIN, 1, ""),
     ("actual_q_0", POSITION, MEASURED, 0, ""),
     ("actual_qd_5", VELOCITY, MEASURED, 5, ""),

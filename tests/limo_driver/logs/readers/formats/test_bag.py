@@ -13,6 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.logs.readers.proposals.proposal import propose
+from limo_driver.recordings.recording import Recording
 
 TIME, POSITION, VELOCITY, TORQUE = measured(2.0)
 STAMPS = 1_700_000_000 * 10**9 + np.round(TIME * 1e9).astype(np.int64)
@@ -127,3 +128,47 @@ def test_a_bag_of_something_else_says_what_it_holds(tmp_path):
     other.close()
     with pytest.raises(RecordingError, match=r"it holds /scan \(sensor_msgs/msg/LaserScan\)"):
         read_table(tmp_path / "other.db3")
+
+
+def stamped(path, stamps):
+    """Write joint states with these stamps, received at the times of the motion."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/joint_states", JointState.__msgtype__, typestore=STORE)
+        for k, stamp in enumerate(stamps.tolist()):
+            header = Header(Stamp(stamp // 10**9, stamp % 10**9), "")
+            state = JointState(header, list(NAMES), *(v[k] for v in (POSITION, VELOCITY, TORQUE)))
+            data = STORE.serialize_cdr(state, JointState.__msgtype__)
+            writer.write(topic, int(STAMPS[k]), data)
+    return read_table(path, joints=NAMES)
+
+
+def test_stamps_that_were_never_set_are_the_times_of_receipt(tmp_path):
+    table = stamped(tmp_path / "bag", np.zeros_like(STAMPS))
+    np.testing.assert_array_equal(table.columns["time"], STAMPS)
+    assert f"{TIME.size} messages have no stamp (0): their times are those at" in table.notes[0]
+
+
+def test_messages_that_were_overtaken_are_put_in_order(tmp_path):
+    stamps = STAMPS.copy()
+    stamps[100:104] = stamps[[101, 102, 103, 100]]
+    table = stamped(tmp_path / "bag", stamps)
+    np.testing.assert_array_equal(table.columns["time"], STAMPS)
+    first = f"position.{NAMES[0]}"
+    np.testing.assert_array_equal(table.columns[first][100:104], POSITION[[103, 100, 101, 102], 0])
+    assert "1 messages were logged after one with a later stamp" in table.notes
+
+
+def test_a_clock_of_a_bag_that_was_set_back_stays_in_the_order_of_the_messages(tmp_path):
+    stamps = np.where(np.arange(TIME.size) >= 250, STAMPS - 400_000_000, STAMPS)
+    table = stamped(tmp_path / "bag", stamps)
+    np.testing.assert_array_equal(table.columns["time"], stamps)
+    mapping = propose(table, arm()).mapping
+    recording = Recording.from_columns(mapping.columns(table, arm()))
+    assert [part.start for part in recording.segments] == [0, 250]
+    assert "the clock was set back by 0.4 s at row 250" in " ".join(recording.warnings)
+
+
+def test_two_publishers_on_one_topic_are_refused(tmp_path):
+    stamps = np.where(np.arange(TIME.size) % 2, STAMPS, STAMPS + 10**9)
+    with pytest.raises(RecordingError, match="backwards at 50% of the messages; are these two pub"):
+        stamped(tmp_path / "bag", stamps)

@@ -5,6 +5,7 @@ import pytest
 from logged import arm, measured
 
 from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.formats import delimited
 from limo_driver.logs.readers.formats.delimited import dialect_of
 from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.logs.readers.proposals.proposal import propose
@@ -110,3 +111,60 @@ def test_names_are_found(tmp_path, text, told, named):
     path.write_text(text, encoding="utf-8")
     dialect = dialect_of(path)
     assert (dialect.told, dialect.named) == (told, named)
+
+
+NAMES = ["time", *(f"q{j} (deg)" for j in range(1, 8)), *(f"tau{j} (Nm)" for j in range(1, 8))]
+
+
+def lines_of(apart, ends="", decimal=".", quote="", width=0):
+    rows = np.column_stack([TIME, np.rad2deg(POSITION), TORQUE])
+    cells = [[f"{quote}{x:{width}.7f}{quote}".replace(".", decimal) for x in row] for row in rows]
+    cells[0][0] = f"{quote}{0:{width}d}{quote}"  # a whole number, without any comma
+    return [apart.join(row) + ends for row in cells]
+
+
+@pytest.mark.parametrize(
+    ("apart", "ends", "decimal", "quote", "width"),
+    [
+        (", ", ", ", ".", "", 0),
+        (",", ",", ".", "", 0),
+        (";", ";", ",", "", 0),
+        ("\t", "\t", ",", "", 0),
+        (",", "", ",", '"', 0),
+        (" ", "", ".", "", 16),
+        (" ", " ", ",", "", 16),
+    ],
+)
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("long", [False, True])
+def test_cells_as_people_write_them(
+    tmp_path, monkeypatch, apart, ends, decimal, quote, width, named, long
+):
+    if long:
+        monkeypatch.setattr(delimited, "LONG_TEXT", 0)
+    names = [name.partition(" ")[0] for name in NAMES] if apart == " " else NAMES
+    head = [apart.strip(" ").join(names) if apart != " " else "  ".join(names)] if named else []
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join([*head, *lines_of(apart, ends, decimal, quote, width), ""]))
+    values = list(read_table(path).without_empty().columns.values())
+    np.testing.assert_allclose(values[0], TIME, atol=1e-7)
+    np.testing.assert_allclose(np.stack(values[1:8], 1), np.rad2deg(POSITION), atol=1e-6)
+    np.testing.assert_allclose(np.stack(values[8:], 1), TORQUE, atol=1e-6)
+
+
+def test_a_value_behind_the_last_separator_is_kept(tmp_path):
+    rows = ["0,1,", "1,2,", *(f"{k},{k},{k}" for k in range(2, 50))]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,q0", *["0,1,"] * 30, *rows]))
+    assert read_table(path).columns["column_3"][-1] == 49
+
+
+@pytest.mark.parametrize("other", [["time", "tau1"], ["time", "q1"], ["time", "tau1", "tau2"]])
+def test_several_tables_in_one_file_are_named(tmp_path, other):
+    rows = [",".join([str(k)] * 2) for k in range(30)]
+    more = [",".join([str(k)] * len(other)) for k in range(30)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["angles", "time,q1", *rows, "", ",".join(other), *more, ""]))
+    said = rf"2 tables: one of time, q1 from line 2 on; one of {', '.join(other)} from line 34 on"
+    with pytest.raises(RecordingError, match=said):
+        read_table(path)

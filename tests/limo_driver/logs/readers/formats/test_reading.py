@@ -21,7 +21,8 @@ DAMAGED = [
     ("log.npz", b"PK\x03\x04 and no more", "cannot be read as .npz"),
     ("log.mcap", b"no bag", "is no MCAP file"),
     ("log.db3", b"no bag", "is no SQLite file"),
-    ("log.xlsx", b"any", "of a kind that is not known, expected delimited text"),
+    ("log.docx", b"any", "of a kind that is not known, expected delimited text"),
+    ("log.xlsx", b"any", "is a workbook, which is not read: save its sheet as CSV"),
 ]
 
 

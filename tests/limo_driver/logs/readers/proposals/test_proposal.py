@@ -475,14 +475,56 @@ def test_an_array_with_rows_and_columns_exchanged_makes_short_questions():
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1e3, "mN m"), (1e2, "N cm"), (1.0, "N m")])
-def test_torque_has_its_unit_from_gravity(scale, unit):
-    assert proposed(q=POSITION, tau=scale * TORQUE).mapping.torque.unit == (unit,)
+def test_torque_in_another_unit_than_newton_metres_is_a_question_that_names_it(scale, unit):
+    mapping = proposed(q=POSITION, tau=scale * TORQUE).mapping
+    assert mapping.torque.unit == (unit,)
+    assert any(f"is it in {unit}, or a current" in q for q in mapping.undecided) == (scale > 1)
+
+
+@pytest.mark.parametrize(("scale", "asked"), [(1e-4, True), (1.0, False), (1e3, True)])
+def test_torques_of_which_gravity_says_nothing_are_held_against_the_drives(tmp_path, scale, asked):
+    path = tmp_path / "table.urdf"
+    model = chain_of(tmp_path, 2)
+    path.write_text(model.urdf.read_text().replace('xyz="0 1 0"', 'xyz="0 0 1"'))
+    torque = scale * 20 * np.sin(TIME[:, None] + np.arange(2))
+    log = {"t": TIME, **numbered("q{}", POSITION[:, :2]), **numbered("tau{}", torque)}
+    questions = propose(table_of(log), RobotModel(path)).mapping.undecided
+    assert any("what the drives of the description can do" in q for q in questions) == asked
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("name", ["dq{}", "dq{}_rad_s"])
+def test_a_time_that_runs_at_another_speed_is_asked_for_once(factor, name):
+    log = {"t": TIME / factor, **numbered("q{}", POSITION), **numbered(name, VELOCITY)}
+    table = table_of(log | numbered("tau{}", TORQUE))
+    mapping = propose(table, arm()).mapping
+    (question,) = (q for q in mapping.undecided if q.startswith("time:"))
+    assert f"do {factor:.3g} s pass in one of the log (`factor: {factor:.3g}`" in question
+    answered = replace(mapping, time=replace(mapping.time, factor=factor), undecided=())
+    np.testing.assert_allclose(answered.columns(table, arm()).time, TIME, atol=1e-9)
+
+
+def test_velocities_of_one_joint_that_are_off_are_no_question_for_the_time():
+    off = VELOCITY * [1, 1, 1, 1, 1, 1, 2.0]
+    log = {"t": TIME, **numbered("q{}", POSITION), **numbered("dq{}", off)}
+    mapping = propose(table_of(log | numbered("tau{}", TORQUE)), arm()).mapping
+    assert not [question for question in mapping.undecided if question.startswith("time:")]
+
+
+def test_poses_held_one_after_the_other_are_no_motion_in_degrees():
+    """As of a calibration at 125 Hz, three rows in each pose, with currents."""
+    poses = np.random.default_rng(1).uniform(-2, 2, (300, 7)).repeat(3, axis=0)
+    currents = arm().gravity_torque(poses) / 10 + np.sin(np.arange(900)[:, None] + np.arange(7))
+    log = {"t": 0.008 * np.arange(900), **numbered("q{}", poses)}
+    mapping = propose(table_of(log | numbered("current{}", currents)), arm()).mapping
+    assert mapping.position.unit == ("rad",)
 
 
 @pytest.mark.parametrize(
     ("name", "values", "unit"),
     [
         ("time", TIME, "s"),
+        ("tick_ms", 1e3 * TIME, "ms"),
         ("stamp", 1e9 * TIME, "ns"),
         ("clock", 1e6 * TIME, "us"),
         ("timestamp", 1e3 * TIME, "ms"),

@@ -1,0 +1,192 @@
+"""One bag of ROS 1 (`.bag`), its messages as those of a ROS 2 log.
+
+The package rosbags reads chunks and their index. Messages are rewritten in CDR field by field, by
+the definition that a bag of ROS 1 always has, so that all that reads ROS 2 reads them. rosbags can
+do that with code that it makes of the definition; none is run here of what a stranger's file says.
+"""
+
+from __future__ import annotations
+
+import bz2
+import re
+import struct
+from contextlib import closing
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+import lz4.frame
+
+from limo_driver.errors import RecordingError, WireFormatError
+from limo_driver.logs.mcap_chunk import ALWAYS_FINE, LARGEST_CHUNK, MOST_PACKED
+from limo_driver.logs.mcap_file import LoggedMessage
+from limo_driver.logs.ros.message_layout import CODES, HEADER, STRING, MessageLayout
+from limo_driver.network.messages.cdr import LITTLE_ENDIAN, padding
+from limo_driver.runtime.given_files import Spent, check_file
+from limo_driver.runtime.packages import require_package
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from limo_driver.logs.ros.message_layout import MessageField
+
+_SEPARATOR: Final = f"\n{'=' * 80}\nMSG: "
+_SPLIT: Final = re.compile(r"^=+[ \t]*$\n?", re.MULTILINE)
+_BUILT_IN: Final = "".join(
+    f"{_SEPARATOR}builtin_interfaces/{kind}\nint32 sec\nuint32 nanosec\n"
+    for kind in ("Time", "Duration")
+)
+_OLD_TIMES: Final = re.compile(r"^(\s*)(time|duration)(?=[\s\[])", re.MULTILINE)
+_NUMBER: Final = re.compile(r"^\s*uint32\s+seq\b.*$", re.MULTILINE)  # of a header
+_NAMES: Final = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"}
+_SEQUENCE: Final = 4  # bytes of that number, which ROS 2 has no more
+_COUNT: Final = struct.Struct("<I")
+_MOST_PARTS: Final = 100_000  # of one message that are rewritten one by one
+
+
+def read_ros1(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[LoggedMessage]:
+    """Read the messages of a bag of ROS 1, in order of their times.
+
+    Args:
+        path: The bag.
+        tell: Told, once, if the file was not read to its end, and why.
+
+    Raises:
+        MissingPackageError: rosbags is not installed.
+        RecordingError: The file cannot be read, or is no bag of ROS 1.
+    """
+    require_package("rosbags", "a bag of ROS 1")
+    check_file(path, RecordingError)
+    from rosbags.rosbag1 import Reader
+
+    reader, spent, count = Reader(path), Spent(path, RecordingError), -1
+    try:
+        reader.open()
+    except Exception as error:  # noqa: BLE001  # of damaged bytes, whatever it stumbles over
+        why = " ".join(str(error).split()) or type(error).__name__
+        if "not indexed" in why:
+            why = "it was never closed; `rosbag reindex` makes it whole"
+        raise RecordingError(f"cannot be read as a bag of ROS 1: {why}", path=path) from None
+    with closing(reader):
+        for place, chunk in reader.chunks.items():
+            bounded = _UNPACKED.get(chunk.decompressor.__module__.partition(".")[0], bytes)
+            reader.chunks[place] = chunk._replace(decompressor=bounded)
+        definitions = {x.id: _definition(x.msgtype, x.msgdef.data) for x in reader.connections}
+        messages = spent.metered(reader.messages())
+        while True:
+            try:
+                source, stamp, data = next(messages)
+                count += 1
+            except StopIteration:
+                return
+            except RecordingError:
+                raise
+            except Exception as error:  # noqa: BLE001  # likewise
+                if tell is not None:
+                    tell(f"is damaged after {count + 1} messages and was read up to there: {error}")
+                return
+            text = definitions[source.id]
+            payload = _as_cdr(source.msgtype, text, data)
+            yield LoggedMessage(source.topic, source.msgtype, payload, stamp, stamp, count, text)
+
+
+def _unpacked_lz4(data: bytes) -> bytes:
+    return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=_most(data) + 1)
+
+
+def _unpacked_bz2(data: bytes) -> bytes:
+    return bz2.BZ2Decompressor().decompress(data, max_length=_most(data) + 1)
+
+
+def _most(data: bytes) -> int:
+    """Return how many bytes a chunk may unpack to; one that has more is read up to there."""
+    return min(LARGEST_CHUNK, max(ALWAYS_FINE, MOST_PACKED * len(data)))
+
+
+_UNPACKED: Final = {"lz4": _unpacked_lz4, "bz2": _unpacked_bz2}
+
+
+def _definition(kind: str, text: str) -> bytes:
+    """Return the definition of a type as ROS 2 has it."""
+    parts = _SPLIT.split(text)
+    for k, part in enumerate(parts):
+        title = part.strip().partition("\n")[0] if k else f"MSG: {kind.replace('/msg/', '/')}"
+        if title.strip() == f"MSG: {HEADER}":
+            parts[k] = _NUMBER.sub("", part)
+    new = _SEPARATOR.removesuffix("MSG: ").join(parts)
+    return (_OLD_TIMES.sub(lambda old: old[1] + _NAMES[old[2]], new) + _BUILT_IN).encode()
+
+
+@cache
+def _layout(kind: str, definition: bytes) -> MessageLayout | None:
+    try:
+        return MessageLayout(kind, definition.decode())
+    except WireFormatError:
+        return None
+
+
+def _as_cdr(kind: str, definition: bytes, data: bytes) -> bytes:
+    """Return a message of ROS 1 in CDR; nothing where it is malformed, which no reader takes."""
+    layout = _layout(kind, definition)
+    try:
+        return b"" if layout is None else _Rewritten(layout, data).whole()
+    except (WireFormatError, struct.error):
+        return b""
+
+
+class _Rewritten:
+    """Fields of ROS 1, which follow each other without gaps, written at the places of CDR."""
+
+    def __init__(self, layout: MessageLayout, data: bytes) -> None:
+        self._layout, self._data, self._at = layout, data, 0
+        self._out, self._parts = bytearray(LITTLE_ENDIAN), 0
+
+    def whole(self) -> bytes:
+        self._copy(self._layout.root, is_header=self._layout.root == HEADER)
+        if self._at != len(self._data):
+            raise WireFormatError(f"{len(self._data) - self._at} bytes too many", self._at)
+        return bytes(self._out)
+
+    def _copy(self, kind: str, *, is_header: bool) -> None:
+        self._parts += 1
+        if self._parts > _MOST_PARTS:
+            raise WireFormatError(f"more than {_MOST_PARTS} parts", self._at)
+        self._at += _SEQUENCE * is_header
+        for own in self._layout.types[kind]:
+            self._copy_field(own)
+
+    def _copy_field(self, own: MessageField) -> None:
+        many = 1 if own.many is None else own.many or self._count()
+        if own.kind in CODES:
+            self._copy_bytes(many, struct.calcsize(f"<{CODES[own.kind]}"))
+            return
+        for _ in range(many):
+            if own.kind == STRING:
+                size = _COUNT.unpack_from(self._data, self._at)[0]
+                self._at += _COUNT.size
+                self._put_count(size + 1)
+                self._copy_bytes(size, 1)
+                self._out += b"\0"
+            else:
+                self._copy(own.kind, is_header=own.kind == HEADER)
+
+    def _count(self) -> int:
+        """Copy the length of an array, and return it."""
+        count = _COUNT.unpack_from(self._data, self._at)[0]
+        self._at += _COUNT.size
+        if count > len(self._data) - self._at:
+            raise WireFormatError(f"an array of {count}", self._at)
+        self._put_count(count)
+        return count
+
+    def _put_count(self, count: int) -> None:
+        self._out += bytes(padding(len(self._out), _COUNT.size))
+        self._out += _COUNT.pack(count)
+
+    def _copy_bytes(self, many: int, size: int) -> None:
+        if many * size > len(self._data) - self._at:
+            raise WireFormatError(f"{many} times {size} bytes", self._at)
+        if many:
+            self._out += bytes(padding(len(self._out), size))
+            self._out += self._data[self._at : self._at + many * size]
+            self._at += many * size
