@@ -113,7 +113,7 @@ class SampledEffects:
     @_add.register(TorqueEffect)
     def _(self, effect: TorqueEffect, state: State, cycle: _Cycle) -> State:
         j = effect.joint - 1
-        value, state = effect.advance(state, cycle.arm.of_joint(j))
+        value, state = effect.evaluate(state, cycle.arm.of_joint(j))
         self.added[layout.ADDED_TORQUE, j] += value[0]
         return state
 
@@ -126,7 +126,8 @@ class SampledEffects:
         j = effect.joint - 1
         v = away_from_rest(cycle.ahead[j])
         sliding = replace(cycle.arm.of_joint(j), velocity=np.array([v]))
-        value, state = effect.advance(state, sliding)
+        by = effect.evaluate if isinstance(effect, Friction) else effect.advance
+        value, state = by(state, sliding)
         self.added[layout.ADDED_DAMPING, j] += value[0] / v
         return state
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from estimators.diagnosis.settings.residuals import HELD_OUT
+from estimators.diagnosis.settings.residuals import ELSEWHERE, HELD_OUT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -66,19 +66,66 @@ class Split:
         """Hold out blocks of each recording, counted from 0."""
         held_out = np.zeros(observed.kept.size, dtype=bool)
         near = np.zeros(observed.kept.size, dtype=bool)
-        for recording in range(len(observed.recordings)):
-            rows = np.flatnonzero(observed.recording == recording)
-            if not rows.size:
-                continue
-            time = observed.slow.time[rows]
+        for rows, time in _by_recording(observed):
             edges = np.linspace(time[0], time[-1], HELD_OUT.blocks + 1)
             guard = guard_of(float(edges[-1] - edges[0]), observed.bandwidth)
             for block in which:
                 low, high = edges[block], edges[block + 1]
                 held_out[rows] |= (time >= low) & (time < high)
                 near[rows] |= (time >= low - guard) & (time < high + guard)
+        return cls._of(observed, held_out, near)
+
+    @classmethod
+    def without(cls, observed: Observed, held_out: NDArray[np.bool_]) -> Split:
+        """Hold out some rows (K,); what is near them in time is neither fitted nor held out."""
+        near = held_out.copy()
+        for rows, time in _by_recording(observed):
+            guard = guard_of(float(time[-1] - time[0]), observed.bandwidth)
+            out = time[held_out[rows]]
+            near[rows] |= np.searchsorted(out, time + guard) > np.searchsorted(out, time - guard)
+        return cls._of(observed, held_out, near)
+
+    @classmethod
+    def _of(cls, observed: Observed, held_out: NDArray[np.bool_], near: NDArray[np.bool_]) -> Split:
         moving = observed.moving
         return cls(~near[:, None] & moving, held_out[:, None] & moving, held_out)
+
+
+def _by_recording(observed: Observed) -> Iterator[tuple[NDArray[np.int64], FloatArray]]:
+    """Yield the rows of each recording and their times."""
+    for recording in range(len(observed.recordings)):
+        rows = np.flatnonzero(observed.recording == recording)
+        if rows.size:
+            yield rows, observed.slow.time[rows]
+
+
+def of_another_kind(observed: Observed) -> tuple[str, tuple[NDArray[np.bool_], ...]]:
+    """Return what is left out for a proof on motion of another kind, and the rows (K,) of each.
+
+    With several recordings, whole recordings: they differ most. With one, the blocks of time in
+    which the arm is fastest and slowest, and those at either end of its poses, which are ordered
+    along the direction in which they vary most.
+    """
+    of_row, fewest = observed.recording, 2
+    if len(present := np.unique(of_row)) >= fewest:
+        groups = np.array_split(present, min(len(present), ELSEWHERE.turns))
+        return "whole recordings", tuple(np.isin(of_row, group) for group in groups)
+    block = blocks(observed)
+    count = np.maximum(np.bincount(block), 1)[:, None]
+
+    def mean(values: FloatArray) -> FloatArray:
+        sums = np.zeros((len(count), values.shape[1]))
+        np.add.at(sums, block, values)
+        return sums / count
+
+    position, speed = observed.slow.position, np.abs(observed.slow.velocity)
+    scaled = position / np.maximum(position.std(axis=0), ELSEWHERE.still)
+    poses = mean(scaled - scaled.mean(axis=0))
+    along = poses @ np.linalg.svd(poses, full_matrices=False)[2][0]
+    pace = mean(speed / np.maximum(speed.mean(axis=0), ELSEWHERE.still)).sum(axis=1)
+    many = max(1, round(len(count) / ELSEWHERE.turns))
+    chosen = [np.argsort(key, kind="stable")[:many] for key in (-pace, pace, along, -along)]
+    return "blocks of other speeds and poses", tuple(np.isin(block, some) for some in chosen)
 
 
 def guard_of(duration: float, bandwidth: float) -> float:
@@ -98,8 +145,13 @@ def block_of(observed: Observed, longest: float) -> FloatArray:
         observed: Where time comes from.
         longest: Of a block [s]; those of a recording too short for many are shorter.
     """
-    duration = np.array([recording.duration for recording in observed.recordings])
-    return np.minimum(longest, duration / HELD_OUT.fewest)[observed.recording]
+    lengths = [block_length(recording, longest) for recording in observed.recordings]
+    return np.array(lengths)[observed.recording]
+
+
+def block_length(recording: Recording, longest: float = HELD_OUT.block) -> float:
+    """Return how long the blocks are that are taken as a whole [s], of so long a recording."""
+    return min(longest, recording.duration / HELD_OUT.fewest)
 
 
 def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
@@ -129,7 +181,7 @@ def surely_positive(gained: FloatArray, observed: Observed, rows: NDArray[np.boo
         residuals that are one, either is the smaller by the last bit.
     """
     nothing = HELD_OUT.rounding * float(rows.sum())
-    of_row = _blocks(observed)
+    of_row = blocks(observed)
     sums = np.zeros((2, int(of_row.max(initial=-1)) + 1))
     np.add.at(sums[0], of_row, np.where(rows, gained, 0.0).sum(axis=1))
     np.add.at(sums[1], of_row, rows.any(axis=1).astype(float))
@@ -140,10 +192,23 @@ def surely_positive(gained: FloatArray, observed: Observed, rows: NDArray[np.boo
     return bool(np.quantile(of_block[drawn].sum(axis=1), HELD_OUT.chance) > nothing)
 
 
-def _blocks(observed: Observed) -> NDArray[np.int64]:
+def blocks(observed: Observed) -> NDArray[np.int64]:
     """Number the block of time of each row, (K,)."""
-    of_time = np.floor(observed.slow.time / block_of(observed, HELD_OUT.block)).astype(np.int64)
-    both = np.stack([observed.recording, of_time], axis=1)
+    length = block_of(observed, HELD_OUT.block)
+    return blocks_of_time(observed.slow.time, observed.recording, length)
+
+
+def blocks_of_time(
+    time: FloatArray, recording: NDArray[np.int64], length: FloatArray | float
+) -> NDArray[np.int64]:
+    """Number the blocks of time that are resampled whole, (K,).
+
+    Args:
+        time: Of each row, (K,) [s].
+        recording: Which it is of, (K,).
+        length: Of a block [s], of each row or all.
+    """
+    both = np.stack([recording, np.floor(time / length).astype(np.int64)], axis=1)
     return np.unique(both, axis=0, return_inverse=True)[1].ravel()
 
 
@@ -165,22 +230,58 @@ def bootstrap(
 
     Source: Künsch, "The jackknife and the bootstrap for general stationary observations", 1989.
     """
-    of_row = _blocks(observed)
-    sums = np.zeros((3, int(of_row.max(initial=-1)) + 1, before.shape[1]))
-    np.add.at(sums[0], of_row, np.where(rows, before, 0.0) ** 2)
-    np.add.at(sums[1], of_row, np.where(rows, after, 0.0) ** 2)
-    np.add.at(sums[2], of_row, rows.astype(float))
+    drawn = _resampled(before, after, blocks(observed), rows)
+    if drawn is None:
+        return (-1.0, 1.0)
+    found = [
+        reducible_removed(np.sqrt(first / count), np.sqrt(second / count), floor)
+        for first, second, count in zip(*drawn, strict=True)
+    ]
+    low, high = np.quantile(found, (HELD_OUT.chance, 1.0 - HELD_OUT.chance))
+    return float(low), float(high)
+
+
+def rmse_change(
+    before: FloatArray, after: FloatArray, block: NDArray[np.int64], rows: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the 95 % interval of RMSE after less RMSE before, of each joint, (n,) each.
+
+    Args:
+        before: Errors of one simulation, (K, n).
+        after: Those of another on the same rows.
+        block: Which block of time each row is of, (K,); see `blocks_of_time`.
+        rows: Those that count, (K, n).
+
+    Returns:
+        Its ends; infinite where there is one block, which nothing can be resampled of.
+    """
+    drawn = _resampled(before, after, block, rows)
+    if drawn is None:
+        return np.full(before.shape[1], -np.inf), np.full(before.shape[1], np.inf)
+    change = np.sqrt(drawn[1] / drawn[2]) - np.sqrt(drawn[0] / drawn[2])
+    low, high = np.quantile(change, (HELD_OUT.chance, 1.0 - HELD_OUT.chance), axis=0)
+    return low, high
+
+
+def _resampled(
+    before: FloatArray, after: FloatArray, block: NDArray[np.int64], rows: NDArray[np.bool_]
+) -> FloatArray | None:
+    """Return sums of squares before and after, and rows, of resampled blocks, (3, resamples, n).
+
+    None where there are no two blocks.
+    """
+    sums = np.zeros((3, int(block.max(initial=-1)) + 1, before.shape[1]))
+    np.add.at(sums[0], block, np.where(rows, before, 0.0) ** 2)
+    np.add.at(sums[1], block, np.where(rows, after, 0.0) ** 2)
+    np.add.at(sums[2], block, rows.astype(float))
     sums = sums[:, sums[2].any(axis=1)]
     count = sums.shape[1]
     if count < 2:  # noqa: PLR2004  # nothing to resample
-        return (-1.0, 1.0)
+        return None
     random = np.random.default_rng(0)
-    found = np.empty(HELD_OUT.resamples)
-    for k in range(HELD_OUT.resamples):
-        drawn = sums[:, random.integers(0, count, count)].sum(axis=1)
-        drawn[2] = np.maximum(drawn[2], 1.0)
-        found[k] = reducible_removed(
-            np.sqrt(drawn[0] / drawn[2]), np.sqrt(drawn[1] / drawn[2]), floor
-        )
-    low, high = np.quantile(found, (HELD_OUT.chance, 1.0 - HELD_OUT.chance))
-    return float(low), float(high)
+    drawn = np.stack(
+        [sums[:, random.integers(0, count, count)].sum(axis=1) for _ in range(HELD_OUT.resamples)],
+        axis=1,
+    )
+    drawn[2] = np.maximum(drawn[2], 1.0)
+    return drawn

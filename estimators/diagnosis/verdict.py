@@ -189,6 +189,7 @@ class Fit:
     heldout_rmse_after_all_rows: tuple[float, ...] = ()
     above_floor: tuple[int, ...] = ()  # joints, 1-based, at which as given surely more than noise
     still_above: tuple[int, ...] = ()  # those of the improved simulation
+    left_out: str = ""  # motion on which was proven what is written, in words
     unit: str = TORQUE  # of all errors; rad where commands and positions alone were recorded
     one_step_rmse_before: tuple[float, ...] = ()  # (n,) [rad], from each row to the next; likewise
     one_step_rmse_after: tuple[float, ...] = ()
@@ -252,6 +253,7 @@ class Verdict:
     notes: tuple[str, ...] = ()  # what a reader should know of data and priors, one sentence each
     identified: tuple[Identified, ...] = ()  # ordinary friction that was not stated, by joint
     holds: Holds | None = None  # None where no torque was recorded
+    withheld: tuple[str, ...] = ()  # parts of the fit that are not in the improved simulation
     doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
     values: tuple[StatedValue, ...] = ()  # stated ones, and those that fit
 

@@ -8,7 +8,7 @@ need more than a line are functions of `code/laws.c`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 from typing import TYPE_CHECKING, Final
 
@@ -16,7 +16,8 @@ import numpy as np
 
 from estimators.embedded.tables import number, table
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effect import SensorEffect
+from limo_driver.physics.domain import NARROWEST
+from limo_driver.physics.effect import SensorEffect, TorqueEffect
 from limo_driver.physics.effects.arm import JointCoupling, SpringLoad
 from limo_driver.physics.effects.body import GravityDirection, Payload
 from limo_driver.physics.effects.changing_friction import (
@@ -31,6 +32,7 @@ from limo_driver.physics.effects.friction import (
     CoulombFriction,
     QuadraticDrag,
     StribeckFriction,
+    VelocityFriction,
     ViscousFriction,
 )
 from limo_driver.physics.effects.hysteresis import LAWS, PreslidingHysteresis
@@ -101,6 +103,7 @@ class EffectsCode:
         functions = set[str]()
         for effect in effects:
             code = _late(effect, rate) if isinstance(effect, TimeDelay) else law(effect)
+            code = _in_domain(effect, code)
             (sensing if isinstance(effect, SensorEffect) else acting).append(
                 _block(effect, code, len(memory))
             )
@@ -110,6 +113,32 @@ class EffectsCode:
         return cls(
             text, "".join(sensing), frozenset(functions), tuple(memory), "displacement" in text
         )
+
+
+def _in_domain(effect: Effect, code: LawCode) -> LawCode:
+    """Return an effect's code that beyond its domain goes on as `TorqueEffect.evaluate` does."""
+    if not isinstance(effect, TorqueEffect) or effect.domain is None:
+        return code
+    domain = effect.domain
+    target, _, value = code.statement.partition(" += ")
+    q, v = f"q[{effect.joints[0] - 1}]", f"v[{effect.joints[0] - 1}]"
+    if domain.position is not None:
+        low, high = map(number, domain.position)
+        held = f"fmin(fmax({q}, {low}), {high})"
+        if effect.fades:
+            span = number(max(domain.position[1] - domain.position[0], NARROWEST))
+            value = f"({value}) * fmax(1.0 - fabs({q} - {held}) / {span}, 0.0)"
+        elif isinstance(effect, SpringLoad):
+            more = f"{number(effect.stiffness)} * ({q} - {held})"
+            value = f"{value.replace(q, held)} + {more}"
+    if domain.speed is not None and isinstance(effect, VelocityFriction):
+        fastest = number(domain.speed)
+        held = f"fmin(fmax({v}, -{fastest}), {fastest})"
+        slopes = effect.slopes if domain.slope is None else (domain.slope, domain.slope)
+        up, down = map(number, slopes)
+        more = f"({v} > 0.0 ? {up} : {down}) * ({v} - {held})"
+        value = f"({value.replace(v, held)}) + {more}"
+    return replace(code, statement=f"{target} += {value}")
 
 
 def _block(effect: Effect, code: LawCode, start: int) -> str:

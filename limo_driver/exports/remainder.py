@@ -81,6 +81,8 @@ def remainders(simulation: Simulation, split: EffectSplit, motion: Motion) -> tu
 def _instead(effect: Effect, instead: Effect | None) -> str:
     if isinstance(instead, PreslidingHysteresis):
         return "is written as LuGre friction"
+    if type(instead) is type(effect):
+        return f"is written without its domain ({getattr(effect, 'domain', None)})"
     if instead is not None:
         return f"is written as {spoken(instead.name)}"
     if isinstance(effect, Backlash) and effect.displaces:

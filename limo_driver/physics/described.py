@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeGuard
 
 import numpy as np
 
@@ -126,6 +126,11 @@ def _bristles(joint: int, stated: Iterable[StatedBristles]) -> list[Effect]:
     ]
 
 
+def _is_plain(effect: Effect) -> TypeGuard[VelocityFriction]:
+    """Say whether compiled code evaluates an effect, with others like it."""
+    return isinstance(effect, VelocityFriction) and effect.is_law
+
+
 class EffectGroups:
     """The effects of a simulation of n joints by how they are evaluated.
 
@@ -143,7 +148,7 @@ class EffectGroups:
         ]
         elastic = [item for item in effects if isinstance(item, JointElasticity)]
         self.sensing = tuple((i, item) for i, item in numbered if isinstance(item, SensorEffect))
-        self._frictions = Frictions.of([e for e in effects if isinstance(e, VelocityFriction)])
+        self._frictions = Frictions.of([e for e in effects if _is_plain(e)])
         self._slips = MaxwellSlips([item for _, item in slipping])
         self._slip_places = tuple(i for i, _ in slipping)
         self._compliances = np.zeros((2, n))  # [rad/(N m)], and cubic [rad/(N m)³]
@@ -154,11 +159,11 @@ class EffectGroups:
         for item in effects:
             if isinstance(item, TorqueOffset):
                 self._offsets[item.joint - 1] += item.offset
-        together = (BodyEffect, VelocityFriction, JointElasticity, SensorEffect, TorqueOffset)
+        together = (BodyEffect, JointElasticity, SensorEffect, TorqueOffset)
         self.single = tuple(
             (i, item)
             for i, item in numbered
-            if not isinstance(item, together) and i not in self._slip_places
+            if not isinstance(item, together) and not _is_plain(item) and i not in self._slip_places
         )
 
     def write_torques(self, torque: FloatArray, motion: Motion, memories: list[State]) -> None:

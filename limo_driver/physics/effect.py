@@ -1,10 +1,9 @@
 """Effect: one piece of physics, with one set of named parameters.
 
 A subclass writes only the mathematics. A `BodyEffect` writes `body(model)`: the rigid body that it
-makes of another, without memory. All others write `advance(state, ...)`, which evaluates them over
-the T samples that follow `state`, the memory after the sample before them, and returns their values
-and the memory after the last sample. Every effect is so used in three ways with the same equation:
-over a recording (`predict`), sample by sample (`step`), and inside the simulated robot.
+makes of another. All others write `advance(state, ...)`: values over the T samples that follow
+`state`, the memory after the sample before them, and the memory after the last sample. So one
+equation is used over a recording (`predict`), sample by sample (`step`), and in a simulated robot.
 
 Effect
 ├── BodyEffect          what it makes of the rigid body
@@ -27,6 +26,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, TypeAlias
 import numpy as np
 
 from limo_driver.physics.description import Description
+from limo_driver.physics.domain import Domain, JointMotion
 from limo_driver.runtime.parameters import JOINT, Declared, Parameter, parameter, parameters_of
 
 if TYPE_CHECKING:
@@ -46,19 +46,6 @@ SLOW_CHANGE: Final = 30.0  # [s] in which gears warm up or sensors drift by an a
 State: TypeAlias = "FloatArray"
 STATELESS: FloatArray = np.zeros(0)
 STATELESS.flags.writeable = False
-
-
-@dataclass(frozen=True)
-class JointMotion:
-    """Motion and load of one joint over T samples; each array has shape (T,)."""
-
-    time: FloatArray  # [s]
-    position: FloatArray  # [rad]
-    velocity: FloatArray  # [rad/s]
-    acceleration: FloatArray  # [rad/s²]
-    load: FloatArray  # nominal rigid-body torque [N m]
-    temperature: FloatArray | None = None  # [°C]
-    inertia: FloatArray | None = None  # [kg m²], for effects that ask for it
 
 
 @dataclass(frozen=True)
@@ -153,8 +140,7 @@ class Effect(Declared, ABC):
             name: Of the parameter.
             value: In its unit, within its bounds.
         """
-        changes: dict[str, Any] = {name: value}
-        return replace(self, **changes)
+        return replace(self, **{name: value})
 
     def with_more(self, more: Effect) -> Effect | None:
         """Return one effect for this and another one; None where they stay two."""
@@ -182,10 +168,7 @@ class Effect(Declared, ABC):
 
 
 class SimulatedPlant(Protocol):
-    """Interface through which effects act on a simulated robot; joints are 1-based.
-
-    What `sample` and `sense` take runs through its `advance`; the others are native forms.
-    """
+    """How effects act on a simulated robot: sampled, sensed or natively; joints are 1-based."""
 
     def sample(self, effect: Effect) -> None:
         """Run an effect one sample in each cycle."""
@@ -260,12 +243,32 @@ class JointEffect(Effect):
         return (self.joint,)
 
 
+@dataclass(frozen=True, kw_only=True)
 class TorqueEffect(JointEffect):
     """An effect that adds torque to that of the rigid body."""
+
+    known_by: ClassVar[tuple[str, ...]] = ()  # what its domain has; without, it has none
+    fades: ClassVar[bool] = False  # beyond its domain, since nothing says how it goes on
+    domain: Domain | None = None  # that it was learned from
 
     @abstractmethod
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the torque of T samples, (T,) [N m], and the memory after them."""
+
+    def evaluate(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
+        """Return the same, which beyond its domain goes on as its simplest part does."""
+        domain = self.domain
+        if domain is None:
+            return self.advance(state, motion)
+        inside = motion if self.fades else domain.held(motion)
+        values, state = self.advance(state, inside)
+        if self.fades:
+            return values * domain.fade(motion), state
+        return values + self.goes_on(inside, motion), state
+
+    def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray | float:  # noqa: ARG002
+        """Return what is added beyond the domain to the torque at its end, (T,) [N m]."""
+        return 0.0
 
     def stops(self) -> tuple[tuple[float, float], ...]:
         """Return heights [N m] and widths [rad] of stops that remember the beginning as long."""
@@ -284,9 +287,8 @@ class Friction(TorqueEffect):
 class MotionEffect(JointEffect):
     """An effect that displaces the link from where the encoder says it is.
 
-    Sample by sample it is quasi-static: the link's velocity and acceleration are the encoder's.
-    Where past and future are known, the displacement has its own, within `agility` times the
-    bandwidth.
+    Sample by sample it is quasi-static: velocity and acceleration are the encoder's. Where past
+    and future are known, the displacement has its own, within `agility` times the bandwidth.
     """
 
     agility: ClassVar[float] = 0.0

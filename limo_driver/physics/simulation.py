@@ -389,7 +389,7 @@ class _Terms:
             values, state = effect.advance(state, arm)
             self.torque += values
         elif isinstance(effect, TorqueEffect):
-            values, state = effect.advance(state, arm.of_joint(effect.joint - 1))
+            values, state = effect.evaluate(state, arm.of_joint(effect.joint - 1))
             self.torque[:, effect.joint - 1] += values
         elif isinstance(effect, MotionEffect):
             motion = arm.of_joint(effect.joint - 1, inertia=effect.needs_inertia)

@@ -13,7 +13,9 @@ from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.model.robot_model import beside
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects
+from limo_driver.physics.domain import Domain
 from limo_driver.physics.drives import DRIVES, TOLERANCE, described_drives
+from limo_driver.physics.effect import TorqueEffect
 from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.runtime.declarations import read_yaml
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from limo_driver.runtime.declarations import Given
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
+_DOMAIN = "domain"  # of an effect, in which it was learned
 _FRAME = "frame"  # of a payload, in which it is stated: a link or site that the last link carries
 _SECTIONS = ("robot", "inertials", "tolerances", "sensors", "drives", "effects", "bandwidth")
 _BANDWIDTH = Parameter("bandwidth", "Hz", lower=0.0, above=True)
@@ -246,6 +249,10 @@ def _effect_entry(effect: Effect) -> dict[str, Any]:
         if known.columns:
             value = [list(row) for row in value]
         entry[known.name] = list(value) if known.is_list else value
+    if isinstance(effect, TorqueEffect) and effect.domain is not None:
+        own = {item.name: getattr(effect.domain, item.name) for item in fields(effect.domain)}
+        known = {name: value for name, value in own.items() if value is not None}
+        entry[_DOMAIN] = {k: list(v) if isinstance(v, tuple) else v for k, v in known.items()}
     return entry
 
 
@@ -281,7 +288,15 @@ def _effect(given: Given, model: RobotModel) -> Effect:
     except PlugInError as error:
         given.fail(str(error), given["effect"].line)
     if effect is not Payload or _FRAME not in given:
-        return given.make(effect, joints=model.n, beside=("effect",))
+        known = effect.known_by if issubclass(effect, TorqueEffect) else ()
+        keys = {item.name: item.in_file for item in effect.parameters()}
+        declared = (item.name for item in fields(effect) if item.name != _DOMAIN or known)
+        given.only("effect", *(keys.get(name, name) for name in declared))
+        parts: dict[str, Any] = {}
+        if _DOMAIN in given:
+            more = ("slope",) if "speed" in known else ()
+            parts[_DOMAIN] = given[_DOMAIN].only(*known, *more).make(Domain)
+        return given.make(effect, parts, joints=model.n, beside=("effect",))
     frames = model.last_frames
     pose = frames[given.text(_FRAME, tuple(frames))]
     stated = given.make(effect, joints=model.n, beside=("effect", _FRAME))

@@ -25,6 +25,7 @@ from estimators.diagnosis.from_torque.judgement.guesses import guessed_notes, wi
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
 from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
 from estimators.diagnosis.from_torque.judgement.stated_values import stated_values
+from estimators.diagnosis.from_torque.judgement.writing import Written, written
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible
@@ -136,6 +137,18 @@ def _told(
             lambda: budget.within("a fit to all rows", judged.to_the_end, judged.beside),
             improved,
         )
+    whole, fit, keep = judged, improved, Written(judged, improved)
+    if not harmful:
+        keep = attempts.at(
+            "proof on motion of another kind",
+            lambda: budget.within(
+                "a proof on motion of another kind",
+                lambda: written(judged, improved, simulation),
+                keep,
+            ),
+            keep,
+        )
+    judged, improved = keep.judged, keep.improved
     contact: tuple[Finding, ...] = ()
     if events.pushes:
         contact = attempts.at(
@@ -143,13 +156,13 @@ def _told(
             lambda: contact_of(events.pushes, observed, judged.proven, remaining),
             contact,
         )
-    say = partial(_verdict, given, judged, improved, contact, attempts)
+    say = partial(_verdict, given, judged, fit, contact, attempts)
     verdict = say(judged.named)
     if doubtful := unsure(verdict.findings, simulation):
         verdict = say([i for i in judged.named if _said(problem, i) not in doubtful])
     values = attempts.at(
         "values that differ from the stated ones",
-        lambda: stated_values(judged, improved, mounted, verdict.findings),
+        lambda: stated_values(whole, fit, mounted, verdict.findings),
         (),
     )
     shifts = shifts_of(problem, solution)
@@ -181,11 +194,14 @@ def _told(
             values=values,
             notes=(
                 *verdict.notes,
+                *keep.notes(),
                 *said,
                 *of_gains,
                 *of_guesses,
                 *events.notes(len(observed.recordings)),
             ),
+            fit=replace(verdict.fit, left_out=keep.kind),
+            withheld=tuple(item.part for item in keep.withheld),
         ),
         before=simulation,
         after=_lasting(improved.simulation, simulation),

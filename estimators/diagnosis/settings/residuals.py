@@ -142,6 +142,24 @@ HELD_OUT = HeldOutSettings()
 
 
 @dataclass(frozen=True)
+class ElsewhereSettings:
+    """Motion of another kind, that proves what may be written (judgement.writing)."""
+
+    turns: int = setting(4, "", "in which it is left out, as a part of all each",
+        "more leave out motion that is more alike to what is fitted, and take time",
+        chosen="fast, slow, and either end of the poses; recordings alike")
+    still: float = setting(1e-3, "rad or rad/s", "that no spread or speed is divided by less than",
+        "numerical: larger counts small motion for less")
+    share: float = setting(0.02, "of the rows that count",
+        "that a part has to act on, as an effective number, to be written",
+        "higher leaves out what acts but at reversals; lower writes what one place has shown",
+        chosen="by judgement: half a second of half a minute")
+
+
+ELSEWHERE = ElsewhereSettings()
+
+
+@dataclass(frozen=True)
 class RepeatSettings:
     """Motion recorded again (residuals.repeats)."""
 

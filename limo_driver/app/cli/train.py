@@ -138,7 +138,7 @@ def command(  # one argument for each option
     from estimators.neural import NETWORKS
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
     from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.learning import require_model
+    from limo_driver.app.library.inputs import require_model
     from limo_driver.app.library.reading import read
 
     require_model(model)

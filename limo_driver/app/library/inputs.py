@@ -150,3 +150,26 @@ def unexpected(name: str, value: object, wanted: str, has: str = "is") -> Config
     article = "an" if kind[:1].lower() in "aeiou" else "a"
     given = "None" if value is None else f"{article} {kind}"
     return ConfigError(f"`{name}` {has} {given}, expected {wanted}")
+
+
+def require_model(name: str) -> type[ResidualModel[Any]] | None:
+    """Return the estimator of a name that `train` takes; None for a network of limo's own.
+
+    Args:
+        name: As for `train`.
+
+    Raises:
+        ConfigError: There is none, or it is trained in another way.
+        PlugInError: It is of another distribution and cannot be used.
+    """
+    from estimators.neural import NETWORKS
+    from estimators.registry import known_estimators, to_train, trained_by_name
+    from limo_driver.runtime.plugins import ESTIMATORS, plug_in
+
+    plug_in(ESTIMATORS, name, NETWORKS)  # refuses one that takes the name of a network
+    if name in NETWORKS:
+        return None
+    if name not in known_estimators():
+        known = ", ".join((*trained_by_name(), *NETWORKS))
+        raise ConfigError(f"no model is called {name!r}; known: {known}")
+    return to_train(name)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, overload
 
 from limo_driver.app.library.inputs import (
     expected,
     model_for,
     recording_of,
     recordings_of,
+    require_model,
     simulation_of,
     trained_of,
 )
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from estimators.base import Estimate
+    from estimators.diagnosis.comparison import SimulationComparison
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
     from estimators.evaluation import Evaluation
     from estimators.hybrid.training.fit import Epoch
@@ -275,30 +277,67 @@ def load_model(folder: Path | str) -> ResidualModel[Any]:
     return loaded(folder)
 
 
+@overload
 def evaluate(
     model: ResidualModel[Any] | Path | str, recording: Recording | Path | str
-) -> Evaluation:
-    """Compare a model, and the rigid body it adds to, with the torque of a recording.
+) -> Evaluation: ...
+
+
+@overload
+def evaluate(
+    model: Simulation | Path | str,
+    recording: Recording | Path | str,
+    *,
+    against: Simulation | Path | str,
+    estimate: str = ...,
+    external: str = ...,
+) -> SimulationComparison: ...
+
+
+def evaluate(
+    model: ResidualModel[Any] | Simulation | Path | str,
+    recording: Recording | Path | str,
+    *,
+    against: Simulation | Path | str | None = None,
+    estimate: str = "estimate",
+    external: str = "external_torque",
+) -> Evaluation | SimulationComparison:
+    """Compare a model with the rigid body it adds to, or a simulation with another, on a recording.
 
     Args:
-        model: A fitted model, or its folder.
-        recording: Of the same arm, or its file; the errors are of other motion if nothing was
-            trained on it.
+        model: A fitted model, or its folder; with `against`, a simulation, or its file.
+        recording: Of the same arm, or its file; best one that nothing was fitted to.
+        against: The simulation that `model` may be an improvement of.
+        estimate: NAME of columns NAME_1 to NAME_n: the torque by a model of the arm's maker.
+        external: Likewise of what that model leaves, so that the maker calls it external.
 
     Returns:
-        Errors, noise floor and coverage of each joint, and the filtered torques.
+        Errors of each joint; of two simulations with the 95 % interval of the change, and why.
 
     Raises:
-        NotFittedError: The model is not trained.
-        ModelStoreError: The recording has another sampling rate than the model can take.
-        RecordingError: The recording is of another robot, or too short.
+        ConfigError: A simulation is given without another to compare it with, or of another arm.
+        NotFittedError, ModelStoreError: The model is not trained, or cannot take the sampling rate.
+        RecordingError: It is of another robot, too short, or lacks columns that were named.
 
     Example:
         >>> limo.evaluate("model/", "test.parquet").save("evaluation/")
+        >>> print(limo.evaluate("diagnosis/sim.yaml", "test.parquet", against="sim.yaml"))
     """
-    from estimators.evaluation import evaluate as judged
+    if against is None:
+        if isinstance(model, Simulation) or Path(str(model)).suffix in {".yaml", ".yml"}:
+            raise ConfigError("`model` is a simulation, and `against` is missing, another one")
+        from estimators.evaluation import evaluate as judged
 
-    return judged(trained_of(model), recording_of(recording))
+        return judged(trained_of(model), recording_of(recording))
+    from estimators.diagnosis.comparison import compare_simulations
+
+    return compare_simulations(
+        simulation_of(model),  # pyright: ignore[reportArgumentType]  # refuses others by name
+        simulation_of(against),
+        recording_of(recording),
+        estimate=estimate,
+        external=external,
+    )
 
 
 def train(
@@ -360,26 +399,3 @@ def train(
     hybrid = HybridModel(simulation, chosen)
     hybrid.fitted_ = fitted(simulation, measured, chosen, progress or (lambda _epoch: None))
     return hybrid
-
-
-def require_model(name: str) -> type[ResidualModel[Any]] | None:
-    """Return the estimator of a name that `train` takes; None for a network of limo's own.
-
-    Args:
-        name: As for `train`.
-
-    Raises:
-        ConfigError: There is none, or it is trained in another way.
-        PlugInError: It is of another distribution and cannot be used.
-    """
-    from estimators.neural import NETWORKS
-    from estimators.registry import known_estimators, to_train, trained_by_name
-    from limo_driver.runtime.plugins import ESTIMATORS, plug_in
-
-    plug_in(ESTIMATORS, name, NETWORKS)  # refuses one that takes the name of a network
-    if name in NETWORKS:
-        return None
-    if name not in known_estimators():
-        known = ", ".join((*trained_by_name(), *NETWORKS))
-        raise ConfigError(f"no model is called {name!r}; known: {known}")
-    return to_train(name)

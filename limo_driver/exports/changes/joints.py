@@ -31,6 +31,8 @@ from limo_driver.physics import (
     ViscousFriction,
 )
 from limo_driver.physics.described import SIGN_WIDTH
+from limo_driver.physics.effect import TorqueEffect
+from limo_driver.physics.effects.friction import VelocityFriction
 from limo_driver.physics.effects.hysteresis import LAWS, MAXWELL_SLIP
 
 if TYPE_CHECKING:
@@ -91,7 +93,7 @@ def split(
         else:
             j = effect.joints[0] - 1
             is_slip = with_slips and target == MJCF and _slips(effect)
-            shown = effect if is_slip else stand_in(effect, target) or effect
+            shown = effect if is_slip else stand_in(effect, target) or everywhere(effect)
             after = _with(joints[j], shown, target) or _with_memory(joints[j], shown, target)
             if after is None:
                 left.append(effect)
@@ -105,6 +107,14 @@ def split(
     return EffectSplit(
         tuple(joints), tuple(payloads), gravity, tuple(expressed), tuple(left), tuple(stand_ins)
     )
+
+
+def everywhere(effect: Effect) -> Effect:
+    """Return an effect whose equation holds beyond its domain, too, which no target has."""
+    if not isinstance(effect, TorqueEffect) or effect.domain is None:
+        return effect
+    is_same = isinstance(effect, VelocityFriction) and effect.is_law
+    return effect if is_same else replace(effect, domain=None)
 
 
 def stand_in(effect: Effect, target: str) -> Effect | None:

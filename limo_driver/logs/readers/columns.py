@@ -55,7 +55,7 @@ UNITS: Final[dict[str, dict[str, float]]] = {
 }
 UNITS["command"] = UNITS["position"]
 UNITS["command_velocity"] = UNITS["velocity"]
-UNITS["command_torque"] = UNITS["torque"]
+UNITS["command_torque"] = UNITS["estimate"] = UNITS["external_torque"] = UNITS["torque"]
 CURRENTS: Final = ("A", "mA")
 
 # How names and brackets write them; a name is cut into words, in lower case, without signs.

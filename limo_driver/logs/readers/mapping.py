@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-QUANTITIES: Final = ("position", "velocity", "torque", *CHANNELS, "temperature")
+_MORE: Final = ("temperature", "estimate", "external_torque")
+QUANTITIES: Final = ("position", "velocity", "torque", *CHANNELS, *_MORE)
 _EVERY: Final = tuple(dict.fromkeys(unit for units in UNITS.values() for unit in units))
 _DECIDE: Final = (
     "state it in a mapping, which `limo inspect` writes, and delete the question under `undecided:`"
@@ -110,8 +111,9 @@ class LogMapping(Declared, Displayed):
             this and another that, each joint has a column of one of these three, and `-` in the
             others.
         temperature: Columns of temperatures, likewise.
+        estimate, external_torque: What the maker says the torque is, and what of it is external.
         robot: Name of the robot.
-        topic: Of the joint states in a bag; found by the joints' names if empty.
+        topic: Of a bag's joint states; found by the joints' names if empty.
         left_out: Columns that are no part of the recording, on purpose.
         undecided: Questions of which two answers fit the log: nothing is read until they are gone.
 
@@ -133,6 +135,8 @@ class LogMapping(Declared, Displayed):
     command_velocity: Channels | None = None
     command_torque: Channels | None = None
     temperature: Channels | None = None
+    estimate: Channels | None = None
+    external_torque: Channels | None = None
     robot: str = parameter("", "its name", default="-")
     topic: str = parameter("", "of a bag", default="-")
     left_out: tuple[str, ...] = parameter("", "columns", default=())
@@ -153,15 +157,11 @@ class LogMapping(Declared, Displayed):
                     f"{quantity}: has no column of joint "
                     f"{self.joints[channels.columns.index(NO_COLUMN)]}; only torques may lack some"
                 )
-            for unit in channels.unit:
-                if unit not in UNITS[quantity]:
-                    raise ConfigError(
-                        f"{quantity}: unit is {unit!r}, expected one of "
-                        f"{', '.join(UNITS[quantity])}"
-                    )
+            if strange := [unit for unit in channels.unit if unit not in UNITS[quantity]]:
+                exist = ", ".join(UNITS[quantity])
+                raise ConfigError(f"{quantity}: unit is {strange[0]!r}, expected one of {exist}")
         self._check_told()
-        repeated = [name for name in self._columns() if self._columns().count(name) > 1]
-        if repeated:
+        if repeated := [name for name in self._columns() if self._columns().count(name) > 1]:
             raise ConfigError(f"column {repeated[0]} stands for two quantities or joints")
 
     def _check_told(self) -> None:
@@ -259,8 +259,8 @@ class LogMapping(Declared, Displayed):
         time, told = mapping.time.read(table, origin)
         position = mapping.position.read(table, "position")
         command, led, extras = mapping._commands(table)
-        if mapping.temperature is not None:
-            extras["temperature"] = mapping.temperature.read(table, "temperature")
+        more = ((name, getattr(mapping, name)) for name in _MORE)
+        extras |= {name: own.read(table, name) for name, own in more if own is not None}
         torque, own = mapping._torques(table), mapping.torque
         if own is not None and not set(CURRENTS).isdisjoint(own.unit):
             extras[CURRENT] = torque / np.resize(own.factor, len(self.joints))

@@ -160,10 +160,16 @@ class SpringLoad(TorqueEffect):
         "N m/rad^3", "stiffening", lower=-MOST_STIFFNESS, upper=MOST_STIFFNESS, default=0.0
     )
 
+    known_by: ClassVar[tuple[str, ...]] = ("position",)
+
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return stiffness (q - rest) + cubic (q - rest)³ [N m], (T,)."""
         away = motion.position - self.rest
         return self.stiffness * away + self.cubic * away**3, state
+
+    def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray:
+        """Return what a linear spring adds: that this one stiffens was seen in the domain alone."""
+        return self.stiffness * (motion.position - inside.position)
 
     @classmethod
     def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:

@@ -183,6 +183,9 @@ class PositionDependentFriction(DryFriction):
         self._same_length("positions", "excess")
         self._increasing("positions")
 
+    known_by: ClassVar[tuple[str, ...]] = ("position",)
+    fades: ClassVar[bool] = True
+
     def height(self, motion: JointMotion) -> FloatArray:
         """Return the excess at the position of each sample [N m], (T,)."""
         return np.interp(motion.position, self.positions, self.excess)
@@ -246,6 +249,7 @@ class TemperatureDependentFriction(DryFriction):
             ),
         ),
     )
+    known_by: ClassVar[tuple[str, ...]] = ("temperature",)
     excess: float | None = parameter(
         "N m", "added friction when cold", lower=-MOST_TORQUE, upper=MOST_TORQUE, default=None
     )

@@ -91,8 +91,27 @@ class VelocityFriction(Friction):
         """Evaluate `torque` over T samples."""
         return self.torque(motion.velocity), state
 
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Slopes beyond the domain, moving positive and negative [N m s/rad]."""
+        return (0.0, 0.0)
+
+    @property
+    def is_law(self) -> bool:
+        """Whether it is its compiled law, and goes on otherwise nowhere."""
+        return self.domain is None
+
+    def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray:
+        """Return what a slope adds: the one stated before, or its own."""
+        beyond, stated = motion.velocity - inside.velocity, self.domain and self.domain.slope
+        up, down = self.slopes if stated is None else (stated, stated)
+        return np.where(beyond > 0, up, down) * beyond
+
     def realise(self, robot: SimulatedPlant) -> None:
-        """Ask for the compiled law."""
+        """Ask for the compiled law, or to be sampled."""
+        if not self.is_law:
+            robot.sample(self)
+            return
         robot.add_friction(self.joint, self.friction_law, self.row)
 
 
@@ -277,6 +296,7 @@ class ViscousFriction(VelocityFriction):
         signature="torque grows in proportion to speed", shown_by="speed_ladder"
     )
     friction_law: ClassVar[int] = laws.VISCOUS
+    known_by: ClassVar[tuple[str, ...]] = ("speed",)
     f_v: float | None = parameter(
         "N m s/rad", "slope", lower=0.0, upper=MOST_SLOPE, default=None, adds=True
     )
@@ -296,9 +316,19 @@ class ViscousFriction(VelocityFriction):
             raise ConfigError(f"{self.place}: has f_v and a slope by direction; give one or other")
 
     @property
+    def is_law(self) -> bool:
+        """Whether no other slope is stated beyond its domain."""
+        return self.domain is None or self.domain.slope is None
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Its own."""
+        return _given(self.f_v, self.f_v_plus), _given(self.f_v, self.f_v_minus)
+
+    @property
     def coefficients(self) -> tuple[float, ...]:
         """Slope moving positive and moving negative [N m s/rad]."""
-        return _given(self.f_v, self.f_v_plus), _given(self.f_v, self.f_v_minus)
+        return self.slopes
 
     @classmethod
     def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
@@ -334,9 +364,17 @@ class QuadraticDrag(VelocityFriction):
         ),
     )
     friction_law: ClassVar[int] = laws.DRAG
+    known_by: ClassVar[tuple[str, ...]] = ("speed",)
     coefficient: float = parameter(
         "N m s^2/rad^2", "coefficient", lower=0.0, upper=MOST_SLOPE, adds=True
     )
+
+    @property
+    def slopes(self) -> tuple[float, float]:
+        """Those at the end of its domain."""
+        fastest = 0.0 if self.domain is None else self.domain.speed or 0.0
+        slope = 2.0 * self.coefficient * fastest
+        return slope, slope
 
     @property
     def coefficients(self) -> tuple[float, ...]:

@@ -200,6 +200,9 @@ class TorqueRipple(TorqueEffect):
         super().__post_init__()
         self._same_length("cycles_per_rev", "amplitude", "phase")
 
+    known_by: ClassVar[tuple[str, ...]] = ("position",)
+    fades: ClassVar[bool] = True
+
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the sum of the harmonics at the position of each sample [N m], (T,)."""
         torque = np.zeros_like(motion.position)

@@ -12,6 +12,7 @@ from effect_examples import EXAMPLES, make
 from estimators.embedded.export import export_c
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
+from limo_driver.physics.domain import Domain
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -53,6 +54,23 @@ def test_friction_is_told_apart_from_other_torque(motion: Motion, tmp_path: Path
     found = CModel.of(with_both, tmp_path, RATE).along(motion)
     rubbed = with_both.predict(motion) - without.predict(motion)
     assert np.abs(found["friction"] - rubbed).max() < 1e-9
+
+
+def test_beyond_their_domains_they_go_on_alike(motion: Motion, tmp_path: Path) -> None:
+    near, slow = Domain(position=(0.19, 0.21)), Domain(speed=0.05, slope=1.5)
+    limited = {
+        "spring_load": near,
+        "torque_ripple": near,
+        "position_dependent_friction": near,
+        "viscous_friction": slow,
+        "quadratic_drag": Domain(speed=0.05),
+    }
+    effects = [make(name, **EXAMPLES[name][0], domain=own) for name, own in limited.items()]
+    simulation = Simulation("iiwa14", tuple(effects))
+    everywhere = Simulation("iiwa14", tuple(make(n, **EXAMPLES[n][0]) for n in limited))
+    found = CModel.of(simulation, tmp_path, RATE).along(motion)["torque"]
+    assert worst(found, simulation.predict(motion)) < 1e-9
+    assert worst(found, everywhere.predict(motion)) > 1e-3
 
 
 @pytest.mark.parametrize(("name", "values"), REFUSED, ids=[name for name, _ in REFUSED])

@@ -37,6 +37,7 @@ class Entry:
     value: float
     deviation: float  # before any data
     within: tuple[float, float]
+    is_size: bool  # as far off as it is large, so that at zero there may be none of it
 
 
 def moved(effect: Any, entries: Sequence[Entry], by: Sequence[float]) -> Effect:  # noqa: ANN401  # of any class
@@ -59,7 +60,14 @@ def moved(effect: Any, entries: Sequence[Entry], by: Sequence[float]) -> Effect:
 def entries_of(effect: Effect) -> tuple[Entry, ...]:
     """Return the numbers of an effect that are estimated; a zero is a part that it lacks."""
     return tuple(
-        Entry(known.name, at, value, deviation, (known.lower, known.upper))
+        Entry(
+            known.name,
+            at,
+            value,
+            deviation,
+            (known.lower, known.upper),
+            not isinstance(known.deviation, float) and known.lower <= 0.0,
+        )
         for known in effect.parameters()
         for at, value in numbers_of(effect, known)
         if (deviation := _deviation(effect, known, value))
@@ -103,6 +111,14 @@ def found_in(
     ]
     same = [item for item in same if item.joints == tuple(joints)] or same
     return (same[-1] if missing else same[0]) if same else None
+
+
+def off(effect: Effect, given: Simulation) -> FloatArray:
+    """Return how far the numbers of an effect are from those given, or from none of it, (c,)."""
+    stated = next((item for item in given.effects if item.place == effect.place), None)
+    before = {} if stated is None else {(e.name, e.at): e.value for e in entries_of(stated)}
+    none = ((e, 0.0 if e.is_size else e.value) for e in entries_of(effect))
+    return np.array([e.value - before.get((e.name, e.at), least) for e, least in none])
 
 
 def possible(effect: Effect, entries: Sequence[Entry], by: FloatArray) -> Effect:

@@ -21,7 +21,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import chi2
 
-from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in, possible, sides
+from estimators.diagnosis.from_torque.fitting.entries import (
+    entries_of,
+    found_in,
+    off,
+    possible,
+    sides,
+)
 from estimators.diagnosis.from_torque.hypotheses.responses import (
     Improvement,
     beyond,
@@ -35,7 +41,7 @@ from estimators.diagnosis.from_torque.selection.nuisance import (
     nuisance_of,
     without_sensors,
 )
-from estimators.diagnosis.held_out import block_of, rmse
+from estimators.diagnosis.held_out import block_of, blocks_of_time, rmse
 from estimators.diagnosis.settings.fitting import NEWTON
 from estimators.diagnosis.settings.selection import CANDIDATES
 from estimators.regression.definite import inverse_root
@@ -57,7 +63,7 @@ if TYPE_CHECKING:
 class Linearised:
     """Columns of everything around a simulation."""
 
-    observed: Observations  # beside that simulation
+    observed: Observations  # with that simulation
     found: tuple[Effect, ...]  # of it, whose numbers only data determine
     columns: ColumnTable
     nuisance: Nuisance
@@ -75,7 +81,7 @@ class Linearised:
         """Lay out the columns.
 
         Args:
-            observed: The recordings beside the simulation.
+            observed: The recordings with the simulation.
             found: Effects of that simulation.
             bodies: Links (0-based) of which nothing is known before the data.
             stated: The simulation whose values are known to its tolerances, if not this one.
@@ -105,7 +111,7 @@ class Linearised:
         out of what is compared, so that no value has to make up for them.
 
         Returns:
-            The recordings beside it; None if there is none.
+            The recordings with it; None if there is none.
         """
         residual = self.observed.residual
         noise = Noise.of(residual, split, self.observed.segment, self.observed.least_noise)
@@ -116,38 +122,59 @@ class Linearised:
         known = left(self.observed)
         size = rmse(known, split)
         enough = (1 - NEWTON.enough) * _energy(known, noise, split)
-        for trial in self._shorter(self._newton(residual, noise, split)):
+        # tolerances count from what is stated, not from where we are
+        start = self.nuisance.start
+        for trial in self._shorter(self._newton(residual, noise, split, start, self.known)):
             its = left(trial)
             better = _energy(its, noise, split) < enough
             if better and (rmse(its, split) <= NEWTON.slack * size).all():
                 return trial
         some = size > 0  # a joint without any torque errs by nothing, whatever is tried
-        for trial in self._shorter(self._newton_of_found(residual, noise, split)):
+        held = replace(self.known, deviation=np.zeros_like(self.known.deviation))
+        for trial in self._shorter(self._newton(residual, noise, split, np.zeros(0), held)):
             its = left(trial)
             parts = rmse(its, split)[some] / size[some]
             if _energy(its, noise, split) < enough and np.mean(parts**2) <= 1.0:
                 return trial
         return None
 
-    def _newton(self, residual: FloatArray, noise: Noise, split: NDArray[np.bool_]) -> FloatArray:
-        """Return the changes (c,) of all coefficients that fit a residual best."""
-        start = self.nuisance.start  # tolerances count from what is stated, not from where we are
-        off = residual + self.columns.apply(self.known.index, start)
-        products = normal_equations(self.columns, off, noise, split)
-        mean = posterior(products, self.known, joined(*self.own)).mean
+    def learned_from(self, split: NDArray[np.bool_], given: Simulation) -> Observations:
+        """Return the recordings with what a part of the rows (K, n) would have taught.
+
+        By one step from what all of them did. What those rows say nothing of is as it is given: so
+        count the numbers of what was found from there, as tolerances do.
+        """
+        residual = self.observed.residual
+        noise = Noise.of(residual, split, self.observed.segment, self.observed.least_noise)
+        start = np.concatenate([self.nuisance.start, *(off(own, given) for own in self.found)])
+        most = (1 + NEWTON.enough) * _energy(residual, noise, split)
+        for trial in self._shorter(self._newton(residual, noise, split, start, self.known)):
+            if _energy(trial.residual, noise, split) <= most:
+                return trial
+        return self.observed
+
+    def _newton(
+        self,
+        residual: FloatArray,
+        noise: Noise,
+        split: NDArray[np.bool_],
+        start: FloatArray,
+        known: Prior,
+    ) -> FloatArray:
+        """Return the changes (c,) of all coefficients that fit a residual best.
+
+        The first coefficients start where they are, counted from where their priors expect them.
+        """
+        found = joined(*self.own)
+        index = joined(known, found).index[: start.size]
+        off_by = residual + self.columns.apply(index, start)
+        products = normal_equations(self.columns, off_by, noise, split)
+        mean = posterior(products, known, found).mean
         mean[: start.size] -= start
         return mean
 
-    def _newton_of_found(
-        self, residual: FloatArray, noise: Noise, split: NDArray[np.bool_]
-    ) -> FloatArray:
-        """Return the same where values stay as they are, and only what was found changes."""
-        products = normal_equations(self.columns, residual, noise, split)
-        held = replace(self.known, deviation=np.zeros_like(self.known.deviation))
-        return posterior(products, held, joined(*self.own)).mean
-
     def _shorter(self, step: FloatArray) -> Iterator[Observations]:
-        """Yield the recordings beside the simulation a step ahead, and parts of a step ahead."""
+        """Yield the recordings with the simulation a step ahead, and parts of a step ahead."""
         for part in NEWTON.shorter:
             try:
                 yield self.observed.beside(self._moved(part * step))
@@ -312,27 +339,38 @@ def polished(
     that moved far from it, and effects that act on one another, need more steps.
 
     Args:
-        around: The recordings beside the simulation to start from.
+        around: The recordings with the simulation to start from.
         given: The simulation whose tolerances hold.
         split: Rows to fit to, (K, n).
         places: Of what was found: effect, joints (1-based), and whether it was missing.
 
     Returns:
-        The recordings beside the fitted simulation.
+        The recordings with the fitted simulation.
     """
-    bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
     for _ in range(NEWTON.rounds):
-        own = [
-            found_in(around.simulation, effect, on, missing=missing)
-            for effect, on, missing in places
-        ]
-        found = {id(effect): effect for effect in own if effect is not None}
-        some = tuple(found.values())
-        better = Linearised.of(around, some, bodies, given).step(split)
+        better = linearised(around, given, places).step(split)
         if better is None:
             break
         around = better
     return around
+
+
+def linearised(
+    around: Observations, given: Simulation, places: Sequence[tuple[str, Sequence[int], bool]]
+) -> Linearised:
+    """Lay out the columns around a simulation, of all that was found.
+
+    Args:
+        around: The recordings with the simulation.
+        given: The simulation whose tolerances hold.
+        places: Of what was found: effect, joints (1-based), and whether it was missing.
+    """
+    bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
+    own = [
+        found_in(around.simulation, effect, on, missing=missing) for effect, on, missing in places
+    ]
+    found = {id(effect): effect for effect in own if effect is not None}
+    return Linearised.of(around, tuple(found.values()), bodies, given)
 
 
 def _without(effects: Sequence[Effect], some: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -357,6 +395,5 @@ def _entered(effect: Effect, observed: Observations, columns: ColumnTable) -> Pr
 
 def _blocks(observed: Observations) -> NDArray[np.int64]:
     """Number the block of time of each row, (K,)."""
-    of_time = np.floor(observed.slow.time / block_of(observed, NEWTON.block)).astype(np.int64)
-    both = np.stack([observed.segment, of_time], axis=1)
-    return np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    length = block_of(observed, NEWTON.block)
+    return blocks_of_time(observed.slow.time, observed.segment, length)

@@ -175,9 +175,8 @@ def _(effect: MotionEffect, observed: Observations) -> Sharp:
 
 def over_joint(effect: TorqueEffect | MotionEffect, observed: Observations) -> FloatArray:
     """Evaluate an effect over all samples, its memory anew in each stretch; (T,)."""
-    return np.concatenate(
-        [effect.advance(effect.initial_state(), own)[0] for own in observed.seen_by(effect)]
-    )
+    by = effect.evaluate if isinstance(effect, TorqueEffect) else effect.advance
+    return np.concatenate([by(effect.initial_state(), own)[0] for own in observed.seen_by(effect)])
 
 
 def _own(effect: JointEffect, values: FloatArray) -> Sharp:

@@ -273,6 +273,6 @@ def places_of(
 
 
 def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
-    """Return the recordings beside a simulation that was fitted to no row held out."""
+    """Return the recordings with a simulation that was fitted to no row held out."""
     start, given = problem.beside(solution), problem.observed.simulation
     return polished(start, given, problem.split.fitted, places_of(problem, solution))

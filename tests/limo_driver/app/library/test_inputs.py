@@ -80,7 +80,7 @@ def test_a_simulation_does_not_know_its_errors(recording):
         (lambda r: limo.train(SIM, r, "mlp7", settings={"epochs": 3}), "`settings` is a dict"),
         (lambda r: limo.predict(SIM, [r]), "`recording` is a list, expected one Recording"),
         (lambda r: limo.predict(3.0, r), "`model` is a float, expected a fitted model"),
-        (lambda r: limo.evaluate(SIM, r), "`model` is a Simulation, expected a fitted model"),
+        (lambda r: limo.evaluate(SIM, r), "`model` is a simulation, and `against` is missing"),
         (
             lambda _: limo.run("virtual", POSITION),
             "`trajectory` is of type ndarray, expected a Tra",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -21,6 +23,7 @@ from limo_driver.physics import (
     TorqueRipple,
     ViscousFriction,
 )
+from limo_driver.physics.domain import Domain
 from limo_driver.physics.effect import JointMotion
 
 
@@ -49,6 +52,16 @@ def test_a_joint_has_one_spring(two_links_urdf):
         written, left = joint(two_links_urdf, one, other)
         assert (written.stiffness, written.rest, written.cubic) == (one.stiffness, 0.1, 2.0)
         assert left == (other,)
+
+
+def test_a_domain_is_no_number_of_a_file(two_links_urdf):
+    slow, own = Domain(speed=0.5, slope=1.0), Domain(speed=0.5)
+    spring = SpringLoad(joint=1, stiffness=3.0, rest=0.1, domain=Domain(position=(-1.0, 1.0)))
+    for effect in (spring, ViscousFriction(joint=1, f_v=0.3, domain=slow)):
+        found = split(Simulation(str(two_links_urdf), (effect,)), MJCF)
+        assert found.stand_ins == ((effect, replace(effect, domain=None)),)
+    same = ViscousFriction(joint=1, f_v=0.3, domain=own)  # which goes on with its own slope
+    assert split(Simulation(str(two_links_urdf), (same,)), MJCF).stand_ins == ()
 
 
 def test_numbers_that_a_urdf_does_not_have_are_left(two_links_urdf):

@@ -200,3 +200,11 @@ def test_torques_that_are_told_are_commands_and_currents_need_a_factor():
     np.testing.assert_allclose(found.command[0], 0.02 * np.arange(7))
     with pytest.raises(ConfigError, match=r"command_torque: is in amperes; its `factor:`"):
         given(unit=("A",))
+
+
+def test_what_the_maker_says_of_the_torque_is_kept():
+    own = np.full(ROWS, 2.0)
+    log = table_of({**LOG, **{f"ext{j}": own for j in range(7)}})
+    names = tuple(f"ext{j}" for j in range(7))
+    found = mapping(external_torque=Channels(columns=names, unit=("mN m",), sign=(-1.0,)))
+    np.testing.assert_allclose(found.columns(log, arm()).extras["external_torque"], -2e-3)

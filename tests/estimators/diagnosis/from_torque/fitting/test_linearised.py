@@ -159,12 +159,22 @@ def test_a_joint_without_torque_keeps_no_other_from_its_end(given, monkeypatch):
     assert found.simulation.effects[:2] == given.effects  # which a step of everything moves
 
 
+def test_what_some_rows_say_nothing_of_is_as_given_to_them(given):
+    found = (TorqueGain(joint=1, gain=-0.4), TorqueGain(joint=2, gain=-0.4))
+    observed = observe(plus(given, *found), given)
+    around = Linearised.of(observed.beside(plus(given, *found)), found, stated=given)
+    some = np.arange(len(observed.moving))[:, None] % 5 > 0
+    taught = around.learned_from(observed.moving & some & [True, False], given).simulation
+    assert taught.effects[2].gain == pytest.approx(-0.4, abs=0.01)
+    assert taught.effects[3].gain == pytest.approx(0.0, abs=1e-6)
+
+
 @pytest.mark.parametrize(("of_short", "taken"), [(1.1, True), (1.5, False)])
 def test_a_joint_that_hardly_moved_counts_as_the_others_do(given, monkeypatch, of_short, taken):
     """Its few rows are nothing beside the sum of squares of the other's."""
     observed = observe(given, given, duration=20.0)
     trial = SimpleNamespace(residual=observed.residual * [0.2, of_short])
-    for name, returned in (("_newton", None), ("_newton_of_found", None), ("_shorter", [trial])):
+    for name, returned in (("_newton", None), ("_shorter", [trial])):
         monkeypatch.setattr(Linearised, name, lambda *_, returned=returned: returned)
     rows = observed.moving & (np.arange(len(observed.moving))[:, None] < [np.inf, 100])
     assert Linearised.of(observed, ()).step(rows) is (trial if taken else None)

@@ -1,0 +1,349 @@
+"""Writing: which parts of a fit go into the improved simulation.
+
+A part is what is found or moved of one effect at its joints, or of the bodies. From the fit to all
+rows, one step leads to the fit without motion of another kind, several times, which is each time
+held against that motion. A joint that is surely worse there than given has parts that do not hold:
+those are as given, the fewest that mend it. Nor is a part written that acts on less than a share of
+the rows that count, as in half a second at one position, and surely helps on nothing left out. What
+may as well be better as worse is written, and a note says so if it was found.
+
+A diagnosis is helped where a law was learned from too little motion to be known beyond it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimators.diagnosis.comparison import BODIES, ComparedPart, parts_of
+from estimators.diagnosis.from_torque.fitting.contribution import TINY, own_joints
+from estimators.diagnosis.from_torque.fitting.linearised import linearised
+from estimators.diagnosis.from_torque.judgement.judged_set import places_of
+from estimators.diagnosis.headline import LINK_INERTIA
+from estimators.diagnosis.held_out import Split, blocks, of_another_kind, rmse, rmse_change
+from estimators.diagnosis.quantities import of_joints
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import JUDGEMENT
+from estimators.diagnosis.settings.residuals import ELSEWHERE
+from limo_driver.physics import ViscousFriction
+from limo_driver.physics.domain import Domain
+from limo_driver.physics.effect import TorqueEffect
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from estimators.diagnosis.from_torque.selection.candidates import Candidate
+    from limo_driver.physics import Effect, Simulation
+    from limo_driver.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Withheld:
+    """A part that is not written."""
+
+    part: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """Fits without motion of another kind, and that motion."""
+
+    kind: str  # what was left out
+    given: Simulation
+    floor: FloatArray  # noise floor of each joint, (n,) [N m]
+    turns: tuple[tuple[Observations, NDArray[np.bool_]], ...]  # with each fit; rows left out
+
+    @classmethod
+    def of(cls, judged: JudgedSet, improved: Observations, given: Simulation) -> Elsewhere:
+        """Fit a judged set again without each kind of motion.
+
+        Args:
+            judged: The set.
+            improved: The recordings with its fit to all rows.
+            given: The simulation that it may improve.
+        """
+        observed, places = judged.problem.observed, places_of(judged.problem, judged.solution)
+        kind, chosen = of_another_kind(observed)
+        around = linearised(improved, observed.simulation, places)
+
+        def fitted(rows: NDArray[np.bool_]) -> Observations:
+            split = Split.without(observed, rows).fitted
+            return in_domains(around.learned_from(split, observed.simulation), given, split)
+
+        turns = tuple((fitted(rows), rows) for rows in chosen)
+        return cls(kind, given, judged.remaining.floor, turns)
+
+    @cached_property
+    def _as_given(self) -> Observations:
+        return self.turns[0][0].beside(self.given)
+
+    @property
+    def _measured(self) -> NDArray[np.bool_]:
+        """Mark the torques that were measured while nothing pushed, at rest as well, (K, n)."""
+        first = self._as_given
+        pushed = first.disturbed
+        return first.measured_on(
+            np.ones(len(first.kept), dtype=bool) if pushed is None else ~pushed
+        )
+
+    @property
+    def as_given(self) -> FloatArray:
+        """RMSE of each joint by the given simulation, (n,) [N m]."""
+        return rmse(self._as_given.residual, self._measured)
+
+    def change(self, parts: Collection[str], than: Collection[str] | None = None) -> FloatArray:
+        """Return the change of each joint's RMSE, and the ends of its interval, (3, n) [N m].
+
+        Args:
+            parts: That are as given, by name.
+            than: Likewise, of what is changed; all of it, if not said.
+        """
+        first, out = self._as_given, np.concatenate([np.flatnonzero(r) for _, r in self.turns])
+        after, counts = self._left(parts), self._measured[out]
+        before = first.residual[out] if than is None else self._left(than)
+        middle = rmse(after, counts) - rmse(before, counts)
+        return np.stack([middle, *rmse_change(before, after, blocks(first)[out], counts)])
+
+    def _left(self, parts: Collection[str]) -> FloatArray:
+        """Return what fits leave of the motion that was left out for them, some parts as given."""
+        return np.concatenate(
+            [
+                turn.beside(without(turn.simulation, self.given, parts)).residual[rows]
+                for turn, rows in self.turns
+            ]
+        )
+
+
+def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
+    """Return the recordings with a simulation that says of which motion its laws were learned.
+
+    Those are the laws that were missing. A slope of friction that was stated, and moved, goes on as
+    stated beyond the speeds that were seen.
+
+    Args:
+        found: With what was fitted.
+        given: What was stated.
+        rows: That were fitted to, (K, n).
+    """
+    stated = {effect.place: effect for effect in given.effects}
+
+    def limited(effect: Effect) -> Effect:
+        before = stated.get(effect.place)
+        if not isinstance(effect, TorqueEffect) or effect == before:
+            return effect
+        slope = before.f_v if isinstance(before, ViscousFriction) else None
+        known = before.domain if isinstance(before, TorqueEffect) else None
+        if before is not None and known is None and slope is None:
+            return effect
+        seen = _seen(found, effect, rows[:, effect.joint - 1])
+        if not seen:
+            return effect
+        domain = Domain(**seen, slope=slope if known is None else known.slope).joined(known)
+        return replace(effect, domain=domain)
+
+    simulation = found.simulation
+    return found.beside(replace(simulation, effects=tuple(map(limited, simulation.effects))))
+
+
+def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the motion of some rows (K,), as the domain of an effect has it."""
+    slow, j = found.slow, effect.joint - 1
+    if not rows.any():
+        return {}
+    values = {"position": slow.position[rows, j], "speed": np.abs(slow.velocity[rows, j])}
+    if slow.temperature is not None:
+        values["temperature"] = slow.temperature[rows, j]
+    seen = {name: values[name] for name in effect.known_by if name in values}
+    return {
+        name: float(some.max()) if name == "speed" else (float(some.min()), float(some.max()))
+        for name, some in seen.items()
+    }
+
+
+def without(improved: Simulation, given: Simulation, parts: Collection[str]) -> Simulation:
+    """Return the improved simulation with some parts, by name, as given."""
+    for name in parts:
+        found = (part.without for part in parts_of(improved, given) if part.name == name)
+        improved = next(found, improved)
+    return improved
+
+
+@dataclass(frozen=True)
+class Written:
+    """What of a fit is written, and what is not."""
+
+    judged: JudgedSet  # with its proof by what is written
+    improved: Observations
+    withheld: tuple[Withheld, ...] = ()
+    kind: str = ""  # of motion that was left out for the proof
+
+    unsure: tuple[int, ...] = ()  # joints, 1-based, of what was found, that are not surely better
+
+    def notes(self) -> Iterator[str]:
+        """Say what is not written, and where that may as well not be, in one sentence each."""
+        parts: dict[str, list[str]] = {}
+        for item in self.withheld:
+            parts.setdefault(item.why, []).append(item.part)
+        if parts:
+            some = "; ".join(f"{', '.join(names)} ({why})" for why, names in parts.items())
+            yield (
+                "Not written into the improved simulation, which has these as given, since they do "
+                f"not hold where {self.kind} were left out: {some}."
+            )
+        if self.unsure:
+            where = of_joints(self.unsure)
+            yield (
+                f"Where {self.kind} were left out, the improved simulation is not surely better "
+                f"than the given one at {where}."
+            )
+
+
+def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Written:
+    """Return what of a fit is written.
+
+    Args:
+        judged: The set.
+        improved: The recordings with its fit to all rows.
+        given: The simulation that it may improve.
+    """
+    proven = in_domains(judged.beside, given, judged.problem.split.fitted)
+    elsewhere = Elsewhere.of(judged, improved, given)
+    improved = in_domains(improved, given, improved.moving)
+    found = withheld(elsewhere, improved)
+    names = [item.part for item in found]
+
+    def kept(some: Observations) -> Observations:
+        return some.beside(without(some.simulation, given, names)) if names else some
+
+    judged = replace(judged, beside=kept(proven))
+    still, unknown = still_named(judged, names)
+    judged = replace(judged, named=still, unknown=unknown)
+    some = {j for i in judged.findings for j in judged.problem.candidates[i].joints}
+    not_better = elsewhere.change(names)[2] >= 0
+    unsure = tuple(j + 1 for j in sorted(some) if not_better[j])
+    return Written(judged, kept(improved), found, elsewhere.kind, unsure)
+
+
+def still_named(
+    judged: JudgedSet, parts: Collection[str]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return what is still named where some parts do not hold, and the joints of what is unknown.
+
+    What a law that does not hold was found for is there all the same, as far as it is no noise.
+
+    Args:
+        judged: The set, proven without those parts.
+        parts: By name.
+    """
+    problem, floor = judged.problem, judged.remaining.floor
+    gone = [i for i in judged.findings if _part_of(problem.candidates[i]) in parts]
+    error = rmse(judged.proven, problem.split.held_out)
+    large = error > np.hypot(1.0, JUDGEMENT.predictable) * floor
+    joints = {j for i in gone for j in own_joints(problem, i) if large[j]}
+    named = tuple(i for i in judged.named if i not in gone)
+    return named, tuple(sorted({*judged.unknown, *joints}))
+
+
+def _part_of(candidate: Candidate) -> str:
+    """Return the name of the part that a candidate becomes."""
+    if candidate.effect == LINK_INERTIA:
+        return BODIES
+    place = (candidate.effect.replace("_", " "), of_joints([j + 1 for j in candidate.joints]))
+    return ", ".join(place if candidate.joints else place[:1])
+
+
+def withheld(elsewhere: Elsewhere, improved: Observations) -> tuple[Withheld, ...]:
+    """Return the parts that are not to be written.
+
+    Args:
+        elsewhere: The proof.
+        improved: The recordings with what would be written.
+    """
+    parts = list(parts_of(improved.simulation, elsewhere.given))
+    found: dict[str, Withheld] = {}
+    for step in (_of_several_joints, _of_one_joint, _of_several_joints, partial(_rare, improved)):
+        rest = [part for part in parts if part.name not in found]
+        found |= {item.part: item for item in step(elsewhere, rest, tuple(found))}
+    return tuple(found.values())
+
+
+def _of_several_joints(
+    elsewhere: Elsewhere, parts: Sequence[ComparedPart], known: Sequence[str]
+) -> Iterator[Withheld]:
+    """Yield the parts of several joints that make one surely worse, and clearly, or the arm.
+
+    Args:
+        elsewhere: The proof.
+        parts: That may be written.
+        known: Names of those that are not.
+    """
+    scale = np.maximum(elsewhere.as_given, TINY)
+    now = elsewhere.change(known)
+    for part in parts:
+        own = [j - 1 for j in part.joints] or list(range(scale.size))
+        if len(part.joints) == 1 or not (now[1][own] > 0).any():
+            continue
+        other = elsewhere.change([*known, part.name])
+        lost = (other[0] - now[0]) / scale
+        j = own[int(np.argmin(np.where(now[1] > 0, lost, np.inf)[own]))]
+        sum_now, sum_other = (np.sum(((scale + x[0]) / scale) ** 2) for x in (now, other))
+        much = now[0][j] > CONTRIBUTION.material * elsewhere.floor[j]
+        if lost[j] < 0 and (much or sum_other < sum_now):
+            yield Withheld(part.name, _in_words(now, j))
+            known, now = (*known, part.name), other
+
+
+def _of_one_joint(
+    elsewhere: Elsewhere, parts: Sequence[ComparedPart], known: Sequence[str]
+) -> Iterator[Withheld]:
+    """Yield the parts of joints that are surely worse: the one without which it is not, or all."""
+    now = elsewhere.change(known)
+    own = {
+        j: [part.name for part in parts if part.joints == (j + 1,)]
+        for j in np.flatnonzero(now[1] > 0).tolist()
+    }
+    best: dict[int, tuple[float, list[str]]] = {}
+    for k in range(max(map(len, own.values()), default=0)):
+        some = {j: names[k] for j, names in own.items() if len(names) > max(k, 1)}
+        other = elsewhere.change([*known, *some.values()]) if some else now
+        for j, name in some.items():
+            if other[0][j] < min(best.get(j, (0.0, []))[0], 0.0):
+                best[j] = (float(other[0][j]), [name])
+    for j, names in own.items():
+        yield from (Withheld(name, _in_words(now, j)) for name in best.get(j, (0.0, names))[1])
+
+
+def _rare(
+    improved: Observations,
+    elsewhere: Elsewhere,
+    parts: Sequence[ComparedPart],
+    known: Sequence[str],
+) -> Iterator[Withheld]:
+    """Yield laws that were missing, act on too few rows, and surely help on none left out."""
+    rows = improved.moving
+    stated = {effect.place.replace("_", " ") for effect in elsewhere.given.effects}
+    for part in parts:
+        if part.name in stated or part.name == BODIES:
+            continue
+        other = improved.beside(part.without).simulated
+        added = np.where(rows, improved.simulated - other, 0.0)
+        square, fourth = np.sum(added**2, axis=0), np.sum(added**4, axis=0)
+        acts = square > 0
+        share = square[acts] ** 2 / (fourth[acts] * rows.sum(axis=0)[acts])
+        if not acts.any() or share.max() >= ELSEWHERE.share:
+            continue
+        if not (elsewhere.change(known, [*known, part.name])[2][acts] < 0).any():
+            yield Withheld(part.name, f"acts on {100 * share.max():.1g} % of the rows alone")
+
+
+def _in_words(change: FloatArray, j: int) -> str:
+    middle, low, high = change[:, j]
+    return f"RMSE of joint {j + 1} {middle:+.2g} N m, 95 % interval {low:+.2g} to {high:+.2g}"

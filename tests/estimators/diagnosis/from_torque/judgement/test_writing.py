@@ -1,0 +1,205 @@
+"""What is written into the improved simulation holds on motion of another kind."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from estimators.diagnosis import diagnose
+from estimators.diagnosis.from_torque.judgement import writing
+from estimators.diagnosis.from_torque.judgement.writing import (
+    Elsewhere,
+    Written,
+    still_named,
+    withheld,
+    without,
+)
+from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.held_out import Split, of_another_kind
+from limo_driver.model.descriptions.geometry import Inertial
+from limo_driver.physics import (
+    JointCoupling,
+    Payload,
+    PositionDependentFriction,
+    SpringLoad,
+    TorqueOffset,
+    ViscousFriction,
+)
+from limo_driver.recordings.recording import Recording
+
+
+def plus(simulation, *effects):
+    return replace(simulation, effects=(*simulation.effects, *effects))
+
+
+VISCOUS = ViscousFriction(joint=2, f_v=3.0)
+OFFSET = TorqueOffset(joint=1, offset=0.2)
+
+
+@pytest.fixture(scope="module")
+def recordings(rigid, training_recording, test_recording):
+    """Motion of an arm with viscous friction at joint 2, which the simulation does not have."""
+    true, random = plus(rigid, VISCOUS), np.random.default_rng(3)
+
+    def again(recording):
+        motion = recording.motion(10.0)
+        torque = true.predict(motion) + 0.02 * random.standard_normal(motion.position.shape)
+        return Recording.from_arrays(motion.time, motion.position, torque)
+
+    return again(training_recording), again(test_recording)
+
+
+@pytest.fixture(scope="module")
+def observed(rigid, recordings):
+    return Observations.of(rigid, recordings, 10.0)
+
+
+def proof(observed, fitted):
+    """Return the proof of a fit that is the same whatever motion is left out, and of that fit."""
+    kind, chosen = of_another_kind(observed)
+    beside = observed.beside(fitted)
+    turns = tuple((beside, rows) for rows in chosen)
+    return Elsewhere(kind, observed.simulation, np.full(2, 0.02), turns), beside
+
+
+def names(found):
+    return {item.part for item in found}
+
+
+def test_what_makes_a_joint_better_is_written(observed, rigid):
+    assert withheld(*proof(observed, plus(rigid, VISCOUS))) == ()
+
+
+def test_the_part_that_makes_a_joint_worse_is_not_written_and_the_others_are(observed, rigid):
+    spring = SpringLoad(joint=2, stiffness=1.0, rest=0.0)
+    found = withheld(*proof(observed, plus(rigid, VISCOUS, spring, OFFSET)))
+    assert names(found) == {"spring load, joint 2", "torque offset, joint 1"}
+    assert "joint 1 +" in {item.part: item.why for item in found}["torque offset, joint 1"]
+
+
+def test_what_may_as_well_be_better_as_worse_is_written(observed, rigid):
+    tiny = TorqueOffset(joint=1, offset=1e-9)
+    assert withheld(*proof(observed, plus(rigid, VISCOUS, tiny))) == ()
+
+
+def test_bodies_and_couplings_that_make_the_arm_worse_are_not_written(observed, rigid):
+    link = rigid.model.link_names[-1]
+    body = rigid.model.inertials[link]
+    heavy = Inertial(2 * body.mass, body.com, tuple(2 * x for x in body.inertia))
+    coupled = JointCoupling(joint=1, other=2, f_v=2.0)
+    improved = replace(plus(rigid, VISCOUS, coupled), inertials={link: heavy})
+    found = names(withheld(*proof(observed, improved)))
+    assert "the inertias of links" in found
+    assert any(name.startswith("joint coupling") for name in found)
+    assert "viscous friction, joint 2" not in found
+
+
+def test_a_body_that_makes_the_arm_better_is_written_although_a_joint_is_hardly_worse(
+    rigid, training_recording
+):
+    """As a load that is known well, and friction that is off by next to nothing."""
+    load = Payload(mass=0.5, com=(0.1, 0.0, 0.0), inertia=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
+    slight = TorqueOffset(joint=2, offset=0.004)
+    motion = training_recording.motion(10.0)
+    noise = 0.02 * np.random.default_rng(4).standard_normal(motion.position.shape)
+    torque = plus(rigid, load).predict(motion) + noise
+    carried = Recording.from_arrays(motion.time, motion.position, torque)
+    observed = Observations.of(rigid, [carried], 10.0)
+    assert "payload" not in names(withheld(*proof(observed, plus(rigid, load, slight))))
+
+
+def test_what_acts_at_one_place_alone_is_not_written(observed, rigid):
+    """As friction that was found at one end, where the arm was for a moment."""
+    end = float(observed.slow.position[:, 1].max())
+    places = (end - 0.004, end - 0.002, end)
+    there = PositionDependentFriction(joint=2, positions=places, excess=(0.0, 0.5, 0.5))
+    found = withheld(*proof(observed, plus(rigid, VISCOUS, there)))
+    assert names(found) == {"position dependent friction, joint 2"}
+    assert "% of the rows alone" in found[0].why
+
+
+def test_what_acts_seldom_is_written_where_it_surely_helps_elsewhere(observed, rigid, monkeypatch):
+    monkeypatch.setattr(writing, "ELSEWHERE", replace(writing.ELSEWHERE, share=1.0))
+    tiny = TorqueOffset(joint=1, offset=1e-9)
+    found = withheld(*proof(observed, plus(rigid, VISCOUS, tiny)))
+    assert names(found) == {"torque offset, joint 1"}
+
+
+def test_without_parts_a_simulation_is_as_given(rigid):
+    improved = plus(rigid, VISCOUS, OFFSET)
+    assert without(improved, rigid, ["viscous friction, joint 2"]) == plus(rigid, OFFSET)
+    assert (
+        without(improved, rigid, ["viscous friction, joint 2", "torque offset, joint 1"]) == rigid
+    )
+
+
+def test_several_recordings_are_left_out_whole_and_of_one_the_fastest_and_the_ends(
+    observed, rigid, recordings
+):
+    kind, chosen = of_another_kind(observed)
+    assert kind == "whole recordings"
+    assert [set(observed.recording[rows]) for rows in chosen] == [{0}, {1}]
+    alone = Observations.of(rigid, recordings[:1], 10.0)
+    kind, (fast, slow, low, high) = of_another_kind(alone)
+    assert kind == "blocks of other speeds and poses"
+    speed = np.abs(alone.slow.velocity).sum(axis=1)
+    assert speed[fast].mean() > speed.mean() > speed[slow].mean()
+    middle = [alone.slow.position[rows].mean(axis=0) for rows in (low, high, fast, slow)]
+    assert np.linalg.norm(middle[0] - middle[1]) > np.linalg.norm(middle[2] - middle[3])
+
+
+def test_rows_near_those_left_out_are_not_fitted_to(observed):
+    rows = np.zeros(len(observed.kept), dtype=bool)
+    rows[100:200] = True
+    split = Split.without(observed, rows)
+    own = observed.recording == observed.recording[100]
+    fitted = observed.slow.time[own & split.fitted.any(axis=1)]
+    assert np.abs(fitted[:, None] - observed.slow.time[rows]).min() >= 0.9
+    assert not (split.fitted & split.held_out).any()
+
+
+def test_a_diagnosis_says_what_it_wrote_and_what_not(rigid, recordings):
+    found = diagnose(rigid, recordings)
+    assert found.verdict.fit.left_out == "whole recordings"
+    assert not any(part.endswith("joint 2") for part in found.verdict.withheld)
+    assert any(effect.place == VISCOUS.place for effect in found.simulation.effects)
+    kept = found.simulation.effects
+    for part in found.verdict.withheld:
+        assert part not in {effect.place.replace("_", " ") for effect in kept} - {
+            effect.place.replace("_", " ") for effect in rigid.effects
+        }
+
+
+def test_a_sentence_names_what_is_not_written(observed, rigid):
+    elsewhere, beside = proof(observed, plus(rigid, VISCOUS, OFFSET))
+    keep = Written(None, beside, withheld(elsewhere, beside), elsewhere.kind, unsure=(1, 2))
+    said, unsure = keep.notes()
+    assert "not surely better than the given one at joints 1, 2" in unsure
+    assert "torque offset, joint 1 (RMSE of joint 1 +" in said
+    assert "whole recordings were left out" in said
+
+
+def test_a_law_that_is_not_written_has_no_name_and_what_it_was_found_for_is_unknown():
+    """Of one joint whose error is far above its floor, and another whose error is its floor."""
+    candidates = [
+        SimpleNamespace(effect="spring_load", joints=(0,)),
+        SimpleNamespace(effect="torque_offset", joints=(1,)),
+        SimpleNamespace(effect="link_inertia", joints=(1,)),
+        SimpleNamespace(effect="joint_coupling", joints=(0, 1)),
+    ]
+    rows = np.ones((4, 2), dtype=bool)
+    problem = SimpleNamespace(
+        candidates=candidates, split=SimpleNamespace(held_out=rows),
+        observed=SimpleNamespace(n=2),
+    )  # fmt: skip
+    judged = SimpleNamespace(
+        problem=problem, remaining=SimpleNamespace(floor=np.ones(2)),
+        proven=np.array([[5.0, 1.0]] * 4),
+        findings=(0, 1, 2, 3), named=(0, 1, 2, 3), unknown=(),
+    )  # fmt: skip
+    assert still_named(judged, []) == ((0, 1, 2, 3), ())
+    assert still_named(judged, ["spring load, joint 1"]) == ((1, 2, 3), (0,))
+    assert still_named(judged, ["torque offset, joint 2"]) == ((0, 2, 3), ())
+    assert still_named(judged, ["the inertias of links"])[0] == (0, 1, 3)
+    assert still_named(judged, ["joint coupling, joints 1, 2"]) == ((0, 1, 2), (0,))
