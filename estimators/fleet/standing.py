@@ -58,8 +58,8 @@ class ArmStanding:
 
     def __str__(self) -> str:
         """Return the arm's value, and that of the others."""
-        own, unit = self.series, self.series.unit
-        return f"{own.name} is {self.median:.3g} {unit} where the fleet has {self.fleet:.3g} {unit}"
+        value = f"{self.median:.3g} {self.series.unit}"
+        return f"{self.series.name} is {value} where the fleet has {self.fleet:.3g}"
 
 
 @dataclass(frozen=True)
