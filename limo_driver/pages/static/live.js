@@ -191,8 +191,7 @@ async function follow(section) {
   let scene = null;
   try { scene = new ArmScene(section.querySelector(".stage"), arm); } catch { section.hidden = true; }
   const kept = new History(), pause = place("pause"), when = place("when"), span = place("span");
-  const strips = JSON.parse(place("joints").dataset.names).map((name, j) => new JointStrip(name, j, kept));
-  let seen = 0, frames = 0, latest = null, drawn = -Infinity;
+  let seen = 0, frames = 0, latest = null, drawn = -Infinity, strips = [];
   const hold = (t) => {
     kept.held = t;
     pause.textContent = t === null ? "Pause" : "Live";
@@ -227,6 +226,10 @@ async function follow(section) {
   source.onmessage = (event) => {
     latest = JSON.parse(event.data);
     document.body.dataset.updates = ++seen;
+    if (latest.names && latest.names.join() !== strips.map((strip) => strip.name).join()) {
+      place("joints").replaceChildren(); // of the stream: the robot that is drawn may be another
+      strips = latest.names.map((name, j) => new JointStrip(name, j, kept));
+    }
     kept.take(latest);
     kept.mark(latest.events ?? []);
     place("said").textContent = headline(latest);
