@@ -1,5 +1,6 @@
 // The live page: values come as events, are kept, and are drawn as they come or where one looks.
 const KEPT = 600; // [s] of values
+const LATE = 2; // [s] by which a value may come after one that follows it
 const SILENT = 0.5; // [s] without a value, after which there is a gap
 const place = (id) => document.getElementById(id);
 const cell = (tag, text, kind) => Object.assign(document.createElement(tag),
@@ -16,7 +17,7 @@ class History {
 
   take(said) {
     const t = said.estimate_stamp, last = this.rows.at(-1)?.t;
-    if (t === undefined || t === last) return;
+    if (t === undefined || (t <= last && t > last - LATE)) return;
     if (t < last) this.rows = []; // the robot's clock began anew
     this.rows.push({ ...said, t });
     while (this.rows[0].t < t - KEPT) this.rows.shift();
