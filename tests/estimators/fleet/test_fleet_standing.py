@@ -162,6 +162,16 @@ def test_what_one_arm_alone_has_is_zero_at_the_others(found, named):
     assert named in arm[1]
 
 
+def test_what_grows_from_nothing_drifts():
+    """A payload whose interval nobody knows, found on the last seven of sixteen dates."""
+    rows = [row(f"arm{k}", day, (0.1,)) for k in range(5) for day in range(16)]
+    for day in range(9, 16):
+        known = {"mass": Interval(0.2 * (day - 8), "kg")}
+        rows[day] = having(rows[day], findings=(replace(missing("payload"), parameters=known),))
+    (drift,) = FleetDiagnosis("one", tuple(rows)).drifts
+    assert (drift.arm, drift.series.name) == ("arm0", "payload")
+
+
 def test_what_some_recordings_do_not_show_is_not_zero_there():
     """Neither what is stated, nor friction that every joint has, and only some motions show."""
     friction = (Identified("viscous_friction", 1, missing("", f_v=1.0).parameters),)
