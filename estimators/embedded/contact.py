@@ -54,10 +54,8 @@ class Contact:
 
     def __str__(self) -> str:
         """Return the rate of false alarms, and what it is known from."""
-        return (
-            f"{self.false_alarms:g} false alarms of contact an hour, from {self.seconds:.0f} s of "
-            "free motion"
-        )
+        alarms = f"{self.false_alarms:g} false alarm{'s' * (self.false_alarms != 1.0)} of contact"
+        return f"{alarms} an hour, from {self.seconds:.0f} s of free motion"
 
     def values(self) -> dict[str, object]:
         """Return the fields as JSON values."""

@@ -65,15 +65,13 @@ class CodeExport(Displayed):
             f"{1e3 * self.delay:g} ms later; {self.contact or NO_CONTACT}"
         )
 
-    def figures(self) -> dict[str, tuple[float, ...]]:
+    def figures(self) -> dict[str, Sequence[float]]:
         """Return the threshold of each joint, and the error that it counts in."""
         if self.contact is None:
             return {}
         level, error = self.contact.level, self.contact.error
-        found = {"contact above [standard deviations]": tuple(level.tolist())}
-        if np.isfinite(error).all():
-            found["contact above [N m]"] = tuple((level * error).tolist())
-        return found
+        found = {"joint": range(1, level.size + 1), "contact above [deviations]": level.tolist()}
+        return found | {"contact above [N m]": (level * error).tolist()}
 
 
 def export_c(

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _NORMAL: Final = float(1 / norm.ppf(0.75))  # standard deviation over median absolute deviation
 _DAY: Final = 86_400.0  # [s]
+_SMALLEST: Final = 1e-300  # in place of nothing, where one divides by it
 QUANTITIES: Final = {  # by effect and parameter: what wears, breaks, or was built otherwise
     ("coulomb_friction", "tau_c"): "Coulomb friction",
     ("viscous_friction", "f_v"): "viscous friction",
@@ -58,8 +59,8 @@ class ArmStanding:
 
     def __str__(self) -> str:
         """Return the arm's value, and that of the others."""
-        own, unit = self.series, self.series.unit
-        return f"{own.name} is {self.median:.3g} {unit} where the fleet has {self.fleet:.3g} {unit}"
+        value = f"{self.median:.3g} {self.series.unit}"
+        return f"{self.series.name} is {value} where the fleet has {self.fleet:.3g}"
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ def _least(item: Series, centre: float) -> float:
 
 def _least_change(own: Series) -> float:
     size = 1.0 if own.ratio else abs(float(np.median(own.values)))
-    return max(FLEET.least * size, FLEET.tolerance * own.tolerance)
+    return max(FLEET.least * size, FLEET.tolerance * own.tolerance, _SMALLEST)
 
 
 def _spread(item: Series) -> UnitSpread:
@@ -233,7 +234,7 @@ class Series:
 
     def compared(self) -> FloatArray:
         """Return the values in which differences count alike, (R,): logarithms of a ratio."""
-        return np.log(np.maximum(self.values, 1e-300)) if self.ratio else self.values
+        return np.log(np.maximum(self.values, _SMALLEST)) if self.ratio else self.values
 
     def of(self, arm: str) -> Series:
         """Return the values of one arm."""

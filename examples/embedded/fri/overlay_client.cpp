@@ -10,6 +10,7 @@
 #include "limo.h"
 
 static_assert(LIMO_JOINTS == KUKA::FRI::LBRState::NUMBER_OF_JOINTS, "the model is of an LBR");
+static_assert(LIMO_CONTACT, "export with --free RECORDING, from which contact is known");
 
 class OverlayClient : public KUKA::FRI::LBRClient {
 public:

@@ -12,6 +12,7 @@
 #include "limo.h"
 
 static_assert(LIMO_JOINTS == 7, "the model is of an arm with seven joints");
+static_assert(LIMO_CONTACT, "export with --free RECORDING, from which contact is known");
 
 int main(int argc, char **argv) {
   if (argc != 2) {

@@ -13,6 +13,8 @@
 
 #include "limo.h"
 
+static_assert(LIMO_CONTACT, "export with --free RECORDING, from which contact is known");
+
 namespace limo {
 
 class EffortController : public controller_interface::ControllerInterface {

@@ -29,7 +29,10 @@ def command(
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one arm.")],
     out: Annotated[Path, typer.Option(help="Folder for verdict, improved simulation and report.")],
     sim: Annotated[
-        Path | None, typer.Option(help="What is believed of that arm, a sim.yaml.")
+        Path | None,
+        typer.Option(
+            help="What is believed of that arm: a sim.yaml, or a model.xml whose friction is meant."
+        ),
     ] = None,
     robot: Annotated[
         str | None,
@@ -82,9 +85,11 @@ def command(
     Recordings of commands and positions without torque identify drives and friction; errors are
     then those of the closed loop simulated forward from the commands, in rad.
 
-    Without a sim.yaml, --robot will do: friction is identified beside everything else, and the
-    inertias of the description are trusted to --inertia-tolerance, so that a payload or a wrong
-    link shows. With a sim.yaml, both tolerances take the place of those that it states.
+    Give --sim with what you simulate: a sim.yaml, or a model.xml whose friction, damping and
+    armature are meant as they stand. The verdict says which of them is off. Give --robot where
+    nothing of that is known, as of most URDFs: friction is identified beside everything else, and
+    inertias are trusted to --inertia-tolerance, so that a payload or a wrong link shows.
+    Tolerances that are given take the place of those that a sim.yaml states.
 
     Examples:
         limo diagnose log.csv --robot model.xml --out diagnosis --export new.xml

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 OPEN = (
     "the network is open: whoever reaches it can read, and can publish under any key; `limo "
-    "secure` and --config close it"
+    "secure` and --zenoh-config close it"
 )
 _BYTES_PER_GB = 1e9
 _SECONDS_PER_DAY = 86400.0

@@ -32,9 +32,32 @@ if TYPE_CHECKING:
 _COMMANDS = "limo_driver.app.cli"  # imported by name, as each command is: it imports this module
 _UNWRAPPED = "\b\n"  # before a paragraph that keeps its lines
 
+WORKFLOW: Final = {  # what one does, in order, with which commands
+    "Look at recordings": ("inspect", "convert"),
+    "Move an arm, real or simulated": ("plan", "excite", "run", "simulate"),
+    "Find what the simulation lacks": ("identify", "diagnose", "report", "fleet", "export", "demo"),
+    "Learn and predict torque": ("train", "evaluate", "predict", "models", "reproduce"),
+    "Feel what touches the arm, live": ("serve", "watch", "bridge", "secure"),
+    "Connect an arm, or stand in for one": ("doctor", "controller", "drives"),
+}
+
+
+class _Workflow(TyperGroup):
+    """Lists commands by what they are for."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401, ARG002  # click's
+        """Write a section for each part of the workflow, in columns alike."""
+        width = max(map(len, self.commands))
+        for title, names in WORKFLOW.items():
+            with formatter.section(title):
+                listed = [(f"{x:{width}}", self.commands[x].get_short_help_str()) for x in names]
+                formatter.write_dl(listed)
+
+
 # Without markup: it would take a unit in brackets for a style, and wraps examples within a word.
 app = typer.Typer(
     name="limo",
+    cls=_Workflow,
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -55,16 +78,17 @@ def limo(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show it.")
     ] = False,
 ) -> None:
-    r"""Drive, simulate and learn slow, force-sensitive robot arms.
+    """Find what the simulation of a robot arm lacks, and put it in.
 
-    Workflow: plan a motion, run it, identify the arm, train on the residual, evaluate on
-    another motion; predict says what an identified arm's torque should be.
+    From recordings of the arm: friction and its hysteresis, payloads, springs, backlash,
+    inertias and drives that are not as the model says. What is found is written into the model,
+    and tells what touches the arm. limo also moves slow, force-sensitive arms, real and simulated.
 
     Example:
-        limo plan --robot iiwa14 --scaffolds 12 --out limo.traj.parquet
-        limo run --backend mujoco --trajectory limo.traj.parquet \
-            --record run.parquet
-        limo identify run.parquet --robot iiwa14 --out sim.yaml
+        limo inspect monday.csv --robot arm.urdf
+        limo identify monday.csv tuesday.csv --robot arm.urdf --out sim.yaml
+        limo diagnose wednesday.csv --sim sim.yaml --out diagnosis
+        limo export diagnosis/sim.yaml --to urdf --out improved
     """
 
 

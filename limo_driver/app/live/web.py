@@ -13,7 +13,6 @@ import math
 import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from string import Template
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
 
 HOST: Final = "127.0.0.1"
 RATE: Final = 20.0  # [Hz] of the values
-_PLACES = Template(
+_PLACES = (
     '<div class="watch"><section id="arm" class="arm" aria-label="The arm"><div class="stage">'
     '<svg class="leaders" aria-hidden="true"></svg></div></section>'
     '<section class="curves" aria-label="Torque"><div class="controls player">'
@@ -46,7 +45,7 @@ _PLACES = Template(
     '<output id="at">live</output><select id="span" aria-label="Time span of the curves">'
     '<option value="10">10 s</option><option value="60">1 min</option>'
     '<option value="600">10 min</option></select></div>'
-    '<div id="joints" data-names="$names"></div>'
+    '<div id="joints"></div>'
     '<p class="key small"><i class="measured"></i>measured <i class="after"></i>estimated, with its'
     ' 95 % interval <i class="gap"></i>no value <i class="pushed"></i>contact '
     '<i class="swap"></i>other model</p></section>'
@@ -113,8 +112,7 @@ def live_page(arm: str, model: RobotModel) -> Page:
     limits = model.limits
     pose = np.clip(np.zeros(model.n), limits.position_min, limits.position_max)
     said = '<p id="said" class="sources">waiting for the arm …</p>'
-    places = _PLACES.substitute(names=in_html(json.dumps(model.joint_names)))
-    body = f"<header><h1>{in_html(arm)}</h1>{said}</header>{places}{paragraph(_LEAD, 'lead')}"
+    body = f"<header><h1>{in_html(arm)}</h1>{said}</header>{_PLACES}{paragraph(_LEAD, 'lead')}"
     return Page(f"{arm}, live", body, arm=arm_view(model, pose), player="live.js")
 
 
@@ -232,6 +230,7 @@ class ArmFeed(Closing):
         )
         self._shown |= {
             "estimate_stamp": estimate.stamp_ns / 1e9,
+            "names": list(estimate.names),
             "torque": _plain(torque, 4),
             "interval": _plain(SURE * std, 4),
             "external": _plain(external, 4),

@@ -1,5 +1,6 @@
 // The live page: values come as events, are kept, and are drawn as they come or where one looks.
 const KEPT = 600; // [s] of values
+const LATE = 2; // [s] by which a value may come after one that follows it
 const SILENT = 0.5; // [s] without a value, after which there is a gap
 const place = (id) => document.getElementById(id);
 const cell = (tag, text, kind) => Object.assign(document.createElement(tag),
@@ -16,7 +17,7 @@ class History {
 
   take(said) {
     const t = said.estimate_stamp, last = this.rows.at(-1)?.t;
-    if (t === undefined || t === last) return;
+    if (t === undefined || (t <= last && t > last - LATE)) return;
     if (t < last) this.rows = []; // the robot's clock began anew
     this.rows.push({ ...said, t });
     while (this.rows[0].t < t - KEPT) this.rows.shift();
@@ -191,8 +192,7 @@ async function follow(section) {
   let scene = null;
   try { scene = new ArmScene(section.querySelector(".stage"), arm); } catch { section.hidden = true; }
   const kept = new History(), pause = place("pause"), when = place("when"), span = place("span");
-  const strips = JSON.parse(place("joints").dataset.names).map((name, j) => new JointStrip(name, j, kept));
-  let seen = 0, frames = 0, latest = null, drawn = -Infinity;
+  let seen = 0, frames = 0, latest = null, drawn = -Infinity, strips = [];
   const hold = (t) => {
     kept.held = t;
     pause.textContent = t === null ? "Pause" : "Live";
@@ -227,6 +227,10 @@ async function follow(section) {
   source.onmessage = (event) => {
     latest = JSON.parse(event.data);
     document.body.dataset.updates = ++seen;
+    if (latest.names && latest.names.join() !== strips.map((strip) => strip.name).join()) {
+      place("joints").replaceChildren(); // of the stream: the robot that is drawn may be another
+      strips = latest.names.map((name, j) => new JointStrip(name, j, kept));
+    }
     kept.take(latest);
     kept.mark(latest.events ?? []);
     place("said").textContent = headline(latest);

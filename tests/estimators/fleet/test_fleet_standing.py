@@ -105,7 +105,7 @@ def test_values_within_their_tolerances_tell_odd_and_drifting_arms(tmp_path):
     assert found.drifting == ("arm4",)
     assert set(found.sentences) == {"arm2", "arm4"}
     assert re.fullmatch(
-        r"viscous friction of joint 1 \(stick\) is 1\.\d+ u where the fleet has [.\d]+ u",
+        r"viscous friction of joint 1 \(stick\) is 1\.\d+ u where the fleet has [.\d]+",
         found.sentences["arm2"],
     )
     rose = (
@@ -147,7 +147,7 @@ def test_a_quantity_is_one_series_whatever_it_was_found_as():
 @pytest.mark.parametrize(
     ("found", "named"),
     [
-        (missing("payload", mass=0.75), "payload is 0.75 u where the fleet has 0 u"),
+        (missing("payload", mass=0.75), "payload is 0.75 u where the fleet has 0"),
         (missing("spring_load", stiffness=20.0), "stiffness of the spring of joint 1 is 20 u"),
     ],
 )
@@ -160,6 +160,16 @@ def test_what_one_arm_alone_has_is_zero_at_the_others(found, named):
     (arm,) = FleetDiagnosis("one", tuple(rows)).sentences.items()
     assert arm[0] == "arm3"
     assert named in arm[1]
+
+
+def test_what_grows_from_nothing_drifts():
+    """A payload whose interval nobody knows, found on the last seven of sixteen dates."""
+    rows = [row(f"arm{k}", day, (0.1,)) for k in range(5) for day in range(16)]
+    for day in range(9, 16):
+        known = {"mass": Interval(0.2 * (day - 8), "kg")}
+        rows[day] = having(rows[day], findings=(replace(missing("payload"), parameters=known),))
+    (drift,) = FleetDiagnosis("one", tuple(rows)).drifts
+    assert (drift.arm, drift.series.name) == ("arm0", "payload")
 
 
 def test_what_some_recordings_do_not_show_is_not_zero_there():

@@ -1,5 +1,6 @@
 """The command line: how it presents itself and how it refuses."""
 
+import re
 import subprocess
 import sys
 from importlib.metadata import entry_points, version
@@ -27,7 +28,10 @@ def test_version(limo):
 def test_help_lists_every_command(limo):
     result = limo("--help")
     assert result.returncode == 0
-    assert all(f" {command} " in result.stdout for command in COMMANDS)
+    listed = re.findall(r"^  ([a-z]+)  ", result.stdout, flags=re.MULTILINE)
+    assert sorted(listed) == sorted(COMMANDS)
+    assert result.stdout.index("Find what the simulation of a robot arm lacks") < 80
+    assert listed.index("inspect") < listed.index("identify") < listed.index("serve")
 
 
 def test_the_usage_names_the_command_however_it_is_begun():

@@ -127,6 +127,7 @@ def test_no_robot_of_other_joints_is_drawn_instead(followed, joints, said):
     assert "--robot" in shown["problem"]
     assert not shown["drawn"]
     assert "position" not in feed.snapshot()
+    wait_until(lambda: feed.snapshot()["names"] == list(joints))
     assert heard(feed, publish, "position")["drawn"]
 
 
