@@ -21,6 +21,11 @@ DAMAGED = [
     ("log.npz", b"PK\x03\x04 and no more", "cannot be read as .npz"),
     ("log.mcap", b"no bag", "is no MCAP file"),
     ("log.db3", b"no bag", "is no SQLite file"),
+    (
+        "log.npz",
+        b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n",
+        "pointer of Git LFS",
+    ),
     ("log.xlsx", b"any", "of a kind that is not known, expected delimited text"),
 ]
 
