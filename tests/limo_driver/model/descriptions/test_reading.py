@@ -15,6 +15,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import Simulation, ViscousFriction
+from limo_driver.robot.registry import open_robot
 from limo_driver.types import Motion
 
 URDF = """<robot name="arm">
@@ -360,6 +361,9 @@ def test_several_joints_of_one_body_move_one_after_the_other(file):
     assert model.joint_names == ("lift", "yaw", "roll", "knee")
     q, v, a = moved(4)
     np.testing.assert_allclose(model.inverse_dynamics(q, v, a), torques(own, q, v, a), atol=1e-9)
+    with open_robot("mujoco", robot=str(path)) as robot:
+        held = model.gravity_torque(robot.receive().position)[0]
+        np.testing.assert_allclose(robot.receive().torque, held, atol=1e-3)
 
 
 def test_files_from_outside_a_folder_are_included_where_the_user_trusts_them(file, monkeypatch):
