@@ -279,6 +279,16 @@ REFUSED = [
     ("arm.urdf", "<robot>" + "<a>" * 50_000 + "</a>" * 50_000 + "</robot>", "deeper than 500"),
     ("arm.xml", "<mujoco>" + "<a>" * 50_000 + "</a>" * 50_000 + "</mujoco>", "deeper than 500"),
     ("arm.xml", '<mujoco><include file="../../etc/passwd"/></mujoco>', "outside its folder"),
+    (
+        "arm.xml",
+        """<mujoco><x y="<!--"/><include file="../../etc/passwd"/><x y="-->"/></mujoco>""",
+        "is no XML",
+    ),
+    (
+        "arm.xml",
+        """<mujoco><x y="<?xml"/><include file="../../etc/passwd"/><x y="?>"/></mujoco>""",
+        "is no XML",
+    ),
     ("arm.xml", '<mujoco><include file="none.xml"/></mujoco>', "none.xml, which is not there"),
     (
         "arm.xml",
@@ -287,6 +297,11 @@ REFUSED = [
         "includes ../../etc/arm.xml, which is outside its folder",
     ),
     ("arm.xml", "<mujoco><worldbody>", "is no XML"),
+    (
+        "arm.xml",
+        '<mujoco><option apirate="1"/></mujoco>',
+        "for another MuJoCo than [0-9.]+[?] That",
+    ),
     ("arm.xml", "<html/>", "is neither URDF nor MJCF: its outermost element is <html>"),
     ("arm.xml", "<mujoco><worldbody/></mujoco>", "has no joint that turns"),
     ("arm.xml", BALL, "has the ball joint ankle, expected one axis a joint"),
