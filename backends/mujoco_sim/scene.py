@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from limo_driver.physics import JointCoupling
 
 # Visuals may lie in files that are not here; friction and damping come from effects alone.
+_NEXT_TO_NOTHING = 1e-9, 1e-12  # [kg], [kg m²], which MuJoCo needs of what moves
 _LEFT_OUT = ("visual", "mujoco", "transmission", "gazebo")
 # Of an equality: as firm as MuJoCo allows, and as quick as it integrates.
 _FIRM, _QUICK_STEPS = 0.9999, 2
@@ -58,6 +59,8 @@ def compile_model(
     spec.option.timestep = timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.gravity = np.array(robot.pin_model.gravity.linear)
+    if any(body.mass <= 0 for body in robot.inertials.values()):  # frames between two axes
+        spec.compiler.boundmass, spec.compiler.boundinertia = _NEXT_TO_NOTHING
     _leave_out_constraints(spec, robot)
     _couple(spec, robot)
     for name, inertia in zip(robot.joint_names, plant.armature, strict=True):

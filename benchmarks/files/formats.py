@@ -224,7 +224,7 @@ def _plain_mcap(folder: Path) -> list[Path]:
     described = FileDescriptorProto(name="state.proto", package="lab", syntax="proto3")
     kind = described.message_type.add(name="State")
     kind.field.add(name="name", number=1, type=9, label=3)
-    for k, name in enumerate(("position", "effort"), start=2):
+    for k, name in enumerate(("q_rad", "tau_nm"), start=2):
         kind.field.add(name=name, number=k, type=1, label=3)
     pool = DescriptorPool()
     pool.Add(described)
@@ -239,8 +239,8 @@ def _plain_mcap(folder: Path) -> list[Path]:
             known = 0 if is_json else writer.register_schema("lab.State", "protobuf", schema)
             topic = writer.register_channel("/arm", path.stem, known)
             for k in range(ROWS):
-                lists = {"name": list(_NAMES), "position": own["q_rad"][k].round(6).tolist(),
-                         "effort": own["tau_nm"][k].round(6).tolist()}  # fmt: skip
+                lists = {key: own[key][k].round(6).tolist() for key in ("q_rad", "tau_nm")}
+                lists["name"] = list(_NAMES)
                 data = json.dumps(lists).encode() if is_json else made(**lists).SerializeToString()
                 stamp = 1_700_000_000 * 10**9 + round(own["t"][k] * 1e9)
                 writer.add_message(topic, stamp, data, stamp, k)

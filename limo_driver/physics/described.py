@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, TypeGuard
 import numpy as np
 
 from limo_driver.model.descriptions.description import JointDynamics
-from limo_driver.physics.effect import BodyEffect, SensorEffect
+from limo_driver.physics.effect import MOST_SLOPE, BodyEffect, SensorEffect
 from limo_driver.physics.effects.arm import SpringLoad
 from limo_driver.physics.effects.friction import (
     CoulombFriction,
@@ -60,7 +60,8 @@ def described_effects(
         if stated.friction:
             found.append(CoulombFriction(joint=joint, tau_c=stated.friction, v_eps=SIGN_WIDTH))
         if stated.damping:
-            found.append(ViscousFriction(joint=joint, f_v=stated.damping))
+            # more than any drive overcomes, as files lock joints by it, is no more than the most
+            found.append(ViscousFriction(joint=joint, f_v=min(stated.damping, MOST_SLOPE)))
         if stated.armature:
             found.append(Armature(joint=joint, inertia=stated.armature))
         if stated.drag > 0:

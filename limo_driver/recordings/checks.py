@@ -9,7 +9,7 @@ import numpy as np
 
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.model.descriptions.description import joined_reference, split_reference
-from limo_driver.types import same_robot
+from limo_driver.model.same_arm import is_named
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -132,13 +132,13 @@ def check_arm(
         source: Where the recording is from, for messages.
 
     Raises:
-        RecordingError: Other name, joint count, or positions that the joints cannot reach; or
+        RecordingError: Another robot, joint count, or positions that the joints cannot reach; or
             there is no sample.
     """
     if not len(position):
         raise RecordingError("holds no sample", path=source or None)
     n = position.shape[1]
-    if robot and not same_robot(robot, model.name):
+    if robot and not is_named(model, robot, source):
         raise RecordingError(f"is of robot {robot}, expected {model.name}", path=source or None)
     if n != model.n:
         raise RecordingError(

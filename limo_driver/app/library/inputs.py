@@ -14,9 +14,9 @@ from limo_driver.errors import ConfigError
 from limo_driver.logs.readers.proposals.recorded_joints import with_places
 from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.model.descriptions.description import split_reference
+from limo_driver.model.same_arm import is_named
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
-from limo_driver.types import same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -50,7 +50,11 @@ def model_for(robot: RobotModel | Path | str, recordings: Sequence[Recording]) -
     """
     model = model_of(robot)
     chosen = [(each, split_reference(each.robot)[1]) for each in recordings]
-    own = [(each, parts) for each, parts in chosen if parts and same_robot(each.robot, model.name)]
+    own = [
+        (each, parts)
+        for each, parts in chosen
+        if parts and is_named(model, each.robot, each.source)
+    ]
     is_chosen = any("=" not in part for part in model.chosen)
     of_part = (parts for each, parts in own if each.n != model.n)
     if not is_chosen and (parts := next(of_part, None)):

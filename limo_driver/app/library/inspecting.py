@@ -82,7 +82,7 @@ def inspect(
         refused = str(error).removeprefix(f"{table.source}: ")
     told: tuple[str, ...] = ()
     said = (proposal.told,) if proposal.told else ()
-    if recording is not None:
+    if recording is not None and not model.massless:
         told, refused = _judged(recording, model)
         if refused:
             proposal = _asking(proposal, refused)

@@ -64,8 +64,8 @@ def read_ros1(path: Path, tell: Callable[[str], None] | None = None) -> Iterator
         reader.open()
     except Exception as error:  # noqa: BLE001  # of damaged bytes, whatever it stumbles over
         why = " ".join(str(error).split()) or type(error).__name__
-        if "not indexed" in why:
-            why = "it was never closed; `rosbag reindex` makes it whole"
+        if "index" in why:
+            why += "; was it cut off, or never closed? `rosbag reindex` may make it whole"
         raise RecordingError(f"cannot be read as a bag of ROS 1: {why}", path=path) from None
     with closing(reader):
         for place, chunk in reader.chunks.items():

@@ -16,13 +16,16 @@ from limo_driver.errors import ConfigError
 from limo_driver.runtime.given_files import read_text
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 MOST_JOINTS = 1000  # elements, also of what refers to joints
 _DEEPEST = 500  # levels, as MuJoCo and urdfdom read; more end what parses them one in the other
 _MOST_PARTS = 1_000_000  # elements and attributes; meshes are files of their own
 _OUTERMOST: Final = re.compile(r"<[A-Za-z_][\w.:-]*")
-_ATTACHED: Final = re.compile(r"""(=\s*(?:"[^"<]*"|'[^'<]*'))(?=[A-Za-z_])""")
+_MARKS: Final = {"<!--": "-->", "<![CDATA[": "]]>", "<?": "?>"}
+_TAG: Final = re.compile(r"""<(?:[^"'>]|"[^"]*"|'[^']*')*+>""")
+_QUOTED: Final = re.compile(r"""("[^"]*"|'[^']*')(?=([^\s/>?])?)""")
 _PREFIX: Final = re.compile(r"(?:</?|\s)([A-Za-z_][\w.-]*):[A-Za-z_]")
 
 
@@ -53,10 +56,7 @@ def read_xml(path: Path) -> ET.Element:
 
 def _as_xml(text: str) -> str:
     """Return a text with what its readers overlook made XML, each line where it was."""
-    text = _without(text.rstrip("\0"), "<!--", "-->")
-    if not text.startswith("<?xml"):
-        text = _without(text, "<?xml", "?>")
-    text = _ATTACHED.sub(r"\1 ", text)
+    text = "".join(_pieces(text.rstrip("\0")))
     outermost = _OUTERMOST.search(text)
     if outermost is None:
         return text
@@ -67,13 +67,28 @@ def _as_xml(text: str) -> str:
     return text[: outermost.end()] + own + text[outermost.end() :]
 
 
-def _without(text: str, start: str, end: str) -> str:
-    """Return a text without what stands between two marks, but with its lines."""
-    kept, at = list[str](), 0
-    while (first := text.find(start, at)) >= 0 <= (last := text.find(end, first + len(start))):
-        kept += [text[at:first], "\n" * text.count("\n", first, last)]
-        at = last + len(end)
-    return "".join([*kept, text[at:]])
+def _pieces(text: str) -> Iterator[str]:
+    """Yield a text piece by piece, as its readers take it apart: what is quoted begins nothing.
+
+    Else an element could hide from us between two quoted halves of a comment, and not from them.
+    What ends nowhere is left as it is, for the parser to refuse.
+    """
+    at = 0
+    while (start := text.find("<", at)) >= 0:
+        yield text[at:start]
+        mark = next((mark for mark in _MARKS if text.startswith(mark, start)), "")
+        tag = None if mark else _TAG.match(text, start)
+        end = text.find(_MARKS[mark], start + len(mark)) if mark else -1
+        if tag is None and end < 0:
+            yield text[start:]
+            return
+        at = end + len(_MARKS[mark]) if tag is None else tag.end()
+        piece = text[start:at]
+        if mark == "<!--" or (start and piece.startswith("<?xml")):
+            yield "\n" * piece.count("\n")
+        else:
+            yield piece if mark else _QUOTED.sub(lambda x: x[1] + " " * bool(x[2]), piece)
+    yield text[at:]
 
 
 def _without_namespace(root: ET.Element) -> ET.Element:

@@ -71,6 +71,7 @@ def decode_dynamic(payload: bytes | memoryview) -> JointStateMessage:
     return JointStateMessage(stamp, frame, names, position, velocity, effort)
 
 
+_LATEST: Final = (1 << 63) - 1  # [ns]
 _LISTED = 8  # topics that a message names
 _PEEKED = 5000  # messages that show which topic has which joints
 _QUANTITIES: Final = ("position", "velocity", "effort")
@@ -309,6 +310,8 @@ class _Found:
             names = found.labels or held
             group = self.groups[key] = _Group(message.topic, message.schema, names, held)
             group.encoding = message.encoding
+        if abs(found.stamp_ns or message.log_time_ns) > _LATEST:
+            raise WireFormatError(f"a stamp of {found.stamp_ns} ns", 0)
         group.add(message, found.stamp_ns, np.array([found.values[name] for name in group.held]))
 
     def meant(self, joints: Sequence[str], source: str, notes: Sequence[str] = ()) -> _Group:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import RecordingError
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
 
     from limo_driver.logs.readers.table import LogTable
 
+_POINTER: Final = b"version https://git-lfs"
 BAGS: Final = (".mcap", ".db3", ".zstd", ".bag")
 _PLAIN: Final = (".csv", ".txt", ".tsv", ".log", ".dat")
 _PACKED: Final = ".gz"
@@ -56,6 +59,7 @@ def read_table(
     if not path.exists():
         raise RecordingError("no such file", path=path)
     check_file(path, RecordingError)
+    _refuse_pointer(path)
     if path.is_dir():
         return _read_folder(path, topic, episode, joints)
     ending = ending_of(path)
@@ -84,6 +88,20 @@ def read_table(
             path=path,
         )
     raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
+
+
+def _refuse_pointer(path: Path) -> None:
+    """Refuse what Git leaves in the place of a large file.
+
+    Raises:
+        RecordingError: It is such a pointer.
+    """
+    with suppress(OSError), path.open("rb") as file:
+        if file.read(len(_POINTER)) == _POINTER:
+            raise RecordingError(
+                "is a pointer of Git LFS to a file that is not there: `git lfs pull` brings it",
+                path=path,
+            )
 
 
 def _read_objects(path: Path, ending: str) -> LogTable:

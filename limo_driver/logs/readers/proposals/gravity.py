@@ -49,7 +49,8 @@ class Gravity:
     def __init__(
         self, model: RobotModel, torque: FloatArray | None, unit: float | None = None
     ) -> None:
-        self.model, self.torque, self._unit = model, torque, unit
+        self.model, self._unit = model, unit
+        self.torque = None if model.massless else torque
         # loads may add to what gravity makes of a torque in a known unit, though not tenfold; it
         # may well be less, where it was measured before the gear
         self._most = math.inf if unit is None else WITHIN / unit

@@ -319,6 +319,11 @@ def _positions(draft: _Draft, family: ColumnFamily, beside: Beside) -> Channels:
         why = "MuJoCo has positions in rad, and the values fit"
     elif found.question:
         draft.questions.append(found.question)
+    elif draft.table.is_si and "deg" in found.units:
+        draft.questions.append(
+            f"position: messages of ROS are in rad, but these are {why}: are they in deg, or of "
+            "another robot?"
+        )
     unit = found.units if len(set(found.units)) > 1 else found.units[:1]
     if "deg" in unit and _may_be_normalised(draft, family):
         draft.questions.append(

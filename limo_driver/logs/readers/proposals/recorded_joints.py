@@ -258,6 +258,8 @@ def _is_cut(taken: Iterable[str], missing: Iterable[str]) -> bool:
 
 def _weighing(model: RobotModel, taken: list[str], missing: list[str]) -> set[str]:
     """Return the missing joints whose place changes what gravity asks of the recorded ones."""
+    if model.massless:
+        return set()
     random, limits = np.random.default_rng(0), model.limits
     low = np.maximum(limits.position_min, -np.pi)
     high = np.minimum(limits.position_max, np.pi)

@@ -44,6 +44,7 @@ _PLACED: Final = (  # what an arm is written from
     *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
     *("jnt_pos", "jnt_axis", "jnt_range", "geom_pos", "geom_quat", "geom_size"),
 )
+_OF_OTHERS: Final = ("Schema violation", "invalid keyword", "no longer supported")
 _FEWEST: Final = 2  # arms, of which one has to be chosen
 _ON_JOINT: Final = int(mujoco.mjtTrn.mjTRN_JOINT)
 _FIXED: Final = int(mujoco.mjtGain.mjGAIN_FIXED)
@@ -111,6 +112,8 @@ def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
         reason = " ".join(str(error).split())
         if "springyield" in reason and RELEASE[0] < PLASTIC:
             reason += f"; it needs MuJoCo {PLASTIC}, {VERSION} is installed"
+        elif any(words in reason for words in _OF_OTHERS):
+            reason += f"; was it written for another MuJoCo than {VERSION}? That can save it anew"
         raise ConfigError(f"MuJoCo cannot compile it: {reason}", path=path) from None
 
 

@@ -1,14 +1,17 @@
 """`limo inspect`: one of two arms, mappings that are there already, and mappings that are tried."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 from lanes import sampled
-from logged import measured, numbered, written
+from logged import arm, measured, numbered, written
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError, RecordingError
+from limopa import PlanRequest
+from limopa.page import plan_page
 
 TIME, POSITION, _, TORQUE = (values[:1500] for values in measured())
 _, OTHER, _, ITS = (values[1500:] for values in measured())
@@ -152,3 +155,17 @@ def test_answers_that_are_open_still_are_asked_for_again(run, tmp_path):
     assert "kept mapping.yaml" in said
     assert "next: answer each of the 2 questions under `undecided:` in mapping.yaml" in said
     assert (tmp_path / "mapping.yaml").read_text() == text
+
+
+def test_an_arm_without_masses_is_inspected_and_planned_but_not_diagnosed(tmp_path):
+    text = re.sub("<inertial>.*?</inertial>", "", arm().urdf.read_text(), flags=re.DOTALL)
+    (tmp_path / "light.urdf").write_text(text)
+    light = limo.RobotModel.load(tmp_path / "light.urdf")
+    found = limo.inspect({"t": TIME, "q_rad": POSITION, "tau_nm": TORQUE}, light)
+    assert found.recording is not None
+    assert found.mapping.undecided == ()
+    assert "have no mass" in str(found)
+    planned = limo.plan(light, PlanRequest(scaffolds=1), seed=1)
+    plan_page(planned, light, "motion", "light.urdf").save(tmp_path / "plan.html")
+    with pytest.raises(ConfigError, match=r"7 links that move, link1, .* have no mass"):
+        limo.nominal(str(tmp_path / "light.urdf"))

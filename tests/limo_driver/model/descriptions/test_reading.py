@@ -15,6 +15,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import Simulation, ViscousFriction
+from limo_driver.robot.registry import open_robot
 from limo_driver.types import Motion
 
 URDF = """<robot name="arm">
@@ -278,6 +279,16 @@ REFUSED = [
     ("arm.urdf", "<robot>" + "<a>" * 50_000 + "</a>" * 50_000 + "</robot>", "deeper than 500"),
     ("arm.xml", "<mujoco>" + "<a>" * 50_000 + "</a>" * 50_000 + "</mujoco>", "deeper than 500"),
     ("arm.xml", '<mujoco><include file="../../etc/passwd"/></mujoco>', "outside its folder"),
+    (
+        "arm.xml",
+        """<mujoco><x y="<!--"/><include file="../../etc/passwd"/><x y="-->"/></mujoco>""",
+        "is no XML",
+    ),
+    (
+        "arm.xml",
+        """<mujoco><x y="<?xml"/><include file="../../etc/passwd"/><x y="?>"/></mujoco>""",
+        "is no XML",
+    ),
     ("arm.xml", '<mujoco><include file="none.xml"/></mujoco>', "none.xml, which is not there"),
     (
         "arm.xml",
@@ -286,6 +297,11 @@ REFUSED = [
         "includes ../../etc/arm.xml, which is outside its folder",
     ),
     ("arm.xml", "<mujoco><worldbody>", "is no XML"),
+    (
+        "arm.xml",
+        '<mujoco><option apirate="1"/></mujoco>',
+        "for another MuJoCo than [0-9.]+[?] That",
+    ),
     ("arm.xml", "<html/>", "is neither URDF nor MJCF: its outermost element is <html>"),
     ("arm.xml", "<mujoco><worldbody/></mujoco>", "has no joint that turns"),
     ("arm.xml", BALL, "has the ball joint ankle, expected one axis a joint"),
@@ -360,6 +376,9 @@ def test_several_joints_of_one_body_move_one_after_the_other(file):
     assert model.joint_names == ("lift", "yaw", "roll", "knee")
     q, v, a = moved(4)
     np.testing.assert_allclose(model.inverse_dynamics(q, v, a), torques(own, q, v, a), atol=1e-9)
+    with open_robot("mujoco", robot=str(path)) as robot:
+        held = model.gravity_torque(robot.receive().position)[0]
+        np.testing.assert_allclose(robot.receive().torque, held, atol=1e-3)
 
 
 def test_files_from_outside_a_folder_are_included_where_the_user_trusts_them(file, monkeypatch):

@@ -1,6 +1,7 @@
 """Logs that other libraries read: bags of ROS 1, MCAP in JSON and protobuf, HDF5 and .mat 7.3."""
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -17,6 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import limo_driver as limo
 from limo_driver.errors import LimoError, RecordingError
 from limo_driver.logs.readers.formats.reading import read_table
+from limo_driver.logs.readers.proposals.proposal import propose
 
 TIME, POSITION, VELOCITY, TORQUE = measured(2.0)
 STAMPS = (10**18 + np.round(TIME * 1e9)).astype(np.int64).tolist()
@@ -215,3 +217,11 @@ def test_variables_of_matlab_7_3_are_read(tmp_path):
     np.testing.assert_array_equal(read.position, POSITION)
     np.testing.assert_array_equal(read.torque, TORQUE)
     assert read.time == pytest.approx(TIME)
+
+
+def test_positions_of_ros_beyond_the_limits_are_asked_about_not_read_as_degrees(tmp_path):
+    """As those of another arm are: 6 rad at a joint that reaches 2.1."""
+    table = read_table(ros1(tmp_path / "log.bag"))
+    columns = {**table.columns, "position.joint2": table.columns["position.joint2"] + 6.0}
+    found = propose(replace(table, columns=columns), arm())
+    assert any("are they in deg, or of another robot?" in text for text in found.mapping.undecided)

@@ -23,6 +23,11 @@ DAMAGED = [
     ("log.db3", b"no bag", "is no SQLite file"),
     ("log.docx", b"any", "of a kind that is not known, expected delimited text"),
     ("log.xlsx", b"any", "is a workbook, which is not read: save its sheet as CSV"),
+    (
+        "log.npz",
+        b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n",
+        "pointer of Git LFS",
+    ),
 ]
 
 
