@@ -29,7 +29,11 @@ def command(
     recordings: Annotated[list[Path], typer.Argument(help="Recordings of one arm.")],
     out: Annotated[Path, typer.Option(help="Folder for verdict, improved simulation and report.")],
     sim: Annotated[
-        Path | None, typer.Option(help="What is believed of that arm, a sim.yaml.")
+        Path | None,
+        typer.Option(
+            help="What is believed of that arm: a sim.yaml, or its URDF or MJCF, with the friction "
+            "that this states."
+        ),
     ] = None,
     robot: Annotated[
         str | None,

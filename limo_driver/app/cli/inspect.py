@@ -11,6 +11,7 @@ from limo_driver.app.console.arguments import ROBOTS
 
 if TYPE_CHECKING:
     from limo_driver.logs.readers.inspection import Inspection, Settled
+    from limo_driver.model import RobotModel
 
 _MAPPING = Path("mapping.yaml")
 
@@ -118,5 +119,15 @@ def _show_next(found: Inspection, log: Path, robot: str, settled: Settled) -> No
             f"next: answer {what} under `undecided:` {where}, and delete it", style="bold"
         )
     elif settled.is_kept or found.recording is not None:
-        words = ("limo", "diagnose", log, "--robot", robot, "--mapping", settled.path)
+        option = "--sim" if _states_friction(found.proposal.model) else "--robot"
+        words = ("limo", "diagnose", log, option, robot, "--mapping", settled.path)
         console.print(f"next: {in_shell(*words)} --out diagnosis", style="bold")
+
+
+def _states_friction(model: RobotModel) -> bool:
+    """Say whether an MJCF file states friction, which counts as unknown where it is no `--sim`."""
+    from limo_driver.physics.described import described_effects
+    from limo_driver.physics.effect import Friction
+
+    is_mjcf = model.description.kind == "MJCF"
+    return is_mjcf and any(isinstance(effect, Friction) for effect in described_effects(model))

@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, UNITS
+from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, TORQUE, UNITS
 from limo_driver.logs.readers.table import TimeColumns, units_of
 from limo_driver.recordings.channels import CHANNELS, POSITION, Columns
 from limo_driver.runtime.declarations import read_yaml
@@ -299,8 +299,10 @@ class LogMapping(Declared, Displayed):
         """Return the torques of T rows, (T, n) [N m]; NaN where there are commands instead."""
         if self.torque is None:
             if not self._told():
+                none = ", ".join(table.lost(TORQUE, CURRENT))
                 raise RecordingError(
-                    "has no measured torque; motion alone says nothing of friction and inertia",
+                    f"has no measured torque{none and f' ({none})'}; motion alone says nothing of "
+                    "friction and inertia",
                     path=table.source or None,
                 )
             return np.full((table.rows, len(self.joints)), np.nan)

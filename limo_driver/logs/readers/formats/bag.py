@@ -125,7 +125,7 @@ def read_bags(
         more.append(f"{found.malformed} messages could not be decoded")
     kind = f"ROS 2 bag, topic {kept.topic}"
     spread = kept.stretches.spread
-    return LogTable(columns, source, kind, {}, (*notes, *more), spread=spread, is_si=True)
+    return LogTable(columns, source, kind, kept.empty, (*notes, *more), spread=spread, is_si=True)
 
 
 def topic_with(
@@ -175,6 +175,7 @@ class _Group:
     held: tuple[str, ...]  # columns
     stamps: array[int] = field(default_factory=lambda: array("q"))  # since the last stretch
     values: array[float] = field(default_factory=lambda: array("d"))
+    empty: dict[str, str] = field(default_factory=dict)  # quantities, and what they hold
     unstamped: int = 0  # messages that have no stamp, whose time is that of their receipt
     stretches: Stretches[_Rows] = field(default_factory=lambda: Stretches(_Rows.cut))
 
@@ -229,6 +230,8 @@ class _Group:
             own = [k for k, name in enumerate(self.held) if name.partition(".")[0] == quantity]
             if not np.isnan(values[:, own]).all():
                 columns |= {self.held[k]: values[:, k] for k in own}
+            else:
+                self.empty[quantity] = "no number in any message"
         notes = [self.stretches.note()] if self.stretches.spread else []
         if overtaken:
             notes.append(f"{overtaken} messages were logged after one with a later stamp")

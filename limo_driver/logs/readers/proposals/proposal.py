@@ -31,7 +31,6 @@ from limo_driver.logs.readers.columns import (
     ColumnFamily,
     families_of,
     own_word,
-    read_name,
     strange_words,
     words_of,
 )
@@ -248,12 +247,7 @@ def _position_family(draft: _Draft) -> ColumnFamily:
         if named
         else f"its columns are {shortened(list(draft.table.columns))}"
     )
-    unread = [
-        f"{name} holds {held}"
-        for name, held in draft.table.unread.items()
-        if read_name(name, draft.model.joint_names).quantity == POSITION
-    ]
-    if unread:
+    if unread := draft.table.lost(POSITION, joints=draft.model.joint_names):
         what += f", and {shortened(unread)}"
     raise RecordingError(
         f"has no positions of the {draft.model.n} joints of {draft.model.name}: {what}; "
@@ -339,7 +333,9 @@ def _may_be_normalised(draft: _Draft, family: ColumnFamily) -> bool:
 
 def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> Channels | None:
     if family is None:
-        draft.taken.append(Taken(TORQUE, "none", "", "no column is named like a measured torque"))
+        none = ", ".join(draft.table.lost(TORQUE, CURRENT))
+        why = none or "no column is named like a measured torque"
+        draft.taken.append(Taken(TORQUE, "none", "", why))
         return None
     if family.quantity == CURRENT:
         unit = (family.unit or "A",)

@@ -152,3 +152,19 @@ def test_answers_that_are_open_still_are_asked_for_again(run, tmp_path):
     assert "kept mapping.yaml" in said
     assert "next: answer each of the 2 questions under `undecided:` in mapping.yaml" in said
     assert (tmp_path / "mapping.yaml").read_text() == text
+
+
+@pytest.mark.parametrize(("stated", "option"), [('frictionloss="0.4"', "--sim"), ("", "--robot")])
+def test_what_an_mjcf_states_of_friction_is_believed_by_what_is_proposed(
+    run, tmp_path, stated, option
+):
+    (tmp_path / "arm.xml").write_text(
+        f'<mujoco><worldbody><body><joint name="hinge" axis="0 1 0" {stated}/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 .4" size=".05" mass="4"/></body></worldbody>'
+        "</mujoco>"
+    )
+    angle = np.sin(TIME)
+    log = {"time": TIME, "q1_rad": angle, "tau1_Nm": -8 * np.sin(angle) + 0.1 * np.cos(TIME)}
+    written(log, tmp_path / "log.csv")
+    _, said, _ = run("inspect", "log.csv", "--robot", "arm.xml")
+    assert f"next: limo diagnose log.csv {option} arm.xml --mapping mapping.yaml" in said
