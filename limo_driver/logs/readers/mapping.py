@@ -325,6 +325,24 @@ class LogMapping(Declared, Displayed):
         return replace(self, joints=names, **{q: _ordered(c, order) for q, c in parts.items()})
 
 
+def template_for(table: LogTable, model: RobotModel) -> str:
+    """Return a mapping that is to be filled in: `load` refuses it before that."""
+    listed = yaml.safe_dump(list(table.columns), width=92, default_flow_style=True)
+    joints = yaml.safe_dump(list(model.joint_names), width=1000, default_flow_style=True)
+    columns = "".join(f"#   {line}\n" for line in listed.splitlines())
+    return f"""\
+# Name a column for each joint, in their order, and its unit; delete what the log has none of.
+# The log has the columns
+{columns}robot: {model.name}
+joints: {joints.strip()}
+time: {{columns: [], unit: s}}      # or {{rate: 100}}, in Hz, if no column is a time
+position: {{columns: [], unit: rad}}  # or deg, mrad, turn; m or mm of a slide
+velocity: {{columns: [], unit: rad/s}}
+torque: {{columns: [], unit: N m}}    # or A, with `factor:` in N m for each ampere
+command: {{columns: [], unit: rad}}   # set-points of positions
+"""
+
+
 def values_of(table: LogTable, name: str) -> NDArray[Any]:
     """Return a column of a log; NaN throughout where it has none."""
     return np.full(table.rows, np.nan) if name == NO_COLUMN else table.column(name)

@@ -273,6 +273,12 @@ def _flipped(
     return units, least
 
 
+def within_limits(position: FloatArray, unit: str, model: RobotModel) -> bool:
+    """Say whether positions (T, n) in a unit are within the limits of all joints."""
+    scale = np.where(model.sliding, 1.0, UNITS["position"][unit])
+    return bool(len(position) and _possible(position * scale, model).all())
+
+
 def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:
     """Say of each joint whether positions (T, n) [rad] are within its limits."""
     limits = model.limits
