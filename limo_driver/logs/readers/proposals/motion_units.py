@@ -68,6 +68,8 @@ def position_reading(position: FloatArray, beside: Beside, model: RobotModel) ->
     position = position[rows]
     torque = None if torque is None else torque[rows]
     slides = _slides(position, model)
+    if all(slides):
+        return Reading(slides, "within the limits of all slides")
     # as if in rad: nothing else is open of joints that slide
     position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
     cost = Gravity(model, torque, beside.torque_unit)
