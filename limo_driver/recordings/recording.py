@@ -424,8 +424,7 @@ class Recording(FilteredSamples, Displayed):
         if self.command is None and not self.extras.keys() & CHANNELS.keys():
             return self
         command, channels = chosen(self.command, self.channels, self.extras, wanted, self.source)
-        partial = None if self.partial is None else self.partial.led(wanted)
-        return replace(self, command=command, channels=channels, partial=partial)
+        return replace(self, command=command, channels=channels, partial=None)
 
     def at_most(self, rows: int) -> Recording:
         """Return evenly spread stretches of it; itself, if it has no more samples than that.
