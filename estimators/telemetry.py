@@ -133,7 +133,8 @@ def sampling_of(recording: Recording) -> list[str]:
     )
     told = [f"sampled at {1 / period:.4g} Hz for {recording.duration:.4g} s, {even}"]
     gaps = len(recording.segments) - 1
-    lost = recording.duration / period + 1 - len(recording)
+    left = sum(len(item.rows) for item in recording.left_out)
+    lost = max(recording.duration / period + 1 - len(recording) - left, 0.0)
     if recording.spread:
         told.append(
             f"judged by {gaps + 1} stretches spread over {recording.spread} rows; dropouts between "
@@ -141,7 +142,8 @@ def sampling_of(recording: Recording) -> list[str]:
         )
     elif gaps or lost > _LOST * len(recording):
         many = f"{gaps} gap{'s' * (gaps != 1)}" if gaps else "no long gap"
-        told.append(f"{many}; about {max(lost, 0):.0f} samples lack ({lost / len(recording):.1%})")
+        share = lost / (lost + left + len(recording))
+        told.append(f"{many}; about {lost:.0f} samples were never recorded ({share:.1%})")
     out = recording.rows_total - len(recording)
     if out:
         reasons = ", ".join(f"{len(item.rows)} {item.reason}" for item in recording.left_out)

@@ -15,6 +15,7 @@ import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.types import FloatArray, readonly
+from limopa.feasibility import Condition
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -87,7 +88,7 @@ class ScaffoldSampler:
                 condition,
                 f"none of {self.drawn} random configurations is a feasible scaffold: {what}, "
                 "however the joints move; choose the joints of the arm (`robot.urdf#arm_*`), or "
-                "change the surroundings",
+                f"change the surroundings{self._way_out(condition)}",
             )
 
     def _infeasible(self, in_vain: int) -> InfeasiblePathError:
@@ -98,8 +99,15 @@ class ScaffoldSampler:
         return InfeasiblePathError(
             condition,
             f"none of {in_vain} random configurations is a feasible scaffold; "
-            f"of {self.drawn} drawn, rejected by {counts}",
+            f"of {self.drawn} drawn, rejected by {counts}{self._way_out(condition)}",
         )
+
+    def _way_out(self, condition: str) -> str:
+        """Say what of the surroundings to change where these are what stands in the way."""
+        if condition != Condition.TABLE:
+            return ""
+        height = self.feasibility.surroundings.table_height
+        return f"; the table is {height:g} m above the base: is it lower (`table_height`)?"
 
 
 def nearest_first(scaffolds: FloatArray, query: FloatArray) -> NDArray[np.int64]:

@@ -77,6 +77,8 @@ class Recording(FilteredSamples, Displayed):
             (`command`), if empty.
         spread: Rows of a long log of which the samples are evenly spread stretches; 0 if they are
             all of it.
+        partial: The same with the rows on which the torque of some joint alone is none, for
+            `by_joint`; None where there are no others.
 
     Raises:
         ShapeError: The shapes do not fit together, or there is no joint.
@@ -107,6 +109,7 @@ class Recording(FilteredSamples, Displayed):
     command: FloatArray | None = None  # (T, n) [rad], or what the joint's channel has
     channels: tuple[str, ...] = ()  # of the commands, by joint
     spread: int = 0  # rows of the log of which these are stretches; 0 if they are all
+    partial: Recording | None = field(default=None, compare=False)  # rows of some joints, too
 
     def __post_init__(self) -> None:
         shape = np.shape(self.position)
@@ -228,8 +231,7 @@ class Recording(FilteredSamples, Displayed):
             if found is not None:
                 filled, usable, none = found
                 more = replace(cls._of(filled, usable, source), unmeasured=none[usable.rows])
-                # no field: a recording that is made of this one shares it no longer
-                object.__setattr__(recording, "_more_rows", more)
+                return replace(recording, partial=more)
         return recording
 
     @classmethod
@@ -313,9 +315,9 @@ class Recording(FilteredSamples, Displayed):
 
         For what judges each joint by itself: one bad channel does not take the rows of all joints.
         Torques marked in `unmeasured` may not be used. Only a recording that was loaded or made
-        from arrays knows of such rows; cuts and copies of it return themselves.
+        from arrays knows of such rows; cuts of it return themselves.
         """
-        return getattr(self, "_more_rows", self)
+        return self if self.partial is None else self.partial
 
     def save(self, path: Path | str) -> None:
         """Write Parquet that `load` reads back, without the rows that were left out.
@@ -407,6 +409,7 @@ class Recording(FilteredSamples, Displayed):
             rows=self.rows[rows],
             unmeasured=None if self.unmeasured is None else self.unmeasured[rows],
             command=None if self.command is None else self.command[rows],
+            partial=None,
         )
 
     def led(self, wanted: Sequence[str | None]) -> Recording:
@@ -421,7 +424,7 @@ class Recording(FilteredSamples, Displayed):
         if self.command is None and not self.extras.keys() & CHANNELS.keys():
             return self
         command, channels = chosen(self.command, self.channels, self.extras, wanted, self.source)
-        return replace(self, command=command, channels=channels)
+        return replace(self, command=command, channels=channels, partial=None)
 
     def at_most(self, rows: int) -> Recording:
         """Return evenly spread stretches of it; itself, if it has no more samples than that.

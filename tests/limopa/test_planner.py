@@ -179,8 +179,8 @@ def test_the_flange_of_a_stretched_arm_moves_by_no_more_than_the_clearance_betwe
     [
         (PlanRequest(workspace=Workspace(radius=0.1), candidates=2000), "effective workspace"),
         (
-            PlanRequest(surroundings=Surroundings(table_height=2.0), candidates=2000),
-            "table",
+            PlanRequest(surroundings=Surroundings(table_height=1.1), candidates=2000),
+            r"the table is 1.1 m above the base: is it lower \(`table_height`\)",
         ),
         (PlanRequest(surroundings=Surroundings(joint_margin=2.5)), "joint limits"),
         (
@@ -198,7 +198,7 @@ def test_the_flange_of_a_stretched_arm_moves_by_no_more_than_the_clearance_betwe
 def test_an_infeasible_request_names_the_condition(iiwa, request_, condition):
     with pytest.raises(InfeasiblePathError, match=condition) as caught:
         plan(iiwa, request_)
-    assert caught.value.condition == condition
+    assert caught.value.condition in condition
 
 
 def test_what_no_motion_mends_is_said_after_a_few_draws(iiwa):

@@ -31,7 +31,8 @@ def command(
     sim: Annotated[
         Path | None,
         typer.Option(
-            help="What is believed of that arm: a sim.yaml, or a model.xml whose friction is meant."
+            help="What is believed of that arm: a sim.yaml, or its URDF or MJCF, with the friction "
+            "that this states."
         ),
     ] = None,
     robot: Annotated[

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer
 from limo_driver.app.console.terminal import (
     Machines,  # typer
     OnOption,
@@ -20,8 +21,12 @@ def diagnose(
     recordings: Annotated[
         list[str], typer.Argument(help="Recordings, or patterns of them; files or URLs.")
     ],
-    sim: Annotated[Path, typer.Option(help="What is believed of such arms, a sim.yaml.")],
+    sim: Annotated[
+        Path,
+        typer.Option(help="What is believed of such arms: a sim.yaml, or their URDF or MJCF."),
+    ],
     out: Annotated[Path, typer.Option(help="Folder for table, page and diagnoses.")],
+    mapping: MappingOption = None,
     workers: WorkersOption = None,
     on: OnOption = Machines.processes,
     bandwidth: Annotated[
@@ -37,10 +42,12 @@ def diagnose(
     Writes results.parquet (a row for each recording, an error line where it cannot be used),
     fleet.html, and the diagnosis of each recording with its report. What is finished is kept,
     whatever happens; the same command goes on from there. The folder of a recording names its arm,
-    and a date in its path, such as 2026-03-01, is its date.
+    and a date in its path, such as 2026-03-01, is its date. Logs of any format will do: one
+    mapping, which `limo inspect` writes, is for all of them.
 
     Example:
         limo fleet diagnose "recordings/**/*.parquet" --sim sim.yaml --out fleet
+        limo fleet diagnose "*/*.csv" --sim arm.xml --mapping map.yaml --out fleet
         limo fleet diagnose "s3://logs/**" --sim sim.yaml --out fleet --on ray
     """
     from estimators.fleet.page import PAGE, TABLE
@@ -50,7 +57,14 @@ def diagnose(
     notes = terminal(stderr=True, soft_wrap=True)
     with told_progress(notes, "diagnosing") as tell:
         found = diagnose_fleet(
-            recordings, sim, out, bandwidth=bandwidth, workers=workers, on=on.value, progress=tell
+            recordings,
+            sim,
+            out,
+            mapping=mapping,
+            bandwidth=bandwidth,
+            workers=workers,
+            on=on.value,
+            progress=tell,
         )
     console = terminal()
     for row in found.failed:

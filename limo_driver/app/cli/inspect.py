@@ -10,7 +10,10 @@ import typer
 from limo_driver.app.console.arguments import ROBOTS
 
 if TYPE_CHECKING:
+    from limo_driver.errors import RecordingError
     from limo_driver.logs.readers.inspection import Inspection, Settled
+    from limo_driver.logs.readers.proposals.proposal import NothingProposedError
+    from limo_driver.model import RobotModel
 
 _MAPPING = Path("mapping.yaml")
 
@@ -59,10 +62,14 @@ def command(
     """
     from limo_driver.app.library.inspecting import inspect
     from limo_driver.logs.readers.inspection import Settled, settle
+    from limo_driver.logs.readers.proposals.proposal import NothingProposedError
     from limo_driver.runtime.outputs import require_file
 
     require_file(out, [log] if log.is_file() else [])
-    found = inspect(log, robot, topic=topic, episode=episode, columns=columns, mapping=mapping)
+    try:
+        found = inspect(log, robot, topic=topic, episode=episode, columns=columns, mapping=mapping)
+    except NothingProposedError as error:
+        raise _with_template(error, out) from None
     if mapping is not None:
         settled = Settled(mapping, found.mapping, True, (f"read as {mapping} says",))
     else:
@@ -72,6 +79,19 @@ def command(
     else:
         _show(found, settled)
         _show_next(found, log, robot, settled)
+
+
+def _with_template(error: NothingProposedError, out: Path) -> RecordingError:
+    """Return the error with where a mapping is to be filled in, which is written there."""
+    from limo_driver.errors import RecordingError
+    from limo_driver.runtime.outputs import whole
+
+    where = f"kept {out}, which is there: for a mapping to be filled in, name another file by --out"
+    if not out.exists():
+        with whole(out) as draft:
+            draft.write_text(error.template, encoding="utf-8")
+        where = f"wrote {out}, a mapping to be filled in: name the columns there"
+    return RecordingError(f"{error}; {where}")
 
 
 def _print_json(found: Inspection, settled: Settled) -> None:
@@ -110,13 +130,29 @@ def _show_next(found: Inspection, log: Path, robot: str, settled: Settled) -> No
     from limo_driver.app.console.terminal import terminal
     from limo_driver.quoting import in_shell
 
-    console = terminal(soft_wrap=True)
+    console, path = terminal(soft_wrap=True), settled.path
     if open_ones := len(settled.mapping.undecided):
         what = "the question" if open_ones == 1 else f"each of the {open_ones} questions"
-        where = f"in {settled.path}" if settled.is_kept else "there"
+        where = f"in {path}" if settled.is_kept else "there"
         console.print(
             f"next: answer {what} under `undecided:` {where}, and delete it", style="bold"
         )
     elif settled.is_kept or found.recording is not None:
-        words = ("limo", "diagnose", log, "--robot", robot, "--mapping", settled.path)
+        option = "--sim" if _states_friction(found.proposal.model) else "--robot"
+        words = ("limo", "diagnose", log, option, robot, "--mapping", path)
         console.print(f"next: {in_shell(*words)} --out diagnosis", style="bold")
+    elif found.mapping.torque is None:
+        console.print(
+            f"next: name the columns of torques, of currents (with `factor:`) or of commands under "
+            f"`torque:` or `command:` in {path}",
+            style="bold",
+        )
+
+
+def _states_friction(model: RobotModel) -> bool:
+    """Say whether an MJCF file states friction, which counts as unknown where it is no `--sim`."""
+    from limo_driver.physics.described import described_effects
+    from limo_driver.physics.effect import Friction
+
+    is_mjcf = model.description.kind == "MJCF"
+    return is_mjcf and any(isinstance(effect, Friction) for effect in described_effects(model))

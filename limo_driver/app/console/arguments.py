@@ -42,6 +42,7 @@ OPTIONS: Final = {
     "sign": "--sign",
     "simulation": "--sim",
     "store": "--store",
+    "table_height": "--table-height",
     "topic": "--topic",
     "trajectory": "--trajectory",
     "trust": "--trust",

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     _Number = TypeVar("_Number", int, float)
 
 VARIABLE: Final = "LIMO_SHORT"
+QUIET: Final = 60.0  # [s] between two lines of progress in a file
 
 
 def say(text: str, *, stderr: bool = False) -> None:
@@ -76,9 +77,15 @@ def progress_bar(console: Console) -> Generator[Callable[[str, float], None]]:
     columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
     # where nobody watches, the bar would leave an empty line before the message of an error
     disable = not console.is_terminal
+    line = _lines(console)
+
+    def tell(stage: str, part: float) -> None:
+        bar.update(task, completed=part, description=stage)
+        line(f"{part:.0%}: {stage}")
+
     with Progress(*columns, console=console, transient=True, disable=disable) as bar:
         task = bar.add_task("reading motion", total=1.0)
-        yield lambda stage, part: bar.update(task, completed=part, description=stage)
+        yield tell
 
 
 class Machines(StrEnum):
@@ -108,6 +115,7 @@ def told_progress(
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
+    line = _lines(console)
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}", markup=False))
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
@@ -121,10 +129,24 @@ def told_progress(
                 start, before = monotonic(), done
                 if done:
                     console.print(f"{done} of {total} need no work")
-            said = pace(done - before, total - done, monotonic() - start) or doing
-            bar.update(task, completed=done, total=total, description=said)
+            text = pace(done - before, total - done, monotonic() - start) or doing
+            bar.update(task, completed=done, total=total, description=text)
+            line(f"{done} of {total}: {text}")
 
         yield tell
+
+
+def _lines(console: Console) -> Callable[[str], None]:
+    """Return what prints a line now and then where no bar is drawn, as into a file."""
+    printed = monotonic()
+
+    def line(text: str) -> None:
+        nonlocal printed
+        if not console.is_terminal and monotonic() - printed >= QUIET:
+            printed = monotonic()
+            console.print(text)
+
+    return line
 
 
 def pace(done: int, left: int, seconds: float) -> str:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from estimators.fleet.result import FleetDiagnosis, FleetStore
     from estimators.fleet.row import FleetOutcome, FleetRow
+    from limo_driver.logs.readers.mapping import LogMapping
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -38,6 +39,7 @@ def diagnose_fleet(
     simulation: Simulation | Path | str,
     out: Path | str,
     *,
+    mapping: LogMapping | Path | str | None = None,
     bandwidth: float | None = None,
     workers: int | None = None,
     on: Literal["processes", "ray"] = "processes",
@@ -46,9 +48,9 @@ def diagnose_fleet(
     """Diagnose many recordings of one kind of arm side by side, and compare the arms.
 
     What is finished is kept in `out` at once: after any interruption, the same call goes on where
-    it was. A recording is diagnosed anew where its bytes, the simulation, the bandwidth or the
-    version of limo are others. Every worker is a process of its own, and in a program that is a
-    file, the call has to stand behind `if __name__ == "__main__":`.
+    it was. A recording is diagnosed anew where its bytes, the simulation, the mapping, the
+    bandwidth or the version of limo are others. Every worker is a process of its own, and in a
+    program that is a file, the call has to stand behind `if __name__ == "__main__":`.
 
     Args:
         recordings: Files, or patterns such as `recordings/**/*.parquet`; URLs of objects, or
@@ -56,6 +58,8 @@ def diagnose_fleet(
             The folder of a file is the arm it is of; a date in its path is the date.
         simulation: What is believed of such arms, or its file.
         out: Folder for results.parquet, fleet.html and the diagnosis of each recording.
+        mapping: Which columns of all these logs are what, or the file that says so; logs in any
+            format that leave nothing to be decided need none.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what a
             recording can bear.
         workers: How many run at a time at most; one for each core if not given.
@@ -78,15 +82,17 @@ def diagnose_fleet(
     from estimators.fleet.page import save_fleet
     from estimators.fleet.result import FleetDiagnosis, FleetStore, digest_of
     from limo_driver.app.library.executors import check_place
+    from limo_driver.app.library.reading import mapping_of
     from limo_driver.runtime.outputs import only_writer, require_folder
 
-    known, folder = simulation_of(simulation), Path(out)
+    known, folder, used = simulation_of(simulation), Path(out), mapping_of(mapping)
     check_place(workers, on)
     found = matched(recordings)
     require_folder(folder, "the fleet", inputs=[item for item in found if isinstance(item, Path)])
     store = FleetStore(folder)
     with only_writer(folder):
-        rows = rows_of(found, digest_of(known, bandwidth))
+        use = (bandwidth,) if used is None else (bandwidth, used.as_file)
+        rows = rows_of(found, digest_of(known, *use))
         ended = {
             row.recording: done
             for row in rows
@@ -95,7 +101,7 @@ def diagnose_fleet(
         left = [row for row in rows if row.recording not in ended]
         if progress is not None:
             progress(None, len(ended), len(rows))
-        for row, outcome in _outcomes(FleetJob(known, bandwidth), left, workers, on):
+        for row, outcome in _outcomes(FleetJob(known, bandwidth, used), left, workers, on):
             done = _kept(store, row, outcome)
             ended[row.recording] = done
             if progress is not None:
@@ -151,6 +157,7 @@ class FleetJob:
 
     simulation: Simulation
     bandwidth: float | None  # [Hz]; what suits a recording, if none
+    mapping: LogMapping | None = None  # of all recordings, where they are logs of another format
 
     def do(self, row: FleetRow) -> FleetOutcome | str:
         """Diagnose one recording on one thread.
@@ -195,7 +202,7 @@ class FleetJob:
 
         with at_hand(row.recording) as path:
             try:
-                recording = read(path, self.simulation.model)
+                recording = read(path, self.simulation.model, self.mapping)
             except LimoError as error:  # the row names the recording, and not where its copy lay
                 raise LimoError(str(error).removeprefix(f"{path}: ")) from error
             return replace(recording, source=str(row.recording))

@@ -10,7 +10,7 @@ import numpy as np
 
 from limo_driver.app.library.inputs import expected, model_for, model_of, unexpected
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns import TIME, read_name
+from limo_driver.logs.readers.columns import TIME, WRITTEN, read_name
 from limo_driver.logs.readers.formats.reading import (
     ARRAYS,
     BAGS,
@@ -182,9 +182,9 @@ def column_names(path: Path) -> list[str]:
         RecordingError: It cannot be read.
     """
     if path.suffix.lower() == ".csv":
-        from limo_driver.logs.readers.formats.delimited import dialect_of
+        from limo_driver.recordings.files.delimited import dialect_of
 
-        found = dialect_of(path)
+        found = dialect_of(path, WRITTEN)
         own = found.separator == "," and found.decimal == "." and not (found.told or found.units)
         return list(found.names) if own else []
     import pyarrow.parquet as pq

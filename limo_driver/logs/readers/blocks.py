@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.columns import WRITTEN
 from limo_driver.logs.readers.formats.arrays import npz_blocks, rows_of_npz
 from limo_driver.logs.readers.formats.arrow import numbers_of
-from limo_driver.logs.readers.formats.delimited import DelimitedText
 from limo_driver.logs.readers.formats.reading import ARRAYS, PARQUET, TEXTS, ending_of
 from limo_driver.logs.readers.proposals.gravity import other_unit_from
 from limo_driver.logs.readers.proposals.times import refuse_two_units
 from limo_driver.recordings.files.batches import LONG_TEXT, blocks_of, is_packed
+from limo_driver.recordings.files.delimited import DelimitedText
 from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
 from limo_driver.recordings.files.stretches import MOST
 from limo_driver.runtime.display import shortened
@@ -43,7 +44,7 @@ def long_log(path: Path) -> Iterator[LogTable] | None:
     """
     ending = ending_of(path)
     if ending in TEXTS and path.is_file() and _is_long(path):
-        return _numbers(DelimitedText(path).blocks(), path, "delimited text")
+        return _numbers(DelimitedText(path, WRITTEN).blocks(), path, "delimited text")
     if ending in PARQUET and _rows_of_parquet(path) > MOST:
         return _numbers(_parquet_tables(path), path, "Parquet")
     if ending in ARRAYS and rows_of_npz(path) > MOST:

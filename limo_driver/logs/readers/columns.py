@@ -166,6 +166,7 @@ _AXIS: Final = re.compile(r"(?:(?<![A-Za-z])a|(?<![A-Z])(?<!\bm)(?<!_m)A)(?=[ _.
 _IN_BRACKETS: Final = ("m", "n")  # units there; elsewhere the motor, as in `theta_m`, or a number
 _DOTS: Final = re.compile(r"\b(?:d dot|dot dot)\b")  # of an acceleration, as in `qDDot`
 _UNITS: Final = {TIME: SECONDS, CURRENT: CURRENTS, **UNITS}
+_LEROBOT: Final = ({"observation", "state"}, {"action"})  # features that are positions of motors
 _SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn/s", "m": "m/s"}
 _SAID = {MEASURED: "measured", PLAIN: "", COMMANDED: "commanded", DERIVED: "derived"}
 
@@ -225,6 +226,8 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
         quantity = TORQUE  # computed of a current, as `torque_current` is
     if not said and unit in SECONDS and joint is None:
         quantity = TIME  # if it runs evenly, which no name says
+    if not said and isinstance(joint, str) and any(known <= {*words} for known in _LEROBOT):
+        quantity = POSITION
     if not said and unit and joint is not None:
         quantity = CURRENT if stated in CURRENTS else _of_unit(unit)
     if quantity == VELOCITY:

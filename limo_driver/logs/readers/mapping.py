@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, UNITS
+from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, TORQUE, UNITS
 from limo_driver.logs.readers.table import TimeColumns, units_of
 from limo_driver.recordings.channels import CHANNELS, POSITION, Columns
 from limo_driver.runtime.declarations import read_yaml
@@ -299,8 +299,10 @@ class LogMapping(Declared, Displayed):
         """Return the torques of T rows, (T, n) [N m]; NaN where there are commands instead."""
         if self.torque is None:
             if not self._told():
+                none = ", ".join(table.lost(TORQUE, CURRENT))
                 raise RecordingError(
-                    "has no measured torque; motion alone says nothing of friction and inertia",
+                    f"has no measured torque{none and f' ({none})'}; motion alone says nothing of "
+                    "friction and inertia",
                     path=table.source or None,
                 )
             return np.full((table.rows, len(self.joints)), np.nan)
@@ -321,6 +323,24 @@ class LogMapping(Declared, Displayed):
         order = [self.joints.index(name) for name in names]
         parts = {q: getattr(self, q) for q in QUANTITIES if getattr(self, q) is not None}
         return replace(self, joints=names, **{q: _ordered(c, order) for q, c in parts.items()})
+
+
+def template_for(table: LogTable, model: RobotModel) -> str:
+    """Return a mapping that is to be filled in: `load` refuses it before that."""
+    listed = yaml.safe_dump(list(table.columns), width=92, default_flow_style=True)
+    joints = yaml.safe_dump(list(model.joint_names), width=1000, default_flow_style=True)
+    columns = "".join(f"#   {line}\n" for line in listed.splitlines())
+    return f"""\
+# Name a column for each joint, in their order, and its unit; delete what the log has none of.
+# The log has the columns
+{columns}robot: {model.name}
+joints: {joints.strip()}
+time: {{columns: [], unit: s}}      # or {{rate: 100}}, in Hz, if no column is a time
+position: {{columns: [], unit: rad}}  # or deg, mrad, turn; m or mm of a slide
+velocity: {{columns: [], unit: rad/s}}
+torque: {{columns: [], unit: N m}}    # or A, with `factor:` in N m for each ampere
+command: {{columns: [], unit: rad}}   # set-points of positions
+"""
 
 
 def values_of(table: LogTable, name: str) -> NDArray[Any]:

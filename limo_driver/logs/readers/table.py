@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError, ParameterError, RecordingError
-from limo_driver.logs.readers.columns import SECONDS, WRITTEN
+from limo_driver.logs.readers.columns import SECONDS, WRITTEN, read_name
 from limo_driver.recordings.channels import seconds
 from limo_driver.runtime.display import shortened
 from limo_driver.runtime.parameters import Declared, parameter, shown
@@ -129,6 +129,15 @@ class LogTable:
         kept = {name: values for name, values in self.columns.items() if name not in empty}
         unread = {**self.unread, **dict.fromkeys(empty, "no number")}
         return replace(self, columns=kept, unread=unread) if empty else self
+
+    def lost(self, *quantities: str, joints: Sequence[str] = ()) -> list[str]:
+        """Say what unread columns hold whose names say one of these quantities."""
+        every = self.unread.items()
+        return [
+            f"{name} holds {held}"
+            for name, held in every
+            if read_name(name, joints).quantity in quantities
+        ]
 
     def column(self, name: str) -> NDArray[Any]:
         """Return a column.

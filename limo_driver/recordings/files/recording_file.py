@@ -16,7 +16,8 @@ import pyarrow as pa
 
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import CHANNELS, POSITION, Columns, recorded_channel, seconds
-from limo_driver.recordings.files.batches import LONG_TEXT, Kept, kept_of, text_batches
+from limo_driver.recordings.files.batches import Kept, kept_of
+from limo_driver.recordings.files.delimited import DelimitedText
 from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
 from limo_driver.runtime.given_files import check_file
 from limo_driver.runtime.outputs import require_parquet, whole
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 _JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d*)")
 LOG_SUFFIX = ".partial"
-_LONGEST_HEADER = 65536  # bytes
 
 
 def read_columns(path: Path) -> Columns:
@@ -199,24 +199,11 @@ def _read_format(path: Path) -> Kept:
         table = read_log(path, told.append)
         return Kept(table, note="; ".join(f"{path.name} {text}" for text in told))
     if path.suffix.lower() in {".csv", ".txt"}:
-        return _read_csv(path)
+        text = DelimitedText(path)
+        kept = text.kept()
+        return replace(kept, note="; ".join(filter(None, (kept.note, *text.notes()))))
     rows = parquet_rows(path)
     return kept_of(rows.batches, rows.schema, rows.width)
-
-
-def _read_csv(path: Path) -> Kept:
-    from pyarrow import csv
-
-    with path.open("rb") as file:
-        header = file.readline(_LONGEST_HEADER)
-    if len(header) == _LONGEST_HEADER:
-        raise RecordingError(f"has a first line of more than {_LONGEST_HEADER} bytes", path=path)
-    for separator, name in ((b";", "semicolons"), (b"\t", "tabs")):
-        if b"time" in header and separator in header and b"," not in header:
-            raise RecordingError(f"has columns separated by {name}, expected commas", path=path)
-    if path.stat().st_size > LONG_TEXT:
-        return kept_of(*text_batches(path))
-    return Kept(csv.read_csv(path))
 
 
 def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:

@@ -2,7 +2,7 @@
 
 A stamp that is late by a few periods belongs to a message that was overtaken on its way. A clock
 that is set goes on from another time, while the arm moves on as if nothing had happened: there the
-time is cut, and what follows is put a second later.
+time is cut, and a gap put there.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 SYSTEMATIC: Final = 0.02  # share of rows above which a fault is no accident
-GAP: Final = 1.0  # [s] from the last row before a clock was set to the first one after
+_GAP: Final = 2.0  # times the longest step that is none, put where a clock was set
 _OVERTAKEN: Final = 20  # periods, by which a message may come late
 _HOLE: Final = 1.5  # periods, that messages are apart between which one is missing
 FEWEST_LATE: Final = 3  # rows behind a step back; fewer are stamps out of place
@@ -92,7 +92,8 @@ class OneClock:
         steps = _steps(time, position, self._began or 0.0)
         notes, put = list[str](), time.copy()
         for last, first, amount in steps:
-            shift = put[last] + GAP - put[first]
+            gap = _GAP * longest_step(np.diff(time))
+            shift = put[last] + gap - put[first]
             put[first:] += shift
             self._shift += shift
             self._began = float(put[first])
@@ -100,7 +101,7 @@ class OneClock:
             notes.append(
                 f"the clock was set {way} by {abs(amount):.4g} s at row "
                 f"{self._rows + first - before}, while "
-                f"the arm moved on: cut there, and what follows begins {GAP:g} s later"
+                f"the arm moved on: cut there, with a gap of {gap:.3g} s"
             )
         kept = columns if not self._shift else replace(columns, time=put[before:])
         kept = replace(kept, warnings=(*kept.warnings, *notes)) if notes else kept

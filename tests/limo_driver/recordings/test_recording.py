@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -161,6 +162,7 @@ def test_by_joint_a_held_torque_costs_no_row_of_the_others(tmp_path):
     columns["torque_1"][300:302] = np.nan
     recording = Recording.load(write(columns, tmp_path / "a.parquet"))
     every = recording.by_joint()
+    assert replace(recording, source="elsewhere").by_joint() is every
     assert len(recording) == len(every) - 202
     assert every.unmeasured.sum(axis=0).tolist() == [2, 0, 200]
     assert every.unmeasured[1000:1200, 2].all()

@@ -11,9 +11,10 @@ import pyarrow as pa
 from pyarrow import compute
 
 from limo_driver.errors import RecordingError
-from limo_driver.logs.readers.columns import TIME, read_name
+from limo_driver.logs.readers.columns import TIME, WRITTEN, read_name
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.recordings.files.batches import FEW, Kept, kept_of
+from limo_driver.recordings.files.delimited import DelimitedText, tables_in
 from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
 
 if TYPE_CHECKING:
@@ -81,6 +82,27 @@ def kept_numbers(kept: Kept, source: str, kind: str) -> LogTable:
     table = numbers_of(kept.table, source, kind)
     notes, unread = (kept.note,) if kept.note else (), {**table.unread, **kept.aside}
     return replace(table, spread=kept.spread, notes=notes, unread=unread)
+
+
+def read_delimited(path: Path) -> LogTable:
+    """Read delimited text, or stretches of one that is long.
+
+    Raises:
+        RecordingError: It cannot be read, is no such text, or holds several tables.
+    """
+    text = DelimitedText(path, WRITTEN)
+    try:
+        found = kept_numbers(text.kept(), str(path), "delimited text")
+    except RecordingError:
+        if len(tables := tables_in(path, WRITTEN)) > 1:
+            listed = "; ".join(f"one of {names} from line {line} on" for line, names in tables)
+            raise RecordingError(
+                f"holds {len(tables)} tables: {listed}; expected one, so give each a file of its "
+                "own, or join their columns",
+                path=path,
+            ) from None
+        raise
+    return replace(found, notes=(*text.notes(), *found.notes))
 
 
 def read_parquet(path: Path) -> Kept:

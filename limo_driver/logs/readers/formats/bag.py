@@ -131,7 +131,7 @@ def read_bags(
     kind = f"ROS {version} bag" if kept.encoding == CDR else f"MCAP file in {kept.encoding}"
     kind, is_si = f"{kind}, topic {kept.topic}", kept.encoding == CDR or kept.schema in _ORDER
     spread = kept.stretches.spread
-    return LogTable(columns, source, kind, {}, (*notes, *more), spread=spread, is_si=is_si)
+    return LogTable(columns, source, kind, kept.empty, (*notes, *more), spread=spread, is_si=is_si)
 
 
 def topic_with(
@@ -186,6 +186,7 @@ class _Group:
     encoding: str = CDR
     stamps: array[int] = field(default_factory=lambda: array("q"))  # since the last stretch
     values: array[float] = field(default_factory=lambda: array("d"))
+    empty: dict[str, str] = field(default_factory=dict)  # quantities, and what they hold
     unstamped: int = 0  # messages that have no stamp, whose time is that of their receipt
     stretches: Stretches[_Rows] = field(default_factory=lambda: Stretches(_Rows.cut))
 
@@ -240,6 +241,8 @@ class _Group:
             own = [k for k, name in enumerate(self.held) if name.partition(".")[0] == quantity]
             if not np.isnan(values[:, own]).all():
                 columns |= {self.held[k]: values[:, k] for k in own}
+            else:
+                self.empty[quantity] = "no number in any message"
         notes = [self.stretches.note()] if self.stretches.spread else []
         if overtaken:
             notes.append(f"{overtaken} messages were logged after one with a later stamp")

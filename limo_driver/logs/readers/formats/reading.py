@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import RecordingError
@@ -73,11 +72,9 @@ def read_table(
         return read_npz(path)
     if ending in OBJECTS:
         return _read_objects(path, ending)
-    from limo_driver.logs.readers.formats.arrow import kept_numbers, read_parquet
+    from limo_driver.logs.readers.formats.arrow import kept_numbers, read_delimited, read_parquet
 
     if ending in TEXTS:
-        from limo_driver.logs.readers.formats.delimited import read_delimited
-
         return read_delimited(path)
     if ending in PARQUET:
         return kept_numbers(read_parquet(path), str(path), "Parquet")

@@ -234,7 +234,8 @@ def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) 
         return Reading(
             _of_joints("N m", model),
             f"{middle:.2g} times the gravity torque of the arm",
-            f"torque: it is {middle:.2g} times the gravity torque of the arm in N m: which unit?",
+            f"torque: it is {middle:.2g} times the gravity torque of the arm in N m: which "
+            "unit, or a current (`unit: A`)?",
         )
     return _by_effort(torque[rows], model)
 

@@ -68,6 +68,8 @@ def position_reading(position: FloatArray, beside: Beside, model: RobotModel) ->
     position = position[rows]
     torque = None if torque is None else torque[rows]
     slides = _slides(position, model)
+    if all(slides):
+        return Reading(slides, "within the limits of all slides")
     # as if in rad: nothing else is open of joints that slide
     position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
     cost = Gravity(model, torque, beside.torque_unit)
@@ -271,6 +273,12 @@ def _flipped(
         if (left := cost.of(position, flipped)) < least - DECISIVE:
             units, least = flipped, left
     return units, least
+
+
+def within_limits(position: FloatArray, unit: str, model: RobotModel) -> bool:
+    """Say whether positions (T, n) in a unit are within the limits of all joints."""
+    scale = np.where(model.sliding, 1.0, UNITS["position"][unit])
+    return bool(len(position) and _possible(position * scale, model).all())
 
 
 def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:

@@ -31,12 +31,11 @@ from limo_driver.logs.readers.columns import (
     ColumnFamily,
     families_of,
     own_word,
-    read_name,
     strange_words,
     words_of,
 )
 from limo_driver.logs.readers.formats.lerobot import KIND as LEROBOT
-from limo_driver.logs.readers.mapping import Channels, LogMapping, values_of
+from limo_driver.logs.readers.mapping import Channels, LogMapping, template_for, values_of
 from limo_driver.logs.readers.proposals.gravity import (
     current_factors,
     other_unit_from,
@@ -48,7 +47,7 @@ from limo_driver.logs.readers.proposals.motion_units import (
     velocity_unit,
 )
 from limo_driver.logs.readers.proposals.recorded_joints import recorded_part, whole_of_mujoco
-from limo_driver.logs.readers.proposals.times import time_columns, unnamed_columns
+from limo_driver.logs.readers.proposals.unnamed import families_by_numbers
 from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:
@@ -62,6 +61,7 @@ if TYPE_CHECKING:
 _MUJOCO, _MUJOCO_FORCE = "qpos", "qfrc"
 _OF_DRIVES = " If they were told to drives, name them under `command_torque:`, not `torque:`"
 _NORMALISED = 100.0
+_GRIPPER = "gripper"
 _MUCH_NEARER = 4.0  # times, that commands in another unit have to lie to positions; units are 57
 _LOOKED_AT = 200_000  # rows that tell names, units and rates apart; the rest is like them
 
@@ -84,6 +84,20 @@ class Proposal:
     taken: tuple[Taken, ...]
     model: RobotModel  # with the joints that the log is of
     told: str = ""  # where the other joints are locked
+
+
+class NothingProposedError(RecordingError):
+    """No column can be taken for the positions of a robot's joints.
+
+    Args:
+        message: Why.
+        table: What the log holds.
+        model: The robot.
+    """
+
+    def __init__(self, message: str, table: LogTable, model: RobotModel) -> None:
+        super().__init__(message, path=table.source or None)
+        self.template = template_for(table, model)
 
 
 @dataclass
@@ -150,11 +164,10 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     table = table.without_empty().first(_LOOKED_AT)
     part = recorded_part(table, model)
     model = part.model
-    unnamed = unnamed_columns(table, model.n)
-    named = unnamed.families if unnamed else families_of(table.columns, model.joint_names)
-    draft = _Draft(table, model, named)
-    draft.questions += (*part.questions, *((unnamed.question,) if unnamed else ()))
-    time = unnamed.time if unnamed else time_columns(table)
+    found = families_by_numbers(table, families_of(table.columns, model.joint_names), model)
+    draft = _Draft(table, model, found.families)
+    draft.questions += (*part.questions, *((found.question,) if found.question else ()))
+    time = found.time
     draft.questions += time.questions
     draft.taken.append(Taken("time", ", ".join(time.columns.columns), time.unit, time.why))
     positions = _position_family(draft)
@@ -248,18 +261,14 @@ def _position_family(draft: _Draft) -> ColumnFamily:
         if named
         else f"its columns are {shortened(list(draft.table.columns))}"
     )
-    unread = [
-        f"{name} holds {held}"
-        for name, held in draft.table.unread.items()
-        if read_name(name, draft.model.joint_names).quantity == POSITION
-    ]
-    if unread:
+    if unread := draft.table.lost(POSITION, joints=draft.model.joint_names):
         what += f", and {shortened(unread)}"
-    raise RecordingError(
+    raise NothingProposedError(
         f"has no positions of the {draft.model.n} joints of {draft.model.name}: {what}; "
         f"its joints are {shortened(draft.model.joint_names)}; those named after a # of it are "
         "chosen, and the others locked",
-        path=draft.table.source or None,
+        draft.table,
+        draft.model,
     )
 
 
@@ -332,7 +341,32 @@ def _positions(draft: _Draft, family: ColumnFamily, beside: Beside) -> Channels:
             "Those need, as `factor:`, the degrees of one hundredth of half of that range, and as "
             "`zero:` what the column says where the description has 0"
         )
-    return draft.take(POSITION, family, unit, why)
+    return _grippers_in_percent(draft, family, draft.take(POSITION, family, unit, why))
+
+
+def _grippers_in_percent(draft: _Draft, family: ColumnFamily, read: Channels) -> Channels:
+    """Return positions with the range of a gripper for columns from 0 to 100, and ask about it."""
+    model, values = draft.model, draft.values(family)
+    low, high = model.limits.position_min, model.limits.position_max
+    n, factor, zero = model.n, np.ones(model.n), np.zeros(model.n)
+    unit = np.resize(read.unit, n)
+    for j, joint in enumerate(model.joint_names):
+        own, span = values[np.isfinite(values[:, j]), j], float(high[j] - low[j])
+        scale = UNITS[POSITION][unit[j]]
+        is_percent = _GRIPPER in words_of(joint) and own.min() >= 0 and own.max() <= _NORMALISED
+        is_plain = unit[j] in {"rad", "m"} and own.max() <= high[j]
+        if not is_percent or is_plain or not math.isfinite(span):
+            continue
+        factor[j] = span / _NORMALISED / scale
+        zero[j] = -float(low[j]) * _NORMALISED / span
+        draft.questions.append(
+            f"position: does {family.columns[j]} count a gripper from 0 to {_NORMALISED:g} % of "
+            f"its range? `factor:` and `zero:` take that for the range of {joint} in the "
+            f"description; 1 and 0 there read it in {unit[j]}"
+        )
+    if (factor == 1.0).all():
+        return read
+    return replace(read, factor=tuple(factor.tolist()), zero=tuple(zero.tolist()))
 
 
 def _may_be_normalised(draft: _Draft, family: ColumnFamily) -> bool:
@@ -344,7 +378,9 @@ def _may_be_normalised(draft: _Draft, family: ColumnFamily) -> bool:
 
 def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> Channels | None:
     if family is None:
-        draft.taken.append(Taken(TORQUE, "none", "", "no column is named like a measured torque"))
+        none = ", ".join(draft.table.lost(TORQUE, CURRENT))
+        why = none or "no column is named like a measured torque"
+        draft.taken.append(Taken(TORQUE, "none", "", why))
         return None
     if family.quantity == CURRENT:
         unit = (family.unit or "A",)
@@ -430,7 +466,11 @@ def _commands(draft: _Draft, position: Channels, torque: Channels | None) -> Cha
     if not known.any() or (torque is not None and not known.all()):
         return None
     unit = (family.unit,) if family.unit else _unit_beside(draft, values, position)
-    return draft.take(COMMAND, family, unit, "the names say so" if family.unit else "as positions")
+    why = "the names say so" if family.unit else "as positions"
+    command = draft.take(COMMAND, family, unit, why)
+    if family.unit or unit != tuple(dict.fromkeys(position.unit)):
+        return command
+    return replace(command, factor=position.factor, zero=position.zero)
 
 
 def _require_all_joints(draft: _Draft) -> None:

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.columns import (
     COMMANDED,
-    PLAIN,
-    POSITION,
     SECONDS,
     TIME,
-    TORQUE,
-    VELOCITY,
-    ColumnFamily,
-    Name,
     read_name,
     says_time,
 )
@@ -40,10 +33,6 @@ _EVEN: Final = 0.05  # of a step, by which others differ
 _SECOND: Final = 1e9  # [ns]
 _PIECES: Final = 20  # of a column, each with steps of its own
 _OTHER_UNIT: Final = 100.0  # between steps of two pieces; units are 1000 apart, rates less
-_COUNTED: Final = re.compile(r"column_\d+")
-_USUAL: Final = 0.5  # of the usual step, within which nearly all steps of a time are
-_NEARLY_ALL: Final = 0.9
-_LAYOUTS: Final = ((POSITION, TORQUE), (POSITION, VELOCITY, TORQUE))
 
 
 @dataclass(frozen=True)
@@ -211,62 +200,3 @@ def _unit(values: NDArray[Any], said: str) -> tuple[str, str, str]:
     if step == 1.0 and values.dtype.kind in "iu":
         return by_step, "steps of 1", "time: does it count milliseconds, or rows?"
     return by_step, f"steps of {step:.4g} are {rate}", ""
-
-
-class UnnamedColumns(NamedTuple):
-    """What the columns of a log may be of which nothing says so."""
-
-    time: TimeFound
-    families: list[ColumnFamily]
-    question: str
-
-
-def unnamed_columns(table: LogTable, joints: int) -> UnnamedColumns | None:
-    """Return what columns without names may be.
-
-    Args:
-        table: What the log holds.
-        joints: Of the robot.
-
-    Returns:
-        A time, then positions and torques of all joints, with velocities between them where there
-        are as many columns; None where the columns have names, or are of another number.
-    """
-    names = list(table.columns)
-    if not names or not all(_COUNTED.fullmatch(name) for name in names):
-        return None
-    running = next((name for name in names[:1] if _runs_evenly(table, name)), None)
-    if running is None:
-        return None
-    others = [name for name in names if name != running]
-    layout = next((x for x in _LAYOUTS if len(x) * joints == len(others)), None)
-    if layout is None:
-        return None
-    families = [
-        ColumnFamily(
-            quantity,
-            PLAIN,
-            tuple(
-                Name(name, quantity, PLAIN, number + 1, "", ())
-                for number, name in enumerate(others[k * joints : (k + 1) * joints])
-            ),
-        )
-        for k, quantity in enumerate(layout)
-    ]
-    told = "; ".join(f"{family.quantity}: {family}" for family in families)
-    question = (
-        f"columns: no line of names says what they are: is it time: {running}; {told}, in the "
-        "order of the joints?"
-    )
-    found = time_in(table, running)
-    return UnnamedColumns(replace(found, why=f"it runs evenly; {found.why}"), families, question)
-
-
-def _runs_evenly(table: LogTable, name: str) -> bool:
-    values = table.columns[name]
-    if values.dtype.kind not in "fiu":
-        return False
-    steps = np.diff(values.astype(np.float64))
-    usual = float(np.median(steps)) if steps.size else 0.0
-    even = np.abs(steps - usual) < _USUAL * usual
-    return usual > 0 and bool(even.mean() > _NEARLY_ALL)

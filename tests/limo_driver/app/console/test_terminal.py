@@ -7,7 +7,8 @@ import pytest
 from rich.progress import Progress, TextColumn
 from rich.table import Table
 
-from limo_driver.app.console.terminal import terminal
+from limo_driver.app.console import terminal as console
+from limo_driver.app.console.terminal import progress_bar, terminal, told_progress
 
 ROOT = Path(__file__).parents[4]
 PACKAGES = ("limo_driver", "backends", "estimators", "limopa")
@@ -83,3 +84,16 @@ def test_a_column_of_progress_keeps_its_brackets(capsys):
     with Progress(column, console=terminal()) as bar:
         bar.add_task(TEXT, total=1)
     assert TEXT in capsys.readouterr().out
+
+
+def test_progress_shows_in_a_file_now_and_then(capsys, monkeypatch):
+    monkeypatch.setattr(console, "QUIET", 0.0)
+    with progress_bar(terminal(stderr=True)) as tell:
+        tell("searching", 0.25)
+    with told_progress(terminal(stderr=True), "diagnosing") as count:
+        count("a row", 3, 4)
+    assert "25%: searching" in capsys.readouterr().err
+    monkeypatch.setattr(console, "QUIET", 1e9)
+    with progress_bar(terminal(stderr=True)) as tell:
+        tell("searching", 0.5)
+    assert capsys.readouterr().err == ""

@@ -13,9 +13,10 @@ from limo_driver.app.library.converting import convert_bags, convert_log
 from limo_driver.errors import RecordingError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter
 from limo_driver.logs.readers import blocks
-from limo_driver.logs.readers.formats import arrays, delimited
+from limo_driver.logs.readers.formats import arrays
 from limo_driver.logs.ros import joint_state_log
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec
+from limo_driver.recordings.files import delimited
 from limo_driver.recordings.files.batches import blocks_of
 from limo_driver.recordings.recording import Recording
 

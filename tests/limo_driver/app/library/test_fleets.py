@@ -9,6 +9,7 @@ import sys
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from fleet_recordings import record_swing
@@ -21,6 +22,7 @@ from estimators.fleet.row import FleetOutcome, FleetRow
 from limo_driver.app.library.executors import run_all
 from limo_driver.app.library.fleets import FleetJob, matched, rows_of
 from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.logs.readers.mapping import Channels, LogMapping, TimeColumns
 
 pytestmark = pytest.mark.waits
 
@@ -133,7 +135,7 @@ def test_a_full_disk_where_it_runs_is_no_finished_row(fleet, monkeypatch):
 def test_what_the_machine_failed_is_no_finished_row(fleet, monkeypatch, failure):
     job, row = row_of(fleet, "b/2026-03-02.parquet")
 
-    def read(path, _model):
+    def read(path, *_):
         try:
             raise failure
         except OSError as error:  # as the readers of recordings do
@@ -186,6 +188,27 @@ def test_the_key_changes_with_bytes_simulation_and_bandwidth(fleet):
     assert digest_of(simulation, 10.0) != digest_of(limo.Simulation("iiwa14"), 10.0)
     one, two = (key_of(fleet / f"a/2026-03-0{k}.parquet", "x") for k in (1, 2))
     assert one != two
+
+
+def test_logs_of_another_format_are_read_as_one_mapping_says(fleet, tmp_path):
+    measured = limo.Recording.load(fleet / "a/2026-03-01.parquet")
+    columns = (measured.time, *np.rad2deg(measured.position).T, *measured.torque.T)
+    path = tmp_path / "arm" / "log.csv"
+    path.parent.mkdir()
+    names = "t,one,two,m_one,m_two"
+    np.savetxt(path, np.stack(columns, axis=1), delimiter=",", header=names, comments="")
+    simulation = limo.Simulation.load(fleet / "sim.yaml")
+    mapping = LogMapping(
+        joints=simulation.model.joint_names,
+        time=TimeColumns(columns=("t",)),
+        position=Channels(columns=("one", "two"), unit=("deg",)),
+        torque=Channels(columns=("m_one", "m_two"), unit=("Nm",)),
+    )
+    (row,) = rows_of([path], digest_of(simulation, 10.0, mapping.as_file))
+    assert FleetJob(simulation, 10.0, mapping).refused(row) is None
+    refused = FleetJob(simulation, 10.0).refused(row)
+    assert "has no positions of the 2 joints" in refused.error
+    assert digest_of(simulation, 10.0) != digest_of(simulation, 10.0, mapping.as_file)
 
 
 class Machine:

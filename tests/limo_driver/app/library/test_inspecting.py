@@ -169,3 +169,49 @@ def test_an_arm_without_masses_is_inspected_and_planned_but_not_diagnosed(tmp_pa
     plan_page(planned, light, "motion", "light.urdf").save(tmp_path / "plan.html")
     with pytest.raises(ConfigError, match=r"7 links that move, link1, .* have no mass"):
         limo.nominal(str(tmp_path / "light.urdf"))
+
+
+@pytest.mark.parametrize(("stated", "option"), [('frictionloss="0.4"', "--sim"), ("", "--robot")])
+def test_what_an_mjcf_states_of_friction_is_believed_by_what_is_proposed(
+    run, tmp_path, stated, option
+):
+    (tmp_path / "arm.xml").write_text(
+        f'<mujoco><worldbody><body><joint name="hinge" axis="0 1 0" {stated}/>'
+        '<geom type="capsule" fromto="0 0 0 0 0 .4" size=".05" mass="4"/></body></worldbody>'
+        "</mujoco>"
+    )
+    angle = np.sin(TIME)
+    log = {"time": TIME, "q1_rad": angle, "tau1_Nm": -8 * np.sin(angle) + 0.1 * np.cos(TIME)}
+    written(log, tmp_path / "log.csv")
+    _, said, _ = run("inspect", "log.csv", "--robot", "arm.xml")
+    assert f"next: limo diagnose log.csv {option} arm.xml --mapping mapping.yaml" in said
+
+
+def filled(run, tmp_path, text):
+    """What an inspection says of a mapping with this text."""
+    (tmp_path / "mapping.yaml").write_text(text)
+    return run(*INSPECT, "--mapping", "mapping.yaml")[2]
+
+
+def test_a_log_of_which_nothing_is_known_makes_a_mapping_to_be_filled_in(run, tmp_path):
+    odd = {"t": TIME, "alpha": POSITION[:, 0], "beta": TORQUE[:, 0]}
+    written(odd, tmp_path / "log.csv")
+    status, _, errors = run(*INSPECT)
+    assert status == 2
+    assert "wrote mapping.yaml, a mapping to be filled in: name the columns there" in errors
+    text = (tmp_path / "mapping.yaml").read_text()
+    assert "[t, alpha, beta]" in text
+    assert "time: has neither `columns:`" in run(*INSPECT, "--mapping", "mapping.yaml")[2]
+    for quantity in ("time", "position", "torque"):
+        names = "[t]" if quantity == "time" else f"[{', '.join(['alpha'] * 7)}]"
+        text = text.replace(f"{quantity}: {{columns: []", f"{quantity}: {{columns: {names}")
+    assert "velocity: has 0 columns" in filled(run, tmp_path, text)
+    kept = [line for line in text.splitlines() if not line.startswith(("velocity", "command"))]
+    assert "column alpha stands for two" in filled(run, tmp_path, "\n".join(kept))
+    assert "kept mapping.yaml, which is there" in run(*INSPECT)[2]
+
+
+def test_a_log_without_torque_says_where_to_name_one(run, tmp_path):
+    written({"t": TIME, **numbered("q{}_rad", POSITION)}, tmp_path / "log.csv")
+    said = run(*INSPECT)[1]
+    assert "under `torque:` or `command:` in mapping.yaml" in said

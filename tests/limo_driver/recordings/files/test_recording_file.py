@@ -50,7 +50,7 @@ def test_files_that_are_no_recording(tmp_path):
     with pytest.raises(RecordingError, match="cannot be read as Parquet"):
         Recording.load(tmp_path / "text.parquet")
     (tmp_path / "empty.csv").write_text("")
-    with pytest.raises(RecordingError, match="cannot be read"):
+    with pytest.raises(RecordingError, match="holds no rows"):
         Recording.load(tmp_path / "empty.csv")
 
 
@@ -113,15 +113,22 @@ def test_headers_of_other_programs_are_read(tmp_path, header, encoding):
     assert (len(recording), recording.n, recording.left_out) == (400, 3, ())
 
 
+@pytest.mark.parametrize(("separator", "decimal"), [(";", "."), (";", ","), ("\t", ",")])
+def test_csv_of_any_separator_is_read(tmp_path, separator, decimal):
+    text = as_csv(make_columns(), separator).replace(".", decimal)
+    (tmp_path / "a.csv").write_text(text)
+    (tmp_path / "b.csv").write_text(as_csv(make_columns()))
+    read = [Recording.load(tmp_path / f"{name}.csv") for name in "ab"]
+    np.testing.assert_array_equal(read[0].torque, read[1].torque)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (as_csv(make_columns(), ";"), "columns separated by semicolons, expected commas"),
-        (as_csv(make_columns(), "\t"), "columns separated by tabs, expected commas"),
         (as_csv(make_columns(), header=["time", *"abcde", "time"]), "more than one column time"),
-        (as_csv(make_columns()).replace("time", "t\N{DEGREE SIGN}C"), "cannot be read"),
+        (as_csv(make_columns()).replace("time", "t\N{DEGREE SIGN}C"), "lacks time"),
         (",".join(make_columns()) + "\n", "has 0 usable rows of 0"),
-        ("\x00\x01\n\xff,\x02\n", "cannot be read"),
+        ("\x00\x01\n\xff,\x02\n", "is no text"),
     ],
 )
 def test_csv_that_is_no_recording(tmp_path, text, message):

@@ -172,3 +172,12 @@ def test_two_publishers_on_one_topic_are_refused(tmp_path):
     stamps = np.where(np.arange(TIME.size) % 2, STAMPS, STAMPS + 10**9)
     with pytest.raises(RecordingError, match="backwards at 50% of the messages; are these two pub"):
         stamped(tmp_path / "bag", stamps)
+
+
+def test_efforts_that_hold_no_number_are_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), "TORQUE", np.full_like(TORQUE, np.nan))
+    table = read_table(bag(tmp_path / "bag", [SHUFFLED]), joints=NAMES)
+    assert table.unread == {"effort": "no number in any message"}
+    mapping = propose(table, arm()).mapping
+    with pytest.raises(RecordingError, match=r"no measured torque \(effort holds no number in any"):
+        mapping.columns(table, arm())

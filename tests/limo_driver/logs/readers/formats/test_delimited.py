@@ -5,10 +5,10 @@ import pytest
 from logged import arm, measured
 
 from limo_driver.errors import RecordingError
-from limo_driver.logs.readers.formats import delimited
-from limo_driver.logs.readers.formats.delimited import dialect_of
 from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.logs.readers.proposals.proposal import propose
+from limo_driver.recordings.files import delimited
+from limo_driver.recordings.files.delimited import dialect_of
 
 TIME, POSITION, VELOCITY, TORQUE = measured(2.0)
 ABOVE = "Recorder 3.1\nRobot: iiwa, cell 4\n\nOperator: nobody\n"

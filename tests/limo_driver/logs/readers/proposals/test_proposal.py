@@ -444,10 +444,65 @@ def test_columns_without_names_are_asked_as_time_positions_and_torques(between):
         np.testing.assert_allclose(answered.velocity, VELOCITY, atol=1e-9)
 
 
-def test_columns_without_names_of_another_number_are_asked_for_as_before():
+def test_columns_without_names_that_hold_no_torque_are_positions():
     table = np.column_stack([TIME, POSITION])
     log = {f"column_{k + 1}": values for k, values in enumerate(table.T)}
-    assert any("no name says so" in x for x in propose(table_of(log), arm()).mapping.undecided)
+    asked = propose(table_of(log), arm()).mapping.undecided[0]
+    assert "is it time: column_1; position: column_2 … column_8, in the order" in asked
+
+
+def named(letters, **values):
+    """Columns of joints under names that say nothing, with letters or numbers."""
+    ends = "ABCDEFG" if letters else range(1, 8)
+    return {f"{k}{x}": own[:, j] for k, own in values.items() for j, x in enumerate(ends)}
+
+
+@pytest.mark.parametrize("letters", [True, False])
+@pytest.mark.parametrize("scale", [1.0, 180 / np.pi])
+def test_where_names_say_nothing_numbers_do(letters, scale):
+    log = {"t": TIME, **named(letters, drv=TORQUE, ax=scale * POSITION, spd=scale * VELOCITY)}
+    table = table_of(log)
+    mapping = propose(table, arm()).mapping
+    assert mapping.undecided[0].startswith(
+        "columns: no name says what they are: is it position: ax"
+    )
+    found = replace(mapping, undecided=()).columns(table, arm())
+    np.testing.assert_allclose(found.position, POSITION, atol=1e-9)
+    np.testing.assert_allclose(found.velocity, VELOCITY, atol=1e-9)
+    np.testing.assert_allclose(found.torque, TORQUE)
+
+
+def test_torques_alone_may_have_names_that_say_nothing():
+    log = {"t": TIME, **numbered("q{}_rad", POSITION), **named(True, noise=VELOCITY, drv=TORQUE)}
+    mapping = propose(table_of(log), arm()).mapping
+    assert mapping.torque.columns[0] == "drvA"
+    assert "is it velocity: noiseA … noiseG; torque: drvA … drvG" in mapping.undecided[0]
+
+
+def test_columns_that_are_no_joint_of_the_arm_are_taken_for_nothing():
+    random = np.random.default_rng(0).normal(size=(TIME.size, 7))
+    log = {"t": TIME, **numbered("q{}_rad", POSITION), **numbered("tau{}", TORQUE)}
+    mapping = propose(table_of({**log, **named(False, foo=random)}), arm()).mapping
+    assert mapping.undecided == ()
+    without = {"t": TIME, **numbered("q{}_rad", POSITION), **named(False, foo=random)}
+    assert propose(table_of(without), arm()).mapping.torque is None
+
+
+def test_a_gripper_in_percent_is_asked_about_with_its_range(tmp_path):
+    model = chain_of(tmp_path, 2)
+    path = tmp_path / "gripper.urdf"
+    path.write_text(model.urdf.read_text().replace('name="j1"', 'name="gripper"'))
+    q = np.column_stack([100 * np.sin(0.3 * TIME), 50 + 45 * np.sin(0.2 * TIME)])
+    log = {"t": TIME, "observation.state.j0": q[:, 0], "observation.state.gripper": q[:, 1]}
+    log |= {"action.j0": q[:, 0], "action.gripper": q[:, 1]}
+    table = table_of(log)
+    mapping = propose(table, RobotModel(path)).mapping
+    (question,) = (x for x in mapping.undecided if "gripper" in x)
+    assert "count a gripper from 0 to 100 % of its range" in question
+    found = replace(mapping, undecided=()).columns(table, RobotModel(path))
+    np.testing.assert_allclose(found.position[:, 1], 0.06 * q[:, 1] - 3.0)  # from -3 to 3 rad
+    np.testing.assert_allclose(found.command, found.position)
+    np.testing.assert_allclose(found.position[:, 0], np.deg2rad(q[:, 0]))
 
 
 def test_a_time_that_does_not_go_forward_is_named():

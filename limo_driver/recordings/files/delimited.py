@@ -10,15 +10,12 @@ import re
 import zlib
 from codecs import getincrementaldecoder
 from csv import reader
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pyarrow as pa
 from pyarrow import csv
 
 from limo_driver.errors import RecordingError
-from limo_driver.logs.readers.columns import WRITTEN
-from limo_driver.logs.readers.formats.arrow import kept_numbers
 from limo_driver.recordings.files.batches import (
     LONG_TEXT,
     Kept,
@@ -31,10 +28,8 @@ from limo_driver.recordings.files.batches import (
 from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
     from pathlib import Path
-
-    from limo_driver.logs.readers.table import LogTable
 
 _HEAD = 65536  # bytes that are looked at
 _LINES = 20
@@ -65,29 +60,17 @@ class Dialect(NamedTuple):
     aligned: bool = False  # whether several blanks stand between cells, or some before the first
 
 
-def read_delimited(path: Path) -> LogTable:
-    """Read delimited text, or stretches of one that is long.
+def tables_in(path: Path, units: Collection[str] = ()) -> list[tuple[int, str]]:
+    """Return the line and the names of each table in a text that is not long.
+
+    Args:
+        path: The file.
+        units: As they are written, in lower case.
 
     Raises:
-        RecordingError: It cannot be read, is no such text, or holds several tables.
+        RecordingError: No file, no text, or nothing in it.
     """
-    text = DelimitedText(path)
-    try:
-        found = kept_numbers(text.kept(), str(path), "delimited text")
-    except RecordingError:
-        if len(tables := _tables_in(path, text.dialect)) > 1:
-            listed = "; ".join(f"one of {names} from line {line} on" for line, names in tables)
-            raise RecordingError(
-                f"holds {len(tables)} tables: {listed}; expected one, so give each a file of its "
-                "own, or join their columns",
-                path=path,
-            ) from None
-        raise
-    return replace(found, notes=(*text.notes(), *found.notes))
-
-
-def _tables_in(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
-    """Return the line and the names of each table in a text that is not long."""
+    dialect = dialect_of(path, units)
     if is_packed(path) or path.stat().st_size > LONG_TEXT:
         return []
     lines = path.read_text(dialect.encoding, errors="replace").splitlines()
@@ -96,7 +79,7 @@ def _tables_in(path: Path, dialect: Dialect) -> list[tuple[int, str]]:
         cells = _cells(line, dialect.separator)
         if _is_row(cells) and len(above[1]) > 1 and not any(map(_is_value, above[1])):
             found.append((above[0], shortened([cell for cell in above[1] if cell])))
-        if line.strip() and not _is_of_units(cells):
+        if line.strip() and not _is_of_units(cells, units):
             above = (number, cells)
     return found
 
@@ -106,13 +89,14 @@ class DelimitedText:
 
     Args:
         path: The file.
+        units: As a line of them below the names may write them, in lower case.
 
     Raises:
         RecordingError: No file, no text, or nothing in it.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._path, self.dialect = path, dialect_of(path)
+    def __init__(self, path: Path, units: Collection[str] = ()) -> None:
+        self._path, self.dialect = path, dialect_of(path, units)
         self._rows, self._cut = 0, list[str]()
 
     def kept(self) -> Kept:
@@ -210,8 +194,12 @@ class DelimitedText:
         return RecordingError(f"cannot be read as delimited text: {reason}", path=self._path)
 
 
-def dialect_of(path: Path) -> Dialect:
+def dialect_of(path: Path, units: Collection[str] = ()) -> Dialect:
     """Read off the first lines how a file is written.
+
+    Args:
+        path: The file.
+        units: As a line of them below the names may write them, in lower case.
 
     Raises:
         RecordingError: No file, no text, or nothing in it.
@@ -221,7 +209,7 @@ def dialect_of(path: Path) -> Dialect:
     skipped = 0
     while skipped < len(lines) and _is_comment(lines, skipped):
         skipped += 1
-    told = _lines_above(lines[skipped:])
+    told = _lines_above(lines[skipped:], units)
     skipped += told
     lines = [line for line in lines[skipped:] if line.strip()][: _LINES + 5]
     if not lines:
@@ -230,23 +218,23 @@ def dialect_of(path: Path) -> Dialect:
     separator = _separator_of(lines)
     first = _cells(lines[0], separator)
     named = not all(map(_is_number, filter(None, first)))
-    units = _units_below(lines, separator) if named else ()
-    rows = lines[1 + bool(units) :] or lines
+    stated = _units_below(lines, separator, units) if named else ()
+    rows = lines[1 + bool(stated) :] or lines
     below = [_cells(row, separator) for row in rows]
     decimal = "," if any(_DECIMAL_COMMA.fullmatch(x) for row in below for x in row) else "."
     if all(_is_as_wide(row, first) and len(row) > len(first) for row in below):
         first = [*first, ""]  # rows end in a separator; what stands behind it may yet be a value
     names = first if named else [""] * len(first)
     names = [name or f"column_{k + 1}" for k, name in enumerate(names)]
-    if units:
-        pairs = zip(names, units, strict=False)
+    if stated:
+        pairs = zip(names, stated, strict=False)
         named_units = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
         names = [*named_units, *names[len(named_units) :]]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
         raise RecordingError(f"has more than one column {', '.join(repeated)}", path=path)
     aligned = separator == " " and any("  " in line or line[:1].isspace() for line in lines)
     return Dialect(
-        separator, skipped, tuple(names), named, decimal, encoding, told, bool(units), aligned
+        separator, skipped, tuple(names), named, decimal, encoding, told, bool(stated), aligned
     )
 
 
@@ -255,7 +243,7 @@ def _separator_of(lines: list[str]) -> str:
     return max(_SEPARATORS, key=lambda each: _regularity(each, lines[0], rows))
 
 
-def _lines_above(lines: list[str]) -> int:
+def _lines_above(lines: list[str], units: Collection[str]) -> int:
     """Return how many lines of words stand above the names, empty ones among them.
 
     There are some where rows of numbers begin farther down, behind a line of names with as many
@@ -275,7 +263,7 @@ def _lines_above(lines: list[str]) -> int:
         if not above or rows.count(len(row)) <= len(rows) // 2:
             continue
         names = above[0]
-        if len(above) > 1 and not _is_of_units(cells[above[1]]):  # a title of as many cells
+        if len(above) > 1 and not _is_of_units(cells[above[1]], units):  # a title of as many cells
             names = above[-1]
         return names
     return 0
@@ -291,10 +279,10 @@ def _is_value(cell: str) -> bool:
     return _is_number(cell) or bool(_CLOCK.fullmatch(cell))
 
 
-def _units_below(lines: list[str], separator: str) -> tuple[str, ...]:
+def _units_below(lines: list[str], separator: str, units: Collection[str]) -> tuple[str, ...]:
     """Return what a line of units below the names says of each column; nothing if there is none."""
     below = _cells(lines[1], separator) if len(lines) > 1 else []
-    if not _is_as_wide(below, _cells(lines[0], separator)) or not _is_of_units(below):
+    if not _is_as_wide(below, _cells(lines[0], separator)) or not _is_of_units(below, units):
         return ()
     return tuple(_bare(cell) for cell in below)
 
@@ -304,10 +292,10 @@ def _is_as_wide(row: list[str], names: list[str]) -> bool:
     return len(row) == len(names) or (len(row) == len(names) + 1 and not row[-1])
 
 
-def _is_of_units(cells: list[str]) -> bool:
+def _is_of_units(cells: list[str], units: Collection[str]) -> bool:
     """Say whether all cells are no numbers, and most of those that are filled are units."""
     filled = [_bare(cell) for cell in cells if _bare(cell)]
-    known = sum(cell.lower() in WRITTEN for cell in filled)
+    known = sum(cell.lower() in units for cell in filled)
     return bool(filled) and not any(map(_is_value, filled)) and known > len(filled) / 2
 
 

@@ -1,0 +1,55 @@
+"""Small logs as strangers bring them, each with the right answer: read right, or asked about."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import limo_driver as limo
+from limo_driver.errors import ConfigError
+
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
+LOGS = DATA / "stranger_logs"
+SIX_AXES = DATA / "ur10e" / "ur10e.urdf"
+
+pytestmark = pytest.mark.skipif(
+    not LOGS.is_dir(), reason=f"no logs of strangers in {DATA}; name their folder in LIMO_DATA"
+)
+
+
+def test_a_clock_that_was_set_back_is_cut_and_every_message_kept():
+    read = [
+        limo.read(LOGS / "clock_step_back" / name, LOGS / "clock_step_back" / "arm.urdf")
+        for name in ("clock_step_back", "no_step")
+    ]
+    np.testing.assert_array_equal(read[0].position, read[1].position)
+    assert [part.start for part in read[0].segments] == [0, 2001]
+    assert any("clock was set back by 0.5 s at row 2001" in text for text in read[0].warnings)
+    speeds = [np.abs(r.motion(10.0).velocity[~r.edges(10.0)]).max() for r in read]
+    assert speeds[0] == pytest.approx(speeds[1], rel=0.02)
+    assert not read[1].warnings[1:]
+
+
+def test_poses_held_one_after_the_other_are_in_radians():
+    found = limo.inspect(LOGS / "static_poses_read_as_deg" / "log.csv", "iiwa14")
+    assert found.mapping.position.unit == ("rad",)
+    assert any("are currents" in question for question in found.questions)
+
+
+def test_rows_may_end_in_a_separator_that_the_names_lack():
+    recording = limo.read(LOGS / "csv_trailing_separator" / "log.csv", SIX_AXES)
+    assert (len(recording), recording.n) == (1000, 6)
+    assert recording.position[0, 1] == pytest.approx(np.deg2rad(-25.3635))
+    assert recording.torque[0, 5] == pytest.approx(2.2216)
+
+
+def test_columns_in_amperes_are_currents_whose_factor_is_asked_for():
+    log = LOGS / "currents_named_by_unit" / "log.csv"
+    found = limo.inspect(log, SIX_AXES)
+    assert found.mapping.torque.columns == tuple(f"c{j} (A)" for j in range(1, 7))
+    assert found.mapping.torque.unit == ("A",)
+    (question,) = found.questions
+    assert "how many N m does one A make at each joint (`factor:`)" in question
+    with pytest.raises(ConfigError, match="how many N m does one A make"):
+        limo.read(log, SIX_AXES)
