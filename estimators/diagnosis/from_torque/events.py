@@ -80,7 +80,7 @@ def apart_from_events(
     """Return the set that is found beside events, fitted to none of their rows, and those."""
     first = problem
     problem, solution = solve(problem, progress)
-    known = _events(problem.observed, problem.beside(solution), problem.left(solution.fitted))
+    known = _events(problem, problem.beside(solution), problem.left(solution.fitted))
     if known:
         problem, solution = _without(problem, known, progress)
     found = budget.within(
@@ -132,12 +132,12 @@ def _round(
     progress("proving on held-out motion", 0.8)
     judged = around(JudgedSet.of(problem, solution), progress, budget)
     judged = budget.within("a delay of all of it", lambda: in_time(judged, progress), judged)
-    return judged, _events(problem.observed, judged.beside, judged.proven)
+    return judged, _events(problem, judged.beside, judged.proven)
 
 
-def _events(observed: Observations, fitted: Observations, left: FloatArray) -> tuple[Event, ...]:
-    """Return the events in recordings, beside their fit, and in what that leaves, (K, n) [N m]."""
-    held = holds(fitted)
+def _events(problem: RegressionProblem, fit: Observations, left: FloatArray) -> tuple[Event, ...]:
+    """Return the events in what a fit leaves, (K, n) [N m], with the simulation of it."""
+    held, observed = holds(fit), problem.observed  # a fit has other widths of signs: other rests
     pushed = (*(push for push in pushes(observed, left) if not _among(push, held)), *held)
     found = (*pushed, *jolts(observed, left, pushed))
     caught = impacts(observed, left, found)

@@ -215,13 +215,12 @@ class RegressionProblem:
         return replace(self, nuisance=nuisance, candidates=candidates, first=first, held=None)
 
     def with_free(self, some: NDArray[np.bool_]) -> RegressionProblem:
-        """Return the same, where data alone say what some of the nuisance's coefficients (c,) are.
-
-        Times the tolerance that lets what the motion hardly shows be nearly anywhere.
-        """
+        """Return the same, where data alone say what some of the nuisance's coefficients are."""
         prior = self.nuisance.prior
         free = replace(prior, deviation=np.where(some, SOLVING.unbound, 1.0) * prior.deviation)
-        return replace(self, nuisance=replace(self.nuisance, prior=free))
+        other = replace(self, nuisance=replace(self.nuisance, prior=free))
+        other._sums = self._sums  # of the same columns and rows, where fits in turn have others
+        return other
 
     def with_stated_values(self) -> RegressionProblem:
         """Return the same, with bodies and effects of the simulation exactly as it states them."""

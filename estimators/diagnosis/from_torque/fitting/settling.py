@@ -65,9 +65,8 @@ def _idle(problem: RegressionProblem, solution: Solution) -> list[int]:
     to help where it is as long as data want, too: play is passed through in some time.
     """
     nuisance, candidates = problem.nuisance, problem.candidates
-    lags = np.array([item.place[0] == TimeDelay.name for item in nuisance.parameters], dtype=bool)
-    limited = ~np.isnan(solution.search.evidence.at_limit(solution.fitted))
-    late = lags & limited & ~nuisance.entered
+    late = np.array([item.place[0] == TimeDelay.name for item in nuisance.parameters], dtype=bool)
+    late &= ~np.isnan(solution.search.evidence.at_limit(solution.fitted)) & ~nuisance.entered
     joints = {nuisance.parameters[k].place[1] for k in np.flatnonzero(late)}
     idle = [member for member in solution.members if not _helps(problem, solution, member)]
     others = [

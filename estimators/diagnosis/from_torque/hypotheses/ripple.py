@@ -120,7 +120,7 @@ class _Angle:
     residual: FloatArray  # (R,) less what `known` explains [N m]
     known: FloatArray  # (R, c) orthonormal: dependence on position, lines found before
     bandwidth: float  # [Hz]
-    way: float  # longest that was moved through, without a gap [rad]
+    way: float  # that half of the rows lie in and that was moved through without a gap [rad]
 
     @classmethod
     def of(
@@ -137,7 +137,8 @@ class _Angle:
             middle = float(np.median(y))
             most = RIPPLE.burst * float(np.median(np.abs(y - middle)))
             y = np.clip(y, middle - most, middle + most)
-        way = max((float(np.ptp(q[place])) for place in places), default=0.0)
+        ways = [np.full(int(place.sum()), np.ptp(q[place])) for place in places]
+        way = float(np.median(np.concatenate(ways))) if ways else 0.0
         return cls(q, np.abs(v), _rest(y, known), known, observed.bandwidth, way)
 
     @property
@@ -147,10 +148,6 @@ class _Angle:
             return 0.0
         low, high = np.quantile(self.position, RIPPLE.bulk)
         return float(high - low)
-
-    def of_periods(self, periods: float) -> float:
-        """Return the cycles per revolution of a line that was moved through so many times."""
-        return periods * 2 * np.pi / min(self.way, self.range)
 
     def passed(self, cycles: float) -> FloatArray:
         """Return what the filter leaves of a line at each row, (R,)."""
@@ -255,11 +252,13 @@ def _lines(angle: _Angle, limit: int, joints: int) -> tuple[float, ...]:
     Over a range of few revolutions lines overlap. The first one found is blurred by all others, and
     what it leaves of itself would look like a line beside it; so with each new one all are refined.
     """
-    if angle.range <= 0 or angle.of_periods(RIPPLE.least_periods) > RIPPLE.most_cycles:
+    if angle.range <= 0:
         return ()
     step = 2 * np.pi / angle.range / RIPPLE.oversampling
-    first = angle.of_periods(RIPPLE.least_periods)
+    first = RIPPLE.least_periods * 2 * np.pi / min(angle.way, angle.range)
     count = int((RIPPLE.most_cycles - first) / step)
+    if count <= 1:
+        return ()
     threshold = float(np.log(joints * count / RIPPLE.false_lines))
     found: tuple[float, ...] = ()
     rest = angle
@@ -319,12 +318,14 @@ def _together(angle: _Angle, lines: tuple[float, ...], step: float) -> tuple[flo
 
 
 def _slow_line(angle: _Angle) -> float | None:
-    """Return the cycles per revolution of the line of few periods that leaves least, if any."""
-    if angle.range <= 0:
+    """Return the cycles per revolution of the line of few periods that leaves least, if any.
+
+    Where a joint was at several places, what each has of its own looks like few periods there.
+    """
+    if not 0 < angle.range <= angle.way:
         return None
     step = 2 * np.pi / angle.range / RIPPLE.oversampling
-    fewest, most = map(angle.of_periods, RIPPLE.few_periods)
-    near = np.arange(fewest, most, step)
+    near = step * np.arange(*(RIPPLE.oversampling * np.array(RIPPLE.few_periods)))
     energy = [angle.left(float(cycles)) for cycles in near]
     line = _refined(angle, float(near[int(np.argmin(energy))]), step)
     return line if angle.left(line) < (1.0 - RIPPLE.least_part) * angle.energy else None

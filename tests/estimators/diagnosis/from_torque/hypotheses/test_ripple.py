@@ -49,12 +49,11 @@ def test_what_places_have_of_their_own_is_no_ripple_but_lines_seen_at_each_are(a
     own = np.random.default_rng(1).uniform(-0.4, 0.4, (5, 2))
     curved = at_places(arm, lambda k, q: own[k, 0] + own[k, 1] * (q / 0.05) ** 2)
     lined = at_places(arm, lambda k, q: 0.3 * np.sin(300.0 * (0.3 * k + q)))
-    through = max(np.ptp(one.position[:, 0]) for one in curved.recordings)
 
-    offered = [N for h in ripples(curved, curved.residual) if h.joints == (0,) for N in h.settings]
+    offered = [h.settings for h in ripples(curved, curved.residual) if h.joints == (0,)]
     found = [h.settings for h in ripples(lined, lined.residual) if h.joints == (0,)]
 
-    assert min(offered, default=np.inf) > 2 * np.pi / through  # not 7 in a revolution, or 21
+    assert offered == []
     assert found == [pytest.approx((300.0,), abs=1.0)]
 
 
