@@ -217,7 +217,7 @@ class _Rows:
         self._stamps = array("q")
         self._values = array("d")  # position, velocity and torque of all joints, row by row
         self._start: int | None = None  # [ns], of the first block
-        self._duplicates = self._reordered_before = 0
+        self._duplicates = self._reordered_before = self._unstamped = 0
 
     @property
     def many(self) -> int:
@@ -242,9 +242,9 @@ class _Rows:
                 raise RecordingError(f"topic {self.topic} does not name its joints")
             self.joints = state.names
             self._codec = JointStateCodec(state.names, state.frame_id)
-        self._append(state, self.joints)
+        self._append(state, self.joints, message.log_time_ns)
 
-    def _append(self, state: JointStateMessage, joints: tuple[str, ...]) -> None:
+    def _append(self, state: JointStateMessage, joints: tuple[str, ...], received_ns: int) -> None:
         if state.names == joints:
             columns = slice(None)
         elif set(state.names) >= set(joints):
@@ -260,7 +260,8 @@ class _Rows:
                 f"topic {self.topic} has messages of the joints {', '.join(joints)} and of "
                 f"{', '.join(state.names) or 'none'}; say which robot's are meant"
             )
-        self._stamps.append(state.stamp_ns)
+        self._unstamped += state.stamp_ns == 0
+        self._stamps.append(state.stamp_ns or received_ns)
         missing = np.full(len(joints), np.nan)
         for values in (state.position, state.velocity, state.torque):
             self._values.frombytes((values[columns] if values.size else missing).tobytes())
@@ -288,6 +289,8 @@ class _Rows:
         self._reordered_before += reordered
         position, velocity, torque = (values[:, k] for k in range(3))
         self._check_measured(position, torque)
+        if self._unstamped:
+            warnings = (*warnings, about_no_stamps(self._unstamped))
         return JointStateLog(
             Columns(
                 (stamps - start).astype(np.float64) * _NANOSECOND,
@@ -358,6 +361,13 @@ class _Rows:
                     f"the joint states of {self.topic} have no {name}; a recording needs "
                     "position and effort"
                 )
+
+
+def about_no_stamps(messages: int) -> str:
+    """Say what stands for the stamps of messages that have none."""
+    return (
+        f"{messages} messages have no stamp (0): their times are those at which they were received"
+    )
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

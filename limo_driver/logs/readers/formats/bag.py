@@ -21,7 +21,7 @@ from limo_driver.logs.readers.columns import (
     words_of,
 )
 from limo_driver.logs.readers.table import LogTable
-from limo_driver.logs.ros.joint_state_log import bag_files, read_bag
+from limo_driver.logs.ros.joint_state_log import about_no_stamps, bag_files, read_bag
 from limo_driver.logs.ros.known_layouts import layout_for
 from limo_driver.logs.ros.plain_messages import numbers_of
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
@@ -247,10 +247,7 @@ class _Group:
         if overtaken:
             notes.append(f"{overtaken} messages were logged after one with a later stamp")
         if self.unstamped:
-            notes.append(
-                f"{self.unstamped} messages have no stamp (0): their times are those at which they "
-                "were received"
-            )
+            notes.append(about_no_stamps(self.unstamped))
         return columns, notes
 
 

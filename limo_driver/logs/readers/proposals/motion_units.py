@@ -355,4 +355,7 @@ def _velocity_unit(factors: FloatArray, units: Sequence[str]) -> tuple[str, str]
         ratio = middle * UNITS["velocity"][unit]
         if ALIKE[0] < ratio < ALIKE[1]:
             return unit, f"{ratio:.3g} times the rate of change of the positions"
+    for unit in sorted(units, key=lambda unit: abs(np.log(middle * UNITS["velocity"][unit]))):
+        if (factor := one_factor(known * UNITS["velocity"][unit])) is not None:
+            return unit, f"{factor:.3g} times the rate of change of the positions at all joints"
     return units[0], f"{middle:.3g} times the rate of change of the positions; not used"

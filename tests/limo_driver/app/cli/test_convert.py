@@ -95,6 +95,17 @@ def test_what_is_odd_is_counted(tmp_path, log, convert):
     np.testing.assert_array_equal(recording.position[101], state(101)[0])
 
 
+def test_messages_without_a_stamp_have_the_times_of_their_receipt(tmp_path, convert):
+    with McapLog(tmp_path / "logs") as written:
+        for k in range(200):
+            data = JointStateCodec(NAMES).encode(0, *state(k))
+            written.write(TOPIC, JOINT_STATE, data, START + k * PERIOD, START + k * PERIOD, k)
+    status, _, notes = convert(tmp_path / "logs")
+    assert (status, "200 messages have no stamp (0): their times are those" in notes) == (0, True)
+    time = Recording.load(tmp_path / "run.parquet").time
+    np.testing.assert_allclose(time, np.arange(200) * PERIOD * 1e-9, atol=1e-12)
+
+
 def test_counts_as_json(log, convert):
     status, said, _ = convert(log(map(payload, [*range(200), 199])), "--json")
     values = json.loads(said)

@@ -548,15 +548,18 @@ def test_torques_of_which_gravity_says_nothing_are_held_against_the_drives(tmp_p
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize("name", ["dq{}", "dq{}_rad_s"])
-def test_a_time_that_runs_at_another_speed_is_asked_for_once(factor, name):
-    log = {"t": TIME / factor, **numbered("q{}", POSITION), **numbered(name, VELOCITY)}
+@pytest.mark.parametrize(
+    ("name", "scale"), [("dq{}", 1.0), ("dq{}_rad_s", 1.0), ("dq{}", 180 / np.pi)]
+)
+def test_a_time_that_runs_at_another_speed_is_asked_for_once(factor, name, scale):
+    log = {"t": TIME / factor, **numbered("q{}", POSITION), **numbered(name, scale * VELOCITY)}
     table = table_of(log | numbered("tau{}", TORQUE))
     mapping = propose(table, arm()).mapping
     (question,) = (q for q in mapping.undecided if q.startswith("time:"))
     assert f"do {factor:.3g} s pass in one of the log (`factor: {factor:.3g}`" in question
     answered = replace(mapping, time=replace(mapping.time, factor=factor), undecided=())
     np.testing.assert_allclose(answered.columns(table, arm()).time, TIME, atol=1e-9)
+    np.testing.assert_allclose(answered.columns(table, arm()).velocity, VELOCITY, atol=1e-9)
 
 
 def test_velocities_of_one_joint_that_are_off_are_no_question_for_the_time():
