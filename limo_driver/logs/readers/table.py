@@ -41,6 +41,7 @@ class LogTable:
         spread: Rows of a long log of which these are evenly spread stretches; 0 if they are all.
         first_row: Row of the log that is the first here, where it is read block by block.
         is_si: Whether its format is defined in SI units, which count where values fit others, too.
+        clock: Unit of its times, where the format states it, such as `ns`.
     """
 
     columns: Mapping[str, NDArray[Any]]
@@ -52,6 +53,7 @@ class LogTable:
     spread: int = 0
     first_row: int = 0
     is_si: bool = False
+    clock: str = ""
 
     @property
     def rows(self) -> int:

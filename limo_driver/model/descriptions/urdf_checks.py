@@ -81,6 +81,8 @@ def _refuse_macros(root: ET.Element, path: Path) -> None:
 
 def _check_names(root: ET.Element, path: Path) -> None:
     for kind in ("link", "joint"):
+        if any(item.get("name") is None for item in root.findall(kind)):
+            raise ConfigError(f"has a {kind} without a name", path=path)
         names = [str(item.get("name")) for item in root.findall(kind)]
         if repeated := sorted({name for name in names if names.count(name) > 1}):
             raise ConfigError(f"has more than one {kind} called {', '.join(repeated)}", path=path)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
@@ -131,7 +131,9 @@ def read_bags(
     kind = f"ROS {version} bag" if kept.encoding == CDR else f"MCAP file in {kept.encoding}"
     kind, is_si = f"{kind}, topic {kept.topic}", kept.encoding == CDR or kept.schema in _ORDER
     spread = kept.stretches.spread
-    return LogTable(columns, source, kind, kept.empty, (*notes, *more), spread=spread, is_si=is_si)
+    empty, told = kept.empty, (*notes, *more)
+    table = LogTable(columns, source, kind, empty, told, spread=spread, is_si=is_si)
+    return replace(table, clock="ns")
 
 
 def topic_with(

@@ -89,7 +89,7 @@ def time_columns(table: LogTable) -> TimeFound:
             (f"time: {found_none}: state `columns:`, or the `rate:` of the rows in Hz{guess}",),
         )
     running.sort(key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
-    read = {name: _unit(table.columns[name], read_name(name).unit) for name in running}
+    read = {name: _unit_in(table, name) for name in running}
     first = running[0]
     refuse_two_units(table, first)
     unit, why, question = read[first]
@@ -109,7 +109,7 @@ def time_in(table: LogTable, name: str) -> TimeFound:
         RecordingError: It goes on in another unit.
     """
     refuse_two_units(table, name)
-    unit, why, question = _unit(table.columns[name], read_name(name).unit)
+    unit, why, question = _unit_in(table, name)
     questions = (question,) if question else ()
     return TimeFound(TimeColumns(columns=(name,), unit=(unit,)), why, questions)
 
@@ -175,6 +175,15 @@ def _known(values: NDArray[Any]) -> NDArray[np.float64]:
     """Return the numbers of a column, without those that are none."""
     numbers = values.astype(np.float64)
     return numbers[np.isfinite(numbers)]
+
+
+def _unit_in(table: LogTable, name: str) -> tuple[str, str, str]:
+    """Return unit, reason and question of a column of time, whose unit the format may state."""
+    unit, why, question = _unit(table.columns[name], read_name(name).unit)
+    if not table.clock or question or unit == table.clock:
+        return unit, why, question
+    asked = f"time: the format has {table.clock}, but {why}: were they stamped at another speed?"
+    return table.clock, why, asked
 
 
 def _unit(values: NDArray[Any], said: str) -> tuple[str, str, str]:

@@ -324,6 +324,7 @@ REFUSED = [
         "of type 'Prismatic', expected one of rev",
     ),
     ("arm.urdf", URDF.replace('damping="0.7"', 'damping="much"'), "damping='much', expected"),
+    ("arm.urdf", URDF.replace('joint name="hand"', "joint"), "has a joint without a name"),
     ("arm.urdf", URDF.replace("</robot>", '<link name="lost"/></robot>'), "has 2 links .* lost"),
     ("arm.urdf", re.sub("<parent link=[^>]*>", '<parent link="no"/>', URDF), "parent is the link"),
     (

@@ -225,3 +225,12 @@ def test_positions_of_ros_beyond_the_limits_are_asked_about_not_read_as_degrees(
     columns = {**table.columns, "position.joint2": table.columns["position.joint2"] + 6.0}
     found = propose(replace(table, columns=columns), arm())
     assert any("are they in deg, or of another robot?" in text for text in found.mapping.undecided)
+
+
+def test_stamps_that_follow_each_other_as_no_samples_do_are_asked_about(tmp_path):
+    """As those of a program that writes its whole log at once; in microseconds, they would fit."""
+    table = read_table(ros1(tmp_path / "log.bag"))
+    at_once = table.columns["time"][0] + 40_000 * np.arange(len(TIME))
+    found = propose(replace(table, columns={**table.columns, "time": at_once}), arm())
+    assert found.mapping.time.unit == ("ns",)
+    assert any(text.startswith("time: the format has ns") for text in found.mapping.undecided)
