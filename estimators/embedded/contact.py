@@ -44,7 +44,7 @@ _PART: Final = 0.1  # of all peaks, that are tail
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class ContactThresholds:
     """From where on external torque is a contact."""
 
     level: FloatArray  # (n,), in standard deviations of the error
@@ -80,7 +80,7 @@ def measured_contact(
     free: Sequence[Recording],
     *,
     in_torque: bool = False,
-) -> Contact:
+) -> ContactThresholds:
     """Return from where on external torque is a contact, by the errors on free motion.
 
     Args:
@@ -127,7 +127,7 @@ def measured_contact(
                 f"expected {_FEWEST}; record some {longer:.0f} s, like that of the training"
             )
         level[j] = _level(peaks, seconds[j], false_alarms / _HOUR / stream.n)
-    return Contact(level, rms, false_alarms, float(seconds.min()))
+    return ContactThresholds(level, rms, false_alarms, float(seconds.min()))
 
 
 def _errors(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.embedded.contact import FALSE_ALARMS, NO_CONTACT, Contact, measured_contact
+from estimators.embedded.contact import FALSE_ALARMS, NO_CONTACT, ContactThresholds, measured_contact
 from estimators.embedded.laws import EffectsCode
 from estimators.embedded.learned import LearnedCode, learned
 from estimators.embedded.tables import SIDE_BY_SIDE, defines, each_joint, table, tables
@@ -56,7 +56,7 @@ class CodeExport(Displayed):
     source: Path
     rate: float  # of the positions [Hz]
     delay: float  # by which the estimate is late [s]
-    contact: Contact | None = None  # where free motion was given
+    contact: ContactThresholds | None = None  # where free motion was given
 
     def headline(self) -> str:
         """Say where the files are and what they take."""
@@ -165,7 +165,7 @@ class _Code:
     simulation: Simulation
     effects: EffectsCode
     learned: LearnedCode
-    contact: Contact | None
+    contact: ContactThresholds | None
 
     def header(self) -> str:
         stream, filtering = self.stream, self.stream.differentiator

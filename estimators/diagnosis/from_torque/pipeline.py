@@ -105,12 +105,12 @@ def diagnose(
     judged, harmful = judged.harmless()
     judged = judged.beyond_ordinary()
     progress("fitting to all rows", 0.95)
-    found = _told(given, judged, events, budget, harmful=harmful)
+    found = _concluded(given, judged, events, budget, harmful=harmful)
     progress("done", 1.0)
     return found
 
 
-def _told(
+def _concluded(
     given: Observations,
     judged: JudgedSet,
     events: Events,
@@ -159,7 +159,11 @@ def _told(
     say = partial(_verdict, given, judged, fit, contact, attempts)
     verdict = say(judged.named)
     if doubtful := unsure(verdict.findings, simulation):
-        verdict = say([i for i in judged.named if _said(problem, i) not in doubtful])
+        dropped = [i for i in judged.named if _said(problem, i) in doubtful]
+        # which law of its friction a joint follows is doubtful, and not that it has some
+        if not harmful and (plain := judged.with_plain_friction(dropped)) is not judged:
+            return _concluded(given, plain, events, budget, harmful=harmful)
+        verdict = say([i for i in judged.named if i not in dropped])
     values = attempts.at(
         "values that differ from the stated ones",
         lambda: stated_values(whole, fit, mounted, verdict.findings),

@@ -214,14 +214,6 @@ class RegressionProblem:
         first = self.first or self
         return replace(self, nuisance=nuisance, candidates=candidates, first=first, held=None)
 
-    def with_free(self, some: NDArray[np.bool_]) -> RegressionProblem:
-        """Return the same, where data alone say what some of the nuisance's coefficients are."""
-        prior = self.nuisance.prior
-        free = replace(prior, deviation=np.where(some, SOLVING.unbound, 1.0) * prior.deviation)
-        other = replace(self, nuisance=replace(self.nuisance, prior=free))
-        other._sums = self._sums  # of the same columns and rows, where fits in turn have others
-        return other
-
     def with_stated_values(self) -> RegressionProblem:
         """Return the same, with bodies and effects of the simulation exactly as it states them."""
         return self._exactly(Tolerances(inertia=0.0, friction=0.0), self.nuisance.entered)

@@ -31,7 +31,6 @@ from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.definite import ranked
 from estimators.regression.evidence import REACH, joined, posterior
-from limo_driver.physics import TimeDelay
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -52,36 +51,10 @@ def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
     while (runaway := _runaway(problem, solution)) is not None:
         solution = _less(problem, solution, (runaway,))
     everywhere = range(problem.observed.n)  # what one joint lacks, bodies fit in part at all
-    while idle := _idle(problem, solution):
+    while idle := [member for member in solution.members if not _helps(problem, solution, member)]:
         size = {member: material(problem, solution, member, everywhere) for member in idle}
         solution = _less(problem, solution, (min(idle, key=lambda member: size[member]),))
     return solution
-
-
-def _idle(problem: RegressionProblem, solution: Solution) -> list[int]:
-    """Return the members that do not help, and those that stand for the lag of a sensor.
-
-    How late sensors tell is guessed. Where a lag is at its limit, what is missing at its joint has
-    to help where it is as long as data want, too: play is passed through in some time.
-    """
-    nuisance, candidates = problem.nuisance, problem.candidates
-    late = np.array([item.place[0] == TimeDelay.name for item in nuisance.parameters], dtype=bool)
-    late &= ~np.isnan(solution.search.evidence.at_limit(solution.fitted)) & ~nuisance.entered
-    joints = {nuisance.parameters[k].place[1] for k in np.flatnonzero(late)}
-    idle = [member for member in solution.members if not _helps(problem, solution, member)]
-    others = [
-        member
-        for member in solution.members
-        if member not in idle
-        and candidates[member].joints in joints
-        and candidates[member].kind == "missing"
-        and candidates[member].effect != TimeDelay.name
-    ]
-    if not others:
-        return idle
-    free = problem.with_free(late)
-    then = fitted(free, solution.members, solution.noise)
-    return idle + [member for member in others if not _helps(free, then, member)]
 
 
 def _helps(problem: RegressionProblem, solution: Solution, member: int) -> bool:
@@ -324,8 +297,10 @@ def _surely_beyond(
 ) -> NDArray[np.bool_]:
     """Mark those of some nuisance coefficients (c,) that data put surely beyond their limits."""
     nuisance, search = problem.nuisance.prior, solution.search
-    free = problem.with_free(some).nuisance.prior
-    fit = posterior(search.evidence.products, free, search.prior(solution.members))
+    free = np.where(some, SOLVING.unbound * nuisance.deviation, nuisance.deviation)
+    fit = posterior(
+        search.evidence.products, replace(nuisance, deviation=free), search.prior(solution.members)
+    )
     count = nuisance.index.size
     off, sure = fit.mean[:count], fit.deviation[:count]
     return np.abs(off) - SOLVING.surely * sure > REACH * nuisance.deviation

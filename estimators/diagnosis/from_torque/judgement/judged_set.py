@@ -144,20 +144,25 @@ class JudgedSet:
             problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
         ), True
 
+    def with_plain_friction(self, some: Collection[int]) -> JudgedSet:
+        """Return this with plain friction for those of some members that joints have instead."""
+        problem, members = self.problem, self.solution.members
+        laws = [i for i in some if len(problem.less(members, (i,))) == len(members)]
+        if not laws:
+            return self
+        fewer = problem.less(members, laws)
+        return JudgedSet.of(problem, fitted(problem, fewer, self.solution.noise))
+
     def beyond_ordinary(self) -> JudgedSet:
         """Return this without what predicts motion held out worse than ordinary friction does.
 
         Where the simulation states no friction, the least that a diagnosis has to reach is not the
         given simulation, but one with Coulomb and viscous friction: a law that was chosen instead
         may fit better, and hold on nothing else. Members that act where it is worse go one by one,
-        the least missed first; ordinary friction takes the place of laws that go, and of those that
-        have no name since nothing is surely better.
+        the least missed first; ordinary friction takes the place of laws that go.
         """
         problem, noise = self.problem, self.solution.noise
         first = problem.first or problem
-        if first.base and not self._surely_better and (unsure := self._unnamed_laws):
-            fewer = problem.less(self.solution.members, unsure)
-            return JudgedSet.of(problem, fitted(problem, fewer, noise)).beyond_ordinary()
         if not first.base or not self._worse_at(left_by_base(problem, self.solution)):
             return self
         ordinary = JudgedSet.of(first, fitted(first, first.base, noise))
@@ -170,13 +175,6 @@ class JudgedSet:
             judged = JudgedSet.of(problem, fitted(problem, fewer, noise))
             tried.append(judged)
         return judged
-
-    @property
-    def _unnamed_laws(self) -> list[int]:
-        """Members without a name in whose place a joint of unknown friction has plain friction."""
-        members, less = self.solution.members, self.problem.less
-        unnamed = [member for member in members if member not in self.named]
-        return [member for member in unnamed if len(less(members, (member,))) == len(members)]
 
     @property
     def _spared(self) -> JudgedSet:

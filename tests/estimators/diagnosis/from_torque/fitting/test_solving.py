@@ -24,7 +24,6 @@ from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplifi
 from estimators.diagnosis.from_torque.fitting.solving import _of_links_that_can_be
 from estimators.diagnosis.from_torque.judgement.judgement import acts_most
 from estimators.diagnosis.from_torque.residuals.noise import Noise
-from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
@@ -34,7 +33,6 @@ from limo_driver.physics import (
     LoadDependentFriction,
     Payload,
     PositionDependentFriction,
-    Simulation,
     SpringLoad,
     Tolerances,
     TorqueGain,
@@ -181,22 +179,6 @@ def test_what_sensors_would_take_at_their_limit_is_no_idle_member(offset, stays)
     (member,) = solution.members
     assert material(problem, solution, member) < CONTRIBUTION.material
     assert pruned(problem, solution).members == ((member,) if stays else ())
-
-
-@pytest.mark.parametrize("late", [0.006, 0.0])
-def test_what_a_late_sensor_would_explain_does_not_help(arm, training_recording, monkeypatch, late):
-    """Positions of joint 1 come late [s]; what acts there is tried with a lag that is free."""
-    dry = (CoulombFriction(joint=j, tau_c=20.0, v_eps=0.002) for j in (1, 2))
-    given, random = Simulation(str(arm), tuple(dry)), np.random.default_rng(3)
-    time, torque = training_recording.time, given.predict(training_recording)
-    torque[:, 0] = np.interp(time + late, time, torque[:, 0])
-    torque += 0.02 * random.standard_normal(torque.shape)
-    seen = Observations.of(given, [replace(training_recording, torque=torque)], 10.0)
-    problem, noise = laid_out(seen)
-    plays = tuple(place_of(problem, "backlash", joint) for joint in (1, 2))
-    solution = fitted(problem, plays, noise)
-    monkeypatch.setattr(settling, "_helps", lambda tried, *_: tried is problem)
-    assert settling._idle(problem, solution) == ([plays[0]] if late else [])
 
 
 def test_of_two_that_predict_alike_the_simpler_stays(problem_of):

@@ -59,17 +59,20 @@ def test_what_is_no_worse_stays(problem):
     assert ordinary.beyond_ordinary() is ordinary
 
 
-def test_a_law_without_a_name_gives_way_to_ordinary_friction_that_has_one(problem, monkeypatch):
-    """Of a joint that rubs, dry friction was lost where another law was no surer."""
+def test_a_law_that_is_doubtful_gives_way_to_plain_friction_and_nothing_else_does(problem):
+    """Of a joint that rubs, dry friction was lost with the name of another law of it."""
     law, dry = (PreslidingHysteresis.name, (0,)), (CoulombFriction.name, (0,))
-    found = next(i for i, item in enumerate(problem.candidates) if item.place == law)
+    spring = (SpringLoad.name, (1,))
+    found, other = (
+        next(i for i, item in enumerate(problem.candidates) if item.place == place)
+        for place in (law, spring)
+    )
     rest = tuple(i for i in problem.base if problem.candidates[i].place != dry)
-    monkeypatch.setattr(JudgedSet, "_worse_at", lambda *_: ())
-    unsure = replace(judged(problem, (*rest, found)), named=())
-    assert not unsure._surely_better
-    plain = unsure.beyond_ordinary()
-    assert law not in places(plain)
+    doubtful = judged(problem, (*rest, found, other))
+    plain = doubtful.with_plain_friction([found, other])
+    assert {law, dry, spring} & places(plain) == {dry, spring}
     assert dry in plain.places(plain.named)
+    assert plain.with_plain_friction([other]) is plain
 
 
 @pytest.fixture(scope="module")
