@@ -10,7 +10,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.embedded.contact import FALSE_ALARMS, NO_CONTACT, ContactThresholds, measured_contact
+from estimators.embedded.contact import (
+    FALSE_ALARMS,
+    NO_CONTACT,
+    ContactThresholds,
+    measured_contact,
+)
 from estimators.embedded.laws import EffectsCode
 from estimators.embedded.learned import LearnedCode, learned
 from estimators.embedded.tables import SIDE_BY_SIDE, defines, each_joint, table, tables

@@ -111,7 +111,8 @@ class LogMapping(Declared, Displayed):
             this and another that, each joint has a column of one of these three, and `-` in the
             others.
         temperature: Columns of temperatures, likewise.
-        estimate, external_torque: What the maker says the torque is, and what of it is external.
+        estimate: Columns of what the maker says the torque is, likewise.
+        external_torque: Columns of what the maker says of it is external, likewise.
         robot: Name of the robot.
         topic: Of a bag's joint states; found by the joints' names if empty.
         left_out: Columns that are no part of the recording, on purpose.

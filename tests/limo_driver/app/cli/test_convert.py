@@ -270,7 +270,7 @@ def test_logs_without_a_recording_in_them_are_refused(tmp_path, log, convert, pa
 
 def test_folder_without_logs_is_refused(tmp_path, convert):
     status, _, notes = convert(tmp_path)
-    assert (status, "holds no .mcap or .db3 files" in notes) == (2, True)
+    assert (status, "holds no .mcap, .db3 or .bag files" in notes) == (2, True)
 
 
 def test_there_and_back(tmp_path, log, convert):
