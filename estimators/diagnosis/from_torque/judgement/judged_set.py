@@ -147,7 +147,7 @@ class JudgedSet:
     def with_plain_friction(self, some: Collection[int]) -> JudgedSet:
         """Return this with plain friction for those of some members that joints have instead."""
         problem, members = self.problem, self.solution.members
-        laws = [i for i in some if len(problem.less(members, (i,))) == len(members)]
+        laws = [i for i in some if len(problem.less(members, (i,))) >= len(members)]
         if not laws:
             return self
         fewer = problem.less(members, laws)

@@ -67,8 +67,8 @@ def test_a_law_that_is_doubtful_gives_way_to_plain_friction_and_nothing_else_doe
         next(i for i, item in enumerate(problem.candidates) if item.place == place)
         for place in (law, spring)
     )
-    rest = tuple(i for i in problem.base if problem.candidates[i].place != dry)
-    doubtful = judged(problem, (*rest, found, other))
+    rest = tuple(i for i in problem.base if problem.candidates[i].joints == (1,))
+    doubtful = judged(problem, (*rest, found, other))  # its own law is all that joint 1 has
     plain = doubtful.with_plain_friction([found, other])
     assert {law, dry, spring} & places(plain) == {dry, spring}
     assert dry in plain.places(plain.named)
