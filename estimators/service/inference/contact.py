@@ -142,12 +142,13 @@ class ContactReport:
             known: Whether velocities are known by now.
         """
         sure = (_SURE * std < self._watchdog.threshold) & np.isfinite(external)
-        active = self._watchdog.active
-        touch = np.where(active, 1, np.where(sure, 0, _UNKNOWN)) if known else _UNKNOWN
+        touch = np.full_like(self._touch, _UNKNOWN)
+        if known:
+            touch = np.where(self._watchdog.active, 1, np.where(sure, 0, _UNKNOWN))
         changed = touch != self._touch
         if time < self._due and not changed.any():
             return False
-        self._touch = np.where(changed, touch, self._touch)
+        self._touch = touch
         self._since[changed | np.isnan(self._since)] = time
         self._due = time + REPORT_PERIOD - _ROUNDING
         return True

@@ -131,8 +131,8 @@ def read_bags(
     kind = f"ROS {version} bag" if kept.encoding == CDR else f"MCAP file in {kept.encoding}"
     kind, is_si = f"{kind}, topic {kept.topic}", kept.encoding == CDR or kept.schema in _ORDER
     spread = kept.stretches.spread
-    empty, told = kept.empty, (*notes, *more)
-    table = LogTable(columns, source, kind, empty, told, spread=spread, is_si=is_si)
+    every = (*notes, *more)
+    table = LogTable(columns, source, kind, kept.empty, every, spread=spread, is_si=is_si)
     return replace(table, clock="ns")
 
 
