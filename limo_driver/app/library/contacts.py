@@ -63,13 +63,9 @@ def external_wrench(
     """
     recording = recording_of(recording)
     recording.check_torque()
-    if isinstance(model, (Path, str)) and not Path(model).is_dir():
-        model = simulation_of(model)
-    if isinstance(model, Simulation):
-        simulation, width = model, bandwidth_for([recording], None, model.bandwidth)
-    else:
-        model = trained_of(model)
-        simulation, width = model.simulation, model.bandwidth
+    model, simulation = _known(model)
+    is_bare = isinstance(model, Simulation)
+    width = bandwidth_for([recording], None, model.bandwidth) if is_bare else model.bandwidth
     recording.check_robot(simulation.model)
     if not recording.measured_joints.all():
         without = ", ".join(str(j + 1) for j in np.flatnonzero(~recording.measured_joints))
@@ -126,13 +122,22 @@ def contact_thresholds(
     from estimators.stream import Stream
 
     recordings = recordings_of(free)
-    if isinstance(model, (Path, str)) and not Path(model).is_dir():
-        model = simulation_of(model)
-    known = model if isinstance(model, Simulation) else trained_of(model)
-    simulation = known if isinstance(known, Simulation) else known.simulation
+    known, simulation = _known(model)
     stream = Stream(known, recordings[0].rate, delay)
     found = measured_contact(false_alarms, stream, simulation, recordings, in_torque=True)
     return tuple((found.level * found.error).tolist())
+
+
+def _known(
+    model: ResidualModel[Any] | Simulation | Path | str,
+) -> tuple[ResidualModel[Any] | Simulation, Simulation]:
+    """Return a fitted model or a simulation, given itself or by its path, and the simulation."""
+    if isinstance(model, (Path, str)) and not Path(model).is_dir():
+        model = simulation_of(model)
+    if isinstance(model, Simulation):
+        return model, model
+    trained = trained_of(model)
+    return trained, trained.simulation
 
 
 def _rows(recording: Recording, begin: float, end: float) -> NDArray[np.bool_]:
