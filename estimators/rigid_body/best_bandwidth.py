@@ -101,7 +101,10 @@ def choose_bandwidth(model: RobotModel, recordings: Sequence[Recording]) -> Band
 
 
 def fitting_bandwidth(
-    arm: Simulation | RobotModel, recordings: Sequence[Recording], asked: float | None = None
+    arm: Simulation | RobotModel,
+    recordings: Sequence[Recording],
+    asked: float | None = None,
+    most: float = np.inf,
 ) -> tuple[float, tuple[str, ...]]:
     """Return the bandwidth [Hz] at which something is fitted to recordings, and why, if unusual.
 
@@ -109,21 +112,27 @@ def fitting_bandwidth(
         arm: The robot; or a simulation, whose own bandwidth is kept.
         recordings: To be fitted to.
         asked: What a user told; then it is this.
+        most: Above which the usual one is taken [Hz]: slower samples would miss whole swings.
 
     Returns:
         What was asked, or that of the simulation; or else the one at which motion tells most of the
         torque, see `choose_bandwidth`, and the usual one where that cannot be judged.
     """
     own = arm.bandwidth if isinstance(arm, Simulation) else None
-    usual = bandwidth_for(recordings, asked, own)
-    if asked is not None or own is not None:
-        return usual, ()
+    usual = bandwidth_for(recordings)
+    if asked is not None:
+        return asked, ()
+    if own is not None:
+        width = bandwidth_for(recordings, found=own)
+        return (width if width <= most else usual), ()
     model = arm.model if isinstance(arm, Simulation) else arm
     try:
         choice = choose_bandwidth(model, recordings)
     except LimoError:  # what it lacks is told by who fits
         return usual, ()
-    return choice.bandwidth, () if choice.bandwidth == usual else (choice.headline(),)
+    if choice.bandwidth == usual or choice.bandwidth > most:
+        return usual, ()
+    return choice.bandwidth, (choice.headline(),)
 
 
 def _errors(

@@ -173,9 +173,8 @@ def command(  # one argument for each option
         device=device,
     )
     simulation, measured, notes = _load(recordings, sim, out, mapping)
-    width, note = fitting_bandwidth(simulation, measured, bandwidth)
-    if bandwidth is None and 0.0 < settings.rate < width:  # whose samples would miss swings
-        width, note = settings.bandwidth, ()
+    most = settings.rate or float("inf")
+    width, note = fitting_bandwidth(simulation, measured, bandwidth, most)
     for line in note:
         notes.print(line)
     settings = replace(settings, bandwidth=width)

@@ -392,9 +392,8 @@ def train(
     known = expected("settings", settings or TrainingSettings(), TrainingSettings)
     chosen = replace(known, model=model)
     if bandwidth is not None or settings is None:
-        width, _ = fitting_bandwidth(simulation, measured, bandwidth)
-        if bandwidth is None and 0.0 < chosen.rate < width:  # whose samples would miss swings
-            width = bandwidth_for(measured)
+        most = chosen.rate or float("inf")
+        width, _ = fitting_bandwidth(simulation, measured, bandwidth, most)
         chosen = replace(chosen, bandwidth=width)
     hybrid = HybridModel(simulation, chosen)
     hybrid.fitted_ = fitted(simulation, measured, chosen, progress or (lambda _epoch: None))
