@@ -15,6 +15,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lanes import later, sampled
 
 import limo_driver as limo
 from estimators.embedded.export import export_c
@@ -156,7 +157,10 @@ CREEPING = PreslidingHysteresis(joint=2, law="lugre", sigma_0=300.0, tau_c=0.6)
 IN_URDF = [name for name in HOSTILE if "$(" not in name]  # which says that it is a xacro
 
 
-@pytest.fixture(params=range(0, len(IN_URDF) - 1, 2), ids=lambda k: f"names {k} and {k + 1}")
+PAIRS = range(0, len(IN_URDF) - 1, 2)
+
+
+@pytest.fixture(params=PAIRS, ids=lambda k: f"names {k} and {k + 1}")
 def arm(request, two_links_urdf, tmp_path):
     """An arm of two joints with names of somebody else; and its folder has one, too."""
     first, second = map(quoting.for_xml, IN_URDF[request.param : request.param + 2])
@@ -181,6 +185,7 @@ def test_sim_yaml_is_read_back(arm, tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
+@sampled("arm", PAIRS, "compiles C for each", first=3, indirect=True)
 def test_exported_c_is_compiled_to_what_it_was(arm, tmp_path):
     written = export_c(arm, tmp_path, 250.0)
     strict = ["gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-trigraphs", "-c", "-o", "x.o"]
@@ -194,6 +199,7 @@ def test_exported_c_is_compiled_to_what_it_was(arm, tmp_path):
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
+@sampled("arm", PAIRS, "compiles C++ for each", first=2, indirect=True)
 def test_a_ros_package_has_them_as_texts(arm, tmp_path):
     export_ros2(arm, tmp_path, 250.0)
     for file in tmp_path.glob("*.xml"):
@@ -214,15 +220,16 @@ def test_a_ros_package_has_them_as_texts(arm, tmp_path):
     assert said.decode().split("\0")[:-1] == names
 
 
-OTHERS = pytest.mark.slow("writes these names to the other formats, too")
-
-
 @pytest.mark.parametrize(
     ("arm", "target"),
     [
-        pytest.param(2 * k, target, marks=[] if (k - i) % 4 == 0 else [OTHERS])
-        for k in range(len(IN_URDF) // 2)
+        case
         for i, target in enumerate(["drake", "isaaclab", "mjcf", "urdf"])
+        for case in later(
+            [pytest.param(2 * ((k + 3 * i) % len(PAIRS)), target) for k in range(len(PAIRS))],
+            "writes the other names, too",
+            first=2,
+        )
     ],
     indirect=["arm"],
 )
@@ -245,17 +252,7 @@ def test_exports_are_read_back(arm, target, tmp_path):
     assert again.diff == ""
 
 
-MANY = pytest.mark.slow("reads USD in processes of its own, for the tenth name as for the first")
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        pytest.param(names, marks=[MANY] if k % 9 else [])
-        for k, names in enumerate(zip(IN_URDF, IN_USD * 7, strict=False))
-    ],
-    ids=ascii,
-)
+@sampled("names", zip(IN_URDF, IN_USD * 7, strict=False), "reads USD in processes", ids=ascii)
 def test_a_layer_of_usd_is_read_back(names, tmp_path):
     pytest.importorskip("pxr", reason="needs usd-core: pip install limo[usd]")
     given, joint = names  # names of prims have letters, digits and _ only, of any language

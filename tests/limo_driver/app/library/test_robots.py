@@ -39,8 +39,8 @@ ROBOTS = (
     "pincers.xml",
     "two_arms.xml#left/yaw,left/shoulder,left/elbow",
 )
-# a URDF, an MJCF, joints that follow others, linkages that close
-QUICK = ("iiwa14", "model.xml", "gripper.urdf#yaw,shoulder,elbow,finger_b", "pincers.xml")
+# a URDF whose joints follow others, and an MJCF whose linkages close
+QUICK = ("gripper.urdf#yaw,shoulder,elbow,finger_b", "pincers.xml")
 MADE = {
     "gripper.urdf": gripper,  # joints follow others
     "linkage.xml": parallelogram,
