@@ -14,7 +14,7 @@ import numpy as np
 
 from limo_driver.model import RobotModel
 from limopa import Plan, PlanRequest, plan, summarise
-from limopa.statistics import path_deviation, relative_peaks
+from limopa.statistics import path_deviation
 
 if TYPE_CHECKING:
     from limo_driver.trajectory import Trajectory
@@ -56,7 +56,7 @@ def main(seed: int = 1) -> None:
     planned = plan(model, PlanRequest(scaffolds=SCAFFOLDS), seed)
     spent = perf_counter() - begin
     statistics = summarise(planned, model)
-    peaks = relative_peaks(planned, model)
+    peaks = planned.trajectory.peaks().over(model.limits)
     velocity, acceleration, jerk = worst_ratio_at_1_khz(planned.trajectory, model)
 
     print(f"{'figure':<58}{'measured':>12}   bar")

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
 
+    from limo_driver.types import JointLimits
+
 _METADATA_KEY = b"limo.trajectory"
 _QUANTITIES = ("position", "velocity", "acceleration")
 LONGEST_STEP = 10.0  # [s] from one sample to the next
@@ -47,6 +49,14 @@ class Peaks:
     velocity: FloatArray  # [rad/s]
     acceleration: FloatArray  # [rad/s^2]
     jerk: FloatArray  # [rad/s^3]
+
+    def over(self, limits: JointLimits) -> Peaks:
+        """Return the same relative to the limits of the joints."""
+        return Peaks(
+            self.velocity / limits.velocity,
+            self.acceleration / limits.acceleration,
+            self.jerk / limits.jerk,
+        )
 
 
 @dataclass(frozen=True, repr=False)

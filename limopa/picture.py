@@ -1,4 +1,4 @@
-"""Picture of a plan: joint space over time, the flange's path, one exploring phase, velocities."""
+"""Pictures of motions: joint space over time, the path of the flange, velocities."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Generator
 
     from limo_driver.model import RobotModel
-    from limo_driver.trajectory import Segment
+    from limo_driver.trajectory import Segment, Trajectory
+    from limo_driver.types import FloatArray
+    from limopa.excitation.search import Excitation
     from limopa.planner import Plan
     from limopa.request import Workspace
 
@@ -25,6 +27,7 @@ EXPLORING_COLOUR, REACHING_COLOUR = "#c1272d", "#9aa0a6"
 JOINT_COLOURS = ("#0b559f", "#d9730d", "#2e7d32", "#c1272d", "#6a3d9a", "#8c564b", "#00838f")
 SATURATION = 10.0  # [deg] of rotation since a reversal, beyond which the paper clips it
 DRAWN = 40_000  # samples drawn of a whole motion: enough for print, and an SVG stays small
+BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}  # of a legend
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 9,
@@ -138,11 +141,11 @@ def _draw_exploring(axes: Any, plan: Plan) -> None:  # noqa: ANN401
         colour = colour_of(j)
         axes.plot(time, moved, color=colour, label=f"joint {j + 1}")
         axes.plot(time[turns], moved[turns], ".", color=colour, markersize=3.5)
-    axes.set_title(f"Exploring phase {number + 1} of {len(segments)}; dots: reversals of rotation")
-    axes.set_xlabel("time in the phase [s]")
-    axes.set_ylabel("rotation from the scaffold [deg]")
+    title = f"Exploring phase {number + 1} of {len(segments)}; dots: reversals of rotation"
+    labels = {"xlabel": "time in the phase [s]", "ylabel": "rotation from the scaffold [deg]"}
+    axes.set(title=title, **labels)
     axes.margins(x=0.01)
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(**BESIDE)
 
 
 def _draw_joint_space(axes: Any, plan: Plan) -> None:  # noqa: ANN401
@@ -157,14 +160,10 @@ def _draw_joint_space(axes: Any, plan: Plan) -> None:  # noqa: ANN401
     for j in range(motion.n):
         position = np.degrees(motion.position[::step, j])
         axes.plot(minutes, position, color=colour_of(j), label=f"joint {j + 1}", linewidth=0.6)
-    axes.set_title(
-        f"Joint space: {len(plan.scaffolds)} scaffolds, {motion.duration / 60:.1f} min; "
-        "shaded: exploring"
-    )
-    axes.set_xlabel("time [min]")
-    axes.set_ylabel("position [deg]")
+    title = f"Joint space: {len(plan.scaffolds)} scaffolds, {motion.duration / 60:.1f} min"
+    axes.set(title=f"{title}; shaded: exploring", xlabel="time [min]", ylabel="position [deg]")
     axes.set_xlim(0, motion.duration / 60)
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(**BESIDE)
 
 
 def _draw_velocities(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa: ANN401
@@ -176,19 +175,11 @@ def _draw_velocities(axes: Any, plan: Plan, model: RobotModel) -> None:  # noqa:
         if rows.size:
             share = 100 * np.abs(motion.velocity[rows]) / model.limits.velocity
             weights = np.full(share.size, 100 / share.size)
-            axes.hist(
-                share.ravel(),
-                bins,
-                weights=weights,
-                color=colour,
-                histtype="step",
-                linewidth=1.2,
-                label=kind,
-            )
+            line = {"histtype": "step", "linewidth": 1.2, "color": colour}
+            axes.hist(share.ravel(), bins, weights=weights, label=kind, **line)
     axes.set_yscale("log")
-    axes.set_title("Joint velocity")
-    axes.set_xlabel("share of the joint's limit [%]")
-    axes.set_ylabel("samples of the phase [%]")
+    labels = {"xlabel": "share of the joint's limit [%]", "ylabel": "samples of the phase [%]"}
+    axes.set(title="Joint velocity", **labels)
     axes.legend()
 
 
@@ -211,9 +202,8 @@ def _draw_rotations(axes: Any, plan: Plan) -> None:  # noqa: ANN401
     )
     for j, box in zip(present, parts["boxes"], strict=True):
         box.set(facecolor=colour_of(j), alpha=0.6, linewidth=0.5)
-    axes.set_title("Rotation between reversals, exploring; dotted: 10 deg")
-    axes.set_xlabel("joint")
-    axes.set_ylabel("rotation [deg]")
+    title = "Rotation between reversals, exploring; dotted: 10 deg"
+    axes.set(title=title, xlabel="joint", ylabel="rotation [deg]")
     axes.axhline(SATURATION, color="black", linewidth=0.6, linestyle=":")
     axes.set_ylim(bottom=0)
 
@@ -226,3 +216,66 @@ def _rows(segments: tuple[Segment, ...], kind: str) -> Any:  # noqa: ANN401  # (
 def colour_of(joint: int) -> str:
     """Return the colour of a joint (0-based), the same in every picture."""
     return JOINT_COLOURS[joint % len(JOINT_COLOURS)]
+
+
+def draw_excitation(found: Excitation, model: RobotModel, path: Path | str) -> None:
+    """Draw an excitation into a file; its ending gives the format (PNG, PDF or SVG).
+
+    Args:
+        found: The excitation.
+        model: The robot it was found for.
+        path: File to write.
+    """
+    with sheet(path, widths=(1.0, 1.3)) as (figure, grid):
+        _draw_excited_flange(figure.add_subplot(grid[0, 0], projection="3d"), found, model)
+        _draw_harmonics(figure.add_subplot(grid[0, 1]), found)
+        motion = found.trajectory
+        position = figure.add_subplot(grid[1, :])
+        _draw_joints(position, motion, np.degrees(motion.position))
+        title = f"Joint space: {motion.duration:g} s, from rest to rest"
+        position.set(title=title, ylabel="position [deg]")
+        velocity = figure.add_subplot(grid[2, :])
+        _draw_joints(velocity, motion, 100 * motion.velocity / model.limits.velocity)
+        velocity.set(title="Joint velocity", xlabel="time [s]", ylabel="share of the limit [%]")
+        velocity.set_ylim(-100, 100)
+
+
+def _draw_excited_flange(axes: Any, found: Excitation, model: RobotModel) -> None:  # noqa: ANN401  # matplotlib
+    step = max(1, len(found.trajectory) // DRAWN)
+    flange = KinematicChain.of(model).flange_position(found.trajectory.position[::step])
+    axes.plot(*flange.T, color=EXPLORING_COLOUR, linewidth=0.6)
+    axes.scatter(*flange[0], color=EXPLORING_COLOUR, s=14, label="start and end")
+    dress_flange(axes)
+
+
+def _draw_harmonics(axes: Any, found: Excitation) -> None:  # noqa: ANN401
+    """Draw the amplitude of each harmonic, as the sampled motion shows it."""
+    position = np.array(found.trajectory.position[:-1])
+    amplitude = 2 * np.abs(np.fft.rfft(position, axis=0)) / len(position)
+    for j, own in enumerate(found.harmonics):
+        frequency = np.array(own) / found.request.duration
+        axes.vlines(
+            frequency,
+            0.0,
+            np.degrees(amplitude[list(own), j]),
+            color=colour_of(j),
+            linewidth=2.0,
+            label=f"joint {j + 1}",
+        )
+    axes.set(
+        title="Harmonics: no two joints share one",
+        xlabel="frequency [Hz]",
+        ylabel="amplitude [deg]",
+    )
+    axes.set_ylim(bottom=0)
+    axes.legend(**BESIDE)
+
+
+def _draw_joints(axes: Any, motion: Trajectory, values: FloatArray) -> None:  # noqa: ANN401
+    step = max(1, len(motion) // DRAWN)
+    for j in range(motion.n):
+        axes.plot(
+            motion.time[::step], values[::step, j], color=colour_of(j), label=f"joint {j + 1}"
+        )
+    axes.set_xlim(0, motion.duration)
+    axes.legend(**BESIDE)

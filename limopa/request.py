@@ -56,6 +56,9 @@ class Workspace(Declared):
             raise self._refused("lower", f"less than upper, {shown(self.upper)}")
 
 
+EVERYWHERE = Workspace(radius=inf, lower=(-inf, -inf, -inf))
+
+
 @dataclass(frozen=True)
 class Surroundings(Declared):
     """Distances that every configuration of the path has to keep.

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limo_driver.trajectory import Peaks
 from limopa.planner import EXPLORING, REACHING
 from limopa.scaffold import Exploration
 
@@ -111,16 +110,6 @@ def summarise(plan: Plan, model: RobotModel) -> Statistics:
     )
 
 
-def relative_peaks(plan: Plan, model: RobotModel) -> Peaks:
-    """Return the peaks of a plan between any two samples, relative to the joint limits; (n,)."""
-    peaks, limits = plan.trajectory.peaks(), model.limits
-    return Peaks(
-        peaks.velocity / limits.velocity,
-        peaks.acceleration / limits.acceleration,
-        peaks.jerk / limits.jerk,
-    )
-
-
 def path_deviation(plan: Plan, phase: PlanPhase, rows: slice, rate: float = 1000.0) -> float:
     """Return how far the trajectory leaves the path of one phase at most, any joint [rad].
 
@@ -149,7 +138,8 @@ def _without_nan(items: list[tuple[str, Any]]) -> dict[str, Any]:
 def _joints(
     plan: Plan, model: RobotModel, exploring: Sequence[slice]
 ) -> tuple[JointStatistics, ...]:
-    motion, limits, peaks = plan.trajectory, model.limits, relative_peaks(plan, model)
+    motion, limits = plan.trajectory, model.limits
+    peaks = motion.peaks().over(limits)
     rows = []
     for j in range(model.n):
         turned = [rotations(motion.position[r, j], motion.velocity[r, j]) for r in exploring]

@@ -41,16 +41,17 @@ import mujoco
 import numpy as np
 
 from estimators.diagnosis.from_motion import diagnose_drives, free_run, identify_drives
-from estimators.diagnosis.from_motion.fitting.constants import (
+from estimators.diagnosis.from_motion.fitting.identification import with_rows
+from estimators.diagnosis.from_motion.fitting.joint import errors
+from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
     DAMPING,
     value_in,
     with_values,
 )
-from estimators.diagnosis.from_motion.fitting.identification import with_rows
-from estimators.diagnosis.from_motion.fitting.joint import errors
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
-from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint, loaded_joints
+from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
+from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation

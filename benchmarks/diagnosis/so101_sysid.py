@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.constants import COULOMB, DAMPING, with_values
 from estimators.diagnosis.from_motion.fitting.identification import with_rows
+from estimators.diagnosis.from_motion.simulation.constants import COULOMB, DAMPING, with_values
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 

@@ -13,7 +13,7 @@ trajectories that minimise cond(K).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import ceil, inf
+from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,14 +24,14 @@ from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.trajectory import Segment, Trajectory
 from limopa.excitation.descent import EvaluatedMotion, Excess, Fourier, IterationProgress, allot
 from limopa.feasibility import Condition, Feasibility
-from limopa.request import Surroundings, Workspace
+from limopa.request import EVERYWHERE, Surroundings, Workspace
 from limopa.scaffold import ScaffoldSampler
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray, JointLimits
+    from limo_driver.types import FloatArray
     from limopa.excitation.descent import Criterion, Harmonics
 
 EXCITATION = "excitation"
@@ -39,7 +39,6 @@ HIGHEST = 2.0  # [Hz] of any harmonic; above, slow arms are neither rigid nor fa
 MOST_HARMONICS = 20  # of one joint
 MOST_STARTS = 1000
 LONGEST = 3600.0  # [s]
-EVERYWHERE = Workspace(radius=inf, lower=(-inf, -inf, -inf))
 STRICTLY = 0.999  # share of each limit that the motion may use
 _SPARE = 0.005  # [m] of clearance kept beyond the wanted while optimising
 _PER_PERIOD = 8  # samples of the fastest harmonic
@@ -225,7 +224,8 @@ class _Search:
     def _inside(self, found: EvaluatedMotion) -> Trajectory:
         """Return a motion as it is or, if it is not strictly within the limits, a smaller one."""
         whole = self._trajectory(found.fourier, found.x)
-        largest = min(1.0, STRICTLY / _reached(whole, self.model.limits))
+        used = whole.peaks().over(self.model.limits)
+        largest = min(1.0, STRICTLY / np.max([used.velocity, used.acceleration, used.jerk]))
         broken = tuple(Condition)
         for share in _SHARES:
             x = found.fourier.scaled(found.x, largest * share)
@@ -262,16 +262,6 @@ class _Search:
             if broken:
                 return broken
         return ()
-
-
-def _reached(motion: Trajectory, limits: JointLimits) -> float:
-    """Return the largest share of a limit of velocity, acceleration or jerk that is used."""
-    peaks = motion.peaks()
-    return max(
-        float((peaks.velocity / limits.velocity).max()),
-        float((peaks.acceleration / limits.acceleration).max()),
-        float((peaks.jerk / limits.jerk).max()),
-    )
 
 
 def _require_long_enough(n: int, request: ExcitationRequest) -> None:

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
-from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -32,7 +31,7 @@ from limo_driver.types import FloatArray, readonly
 from limopa.excitation.timeline import Timeline
 from limopa.feasibility import Condition, Feasibility
 from limopa.path import Line
-from limopa.request import Surroundings, Workspace
+from limopa.request import EVERYWHERE, Surroundings
 from limopa.scaffold import ScaffoldSampler
 
 if TYPE_CHECKING:
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
 
-_EVERYWHERE: Final = Workspace(radius=inf, lower=(-inf, -inf, -inf))
 _POSES: Final = 160  # drawn
 _DRAWS: Final = 20_000  # in vain, before giving up
 _REACH: Final = 0.6  # [rad] of a slow ramp to either side, at most
@@ -193,7 +191,7 @@ class _Planner:
     def __init__(self, model: RobotModel, request: ServoRequest, seed: int) -> None:
         self.model, self.request, self.seed = model, request, seed
         self.random = np.random.default_rng(seed)
-        self.space = Feasibility(model, request.surroundings, _EVERYWHERE)
+        self.space = Feasibility(model, request.surroundings, EVERYWHERE)
         self.speed = np.minimum(request.speed, model.limits.velocity)
         drawn = ScaffoldSampler(self.space, self.random, _DRAWS).draw(_POSES)
         load = np.abs(model.gravity_torque(drawn))
@@ -318,6 +316,3 @@ class _Planner:
                     line.follow(pose + away, "together")
                     return
         line.hold(_HOLD)  # a pose without room; each joint alone has moved from it
-
-
-__all__ = ["ServoExcitation", "ServoRequest", "excite_servos"]

@@ -10,24 +10,13 @@ import numpy as np
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.physics import spoken
 from limo_driver.physics.catalogue import confusion_of, description_of
+from limopa.separation import motions
 from limopa.separation.chain import first_feasible
-from limopa.separation.motions import (
-    apart,
-    creep,
-    load_reversal,
-    nested_reversals,
-    rest_holds,
-    revisit,
-    speed_ladder,
-    two_frequencies,
-    wide_sweep,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from limo_driver.model import RobotModel
-    from limo_driver.physics.description import Motions
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 
@@ -42,28 +31,18 @@ class Separation:
     reason: str  # completes "<kind of motion>: ..."
 
 
-_KINDS: dict[Motions, Kind] = {
-    "apart": apart,
-    "creep": creep,
-    "load_reversal": load_reversal,
-    "nested_reversals": nested_reversals,
-    "rest_holds": rest_holds,
-    "revisit": revisit,
-    "speed_ladder": speed_ladder,
-    "two_frequencies": two_frequencies,
-    "wide_sweep": wide_sweep,
-}
 _NAMES: dict[Kind, str] = {
-    apart: "Two joints moved apart, together and alone",
-    creep: "Creep at five speeds, both ways",
-    load_reversal: "Sweeps through the pose where gravity's torque changes sign",
-    nested_reversals: "Nested, shrinking reversals at two speeds",
-    rest_holds: "Holds at seven poses, each approached from both sides",
-    revisit: "The same slow sweep before and after a minute and a half of exercise",
-    speed_ladder: "Steady speeds from 5 to 80 % of the limit, both ways",
-    two_frequencies: "Swings at a low and at a high frequency",
-    wide_sweep: "Wide sweeps both ways in poses of low and of high load",
+    motions.apart: "Two joints moved apart, together and alone",
+    motions.creep: "Creep at five speeds, both ways",
+    motions.load_reversal: "Sweeps through the pose where gravity's torque changes sign",
+    motions.nested_reversals: "Nested, shrinking reversals at two speeds",
+    motions.rest_holds: "Holds at seven poses, each approached from both sides",
+    motions.revisit: "The same slow sweep before and after a minute and a half of exercise",
+    motions.speed_ladder: "Steady speeds from 5 to 80 % of the limit, both ways",
+    motions.two_frequencies: "Swings at a low and at a high frequency",
+    motions.wide_sweep: "Wide sweeps both ways in poses of low and of high load",
 }
+_KINDS: dict[str, Kind] = {kind.__name__: kind for kind in _NAMES}
 SEPARATION = "separation"  # the condition that a pair breaks which no motion tells apart
 _LINK_INERTIA = "link_inertia"  # what a body has wrong, which is no effect of the catalogue
 
@@ -88,7 +67,8 @@ def separation_of(pair: tuple[str, str]) -> Separation:
         return Separation(_KINDS[known.motion], known.reason)
     if first == second:
         return Separation(
-            _shows(first) or wide_sweep, "the laws of one effect differ most in what shows it"
+            _shows(first) or motions.wide_sweep,
+            "the laws of one effect differ most in what shows it",
         )
     for effect in pair:
         if (motion := _shows(effect)) is not None:
@@ -101,7 +81,7 @@ def separation_of(pair: tuple[str, str]) -> Separation:
 def _shows(effect: str) -> Kind | None:
     """Return the motion that shows an effect, if one is known."""
     if effect == _LINK_INERTIA:
-        return wide_sweep
+        return motions.wide_sweep
     known = description_of(effect).shown_by
     return None if known is None else _KINDS[known]
 

@@ -127,8 +127,9 @@ def command(
     from estimators.rigid_body.base_parameters import Conditioning
     from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
-    from limopa.excitation.page import draw, excitation_page
     from limopa.excitation.search import ExcitationRequest
+    from limopa.page import excitation_page
+    from limopa.picture import draw_excitation
     from limopa.request import Surroundings, Workspace
 
     surroundings = Surroundings(
@@ -166,7 +167,7 @@ def command(
     found = _excite(model, conditioning, request, seed, quiet=as_json)
     found.trajectory.save(out)
     if picture is not None:
-        draw(found, model, picture)
+        draw_excitation(found, model, picture)
     if page is not None:
         condition = conditioning.condition(found.trajectory)
         excitation_page(found, model, condition, out.name, robot).save(page)
@@ -314,7 +315,7 @@ def excite_for_servos(
     from limo_driver.app.library.planning import excite_servos
     from limo_driver.model import RobotModel
     from limo_driver.runtime.outputs import page_of, require_file
-    from limopa.excitation.page import servo_page
+    from limopa.page import servo_page
 
     if out.suffix.lower() != ".csv":
         raise ConfigError("is no CSV; commands for position servos are written as .csv", path=out)

@@ -11,7 +11,7 @@ from limo_driver.errors import ConfigError, InfeasiblePathError
 from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.model import RobotModel
 from limopa import ServoRequest, Surroundings, excite_servos
-from limopa.excitation.page import servo_page
+from limopa.page import servo_page
 
 FREE = Surroundings(self_collision=False, table_height=-5.0)
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><worldbody>

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.optimize import nnls
 
-from estimators.diagnosis.from_motion.fitting.constants import LEAST
 from estimators.diagnosis.from_motion.fitting.identification import gives_scale
 from estimators.diagnosis.from_motion.fitting.joint import fit_joint
 from estimators.diagnosis.from_motion.fitting.starts import nearer_start, typical_start
+from estimators.diagnosis.from_motion.simulation.constants import LEAST
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of

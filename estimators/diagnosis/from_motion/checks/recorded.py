@@ -16,11 +16,11 @@ import numpy as np
 from estimators.base import check_different
 from estimators.diagnosis.from_motion.checks.commands import check_commands, check_set_points
 from estimators.diagnosis.from_motion.checks.timing import check_timing
-from estimators.diagnosis.from_motion.fitting.constants import value_in
 from estimators.diagnosis.from_motion.fitting.identification import with_servos
 from estimators.diagnosis.from_motion.fitting.starts import regressed
+from estimators.diagnosis.from_motion.simulation.constants import value_in
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
-from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
+from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.bandwidth import bandwidth_for

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.constants import DAMPING, value_in, with_values
 from estimators.diagnosis.from_motion.fitting.joint import errors, fit_joint
 from estimators.diagnosis.from_motion.fitting.starts import (
     most_of,
@@ -14,9 +13,15 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     regressed,
     typical_start,
 )
+from estimators.diagnosis.from_motion.simulation.constants import (
+    DAMPING,
+    GAIN,
+    value_in,
+    with_values,
+)
 from estimators.diagnosis.from_motion.simulation.free_run import busiest, commands_of
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
-from estimators.diagnosis.from_motion.simulation.plant import GAIN, rows_of
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 

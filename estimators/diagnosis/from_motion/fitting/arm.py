@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.constants import (
+from estimators.diagnosis.from_motion.fitting.joint import independent
+from estimators.diagnosis.from_motion.simulation.constants import (
     STEP,
     BelievedValue,
     inner,
@@ -22,7 +23,6 @@ from estimators.diagnosis.from_motion.fitting.constants import (
     value_in,
     with_values,
 )
-from estimators.diagnosis.from_motion.fitting.joint import independent
 from estimators.regression.definite import SymmetricSpectrum
 from limo_driver.physics.drives import MOST_SAG
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO

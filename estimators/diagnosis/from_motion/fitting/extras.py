@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.constants import (
+from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors, fit_joint, left_out
+from estimators.diagnosis.from_motion.fitting.starts import (
+    LAGS,
+    LimitStart,
+    away,
+    begun_at,
+    lagging,
+)
+from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
     GAINS,
     LEAST,
@@ -22,14 +30,6 @@ from estimators.diagnosis.from_motion.fitting.constants import (
     gain_of,
     value_in,
     with_values,
-)
-from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors, fit_joint, left_out
-from estimators.diagnosis.from_motion.fitting.starts import (
-    LAGS,
-    LimitStart,
-    away,
-    begun_at,
-    lagging,
 )
 
 if TYPE_CHECKING:

@@ -15,17 +15,6 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from estimators.diagnosis.from_motion.fitting.constants import (
-    COULOMB,
-    DAMPING,
-    GAINS,
-    LEAST,
-    BelievedValue,
-    base_of,
-    gain_of,
-    value_in,
-    with_values,
-)
 from estimators.diagnosis.from_motion.fitting.extras import (
     GAIN,
     PROFILE,
@@ -40,9 +29,23 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     typical_start,
     with_gain,
 )
+from estimators.diagnosis.from_motion.simulation.constants import (
+    COLUMNS,
+    COULOMB,
+    DAMPING,
+    GAINS,
+    LEAST,
+    BelievedValue,
+    base_of,
+    constant_of,
+    gain_of,
+    geared,
+    value_in,
+    with_values,
+)
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
-from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
-from estimators.diagnosis.from_motion.simulation.plant import NAMES, geared, rows_of
+from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import (
     Armature,
     AsymmetricFriction,
@@ -78,7 +81,6 @@ _LOADED: Final = 0.05
 _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
 _USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0, "kv": 1.5}  # of their logarithms
-UNITS: Final = {"kp": "N m/rad", "kv": "N m s/rad", "gain": "1"}  # of gains
 # said to be undecided where recordings do not show them
 ASKED: Final = (*GAINS, "delay", "inertia")
 _OF_A_KIND: Final = 0.7  # deviation of the logarithm of the gains of an arm's servos
@@ -124,7 +126,7 @@ class DriveIdentification(Displayed):
         fits = self.fits
         gains = [gain_of(fit.row) for fit in fits]
         named = {
-            f"{gain} [{UNITS[gain]}]": [
+            f"{gain} [{constant_of(gain).unit}]": [
                 fit.value(gain) if gain == own else "-"
                 for fit, own in zip(fits, gains, strict=True)
             ]
@@ -403,7 +405,9 @@ def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
         limits = value_in(row, "stall"), value_in(row, "free_speed")
         return replace(drive, gear=ratio * drive.gear).limited(*limits)
     values = {
-        item.name: _finite(value_in(row, item.name)) for item in fields(drive) if item.name in NAMES
+        item.name: _finite(value_in(row, item.name))
+        for item in fields(drive)
+        if item.name in COLUMNS
     }
     if "kd" in values:
         values["kd"] = value_in(row, "kd") + value_in(row, "inside") * value_in(row, DAMPING)

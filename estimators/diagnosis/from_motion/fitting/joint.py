@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
-from estimators.diagnosis.from_motion.fitting.constants import (
+from estimators.diagnosis.from_motion.simulation.constants import (
     LEAST,
     SIGNED,
     STEP,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.from_motion.fitting.constants import BelievedValue
+    from estimators.diagnosis.from_motion.simulation.constants import BelievedValue
     from limo_driver.types import FloatArray
 
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.optimize import nnls
 
-from estimators.diagnosis.from_motion.fitting.constants import (
+from estimators.diagnosis.from_motion.fitting.joint import errors
+from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
     DAMPING,
     gain_of,
     value_in,
     with_values,
 )
-from estimators.diagnosis.from_motion.fitting.joint import errors
 from estimators.diagnosis.from_motion.simulation.one_joint import lag
 from limo_driver.types import FloatArray
 

@@ -21,7 +21,13 @@ from estimators.diagnosis.from_motion.fitting.arm import (
     fit_arm,
     glance_at,
 )
-from estimators.diagnosis.from_motion.fitting.constants import (
+from estimators.diagnosis.from_motion.hypotheses.suspects import (
+    COUNTED,
+    Suspect,
+    stated_beside,
+    suspects_of,
+)
+from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
     DAMPING,
     BelievedValue,
@@ -29,12 +35,6 @@ from estimators.diagnosis.from_motion.fitting.constants import (
     gain_of,
     value_in,
     with_values,
-)
-from estimators.diagnosis.from_motion.hypotheses.suspects import (
-    COUNTED,
-    Suspect,
-    stated_beside,
-    suspects_of,
 )
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange

@@ -17,13 +17,6 @@ import numpy as np
 
 from estimators.diagnosis.from_motion.checks.conventions import conventions_of, likeliest_order
 from estimators.diagnosis.from_motion.fitting.arm import ArmFit, glance_at
-from estimators.diagnosis.from_motion.fitting.constants import (
-    GAINS,
-    gain_of,
-    inner,
-    value_in,
-    with_values,
-)
 from estimators.diagnosis.from_motion.fitting.identification import (
     ASKED,
     SURE,
@@ -42,6 +35,14 @@ from estimators.diagnosis.from_motion.fitting.joint import (
 )
 from estimators.diagnosis.from_motion.hypotheses.search import FOUND, Searched, reweighted
 from estimators.diagnosis.from_motion.hypotheses.suspects import COUNTED, Suspect
+from estimators.diagnosis.from_motion.simulation.constants import (
+    GAINS,
+    SAG,
+    gain_of,
+    inner,
+    value_in,
+    with_values,
+)
 from estimators.diagnosis.from_motion.simulation.free_run import (
     MOVED,
     busiest,
@@ -49,7 +50,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import (
     free_run,
 )
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
-from estimators.diagnosis.from_motion.simulation.plant import SAG, rows_of
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import EncoderOffset, Payload
 from limo_driver.recordings.channels import TORQUE, led_by
 

@@ -17,15 +17,17 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_motion.checks.conventions import likeliest_order
-from estimators.diagnosis.from_motion.fitting.constants import (
+from estimators.diagnosis.from_motion.fitting.starts import LIMITS, away, begun_at, motor_begun_at
+from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
     DAMPING,
+    GAINS,
+    constant_of,
     gain_of,
     value_in,
     with_values,
 )
-from estimators.diagnosis.from_motion.fitting.starts import LIMITS, away, begun_at, motor_begun_at
-from estimators.diagnosis.from_motion.simulation.plant import UNLIMITED, most_torque
+from estimators.diagnosis.from_motion.simulation.plant import most_torque
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -36,32 +38,19 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 COUNTED: Final = ("joint_sign", "swapped_joints")  # how recordings count, and no physics
-NEUTRAL: Final = {
-    **dict.fromkeys(UNLIMITED, np.inf),
-    **dict.fromkeys(("v_s", "gear", "delta", "heating", "resisted", "assisted"), 1.0),
-}  # constants that are not 0 where there is nothing
 _START_MASS: Final = 0.05  # of the arm's own
-_FREED: Final = {
-    "kp": "position_servo",
-    "kv": "velocity_servo",
-    "gain": "torque_drive",
-    DAMPING: "viscous_friction",
-    COULOMB: "coulomb_friction",
-    "delay": "drive_delay",
-    "inertia": "armature",
-    "offset": "torque_offset",
-}
-_BESIDE: Final = {  # constants that a drive may be stated to have, and what each is
-    "dead_band": "dead_band",
-    "punch": "punch",
-    "ki": "integral_gain",
-    "play": "backlash",
-    "speed": "profile_speed",
-    "acceleration": "profile_acceleration",
-    "torque_limit": "torque_limit",
-    "stall": "voltage_limit",
-    "free_speed": "voltage_limit",
-}
+_FREED: Final = (*GAINS, DAMPING, COULOMB, "delay", "inertia", "offset")  # that each joint has
+_BESIDE: Final = (  # constants that a drive may be stated to have
+    "dead_band",
+    "punch",
+    "ki",
+    "play",
+    "speed",
+    "acceleration",
+    "torque_limit",
+    "stall",
+    "free_speed",
+)
 SHAPES: Final = (1.0, 2.0)  # exponents of the fading: exponential, and as a bell
 _AMOUNTS: Final = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)  # of the dry friction, tried
 _FADES: Final = (0.015, 0.02, 0.03, 0.06, 0.12)  # [rad/s] at which it fades, tried
@@ -142,7 +131,7 @@ class Suspect:
             return replace(guess, change=change, shared=shared)
         rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
         own = (*self.names, *(name for name, _ in self.shape))
-        rows[j] = with_values(rows[j], {name: NEUTRAL.get(name, 0.0) for name in own})
+        rows[j] = with_values(rows[j], {name: constant_of(name).absent for name in own})
         names[j] = tuple(name for name in names[j] if name not in self.names)
         return replace(guess, rows=rows, names=tuple(names))
 
@@ -153,7 +142,7 @@ def stated_beside(row: FloatArray) -> tuple[str, ...]:
     Args:
         row: The stated constants of a joint.
     """
-    return tuple(name for name in _BESIDE if value_in(row, name) != NEUTRAL.get(name, 0.0))
+    return tuple(name for name in _BESIDE if value_in(row, name) != constant_of(name).absent)
 
 
 def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterator[Suspect]:
@@ -179,12 +168,10 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
         if not guess.names[j]:
             continue  # no command moves it: nothing of its drive shows
         yield Suspect("joint_sign", j, (), shared=True)
-        for name, effect in _FREED.items():
-            if name in guess.names[j]:
-                yield Suspect(effect, j, (), freed=name)
-        for name in guess.names[j]:
-            if name in _BESIDE:
-                yield Suspect(_BESIDE[name], j, (), freed=name)
+        own = guess.names[j]
+        stated_names = [n for n in _FREED if n in own] + [n for n in own if n in _BESIDE]
+        for name in stated_names:
+            yield Suspect(constant_of(name).effect, j, (), freed=name)
         for one in (
             *_stiction(parts[j], guess.rows[j], guess.names[j]),
             *_of_joints(guess.rows[j]),
@@ -251,7 +238,8 @@ def _limits(
             continue
         other = () if base is row else tuple((n, value_in(base, n)) for n in names if n != limit)
         other = (*other, *start.bent.items())
-        one = Suspect(_BESIDE.get(limit, limit), j, tuple(start.values.items()), bent=other)
+        effect = constant_of(limit).effect if limit in LIMITS else limit
+        one = Suspect(effect, j, tuple(start.values.items()), bent=other)
         if limit in names:
             one = replace(one, start=(), bent=(*other, *start.values.items()), freed=limit)
         yield one

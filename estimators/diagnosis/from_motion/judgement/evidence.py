@@ -10,8 +10,7 @@ import numpy as np
 from estimators.diagnosis.from_motion.fitting.joint import NORMAL, errors
 from estimators.diagnosis.from_motion.hypotheses.suspects import COUNTED
 from estimators.diagnosis.from_motion.judgement.held_out import CONFIDENT, LEAST, removes
-from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
-from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 

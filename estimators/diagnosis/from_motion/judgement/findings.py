@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.constants import (
-    COULOMB,
-    DAMPING,
-    value_in,
-    with_values,
-)
 from estimators.diagnosis.from_motion.fitting.identification import SURE
 from estimators.diagnosis.from_motion.fitting.joint import errors
 from estimators.diagnosis.from_motion.hypotheses.search import FOUND, OFFSET
 from estimators.diagnosis.from_motion.judgement.held_out import CONFIDENT, LEAST, removes
+from estimators.diagnosis.from_motion.simulation.constants import (
+    DAMPING,
+    KINDS,
+    constant_of,
+    value_in,
+    with_values,
+)
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 
@@ -25,75 +26,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
-
-# What is said of each: the effect, the constants that are its values, with their units.
-KINDS: Final[dict[str, dict[str, str]]] = {
-    "position_servo": {"kp": "N m/rad"},
-    "velocity_servo": {"kv": "N m s/rad"},
-    "torque_drive": {"gain": "1"},
-    "drive_delay": {"delay": "s"},
-    "coulomb_friction": {COULOMB: "N m"},
-    "viscous_friction": {DAMPING: "N m s/rad"},
-    "armature": {"inertia": "kg m^2"},
-    "torque_offset": {"offset": "N m"},
-    "stribeck_friction": {"stribeck": "N m", "v_s": "rad/s"},
-    "load_dependent_friction": {"by_load": "1", "assisted": "1"},
-    "dead_band": {"dead_band": "rad"},
-    "profile_speed": {"speed": "rad/s"},
-    "profile_acceleration": {"acceleration": "rad/s^2"},
-    "torque_limit": {"torque_limit": "N m"},
-    "spring_load": {"spring": "N m/rad"},
-    "backlash": {"play": "rad"},
-    "gear_ratio": {"gear": "1"},
-    "integral_gain": {"ki": "N m/(rad s)"},
-    "punch": {"punch": "N m"},
-    "thermal_derating": {"derating": "1", "heating": "s"},
-    "voltage_limit": {"free_speed": "rad/s", "stall": "N m"},
-}
-USUAL: Final = (  # what every joint has
-    "position_servo",
-    "velocity_servo",
-    "torque_drive",
-    "drive_delay",
-    "coulomb_friction",
-    "viscous_friction",
-    "armature",
-    "torque_offset",
-)
-NAMES: Final = {
-    COULOMB: "tau_c",
-    DAMPING: "f_v",
-    "by_load": "coefficient",
-    "stribeck": "tau_s",
-    "spring": "stiffness",
-    "play": "gap",
-    "gear": "ratio",
-}
-
-
-_SPOKEN: Final = {  # of what is stated; the others are spoken as they are written
-    "kp": "a P gain",
-    "kv": "a velocity gain",
-    "gain": "a gain",
-    "ki": "an I gain",
-    "delay": "a delay",
-    COULOMB: "dry friction",
-    DAMPING: "damping",
-    "inertia": "armature",
-    "offset": "an offset",
-    "stribeck": "stiction",
-    "by_load": "friction by load",
-    "dead_band": "a dead band",
-    "speed": "a profile's speed",
-    "acceleration": "a profile's acceleration",
-    "torque_limit": "a torque limit",
-    "spring": "a spring",
-    "play": "play",
-    "gear": "a gear's ratio",
-    "punch": "punch",
-    "derating": "derating",
-    "free_speed": "a speed without load",
-}
 
 
 def findings_of(
@@ -234,7 +166,7 @@ def as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra:
     if value is None:
         return "without it"
     size = f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
-    return f"with {_SPOKEN[name]} of {size}{_parts(nominal, name)}, as stated"
+    return f"with {constant_of(name).in_words} of {size}{_parts(nominal, name)}, as stated"
 
 
 def _parts(nominal: FloatArray, name: str) -> str:
@@ -265,7 +197,7 @@ def as_it_is_stated(
 def parameters_of(fit: JointFit, units: dict[str, str]) -> dict[str, Interval]:
     """Return fitted values with their intervals, as a verdict names them."""
     return {
-        NAMES.get(name, name): Interval(fit.value(name), unit, fit.interval(name))
+        constant_of(name).parameter or name: Interval(fit.value(name), unit, fit.interval(name))
         for name, unit in units.items()
         if name in fit.deviation
     }

@@ -13,23 +13,23 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.constants import (
-    DAMPING,
-    SIGNED,
-    value_in,
-    with_values,
-)
 from estimators.diagnosis.from_motion.fitting.joint import errors
 from estimators.diagnosis.from_motion.hypotheses.search import OFFSET
 from estimators.diagnosis.from_motion.judgement.findings import (
-    KINDS,
-    NAMES,
     as_it_is_stated,
     is_known,
     is_wrong,
     lag_within,
 )
 from estimators.diagnosis.from_motion.judgement.held_out import CONFIDENT, LEAST, removes
+from estimators.diagnosis.from_motion.simulation.constants import (
+    DAMPING,
+    KINDS,
+    SIGNED,
+    constant_of,
+    value_in,
+    with_values,
+)
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import VALUES
@@ -128,7 +128,11 @@ class _Joint:
                 believed = self._believed(name)
                 tolerance = value_in(self.tolerance, name) * believed
                 value = self._value(
-                    NAMES.get(name, name), effect, unit, believed, self.fit.value(name)
+                    constant_of(name).parameter or name,
+                    effect,
+                    unit,
+                    believed,
+                    self.fit.value(name),
                 )
                 yield (
                     replace(

@@ -6,11 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.constants import gain_of, value_in
 from estimators.diagnosis.from_motion.fitting.joint import NORMAL
 from estimators.diagnosis.from_motion.judgement.findings import (
-    KINDS,
-    USUAL,
     findings_of,
     is_known,
     parameters_of,
@@ -22,8 +19,16 @@ from estimators.diagnosis.from_motion.judgement.held_out import (
     rms_of_rows,
 )
 from estimators.diagnosis.from_motion.judgement.stated_values import stated_values
-from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
-from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, geared, most_torque, rows_of
+from estimators.diagnosis.from_motion.simulation.constants import (
+    KINDS,
+    USUAL,
+    constant_of,
+    gain_of,
+    geared,
+    value_in,
+)
+from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
+from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, most_torque, rows_of
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import (
     Fit,
@@ -52,12 +57,12 @@ if TYPE_CHECKING:
 
 _POSES: Final = 2000  # tried for the one that loads a joint most
 _WORTH: Final = 0.01  # [rad], sag below which nothing is said
-_SHOWS: Final = {  # constants, as what they are told, and what explains the motion as well
-    "kp": ("position_servo", "dry friction"),
-    "kv": ("velocity_servo", "friction"),
-    "gain": ("torque_drive", "friction"),
-    "delay": ("drive_delay", "damping"),
-    "inertia": ("armature", "damping"),
+_EXPLAINS: Final = {  # what explains the motion as well as a constant does
+    "kp": "dry friction",
+    "kv": "friction",
+    "gain": "friction",
+    "delay": "damping",
+    "inertia": "damping",
 }
 
 
@@ -216,10 +221,10 @@ def full_load(body: RobotModel) -> FloatArray:
 
 def undecided(found: DriveIdentification, rate: float) -> Iterator[tuple[str, str]]:
     """Yield effects and why these recordings do not show them."""
-    for name, (effect, other) in _SHOWS.items():
+    for name, other in _EXPLAINS.items():
         if joints := [j for j, own in found.undecided if own == name]:
             yield (
-                effect,
+                constant_of(name).effect,
                 f"{name} of {joints_named(joints)} is not decidable at this rate ({rate:.0f} Hz): "
                 f"{other} explains the motion as well",
             )
@@ -343,7 +348,7 @@ def _gains(found: DriveIdentification, joints: Sequence[int]) -> str:
 
 def _by_drive(found: DriveIdentification, joints: Sequence[int]) -> Iterator[tuple[str, list[int]]]:
     """Yield each kind of drive that some joints have, 1-based, and which of them have it."""
-    kinds = {j: _SHOWS[gain_of(found.fits[j - 1].row)][0] for j in joints}
+    kinds = {j: constant_of(gain_of(found.fits[j - 1].row)).effect for j in joints}
     for kind in dict.fromkeys(kinds.values()):
         yield kind, [j for j in joints if kinds[j] == kind]
 

@@ -14,32 +14,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.simulation.joint_step import (
-    begins_anew,
-    caught_up,
-    commanded,
-    derated,
-    driven,
-    error_of,
-    heated,
-    held,
-    integrated,
-    keeps_pace,
-    led,
-    longest_step,
-    next_velocity,
-    sagged,
-    sent_again,
-    slack,
-)
-from estimators.diagnosis.from_motion.simulation.plant import (
-    DELAY,
-    DERATING,
-    RESTART,
-    SAG,
-    ZERO,
-    ServoArm,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
+from estimators.diagnosis.from_motion.simulation import joint_step as step
+from estimators.diagnosis.from_motion.simulation.plant import ServoArm
 from estimators.rigid_body.regressor import inverse_dynamics
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -61,6 +38,7 @@ _CONVERGED: Final = 1e-7  # [rad/s]
 _RESTS: Final = 60.0  # [s] of one command, after which an arm moves no more
 ROUNDING: Final = 1e-9  # [s], of sums of steps
 MOVED: Final = 0.05  # [rad], range of its commands from which on a joint is identified
+_ARM: Final = ("rotation", "translation", "axis", "gravity", "links", "rows")
 _ENOUGH: Final = 0.5  # [rad], beyond which more range says little more
 
 
@@ -124,7 +102,7 @@ def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
 def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
     """Do as `restarted_run` does, with an arm that is taken apart already."""
     command, velocity = commands_of(recording), np.zeros_like(recording.position)
-    if np.isfinite(arm.rows[:, RESTART]).any():
+    if np.isfinite(arm.rows[:, c.RESTART]).any():
         velocity = recording.motion(bandwidth_for([recording])).velocity
     position = np.empty_like(recording.position)
     for rows in recording.segments:
@@ -169,7 +147,7 @@ def follow(
         np.ascontiguousarray(command),
         np.ascontiguousarray(position),
         np.ascontiguousarray(velocity),
-        min(longest_step(row, LONGEST_STEP) for row in arm.rows),
+        min(step.longest_step(row, LONGEST_STEP) for row in arm.rows),
     )
     if not settled:
         raise ConfigError(
@@ -201,33 +179,24 @@ def _load(
 
 
 @compiled(nogil=True)
-def _supplied(rows: FloatArray, error: FloatArray, velocity: FloatArray) -> float:
-    """Return the voltage over that of a supply without load, of an arm of one supply."""
-    sag, drawn, returned = rows[:, SAG].max(), 0.0, 0.0
-    if sag > 0.0:
-        for j in range(error.size):
-            more, less = driven(rows[j], error[j], velocity[j])
-            drawn += more
-            returned += less
-    return sagged(sag, drawn, returned)
-
-
-@compiled(nogil=True)
 def _drive(
     rows: FloatArray,
     volts: FloatArray,
     heat: FloatArray,
-    supply: float,
     error: FloatArray,
     velocity: FloatArray,
     h: float,
 ) -> None:
-    """Write the voltages that drive motors, lower where they are warm, and warm them by a step."""
+    """Write the voltages that one supply drives motors by, and warm these by a step."""
+    sag, drawn, returned = rows[:, c.SAG].max(), 0.0, 0.0
+    if sag > 0.0:
+        for j in range(error.size):
+            more, less = step.driven(rows[j], error[j], velocity[j])
+            drawn += more
+            returned += less
+    supply = step.sagged(sag, drawn, returned)
     for j in range(error.size):
-        volts[j] = supply
-        if rows[j, DERATING] > 0.0:
-            volts[j] = derated(rows[j], supply, heat[j])
-            heat[j] = heated(rows[j], heat[j], error[j], velocity[j], h)
+        volts[j], heat[j] = step.warm_motor(rows[j], supply, heat[j], error[j], velocity[j], h)
 
 
 @compiled(nogil=True)
@@ -269,7 +238,7 @@ def _settled(
         moved = 0.0
         for j in range(v.size):
             load = _load(bias, M, after, v, h, j) - M[j, j] * (after[j] - v[j]) / h
-            new, mean[j] = next_velocity(
+            new, mean[j] = step.next_velocity(
                 rows[j],
                 position[j],
                 v[j],
@@ -287,21 +256,7 @@ def _settled(
     return False
 
 
-@compiled(
-    reads=(
-        "rotation",
-        "translation",
-        "axis",
-        "gravity",
-        "links",
-        "rows",
-        "time",
-        "command",
-        "position",
-        "velocity",
-    ),
-    nogil=True,
-)
+@compiled(reads=(*_ARM, "time", "command", "position", "velocity"), nogil=True)
 def _advance(
     rotation: FloatArray,
     translation: FloatArray,
@@ -319,7 +274,7 @@ def _advance(
     # to set rows of arrays whole would compile the message of its error, as long as all of this
     T, n = command.shape
     result = np.empty((T, n))
-    zero, begun = rows[:, ZERO], np.full(n, -math.inf)
+    zero, begun = rows[:, c.ZERO], np.full(n, -math.inf)
     q, v, place = np.empty(n), np.zeros(n), np.empty(n)  # of the rigid body, and as it is measured
     target, pace, integral = command[0].copy(), np.zeros(n), np.zeros(n)
     at = np.zeros(n, dtype=np.int64)
@@ -332,14 +287,14 @@ def _advance(
         q[j] = position[0, j] - zero[j]
     inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
     for j in range(n):
-        integral[j] = held(rows[j], q[j] + zero[j], bias[j])
-        ahead[j] = slack(rows[j], bias[j])
+        integral[j] = step.held(rows[j], q[j] + zero[j], bias[j])
+        ahead[j] = step.slack(rows[j], bias[j])
         q[j] += ahead[j]
     for i in range(T - 1):
         for j in range(n):
-            if begins_anew(rows[j], begun[j], time[i]):
+            if step.begins_anew(rows[j], begun[j], time[i]):
                 q[j], begun[j] = position[i, j] - zero[j] + ahead[j], time[i]
-                if i == 0 or not keeps_pace(rows[j]):
+                if i == 0 or not step.keeps_pace(rows[j]):
                     v[j] = velocity[i, j]
         steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - ROUNDING))
         h = (time[i + 1] - time[i]) / steps
@@ -350,20 +305,25 @@ def _advance(
                 _inertia(rotation, translation, axis, links, q, M)
             inverse_dynamics(rotation, translation, axis, gravity, links, q, v, still, bias)
             for j in range(n):
-                begin = now - rows[j, DELAY]
-                own, before = command[:, j], at[j]
-                wanted, at[j] = commanded(time, own, before, begin, begin + h)
-                again = sent_again(own, before, at[j])
-                target[j], pace[j] = led(rows[j], wanted, again, target[j], pace[j], h)
+                target[j], pace[j], at[j] = step.follow_command(
+                    rows[j],
+                    time,
+                    command[:, j],
+                    at[j],
+                    now - rows[j, c.DELAY],
+                    h,
+                    target[j],
+                    pace[j],
+                )
                 place[j] = q[j] + zero[j]
-                error[j] = error_of(rows[j], target[j], place[j])
-                integral[j] = integrated(rows[j], integral[j], error[j], h)
-            _drive(rows, volts, heat, _supplied(rows, error, v), error, v, h)
+                error[j] = step.error_of(rows[j], target[j], place[j])
+                integral[j] = step.integrated(rows[j], integral[j], error[j], h)
+            _drive(rows, volts, heat, error, v, h)
             if not _settled(rows, place, v, error, integral, M, bias, volts, h, after, mean):
                 return result, False
             for j in range(n):
-                integral[j] = caught_up(rows[j], integral[j], error[j], mean[j], h)
-                ahead[j] = slack(rows[j], _load(bias, M, after, v, h, j))
+                integral[j] = step.caught_up(rows[j], integral[j], error[j], mean[j], h)
+                ahead[j] = step.slack(rows[j], _load(bias, M, after, v, h, j))
                 q[j] += h * mean[j]
             for j in range(n):
                 v[j], result[i + 1, j] = after[j], q[j] - ahead[j] + zero[j]

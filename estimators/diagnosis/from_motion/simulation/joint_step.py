@@ -11,44 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.simulation.plant import (
-    ACCELERATION,
-    ASSISTED,
-    BY_LOAD,
-    CUBIC,
-    DEAD_BAND,
-    DELTA,
-    DERATING,
-    DRAG,
-    FREE_SPEED,
-    GAIN,
-    HEATING,
-    INERTIA,
-    INSIDE,
-    INTEGRAL_LIMIT,
-    KD,
-    KI,
-    KP,
-    KV,
-    MINUS,
-    OFFSET,
-    PLAY,
-    PLUS,
-    PUNCH,
-    RESISTED,
-    RESOLUTION,
-    REST,
-    RESTART,
-    SPEED,
-    SPRING,
-    STALL,
-    STRAIGHT,
-    STRIBECK,
-    TORQUE_LIMIT,
-    V_S,
-    VISCOUS_MINUS,
-    VISCOUS_PLUS,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
@@ -60,70 +23,51 @@ _QUICK_STEP: Final = 0.002
 
 
 @compiled(nogil=True)
-def commanded(
-    time: FloatArray, command: FloatArray, at: int, begin: float, end: float
-) -> tuple[float, int]:
-    """Return the mean command [rad] from `begin` to `end` [s], and the row in force then.
+def follow_command(
+    row: FloatArray,
+    time: FloatArray,
+    command: FloatArray,
+    at: int,
+    begin: float,
+    h: float,
+    target: float,
+    speed: float,
+) -> tuple[float, float, int]:
+    """Return set-point [rad] and speed [rad/s] of the profile a step later, and the row in force.
 
-    The mean, so that what is simulated is smooth in a delay.
+    What is followed is the mean of the commands in force within the step, so that what is simulated
+    is smooth in a delay.
 
     Args:
+        row: The constants of the joint.
         time: (T,) [s].
         command: (T,) [rad], each in force until the next one.
         at: Row in force at `begin`.
-        begin: [s].
-        end: [s].
+        begin: Of the step, less the delay [s].
+        h: Step [s].
+        target: Set-point [rad].
+        speed: Of the set-point [rad/s].
     """
-    total, since = 0.0, begin
+    end, again, total, since = begin + h, False, 0.0, begin
     while at + 1 < time.size and time[at + 1] < end:
         until = max(time[at + 1], since)
         total += command[at] * (until - since)
         since = until
         at += 1
-    return (total + command[at] * (end - since)) / (end - begin), at
-
-
-@compiled(nogil=True)
-def sent_again(command: FloatArray, before: int, at: int) -> bool:
-    """Say whether a row came into force that has the command of the one before it.
-
-    Args:
-        command: (T,) [rad].
-        before: Row in force until now.
-        at: Row in force from now on.
-    """
-    for k in range(before + 1, at + 1):  # noqa: SIM110  # compiled
-        if command[k] == command[k - 1]:
-            return True
-    return False
-
-
-@compiled(nogil=True)
-def led(
-    row: FloatArray, target: float, again: bool, at: float, speed: float, h: float
-) -> tuple[float, float]:
-    """Return set-point [rad] and speed [rad/s] of the profile, a step later.
-
-    Args:
-        row: The constants of the joint.
-        target: Command [rad].
-        again: Whether it was sent once more.
-        at: Set-point [rad].
-        speed: Of the set-point [rad/s].
-        h: Step [s].
-    """
-    away = target - at
-    most, rate = row[SPEED], row[ACCELERATION]
-    if (most == math.inf and rate == math.inf) or (again and row[STRAIGHT] > 0.0):
-        return target, 0.0
-    wanted = min(most, abs(away) / h)
+        again = again or command[at] == command[at - 1]  # sent once more
+    wanted = (total + command[at] * (end - since)) / (end - begin)
+    most, rate = row[c.SPEED], row[c.ACCELERATION]
+    if (most == math.inf and rate == math.inf) or (again and row[c.STRAIGHT] > 0.0):
+        return wanted, 0.0, at
+    away = wanted - target
+    pace = min(most, abs(away) / h)
     if rate < math.inf:
-        wanted = min(wanted, math.sqrt(2.0 * rate * abs(away)))
-        change = math.copysign(wanted, away) - speed
+        pace = min(pace, math.sqrt(2.0 * rate * abs(away)))
+        change = math.copysign(pace, away) - speed
         speed += min(max(change, -rate * h), rate * h)
     else:
-        speed = math.copysign(wanted, away)
-    return at + speed * h, speed
+        speed = math.copysign(pace, away)
+    return target + speed * h, speed, at
 
 
 @compiled(nogil=True)
@@ -133,9 +77,9 @@ def error_of(row: FloatArray, target: float, position: float) -> float:
     Of a servo of velocity, what it is told [rad/s]: the rest of its error is damping. Of a drive
     that is told torques, these [N m].
     """
-    if row[KV] > 0.0 or row[GAIN] > 0.0:
+    if row[c.KV] > 0.0 or row[c.GAIN] > 0.0:
         return target
-    step, band = row[RESOLUTION], row[DEAD_BAND]
+    step, band = row[c.RESOLUTION], row[c.DEAD_BAND]
     if step > 0.0:
         position = step * math.floor(position / step + 0.5)
     error = target - position
@@ -147,10 +91,10 @@ def error_of(row: FloatArray, target: float, position: float) -> float:
 @compiled(nogil=True)
 def integrated(row: FloatArray, integral: float, error: float, h: float) -> float:
     """Return the torque of the integral [N m] a step later; of a servo of velocity, as it is."""
-    if row[KV] > 0.0:
+    if row[c.KV] > 0.0:
         return integral
-    most = row[INTEGRAL_LIMIT]
-    return min(max(integral + row[KI] * error * h, -most), most)
+    most = row[c.INTEGRAL_LIMIT]
+    return min(max(integral + row[c.KI] * error * h, -most), most)
 
 
 @compiled(nogil=True)
@@ -164,10 +108,10 @@ def caught_up(row: FloatArray, integral: float, told: float, mean: float, h: flo
         mean: That of the joint within the step [rad/s].
         h: Step [s].
     """
-    if row[KV] == 0.0:
+    if row[c.KV] == 0.0:
         return integral
-    most = row[INTEGRAL_LIMIT]
-    return min(max(integral + row[KI] * (told - mean) * h, -most), most)
+    most = row[c.INTEGRAL_LIMIT]
+    return min(max(integral + row[c.KI] * (told - mean) * h, -most), most)
 
 
 @compiled(nogil=True)
@@ -178,7 +122,7 @@ def longest_step(row: FloatArray, usual: float) -> float:
         row: The constants of the joint.
         usual: That behind a servo of position [s].
     """
-    return min(usual, _QUICK_STEP) if row[KV] > 0.0 else usual
+    return min(usual, _QUICK_STEP) if row[c.KV] > 0.0 else usual
 
 
 @compiled(nogil=True)
@@ -190,7 +134,7 @@ def begins_anew(row: FloatArray, begun: float, now: float) -> bool:
         begun: When they began [s]; -inf where they have not yet.
         now: [s].
     """
-    return row[RESTART] < math.inf and now - begun >= row[RESTART]
+    return row[c.RESTART] < math.inf and now - begun >= row[c.RESTART]
 
 
 @compiled(nogil=True)
@@ -202,7 +146,7 @@ def keeps_pace(row: FloatArray) -> bool:
     Args:
         row: The constants of the joint.
     """
-    return row[GAIN] == 0.0
+    return row[c.GAIN] == 0.0
 
 
 @compiled(nogil=True)
@@ -216,11 +160,11 @@ def held(row: FloatArray, position: float, load: float) -> float:
         position: [rad].
         load: Torque that the rigid body needs [N m].
     """
-    if row[KV] == 0.0 or row[KI] == 0.0:
+    if row[c.KV] == 0.0 or row[c.KI] == 0.0:
         return 0.0
-    away = position - row[REST]
-    pull = load + row[OFFSET] + (row[SPRING] + row[CUBIC] * away * away) * away
-    most = min(row[INTEGRAL_LIMIT], row[TORQUE_LIMIT], row[STALL])
+    away = position - row[c.REST]
+    pull = load + row[c.OFFSET] + (row[c.SPRING] + row[c.CUBIC] * away * away) * away
+    most = min(row[c.INTEGRAL_LIMIT], row[c.TORQUE_LIMIT], row[c.STALL])
     return min(max(pull, -most), most)
 
 
@@ -230,14 +174,14 @@ def slack(row: FloatArray, force: float) -> float:
 
     The force [N m] that the joint needs presses it on one flank; around none it is in between.
     """
-    half = 0.5 * row[PLAY]
+    half = 0.5 * row[c.PLAY]
     return half * min(max(force / _PRESSED, -1.0), 1.0)
 
 
 @compiled(nogil=True)
 def _fading(row: FloatArray) -> float:
     """Return what a motor loses with speed, as its voltage is limited [N m s/rad]."""
-    return row[STALL] / row[FREE_SPEED] if row[FREE_SPEED] < math.inf else 0.0
+    return row[c.STALL] / row[c.FREE_SPEED] if row[c.FREE_SPEED] < math.inf else 0.0
 
 
 @compiled(nogil=True)
@@ -251,9 +195,9 @@ def driven(row: FloatArray, error: float, velocity: float) -> tuple[float, float
         error: That the servo acts on [rad].
         velocity: [rad/s].
     """
-    most = min(row[TORQUE_LIMIT], row[STALL])
-    duty = min(max(row[KP] * error / most, -1.0), 1.0)
-    slope = row[KD] + _fading(row) + 0.5 * (row[VISCOUS_PLUS] + row[VISCOUS_MINUS])
+    most = min(row[c.TORQUE_LIMIT], row[c.STALL])
+    duty = min(max(row[c.KP] * error / most, -1.0), 1.0)
+    slope = row[c.KD] + _fading(row) + 0.5 * (row[c.VISCOUS_PLUS] + row[c.VISCOUS_MINUS])
     return duty * duty, duty * slope * velocity / most
 
 
@@ -279,30 +223,24 @@ def sagged(sag: float, drawn: float, returned: float) -> float:
 
 
 @compiled(nogil=True)
-def heated(row: FloatArray, heat: float, error: float, velocity: float, h: float) -> float:
-    """Return how warm a motor is a step `h` [s] later, over what it is stalled for long.
-
-    Args:
-        row: The constants of the joint.
-        heat: How warm it is.
-        error: That the servo acts on [rad].
-        velocity: [rad/s].
-        h: Step [s].
-    """
-    duty, _ = driven(row, error, velocity)
-    return heat + (duty - heat) * (1.0 - math.exp(-h / row[HEATING]))
-
-
-@compiled(nogil=True)
-def derated(row: FloatArray, supply: float, heat: float) -> float:
-    """Return the voltage that drives a warm motor as it would a cold one.
+def warm_motor(
+    row: FloatArray, supply: float, heat: float, error: float, velocity: float, h: float
+) -> tuple[float, float]:
+    """Return the voltage that drives a warm motor as it would a cold one, and how warm it gets.
 
     Args:
         row: The constants of the joint.
         supply: Voltage over that of a supply without load.
         heat: How warm the motor is, over what it is stalled for long.
+        error: That the servo acts on [rad].
+        velocity: [rad/s].
+        h: Step [s].
     """
-    return supply / (1.0 + row[DERATING] * heat)
+    if row[c.DERATING] <= 0.0:
+        return supply, heat
+    duty, _ = driven(row, error, velocity)
+    voltage = supply / (1.0 + row[c.DERATING] * heat)
+    return voltage, heat + (duty - heat) * (1.0 - math.exp(-h / row[c.HEATING]))
 
 
 # a call of its own would take the constants of the joint, one by one, as long as the step itself
@@ -333,32 +271,32 @@ def next_velocity(
             proportion.
         h: Step [s].
     """
-    heavy = (inertia + row[INERTIA]) / h
-    away = position - row[REST]
-    spring = row[SPRING] + row[CUBIC] * away * away
-    slope = row[VISCOUS_PLUS] if velocity > 0.0 else row[VISCOUS_MINUS]
-    braked = row[INSIDE] * slope
-    soft = slope - braked + row[DRAG] * abs(velocity) + 0.5 * spring * h
-    passive = heavy * velocity - load - row[OFFSET] - spring * away
-    push, stiff = integral, row[KD] + braked
-    if row[KV] > 0.0:
-        gain = row[KV] + 0.5 * row[KI] * h
+    heavy = (inertia + row[c.INERTIA]) / h
+    away = position - row[c.REST]
+    spring = row[c.SPRING] + row[c.CUBIC] * away * away
+    slope = row[c.VISCOUS_PLUS] if velocity > 0.0 else row[c.VISCOUS_MINUS]
+    braked = row[c.INSIDE] * slope
+    soft = slope - braked + row[c.DRAG] * abs(velocity) + 0.5 * spring * h
+    passive = heavy * velocity - load - row[c.OFFSET] - spring * away
+    push, stiff = integral, row[c.KD] + braked
+    if row[c.KV] > 0.0:
+        gain = row[c.KV] + 0.5 * row[c.KI] * h
         push += gain * error
         stiff += gain
-    elif row[GAIN] > 0.0:
-        push += row[GAIN] * error
+    elif row[c.GAIN] > 0.0:
+        push += row[c.GAIN] * error
     elif error != 0.0:
-        push += row[KP] * error + math.copysign(row[PUNCH], error)
-        stiff += 0.5 * row[KP] * h
+        push += row[c.KP] * error + math.copysign(row[c.PUNCH], error)
+        stiff += 0.5 * row[c.KP] * h
     push, stiff = supply * push, supply * stiff
     after, mean = _moved(row, velocity, load, heavy, passive + push, soft + stiff)
     torque = push - stiff * mean
-    if abs(torque) > supply * row[TORQUE_LIMIT]:
-        torque = math.copysign(supply * row[TORQUE_LIMIT], torque)
+    if abs(torque) > supply * row[c.TORQUE_LIMIT]:
+        torque = math.copysign(supply * row[c.TORQUE_LIMIT], torque)
         after, mean = _moved(row, velocity, load, heavy, passive + torque, soft)
     fading = _fading(row)
-    if abs(torque + fading * mean) > supply * row[STALL]:
-        torque = math.copysign(supply * row[STALL], torque + fading * mean)
+    if abs(torque + fading * mean) > supply * row[c.STALL]:
+        torque = math.copysign(supply * row[c.STALL], torque + fading * mean)
         after, mean = _moved(row, velocity, load, heavy, passive + torque, soft + fading)
     return after, mean
 
@@ -381,14 +319,14 @@ def _moved(
 @compiled(nogil=True)
 def _sliding(row: FloatArray, torque: float, velocity: float, load: float) -> float:
     """Return what dry friction leaves of the torque that would move a joint [N m]."""
-    friction = row[PLUS] if torque > 0.0 else row[MINUS]
-    pressed = row[RESISTED] if torque * load > 0.0 else row[ASSISTED]
-    friction += row[BY_LOAD] * pressed * abs(load)
-    if row[STRIBECK] > 0.0:
-        pace = abs(velocity) / row[V_S]
-        if row[DELTA] != 1.0:  # a power takes as long as the rest of the step
-            pace = pace ** row[DELTA]
-        friction += row[STRIBECK] * math.exp(-pace)
+    friction = row[c.PLUS] if torque > 0.0 else row[c.MINUS]
+    pressed = row[c.RESISTED] if torque * load > 0.0 else row[c.ASSISTED]
+    friction += row[c.BY_LOAD] * pressed * abs(load)
+    if row[c.STRIBECK] > 0.0:
+        pace = abs(velocity) / row[c.V_S]
+        if row[c.DELTA] != 1.0:  # a power takes as long as the rest of the step
+            pace = pace ** row[c.DELTA]
+        friction += row[c.STRIBECK] * math.exp(-pace)
     if abs(torque) <= friction:
         return 0.0
     return torque - math.copysign(friction, torque)

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from estimators.diagnosis.from_motion.simulation.constants import DELAY, GAIN, KV
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.joint_step import draws
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-from estimators.diagnosis.from_motion.simulation.plant import DELAY, GAIN, KV, most_torque
+from estimators.diagnosis.from_motion.simulation.plant import most_torque
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.types import Motion
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _KEPT: Final = 6  # sets of zeros and signs
-_FASTEST: Final = 200.0  # [Hz]; every second row or fewer of faster recordings
+_FASTEST: Final = 200.0  # [Hz], which tells all that a fit asks for
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,7 @@ class ArmLoads:
     body: RobotModel
     recordings: Sequence[Recording]
     stated: FloatArray | None = None
+    fastest: float = _FASTEST  # [Hz]; every second row or fewer of faster recordings
     _recorded: dict[_Order, _Recorded] = field(init=False, default_factory=dict)
     _loaded: dict[_Key, _Loaded] = field(init=False, default_factory=dict)
     _levers: dict[_Key, _Lever] = field(init=False, default_factory=dict)
@@ -121,7 +123,7 @@ class ArmLoads:
     def __post_init__(self) -> None:
         self._chain = RegressorChain.of(self.body)
         self._weightless = RegressorChain.of(self.body.with_gravity((0.0, 0.0, 0.0)))
-        thinned = [max(1, round(r.rate / _FASTEST)) for r in self.recordings]
+        thinned = [max(1, round(r.rate / self.fastest)) for r in self.recordings]
         self._rows = [slice(None, None, every) for every in thinned]
         self._motions = [
             _thinned(r.motion(bandwidth_for([r])), rows)
@@ -262,6 +264,19 @@ class ArmLoads:
     def _last(chain: RegressorChain, motion: Motion) -> FloatArray:
         """Return the columns of the last link, (n, 10, T)."""
         return np.moveaxis(chain.regressor(motion)[:, :, -PER_LINK:], 1, 2).copy()
+
+
+def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[list[LoadedJoint]]:
+    """Return the stretches of each joint of an arm as it is described, with all of their rows.
+
+    Args:
+        body: The rigid body.
+        recordings: With commands.
+
+    Returns:
+        For each joint (0-based), its stretches without a gap.
+    """
+    return ArmLoads(body, recordings, fastest=np.inf).parts(ArmChange.none(body.n))
 
 
 def as_described(recording: Recording, change: ArmChange) -> Recording:

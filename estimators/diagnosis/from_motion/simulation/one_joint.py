@@ -8,37 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from estimators.diagnosis.from_motion.simulation.free_run import commands_of
-from estimators.diagnosis.from_motion.simulation.joint_step import (
-    begins_anew,
-    caught_up,
-    commanded,
-    derated,
-    error_of,
-    heated,
-    held,
-    integrated,
-    keeps_pace,
-    led,
-    longest_step,
-    next_velocity,
-    sent_again,
-    slack,
-)
-from estimators.diagnosis.from_motion.simulation.plant import (
-    DELAY,
-    DERATING,
-    GAIN,
-    KV,
-    NAMES,
-    geared,
-)
-from limo_driver.recordings.bandwidth import bandwidth_for
+from estimators.diagnosis.from_motion.simulation import constants as c
+from estimators.diagnosis.from_motion.simulation import joint_step as step
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
@@ -46,13 +22,21 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.model import RobotModel
-    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 FIT_STEP: Final = 0.01  # [s]; the whole arm takes shorter ones
 LONGER: Final = 0.1  # of it, that steps may be longer: rows come a little late more often than not
-_COLUMNS: Final = len(NAMES)
+_STILL: Final = 0.02  # [rad/s], below which a joint is at rest, and friction is what it has to be
+_INSTANT: Final = 1e-3  # [s], in which torque shows as a change of velocity
+_COLUMNS: Final = len(c.CONSTANTS)
+_BY_ROW: Final = ("time", "command", "position", "velocity", "load", "inertia", "supply")
+
+
+class RowErrors(NamedTuple):
+    """Errors of one joint, at each row but the last of its stretches."""
+
+    step: FloatArray  # (K,) [rad], simulated from a row to the next, minus recorded
+    torque: FloatArray  # (K,) [N m], of drive and friction, minus what the motion needs
 
 
 @dataclass(frozen=True)
@@ -101,17 +85,18 @@ class LoadedJoint:
         velocity as fast as that was, and is put back where that was each time that its errors begin
         anew. Behind a drive that closes no loop it then has the velocity of the recorded one, too.
         """
-        return _advance(
-            geared(row),
-            self.begins,
-            self.time,
-            self.command,
-            self.position,
-            self.velocity,
-            self.load,
-            self.inertia,
-            self.supply,
-        )
+        return self._advance(row, self.velocity, anew=False)[0]
+
+    def errors_of_rows(self, row: FloatArray) -> RowErrors:
+        """Return the errors of one stretch that is simulated from each row to the next."""
+        change = np.gradient(self.velocity, self.time)
+        position, torque = self._advance(row, change, anew=True)
+        return RowErrors(position[1:] - self.position[1:], torque[:-1])
+
+    def _advance(self, row: FloatArray, acceleration: FloatArray, *, anew: bool) -> FloatArray:
+        of_rows = (getattr(self, name) for name in _BY_ROW)
+        known = (c.geared(row), self.begins, *of_rows, acceleration, anew)
+        return _advance(*known)  # pyright: ignore[reportCallIssue]  # as many as `_BY_ROW` says
 
 
 def lag(part: LoadedJoint, row: FloatArray) -> FloatArray:
@@ -123,60 +108,12 @@ def lag(part: LoadedJoint, row: FloatArray) -> FloatArray:
         part: A recorded stretch.
         row: The constants of the joint.
     """
-    if row[GAIN] > 0.0:
+    if row[c.GAIN] > 0.0:
         return part.command
-    return part.command - (part.velocity if row[KV] > 0.0 else part.position)
+    return part.command - (part.velocity if row[c.KV] > 0.0 else part.position)
 
 
-_BY_ROW: Final = ("time", "command", "position", "velocity", "load", "inertia", "supply")
-
-
-def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[list[LoadedJoint]]:
-    """Return the stretches of each joint.
-
-    Args:
-        body: The rigid body.
-        recordings: With commands.
-
-    Returns:
-        For each joint (0-based), its stretches without a gap.
-    """
-    found: list[list[LoadedJoint]] = [[] for _ in range(body.n)]
-    for recording in recordings:
-        command = commands_of(recording)
-        motion = recording.motion(bandwidth_for([recording]))
-        total = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
-        for j in range(body.n):
-            inertia = body.inertia_of(motion.position, j)[:, j]
-            load = total[:, j] - inertia * motion.acceleration[:, j]
-            for rows in recording.segments:
-                parts = (
-                    recording.time,
-                    command[:, j],
-                    recording.position[:, j],
-                    motion.velocity[:, j],
-                    load,
-                    inertia,
-                    np.ones_like(load),
-                )
-                found[j].append(LoadedJoint(*(np.ascontiguousarray(x[rows]) for x in parts)))
-    return found
-
-
-@compiled(
-    reads=(
-        "constants",
-        "begins",
-        "time",
-        "command",
-        "position",
-        "velocity",
-        "load",
-        "inertia",
-        "supply",
-    ),
-    nogil=True,
-)
+@compiled(reads=("constants", "begins", *_BY_ROW, "acceleration"), nogil=True)
 def _advance(
     constants: FloatArray,
     begins: NDArray[np.int64],
@@ -187,13 +124,15 @@ def _advance(
     load: FloatArray,
     inertia: FloatArray,
     supply: FloatArray,
+    acceleration: FloatArray,
+    anew: bool,
 ) -> FloatArray:
-    """Return the positions (T,) [rad] of all stretches."""
-    result = np.empty(time.size)
+    """Return positions [rad] and errors of torque [N m] of all stretches, (2, T)."""
+    result = np.empty((2, time.size))
     for k in range(begins.size):
         end = begins[k + 1] if k + 1 < begins.size else time.size
         own = slice(begins[k], end)
-        result[own] = _advance_one(
+        _advance_one(
             constants,
             time[own],
             command[own],
@@ -202,14 +141,14 @@ def _advance(
             load[own],
             inertia[own],
             supply[own],
+            acceleration[own],
+            anew,
+            result[:, own],
         )
     return result
 
 
-@compiled(
-    reads=("constants", "time", "command", "position", "velocity", "load", "inertia", "supply"),
-    nogil=True,
-)
+@compiled(reads=("constants", *_BY_ROW, "acceleration"), nogil=True)
 def _advance_one(
     constants: FloatArray,
     time: FloatArray,
@@ -219,41 +158,50 @@ def _advance_one(
     load: FloatArray,
     inertia: FloatArray,
     supply: FloatArray,
-) -> FloatArray:
-    """Return the positions (T,) [rad] of one stretch."""
+    acceleration: FloatArray,
+    anew: bool,
+    result: FloatArray,
+) -> None:
+    """Write positions [rad] and errors of torque [N m] of one stretch, (2, T).
+
+    It goes on from row to row; or each row is begun anew as recorded, and only then torque is
+    compared with what the recorded acceleration needs.
+    """
     # scalars: views of arrays are counted at each call, which takes as long as the step itself
     row = to_fixed_tuple(constants, _COLUMNS)  # pyright: ignore[reportCallIssue]  # an intrinsic
-    result = np.empty(time.size)
-    start, ahead = position[0], slack(row, load[0])
-    q, v, integral, at = start + ahead, 0.0, held(row, start, load[0]), 0
-    target, pace, delay, heat = command[0], 0.0, row[DELAY], 0.0
-    result[0], begun = start, -math.inf
-    longest = longest_step(row, FIT_STEP)
+    start, ahead = position[0], step.slack(row, load[0])
+    q, v, integral, at = start + ahead, 0.0, step.held(row, start, load[0]), 0
+    target, pace, delay, heat = command[0], 0.0, row[c.DELAY], 0.0
+    result[0, 0], begun = start, -math.inf
+    longest = step.longest_step(row, FIT_STEP)
     for i in range(time.size - 1):
-        if begins_anew(row, begun, time[i]):
+        if anew:
+            v = velocity[i] if abs(velocity[i]) > _STILL else 0.0
+            ahead = step.slack(row, load[i] + inertia[i] * acceleration[i])
+            q = position[i] + ahead
+        elif step.begins_anew(row, begun, time[i]):
             q, begun = position[i] + ahead, time[i]
-            if i == 0 or not keeps_pace(row):
+            if i == 0 or not step.keeps_pace(row):
                 v = velocity[i]
         steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - LONGER))
         h = (time[i + 1] - time[i]) / steps
         for s in range(steps):
             begin = time[i] + h * s - delay
-            before = at
-            wanted, at = commanded(time, command, at, begin, begin + h)
-            again = sent_again(command, before, at)
-            target, pace = led(row, wanted, again, target, pace, h)
-            error = error_of(row, target, q)
-            integral = integrated(row, integral, error, h)
+            target, pace, at = step.follow_command(row, time, command, at, begin, h, target, pace)
+            error = step.error_of(row, target, q)
+            integral = step.integrated(row, integral, error, h)
+            volts, heat = step.warm_motor(row, supply[i], heat, error, v, h)
+            if anew and s == 0:
+                after, _ = step.next_velocity(
+                    row, q, v, error, integral, inertia[i], load[i], volts, _INSTANT
+                )
+                change = (after - v) / _INSTANT
+                result[1, i] = (inertia[i] + row[c.INERTIA]) * (change - acceleration[i])
             part = (s + 0.5) / steps
             now = load[i] + part * (load[i + 1] - load[i])
-            volts = supply[i]
-            if row[DERATING] > 0.0:
-                volts = derated(row, volts, heat)
-                heat = heated(row, heat, error, v, h)
-            after, mean = next_velocity(row, q, v, error, integral, inertia[i], now, volts, h)
-            integral = caught_up(row, integral, error, mean, h)
-            ahead = slack(row, now + inertia[i] * (after - v) / h)
+            after, mean = step.next_velocity(row, q, v, error, integral, inertia[i], now, volts, h)
+            integral = step.caught_up(row, integral, error, mean, h)
+            ahead = step.slack(row, now + inertia[i] * (after - v) / h)
             v = after
             q += h * mean
-        result[i + 1] = q - ahead
-    return result
+        result[0, i + 1] = q - ahead

@@ -7,6 +7,21 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from estimators.diagnosis.from_motion.simulation.constants import (
+    ABSENT,
+    ASSISTED,
+    BY_LOAD,
+    CONSTANTS,
+    KD,
+    RESISTED,
+    RESTART,
+    STALL,
+    TORQUE_LIMIT,
+    VISCOUS_MINUS,
+    VISCOUS_PLUS,
+    value_in,
+    with_values,
+)
 from estimators.rigid_body.regressor import RegressorChain, link_parameters
 from limo_driver.errors import ConfigError
 from limo_driver.physics import (
@@ -28,115 +43,18 @@ from limo_driver.physics import (
 from limo_driver.physics.drives import DRIVES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, JointDrive, Simulation
     from limo_driver.types import FloatArray
 
-_Values = dict[str, float]  # by column
+_Values = dict[str, float]  # by name
+_SHAPES: Final = {"v_s", "delta", "rest"}  # of laws: of two effects, that of the last counts
 _LED: Final = tuple(name for name, kind in DRIVES.items() if kind.channel is not None)
 DRIFTS: Final = 1.0  # [s] of a run, after which what is told no positions is put back where it was
 # Load-dependent friction that can be run forward: its factors as the load resists and as it drives.
 PRESSED: Final = {"absolute": (1.0, 1.0), "positive": (1.0, 0.0), "negative": (0.0, 1.0)}
-NAMES: Final = (
-    "kp",  # [N m/rad]
-    "kd",  # [N m s/rad]
-    "ki",  # [N m/(rad s)]
-    "integral_limit",  # [N m]
-    "dead_band",  # [rad]
-    "punch",  # [N m]
-    "speed",  # [rad/s]
-    "acceleration",  # [rad/s²]
-    "torque_limit",  # [N m]
-    "delay",  # [s]
-    "resolution",  # [rad]
-    "stall",  # [N m], of the motor
-    "free_speed",  # [rad/s], at which the motor without load stops gaining speed
-    "inertia",  # [kg m²], of the drive
-    "plus",  # [N m], dry friction moving positive
-    "minus",  # [N m], and negative
-    "viscous_plus",  # [N m s/rad]
-    "viscous_minus",  # [N m s/rad]
-    "drag",  # [N m s²/rad²]
-    "stribeck",  # [N m], break-away beyond dry friction
-    "v_s",  # [rad/s], at which that fades
-    "delta",  # exponent of the fading
-    "by_load",  # dry friction by N m of load
-    "resisted",  # factor of that while the load resists the motion
-    "assisted",  # and while it drives it
-    "offset",  # [N m], which the joint needs beside the rigid body
-    "spring",  # [N m/rad]
-    "rest",  # [rad]
-    "cubic",  # [N m/rad³]
-    "zero",  # [rad], encoder minus link
-    "play",  # [rad], between the servo's encoder and the joint
-    "gear",  # ratio of the gear over the stated one, between motor and encoder
-    "sag",  # resistance of the supply over that of a motor's winding
-    "derating",  # resistance that a stalled motor's winding gains in the end, over its own
-    "heating",  # [s], in which it does
-    "inside",  # share of the damping that the servo makes, within its torque limit
-    "kv",  # [N m s/rad], of a servo of velocity, which has no kp
-    "restart",  # [s], after which errors begin anew where the joint was
-    "straight",  # whether a command that is sent again is followed at once, without the profile
-    "gain",  # of a drive that is told torques, and has no other: torque over the one commanded
-)
-(
-    KP,
-    KD,
-    KI,
-    INTEGRAL_LIMIT,
-    DEAD_BAND,
-    PUNCH,
-    SPEED,
-    ACCELERATION,
-    TORQUE_LIMIT,
-    DELAY,
-    RESOLUTION,
-    STALL,
-    FREE_SPEED,
-    INERTIA,
-    PLUS,
-    MINUS,
-    VISCOUS_PLUS,
-    VISCOUS_MINUS,
-    DRAG,
-    STRIBECK,
-    V_S,
-    DELTA,
-    BY_LOAD,
-    RESISTED,
-    ASSISTED,
-    OFFSET,
-    SPRING,
-    REST,
-    CUBIC,
-    ZERO,
-    PLAY,
-    GEAR,
-    SAG,
-    DERATING,
-    HEATING,
-    INSIDE,
-    KV,
-    RESTART,
-    STRAIGHT,
-    GAIN,
-) = range(len(NAMES))
-UNLIMITED: Final = (
-    "integral_limit",
-    "speed",
-    "acceleration",
-    "torque_limit",
-    "stall",
-    "free_speed",
-    "restart",
-)
-_GEARED: Final = {  # powers of the gear's ratio in what is seen at the joint
-    1: (KP, KV, GAIN, KI, INTEGRAL_LIMIT, PUNCH, TORQUE_LIMIT, STALL, PLUS, MINUS, STRIBECK),
-    2: (KD, INERTIA, VISCOUS_PLUS, VISCOUS_MINUS),
-    -1: (FREE_SPEED,),
-}
 
 
 @dataclass(frozen=True)
@@ -182,21 +100,12 @@ def rows_of(simulation: Simulation) -> FloatArray:
             f"joint{'s' * (len(missing) > 1)} {', '.join(map(str, missing))} of "
             f"{simulation.model.name}; without one, nothing says what a command does there"
         )
-    rows = np.zeros((n, len(NAMES)))
-    for name, value in {
-        **dict.fromkeys(UNLIMITED, np.inf),
-        "v_s": 1.0,
-        "delta": 1.0,
-        "gear": 1.0,
-        "resisted": 1.0,
-        "assisted": 1.0,
-        "heating": 1.0,
-    }.items():
-        rows[:, NAMES.index(name)] = value
+    rows = np.tile(ABSENT, (n, 1))
     for drive in simulation.drives:
-        _enter(rows[drive.joint - 1], _of_drive(drive))
+        j = drive.joint - 1
+        rows[j] = with_values(rows[j], _of_drive(drive))
         if drive.channel is not None and drive.channel.drifts:
-            rows[drive.joint - 1, RESTART] = DRIFTS
+            rows[j, RESTART] = DRIFTS
     for effect in simulation.effects:
         if isinstance(effect, (BodyEffect, SensorEffect, TorqueDrift)):
             continue  # in the rigid body already, or nothing that moves an arm
@@ -218,7 +127,7 @@ def tolerances_of(simulation: Simulation) -> FloatArray:
         own = drive.tolerances
         if isinstance(drive, DcMotor):
             own = drive.tolerances_of_limits(usual)
-        _enter(found[drive.joint - 1], own)
+        found[drive.joint - 1] = with_values(found[drive.joint - 1], own)
     for column in (VISCOUS_PLUS, VISCOUS_MINUS):
         whole = rows[:, KD] + rows[:, column]
         share = np.divide(rows[:, KD], whole, out=np.zeros_like(whole), where=whole > 0.0)
@@ -231,15 +140,10 @@ def most_torque(rows: FloatArray) -> FloatArray:
     return np.minimum(rows[:, TORQUE_LIMIT], rows[:, STALL])
 
 
-def _enter(row: FloatArray, values: Mapping[str, float]) -> None:
-    for name, value in values.items():
-        row[NAMES.index(name)] = value
-
-
 def _of_drive(drive: JointDrive) -> _Values:
     if isinstance(drive, DcMotor):
         return {"stall": drive.stall, "free_speed": drive.free_speed}
-    given = {name: getattr(drive, name, None) for name in NAMES}
+    given = {one.name: getattr(drive, one.name, None) for one in CONSTANTS}
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -257,10 +161,8 @@ def _add(rows: FloatArray, effect: Effect) -> None:
     if isinstance(effect, LoadDependentFriction):
         _press(row, effect)
         return
-    shapes = {"v_s", "delta", "rest"}
-    for name, value in values(effect).items():
-        at = NAMES.index(name)
-        row[at] = value if name in shapes else row[at] + value
+    own = values(effect).items()
+    row[:] = with_values(row, {k: x if k in _SHAPES else value_in(row, k) + x for k, x in own})
 
 
 def _press(row: FloatArray, effect: LoadDependentFriction) -> None:
@@ -286,18 +188,3 @@ _FORWARD: Final[dict[type[Effect], Callable[[Any], _Values]]] = {
     SpringLoad: lambda x: {"spring": x.stiffness, "rest": x.rest, "cubic": x.cubic},
     EncoderOffset: lambda x: {"zero": x.offset},
 }
-
-
-def geared(row: FloatArray) -> FloatArray:
-    """Return constants as seen at the joint, of a motor behind another gear than the stated one.
-
-    The servo's encoder is on the joint: its gains are torque of the motor by angle of the joint.
-    """
-    ratio = row[GEAR]
-    if ratio == 1.0:
-        return row
-    new = row.copy()
-    for power, columns in _GEARED.items():
-        new[list(columns)] *= ratio**power
-    new[GEAR] = 1.0
-    return new

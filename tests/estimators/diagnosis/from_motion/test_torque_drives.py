@@ -21,7 +21,7 @@ from servo_arms import (
 from estimators.diagnosis.from_motion import diagnose_drives, free_run, identify_drives
 from estimators.diagnosis.from_motion.checks.recorded import check_commanded, check_torques
 from estimators.diagnosis.from_motion.simulation.free_run import restarted_run
-from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
+from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.app.library.simulating import predict_forward
 from limo_driver.errors import ConfigError, ParameterError, RecordingError

@@ -17,7 +17,6 @@ from estimators.diagnosis.from_motion.checks.conventions import (
     likeliest_order,
 )
 from estimators.diagnosis.from_motion.fitting import extras
-from estimators.diagnosis.from_motion.fitting.constants import BASE, value_in, with_values
 from estimators.diagnosis.from_motion.fitting.identification import with_servos
 from estimators.diagnosis.from_motion.fitting.joint import (
     JointFit,
@@ -28,8 +27,14 @@ from estimators.diagnosis.from_motion.fitting.joint import (
     left_out,
 )
 from estimators.diagnosis.from_motion.page import drives_page
-from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
-from estimators.diagnosis.from_motion.simulation.plant import NAMES, rows_of
+from estimators.diagnosis.from_motion.simulation.constants import (
+    ABSENT,
+    BASE,
+    value_in,
+    with_values,
+)
+from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import GravityDirection, Simulation
 
 RATE = 100.0
@@ -308,7 +313,7 @@ def test_a_gain_that_differs_from_motion_to_motion_is_less_sure(found, recording
 
 
 def test_a_constant_that_motion_does_not_show_has_an_interval_that_says_nothing():
-    row = with_values(np.zeros(len(NAMES)), {"kp": 100.0})
+    row = with_values(np.zeros_like(ABSENT), {"kp": 100.0})
     fit = JointFit(row, ("kp", "offset"), {"kp": np.inf, "offset": np.inf}, np.zeros(3))
     for name in fit.names:
         low, high = fit.interval(name)

@@ -8,9 +8,9 @@ import pytest
 from servo_arms import commands, recorded, write_arm
 
 from estimators.diagnosis.from_motion import free_run
-from estimators.diagnosis.from_motion.fitting.constants import COULOMB, with_values
 from estimators.diagnosis.from_motion.fitting.starts import away
 from estimators.diagnosis.from_motion.hypotheses.suspects import SHAPES, stiction_begun_at
+from estimators.diagnosis.from_motion.simulation.constants import COULOMB, with_values
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import Simulation, StribeckFriction

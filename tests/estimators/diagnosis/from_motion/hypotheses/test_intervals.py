@@ -10,7 +10,6 @@ from servo_arms import commands, recorded, write_arm
 
 from estimators.diagnosis.from_motion import free_run
 from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fit_arm
-from estimators.diagnosis.from_motion.fitting.constants import inner, value_in
 from estimators.diagnosis.from_motion.fitting.joint import NORMAL
 from estimators.diagnosis.from_motion.hypotheses.search import (
     Searched,
@@ -19,6 +18,7 @@ from estimators.diagnosis.from_motion.hypotheses.search import (
     stated_guess,
 )
 from estimators.diagnosis.from_motion.hypotheses.stated import stated_arm, with_intervals
+from estimators.diagnosis.from_motion.simulation.constants import inner, value_in
 from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import GravityDirection, Simulation

@@ -10,10 +10,10 @@ from servo_arms import commands, recorded, write_arm
 
 from estimators.diagnosis.from_motion import free_run
 from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fit_arm
-from estimators.diagnosis.from_motion.fitting.constants import DAMPING, value_in
 from estimators.diagnosis.from_motion.hypotheses.search import Searched, beliefs, stated_guess
 from estimators.diagnosis.from_motion.hypotheses.stated import proven
 from estimators.diagnosis.from_motion.hypotheses.suspects import Suspect
+from estimators.diagnosis.from_motion.simulation.constants import DAMPING, value_in
 from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import Simulation, StribeckFriction

@@ -9,7 +9,8 @@ import pytest
 from servo_arms import KP, commands, recorded, simulated, write_arm
 
 from estimators.diagnosis.from_motion import free_run
-from estimators.diagnosis.from_motion.simulation.plant import ASSISTED, BY_LOAD, RESISTED, ServoArm
+from estimators.diagnosis.from_motion.simulation.constants import ASSISTED, BY_LOAD, RESISTED
+from estimators.diagnosis.from_motion.simulation.plant import ServoArm
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import (
     CoulombFriction,

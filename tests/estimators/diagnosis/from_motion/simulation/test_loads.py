@@ -9,10 +9,14 @@ import pytest
 from servo_arms import commands, recorded, write_arm
 
 from estimators.diagnosis.from_motion import free_run
-from estimators.diagnosis.from_motion.fitting.constants import with_values
 from estimators.diagnosis.from_motion.fitting.identification import with_rows
-from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
-from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
+from estimators.diagnosis.from_motion.simulation.constants import with_values
+from estimators.diagnosis.from_motion.simulation.loads import (
+    ArmChange,
+    ArmLoads,
+    as_described,
+    loaded_joints,
+)
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import Payload, Simulation
 

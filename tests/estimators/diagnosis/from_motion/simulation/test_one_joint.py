@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from servo_arms import commands, recorded, simulated, write_arm
 
-from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint, loaded_joints
+from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
+from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import Simulation
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from servo_arms import KP, commands, recorded, simulated, write_arm
 
-from estimators.diagnosis.from_motion.fitting.constants import with_values
 from estimators.diagnosis.from_motion.judgement.held_out import row_errors
-from estimators.diagnosis.from_motion.simulation.one_joint import loaded_joints
+from estimators.diagnosis.from_motion.simulation.constants import with_values
+from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import Simulation
 
