@@ -43,14 +43,14 @@ class Evaluation(EvaluationResult):
         Raises:
             ConfigError: The folder cannot be written to.
         """
-        from estimators import evaluation_page, pictures  # which take long
+        from estimators import evaluation_page as shown  # which takes long
 
         require_folder(Path(folder), "the evaluation")
         contents = (
             json.dumps(self.as_values(), indent=1).encode() + b"\n",
-            pictures.png(pictures.torque_figure(self)),
-            pictures.png(pictures.loop_figure(self)),
-            evaluation_page.evaluation_page(self).html().encode(),
+            shown.png(shown.torque_figure(self)),
+            shown.png(shown.loop_figure(self)),
+            shown.evaluation_page(self).html().encode(),
         )
         for name, content in zip(FILES, contents, strict=True):
             with whole(Path(folder) / name) as draft:

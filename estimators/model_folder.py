@@ -22,7 +22,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
-from estimators.registry import estimator_called, known_estimators
+from estimators.residual_model import estimator_called, known_estimators
 from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
 from limo_driver.physics import Simulation
 from limo_driver.runtime.declarations import read_json

@@ -21,9 +21,8 @@ from backends.mujoco_sim.realisation import (
     effective_inertia,
     usual_load,
 )
-from backends.mujoco_sim.sampled import SampledEffects
+from backends.mujoco_sim.sampled import SampledEffects, SensorNoise, TorqueSensors
 from backends.mujoco_sim.scene import compile_model
-from backends.mujoco_sim.torque_sensors import SensorNoise, TorqueSensors
 from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import (
     BackendError,

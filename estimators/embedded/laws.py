@@ -15,46 +15,16 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.embedded.tables import number, table
+from limo_driver import physics
 from limo_driver.errors import ConfigError
 from limo_driver.physics.domain import NARROWEST
-from limo_driver.physics.effect import SensorEffect, TorqueEffect
-from limo_driver.physics.effects.arm import JointCoupling, SpringLoad
-from limo_driver.physics.effects.body import GravityDirection, Payload
-from limo_driver.physics.effects.changing_friction import (
-    LoadDependentFriction,
-    PositionDependentFriction,
-    TemperatureDependentFriction,
-)
-from limo_driver.physics.effects.delay import TimeDelay
-from limo_driver.physics.effects.friction import (
-    SIGN_WIDTH,
-    AsymmetricFriction,
-    CoulombFriction,
-    QuadraticDrag,
-    StribeckFriction,
-    VelocityFriction,
-    ViscousFriction,
-)
-from limo_driver.physics.effects.hysteresis import LAWS, PreslidingHysteresis
-from limo_driver.physics.effects.play import Backlash
-from limo_driver.physics.effects.sensing import (
-    EncoderOffset,
-    TorqueCrosstalk,
-    TorqueDrift,
-    TorqueGain,
-    TorqueOffset,
-)
-from limo_driver.physics.effects.transmission import (
-    Armature,
-    JointElasticity,
-    TorqueRipple,
-)
+from limo_driver.physics.effects.friction import SIGN_WIDTH, VelocityFriction
+from limo_driver.physics.effects.hysteresis import LAWS
 from limo_driver.quoting import in_c_comment
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from limo_driver.physics import Effect
 
 _NAN: Final = float("nan")
 _SPARE: Final = 1.1  # times the samples that a delay holds: a stream may run faster by 1 %
@@ -93,7 +63,7 @@ class EffectsCode:
     displaces: bool
 
     @classmethod
-    def of(cls, effects: Sequence[Effect], rate: float) -> EffectsCode:
+    def of(cls, effects: Sequence[physics.Effect], rate: float) -> EffectsCode:
         """Write effects for samples at a rate [Hz].
 
         Raises:
@@ -102,9 +72,9 @@ class EffectsCode:
         acting, sensing, memory = list[str](), list[str](), list[float]()
         functions = set[str]()
         for effect in effects:
-            code = _late(effect, rate) if isinstance(effect, TimeDelay) else law(effect)
+            code = _late(effect, rate) if isinstance(effect, physics.TimeDelay) else law(effect)
             code = _in_domain(effect, code)
-            (sensing if isinstance(effect, SensorEffect) else acting).append(
+            (sensing if isinstance(effect, physics.SensorEffect) else acting).append(
                 _block(effect, code, len(memory))
             )
             functions.update(_NEEDS.get(code.function, ()))
@@ -115,9 +85,9 @@ class EffectsCode:
         )
 
 
-def _in_domain(effect: Effect, code: LawCode) -> LawCode:
+def _in_domain(effect: physics.Effect, code: LawCode) -> LawCode:
     """Return an effect's code that beyond its domain goes on as `TorqueEffect.evaluate` does."""
-    if not isinstance(effect, TorqueEffect) or effect.domain is None:
+    if not isinstance(effect, physics.TorqueEffect) or effect.domain is None:
         return code
     domain = effect.domain
     target, _, value = code.statement.partition(" += ")
@@ -128,7 +98,7 @@ def _in_domain(effect: Effect, code: LawCode) -> LawCode:
         if effect.fades:
             span = number(max(domain.position[1] - domain.position[0], NARROWEST))
             value = f"({value}) * fmax(1.0 - fabs({q} - {held}) / {span}, 0.0)"
-        elif isinstance(effect, SpringLoad):
+        elif isinstance(effect, physics.SpringLoad):
             more = f"{number(effect.stiffness)} * ({q} - {held})"
             value = f"{value.replace(q, held)} + {more}"
     if domain.speed is not None and isinstance(effect, VelocityFriction):
@@ -141,7 +111,7 @@ def _in_domain(effect: Effect, code: LawCode) -> LawCode:
     return replace(code, statement=f"{target} += {value}")
 
 
-def _block(effect: Effect, code: LawCode, start: int) -> str:
+def _block(effect: physics.Effect, code: LawCode, start: int) -> str:
     if not code.statement:
         return ""
     own = "".join("        " + table(name, values) for name, values in code.tables)
@@ -151,7 +121,7 @@ def _block(effect: Effect, code: LawCode, start: int) -> str:
 
 
 @singledispatch
-def law(effect: Effect) -> LawCode:
+def law(effect: physics.Effect) -> LawCode:
     """Return an effect as C.
 
     Raises:
@@ -163,49 +133,53 @@ def law(effect: Effect) -> LawCode:
     )
 
 
-@law.register(Payload)
-@law.register(GravityDirection)
-def _(effect: Payload | GravityDirection) -> LawCode:  # noqa: ARG001  # it is in the rigid body
+@law.register(physics.Payload)
+@law.register(physics.GravityDirection)
+def _(effect: physics.Payload | physics.GravityDirection) -> LawCode:  # noqa: ARG001  # it is in the rigid body
     return LawCode()
 
 
-def _dry(height: str, effect: CoulombFriction | StribeckFriction | AsymmetricFriction) -> LawCode:
-    j = effect.joint - 1
-    return LawCode(f"friction[{j}] += {height} * tanh(v[{j}] / {number(effect.v_eps)})")
+def _sign(joint: int, width: float) -> str:
+    """Return the smoothed sign of the velocity of a joint, numbered from 1."""
+    return f"tanh(v[{joint - 1}] / {number(width)})"
+
+
+def _dry(height: str, joint: int, width: float) -> LawCode:
+    return LawCode(f"friction[{joint - 1}] += {height} * {_sign(joint, width)}")
 
 
 @law.register
-def _(effect: CoulombFriction) -> LawCode:
-    return _dry(number(effect.tau_c), effect)
+def _(effect: physics.CoulombFriction) -> LawCode:
+    return _dry(number(effect.tau_c), effect.joint, effect.v_eps)
 
 
 @law.register
-def _(effect: AsymmetricFriction) -> LawCode:
+def _(effect: physics.AsymmetricFriction) -> LawCode:
     plus, minus = number(effect.tau_plus), number(effect.tau_minus)
-    return _dry(f"(v[{effect.joint - 1}] > 0.0 ? {plus} : {minus})", effect)
+    return _dry(f"(v[{effect.joint - 1}] > 0.0 ? {plus} : {minus})", effect.joint, effect.v_eps)
 
 
 @law.register
-def _(effect: StribeckFriction) -> LawCode:
+def _(effect: physics.StribeckFriction) -> LawCode:
     speed = f"fabs(v[{effect.joint - 1}] / {number(effect.v_s)})"
     fade = f"exp(-pow({speed}, {number(effect.delta)}))"
-    return _dry(f"{number(effect.tau_s)} * {fade}", effect)
+    return _dry(f"{number(effect.tau_s)} * {fade}", effect.joint, effect.v_eps)
 
 
 @law.register
-def _(effect: ViscousFriction) -> LawCode:
+def _(effect: physics.ViscousFriction) -> LawCode:
     j, (plus, minus) = effect.joint - 1, map(number, effect.coefficients)
     return LawCode(f"friction[{j}] += (v[{j}] > 0.0 ? {plus} : {minus}) * v[{j}]")
 
 
 @law.register
-def _(effect: QuadraticDrag) -> LawCode:
+def _(effect: physics.QuadraticDrag) -> LawCode:
     j = effect.joint - 1
     return LawCode(f"friction[{j}] += {number(effect.coefficient)} * v[{j}] * fabs(v[{j}])")
 
 
 @law.register
-def _(effect: LoadDependentFriction) -> LawCode:
+def _(effect: physics.LoadDependentFriction) -> LawCode:
     j = effect.joint - 1
     resisting = f"(v[{j}] > 0.0 ? load[{j}] : v[{j}] < 0.0 ? -load[{j}] : 0.0)"
     pressing = {
@@ -215,23 +189,22 @@ def _(effect: LoadDependentFriction) -> LawCode:
         "stribeck": f"fabs(load[{j}]) * exp(-fabs(v[{j}] / {number(effect.v_s or 1.0)}))",
         "quadratic": f"load[{j}] * load[{j}]",
     }[effect.variant]
-    sign = f"tanh(v[{j}] / {number(effect.v_eps)})"
-    return LawCode(f"friction[{j}] += {number(effect.coefficient)} * {pressing} * {sign}")
+    return _dry(f"{number(effect.coefficient)} * {pressing}", effect.joint, effect.v_eps)
 
 
 @law.register
-def _(effect: PositionDependentFriction) -> LawCode:
+def _(effect: physics.PositionDependentFriction) -> LawCode:
     j = effect.joint - 1
     height = f"interpolated(q[{j}], {len(effect.positions)}, at, excess)"
     return LawCode(
-        f"friction[{j}] += {height} * tanh(v[{j}] / {number(effect.v_eps)})",
+        f"friction[{j}] += {height} * {_sign(effect.joint, effect.v_eps)}",
         function="interpolated",
         tables=(("at", effect.positions), ("excess", effect.excess)),
     )
 
 
 @law.register
-def _(effect: TemperatureDependentFriction) -> LawCode:
+def _(effect: physics.TemperatureDependentFriction) -> LawCode:
     if effect.excess is None or effect.time_constant is None:
         raise ConfigError(
             f"{effect.place}: per_kelvin needs the temperature of the joint, which no stream has; "
@@ -239,13 +212,12 @@ def _(effect: TemperatureDependentFriction) -> LawCode:
         )
     j = effect.joint - 1
     cold = f"(1.0 - warmth(m, time, v[{j}], {number(effect.time_constant)}))"
-    sign = f"tanh(v[{j}] / {number(effect.v_eps)})"
-    text = f"friction[{j}] += {number(effect.excess)} * {cold} * {sign}"
-    return LawCode(text, tuple(effect.initial_state()), "warmth")
+    dry = _dry(f"{number(effect.excess)} * {cold}", effect.joint, effect.v_eps)
+    return replace(dry, memory=tuple(effect.initial_state()), function="warmth")
 
 
 @law.register
-def _(effect: PreslidingHysteresis) -> LawCode:
+def _(effect: physics.PreslidingHysteresis) -> LawCode:
     j, given = effect.joint - 1, [getattr(effect, name) for name in LAWS[effect.law].parameters]
     arguments, tables = [f"q[{j}]"], list[tuple[str, tuple[float, ...]]]()
     if effect.law == "lugre":
@@ -261,25 +233,25 @@ def _(effect: PreslidingHysteresis) -> LawCode:
 
 
 @law.register
-def _(effect: Armature) -> LawCode:
+def _(effect: physics.Armature) -> LawCode:
     j = effect.joint - 1
     return LawCode(f"other[{j}] += {number(effect.inertia)} * a[{j}]")
 
 
 @law.register
-def _(effect: TorqueOffset) -> LawCode:
+def _(effect: physics.TorqueOffset) -> LawCode:
     return LawCode(f"other[{effect.joint - 1}] += {number(effect.offset)}")
 
 
 @law.register
-def _(effect: TorqueDrift) -> LawCode:
+def _(effect: physics.TorqueDrift) -> LawCode:
     text = f"other[{effect.joint - 1}] += interpolated(time, {len(effect.times)}, at, offset)"
     tables = (("at", effect.times), ("offset", effect.offset))
     return LawCode(text, function="interpolated", tables=tables)
 
 
 @law.register
-def _(effect: TorqueRipple) -> LawCode:
+def _(effect: physics.TorqueRipple) -> LawCode:
     j = effect.joint - 1
     lines = zip(effect.cycles_per_rev, effect.amplitude, effect.phase, strict=True)
     waves = [f"{number(A)} * sin({number(N)} * q[{j}] + {number(phi)})" for N, A, phi in lines]
@@ -287,14 +259,14 @@ def _(effect: TorqueRipple) -> LawCode:
 
 
 @law.register
-def _(effect: SpringLoad) -> LawCode:
+def _(effect: physics.SpringLoad) -> LawCode:
     j, away = effect.joint - 1, f"(q[{effect.joint - 1}] - {number(effect.rest)})"
     slope = f"({number(effect.stiffness)} + {number(effect.cubic)} * {away} * {away})"
     return LawCode(f"other[{j}] += {away} * {slope}")
 
 
 @law.register
-def _(effect: JointCoupling) -> LawCode:
+def _(effect: physics.JointCoupling) -> LawCode:
     j, k, ratio = effect.joint - 1, effect.other - 1, number(effect.ratio)
     w, rate = (f"({x}[{j}] + {ratio} * {x}[{k}])" for x in "va")
     dry = f"{number(effect.tau_c)} * tanh({w} / {number(effect.v_eps)})"
@@ -305,22 +277,22 @@ def _(effect: JointCoupling) -> LawCode:
 
 
 @law.register
-def _(effect: EncoderOffset) -> LawCode:
+def _(effect: physics.EncoderOffset) -> LawCode:
     return LawCode(f"displacement[{effect.joint - 1}] += {number(effect.offset)}")
 
 
 @law.register
-def _(effect: JointElasticity) -> LawCode:
+def _(effect: physics.JointElasticity) -> LawCode:
     j = effect.joint - 1
     slope = f"({number(1.0 / effect.stiffness)} + {number(effect.cubic)} * load[{j}] * load[{j}])"
     return LawCode(f"displacement[{j}] += load[{j}] * {slope}")
 
 
 @law.register
-def _(effect: Backlash) -> LawCode:
+def _(effect: physics.Backlash) -> LawCode:
     j = effect.joint - 1
     if effect.drag is not None:
-        dry = f"{number(effect.drag)} * tanh(v[{j}] / {number(effect.v_eps or SIGN_WIDTH)})"
+        dry = f"{number(effect.drag)} * {_sign(effect.joint, effect.v_eps or SIGN_WIDTH)}"
         text = f"friction[{j}] -= {dry} * loose(m, q[{j}], {number(effect.gap / 2)})"
         return LawCode(text, tuple(effect.initial_state()), "loose")
     text = (
@@ -330,18 +302,18 @@ def _(effect: Backlash) -> LawCode:
 
 
 @law.register
-def _(effect: TorqueGain) -> LawCode:
+def _(effect: physics.TorqueGain) -> LawCode:
     j = effect.joint - 1
     return LawCode(f"torque[{j}] += {number(effect.gain)} * torque[{j}]")
 
 
 @law.register
-def _(effect: TorqueCrosstalk) -> LawCode:
+def _(effect: physics.TorqueCrosstalk) -> LawCode:
     source = effect.source - 1
     return LawCode(f"torque[{effect.joint - 1}] += {number(effect.gain)} * torque[{source}]")
 
 
-def _late(effect: TimeDelay, rate: float) -> LawCode:
+def _late(effect: physics.TimeDelay, rate: float) -> LawCode:
     """Return a delay, whose memory holds the torques of its time at a rate [Hz]."""
     j, most = effect.joint - 1, math.ceil(_SPARE * effect.delay * rate) + 3
     times = f"{number(effect.delay)}, {number(effect.lag)}"

@@ -10,18 +10,8 @@ import numpy as np
 
 from estimators.embedded.tables import SIDE_BY_SIDE, table
 from estimators.hybrid import HybridModel
-from estimators.joint_physics import JointPhysics
-from estimators.joint_physics.columns import (
-    DIFFERENCE,
-    FRICTION_HARMONICS,
-    HARMONICS,
-    SETTLED,
-    SHARP,
-    SPEEDS,
-    STATES,
-    WIDTHS,
-)
-from estimators.joint_physics.prediction import GROUP, LANES, NEXT, NOTHING, ORDER, padded
+from estimators.joint_physics import JointPhysics, prediction
+from estimators.joint_physics import columns as terms
 from estimators.neural.lstm import Lstm, LstmFcl
 from estimators.neural.mlp import Mlp
 from estimators.residual_model import SimulationOnly
@@ -73,13 +63,13 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
     kept_others = [np.searchsorted(others, own[friction.size :]) for own in kept]
     tables = {
         "base": base,
-        "width": WIDTHS,
-        "speed": SPEEDS,
-        "sharp": SHARP,
+        "width": terms.WIDTHS,
+        "speed": terms.SPEEDS,
+        "sharp": terms.SHARP,
         "size": packed.sizes,
         "kept": np.concatenate(kept_others),
-        "order": ORDER,
-        "next": NEXT,
+        "order": prediction.ORDER,
+        "next": prediction.NEXT,
         "friction_weight": _side_by_side(fitted.weights[:, friction].transpose(0, 2, 1)),
         "weight": _side_by_side(fitted.weights[:, others]),
         "root_size": packed.root_sizes,
@@ -93,26 +83,27 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
     return LearnedCode(
         {
             "BASE": base.size,
-            "STOPS": WIDTHS.size,
-            "SPEEDS": SPEEDS.size,
-            "SHARPS": SHARP.size,
-            "STATES": STATES,
-            "HARMONICS": HARMONICS,
-            "WAVES": 2 * FRICTION_HARMONICS,
-            "FAMILIES": GROUP,
-            "NOTHING_BETWEEN": NOTHING,
+            "STOPS": terms.WIDTHS.size,
+            "SPEEDS": terms.SPEEDS.size,
+            "SHARPS": terms.SHARP.size,
+            "STATES": terms.STATES,
+            "HARMONICS": terms.HARMONICS,
+            "WAVES": 2 * terms.FRICTION_HARMONICS,
+            "FAMILIES": prediction.GROUP,
+            "NOTHING_BETWEEN": prediction.NOTHING,
             "OTHERS": others.size,
-            "DIRECTIONS": SPEEDS.size + SHARP.size,
-            "LANES": LANES,
-            "WIDEST": padded(int(packed.sizes.max()), LANES) + LANES,
-            "SETTLED": SETTLED,
+            "DIRECTIONS": terms.SPEEDS.size + terms.SHARP.size,
+            "LANES": prediction.LANES,
+            "WIDEST": prediction.padded(int(packed.sizes.max()), prediction.LANES)
+            + prediction.LANES,
+            "SETTLED": terms.SETTLED,
             "STEP_TIME": columns.step_time,
-            "DIFFERENCE": DIFFERENCE,
-            "COS_DIFFERENCE": np.cos(DIFFERENCE),
-            "SIN_DIFFERENCE": np.sin(DIFFERENCE),
+            "DIFFERENCE": terms.DIFFERENCE,
+            "COS_DIFFERENCE": np.cos(terms.DIFFERENCE),
+            "SIN_DIFFERENCE": np.sin(terms.DIFFERENCE),
         },
         "".join(table(name, values) for name, values in tables.items())
-        + table("root", packed.roots, aligned=LANES * packed.roots.itemsize),
+        + table("root", packed.roots, aligned=prediction.LANES * packed.roots.itemsize),
         ("joint_physics.c",),
         tuple(_side_by_side(columns.init()).ravel()),
     )
@@ -121,7 +112,7 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
 def _side_by_side(values: FloatArray) -> FloatArray:
     """Return values of each joint (n, ...) with the joints last, filled up with zeros."""
     n = len(values)
-    filled = np.zeros((*values.shape[1:], padded(n, SIDE_BY_SIDE)))
+    filled = np.zeros((*values.shape[1:], prediction.padded(n, SIDE_BY_SIDE)))
     filled[..., :n] = np.moveaxis(values, 0, -1)
     return filled
 

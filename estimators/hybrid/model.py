@@ -8,13 +8,21 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.base import Estimate
-from estimators.hybrid.fitted_network import FittedNetwork, normalise_inputs
-from estimators.model_folder import provenance
+from estimators.hybrid.fitted_network import (
+    PACKAGES,
+    FittedNetwork,
+    entries_of,
+    fitted_in,
+    normalise_inputs,
+    tensors_in,
+)
+from estimators.model_folder import ModelFolder, provenance, write_folder
 from estimators.residual_model import ResidualModel
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
     from typing import Self
 
     from numpy.typing import NDArray
@@ -66,11 +74,23 @@ class HybridModel(ResidualModel[FittedNetwork]):
     """
 
     name = "hybrid"
-    folder = "estimators.hybrid.folder"
 
     def __init__(self, simulation: Simulation, settings: TrainingSettings | None = None) -> None:
         super().__init__(simulation)
         self.settings = settings
+
+    @classmethod
+    def load(cls, folder: Path | str) -> Self:
+        """Read a model folder, see `ResidualModel`."""
+        opened = ModelFolder.open(folder, cls.name)
+        model = cls(opened.simulation)
+        model.fitted_ = fitted_in(opened)
+        return model
+
+    def save(self, folder: Path | str) -> None:
+        """Write a model folder, see `ResidualModel`."""
+        entries = {"estimator": self.name, **entries_of(self.fitted)}
+        write_folder(folder, entries, tensors_in(self.fitted), self.simulation, PACKAGES)
 
     @property
     def bandwidth(self) -> float:

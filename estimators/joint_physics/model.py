@@ -13,7 +13,7 @@ and N m elsewhere. But sensors, encoders and gears are off by about as much on a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
@@ -22,16 +22,24 @@ from threadpoolctl import threadpool_limits
 
 from estimators.base import Estimate
 from estimators.joint_physics.calibration import Calibration, calibrate
-from estimators.joint_physics.columns import JointColumns
+from estimators.joint_physics.columns import WIDTHS, JointColumns
 from estimators.joint_physics.normal_equations import MotionEquations
-from estimators.joint_physics.prediction import Prediction, UnknownMemory, estimate, moments_of
-from estimators.model_folder import provenance
+from estimators.joint_physics.prediction import (
+    Prediction,
+    UnknownMemory,
+    any_moments,
+    estimate,
+    moments_of,
+)
+from estimators.model_folder import WEIGHTS, ModelFolder, provenance, write_folder
 from estimators.regression.empirical_bayes import fit
 from estimators.residual_model import ResidualModel
+from limo_driver.errors import ModelStoreError
 from limo_driver.recordings.bandwidth import BANDWIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
     from typing import Self
 
     from numpy.typing import NDArray
@@ -89,6 +97,29 @@ class FittedPhysics:
             {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse},
         )
 
+    @classmethod
+    def read(cls, opened: ModelFolder, columns: JointColumns) -> FittedPhysics:
+        """Read the tensors of a model folder.
+
+        Raises:
+            ModelStoreError: One is missing, or is none of such a fit, by name.
+        """
+        n, K = columns.n, columns.count
+        shapes = {"weights": (n, K), "root": (n, K, K)} | dict.fromkeys(_POSITIVE, (n,))
+        # a folder from before learned torque faded estimates as it did
+        tensors = {"growth": np.ones(n), "usual": np.full(n, _NEVER)} | opened.tensors()
+        place = opened.path / WEIGHTS
+        found = _arrays(tensors, place, shapes)
+        moments = _moments(tensors, place, n)
+        return cls(
+            found["weights"],
+            found["root"],
+            columns.friction,
+            Calibration(*(found[name] for name in _POSITIVE)),
+            UnknownMemory.of(columns, found["weights"], moments, opened.simulation),
+            opened.record("held_out"),
+        )
+
     @cached_property
     def prediction(self) -> Prediction:
         """The same for compiled code."""
@@ -134,11 +165,38 @@ class JointPhysics(ResidualModel[FittedPhysics]):
 
     name = "joint-physics"
     held_out_is = "in each eighth of the poses, by a fit to the rest"
-    folder = "estimators.joint_physics.store"
 
     def __init__(self, simulation: Simulation, bandwidth: float = BANDWIDTH) -> None:
         super().__init__(simulation)
         self.columns = JointColumns(simulation.body, bandwidth)
+
+    @classmethod
+    def load(cls, folder: Path | str) -> Self:
+        """Read a model folder, see `ResidualModel`."""
+        opened = ModelFolder.open(folder, cls.name)
+        model = cls(opened.simulation, opened.bandwidth)
+        families = opened.manifest["families"].sections()
+        given = [(entry.text("name"), entry.number("size")) for entry in families]
+        expected = [(family.name, family.size) for family in model.columns.families]
+        if given != expected:
+            opened.manifest.fail(
+                f"has the families {given}, but this version computes {expected}; train it again"
+            )
+        model.fitted_ = FittedPhysics.read(opened, model.columns)
+        return model
+
+    def save(self, folder: Path | str) -> None:
+        """Write a model folder, see `ResidualModel`."""
+        fitted = self.fitted
+        entries: dict[str, Any] = {
+            "estimator": self.name,
+            "bandwidth": self.bandwidth,
+            "families": [asdict(family) for family in self.columns.families],
+            "training": dict(fitted.record),
+        }
+        tensors = {"weights": fitted.weights, "root": fitted.root, **asdict(fitted.calibration)}
+        tensors["moments"] = fitted.unknown.moments
+        write_folder(folder, entries, tensors, self.simulation, _PACKAGES)
 
     @property
     def bandwidth(self) -> float:
@@ -226,4 +284,49 @@ def tolerances(columns: JointColumns, joint: int, rms: FloatArray) -> FloatArray
     found[columns.of_family("placement")] = _ANGLE
     torque = np.maximum(rms[gain], _LEAST_TORQUE)  # (n,) [N m], of every joint
     found[columns.of_family("elasticity")] = _ANGLE / torque  # [rad/(N m)]
+    return found
+
+
+_POSITIVE: Final = tuple(field.name for field in fields(Calibration))
+_LEAST: Final = 1e-100  # of those
+_NEVER: Final = 1e300  # [N² m²], a usual size beside which nothing fades
+_ROUNDING: Final = 1e-9
+_PACKAGES: Final = ("limo", "numpy", "numba", "safetensors", "pin")
+
+
+def _moments(tensors: dict[str, FloatArray], place: Path, n: int) -> FloatArray:
+    """Return the moments of the stops; those of any motion for a folder from before they were kept.
+
+    Raises:
+        ModelStoreError: They are no moments.
+    """
+    if "moments" not in tensors:
+        return any_moments(n)
+    moments = _arrays(tensors, place, {"moments": (n, WIDTHS.size, WIDTHS.size)})["moments"]
+    if np.linalg.eigvalsh(moments).min() < -_ROUNDING:
+        raise ModelStoreError(f"{place}: moments are not positive, as those of states are")
+    return moments
+
+
+def _arrays(
+    tensors: dict[str, FloatArray], place: Path, shapes: dict[str, tuple[int, ...]]
+) -> dict[str, FloatArray]:
+    """Return the tensors of these names and shapes."""
+    found: dict[str, FloatArray] = {}
+    for name, shape in shapes.items():
+        if name not in tensors:
+            raise ModelStoreError(f"{place}: no {name} among {', '.join(sorted(tensors))}")
+        given = tensors[name]
+        if given.shape != shape or given.dtype != np.float64:
+            raise ModelStoreError(
+                f"{place}: {name} is {given.dtype} of shape {given.shape}, expected float64 of "
+                f"shape {shape}"
+            )
+        if not np.isfinite(given).all():
+            raise ModelStoreError(f"{place}: {name} is not finite")
+        if name in _POSITIVE and not (given >= _LEAST).all():
+            raise ModelStoreError(
+                f"{place}: {name} goes down to {given.min():g}, expected at least {_LEAST:g}"
+            )
+        found[name] = given
     return found

@@ -1,10 +1,12 @@
-"""The page of the table: errors of every network beside the paper's, and its claims judged."""
+"""The table shown: a page with errors beside the paper's and its claims judged, and a picture."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from estimators.reproduction.claims import CLAIMS, NOTHING, cell, done, factor, judge
 from estimators.reproduction.data import PARTS, RBD, ROWS, paper_table
@@ -15,17 +17,20 @@ from estimators.reproduction.results import (
     SPLIT_WORDS,
     SPLITS,
     Protocol,
+    span,
 )
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, layout, numbers
 from limo_driver.pages.markup import folded, grid, header, listed, section, table
 from limo_driver.quoting import in_html as escape
+from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from estimators.reproduction.results import Table
-    from limo_driver.pages.markup import Figure
+    from limo_driver.pages.markup import Figure as Chart
 
 PAGE: Final = "report.html"
 _STYLES: Final = ((SEQUENCES, AFTER, "circle"), (SCAFFOLDS, BEFORE, "square"))
@@ -87,9 +92,9 @@ def _known(found: Table) -> Iterator[str]:
         yield f"{found.left} trials are not done; the same command goes on with them."
 
 
-def _errors(found: Table, part: str) -> Figure:
+def _errors(found: Table, part: str) -> Chart:
     names = [row.name for row in ROWS]
-    data: list[Figure] = []
+    data: list[Chart] = []
     for split, colour, symbol in _STYLES:
         figures = [found.figures(row, part, split) for row in ROWS]
         means = np.array([np.nan if f.mean is None else f.mean[-1] for f in figures])
@@ -112,7 +117,7 @@ def _errors(found: Table, part: str) -> Figure:
     return {"data": data, "layout": axes, "height": 100 + 26 * len(names)}
 
 
-def _marks(values: np.ndarray, names: list[str], name: str, colour: str, symbol: str) -> Figure:
+def _marks(values: np.ndarray, names: list[str], name: str, colour: str, symbol: str) -> Chart:
     return {
         "x": numbers(values), "y": names, "mode": "markers", "name": name,
         "marker": {"symbol": symbol, "size": 9, "color": colour},
@@ -154,3 +159,69 @@ def _tables(found: Table) -> str:
             ]
             said += folded(f"{part.capitalize()}, {SPLIT_NAMES[split]}", table(heads, rows, 1))
     return said
+
+
+PICTURE: Final = "table1.png"
+_WIDTH: Final = 140  # characters of a line
+_LINES: Final = {  # split → label, colour, marker, offset from the middle of a row
+    SEQUENCES: ("ours, random sub-sequences", "#1f77b4", "o", -0.17),
+    SCAFFOLDS: ("ours, split by scaffold", "#d95f02", "s", 0.17),
+}
+
+
+def draw(table: Table, path: Path) -> None:
+    """Draw a panel for each part of the motion; rows from top to bottom, errors on one log axis."""
+    figure = Figure(figsize=(13, 6.5), layout="constrained")
+    panels: Any = figure.subplots(1, len(PARTS), sharex=True, sharey=True)
+    for panel, part in zip(panels, PARTS, strict=True):
+        _panel(panel, table, part)
+    panels[0].set_yticks(range(len(ROWS)), [row.name for row in ROWS])
+    panels[0].set_ylim(len(ROWS) - 0.5, -0.5)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    left = f"; {table.left} trials left" if table.left else ""
+    data = table.data
+    title = (
+        f"Table I of Çallar and Böttger 2022 on {data.robot}, {span(data.limo.duration)} to train "
+        f"and test on, made by {data.made_by}"
+    )
+    whiskers = "; whiskers: standard deviation over runs" if table.protocol.runs > 1 else ""
+    figure.suptitle(f"{fill(title, _WIDTH)}\n{table.protocol}{left}{whiskers}", fontsize="medium")
+    with whole(path) as draft:
+        figure.savefig(draft, format=path.suffix[1:], dpi=150)
+
+
+def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matplotlib's Axes
+    places = np.arange(len(ROWS))
+    if table.beside_paper:
+        paper = [paper_table()[part, row.name][-1] for row in ROWS]
+        panel.plot(paper, places, "D", color="0.45", fillstyle="none", label="the paper")
+    rigid = table.figures(RBD, part).mean
+    if rigid is not None:
+        panel.axvline(rigid[-1], color="0.45", linestyle=":", label="the rigid body alone")
+    for split, (label, colour, marker, offset) in _LINES.items():
+        figures = [table.figures(row, part, split) for row in ROWS]
+        means = [np.nan if f.mean is None else f.mean[-1] for f in figures]
+        spreads = [0.0 if f.spread is None else f.spread[-1] for f in figures]
+        panel.errorbar(
+            means,
+            places + offset,
+            xerr=_whiskers(means, spreads),
+            fmt=marker,
+            color=colour,
+            markersize=5,
+            capsize=2,
+            label=label,
+        )
+    panel.set_xscale("log")
+    panel.set_title(part)
+    panel.set_xlabel("joint-averaged MSE [(N m)²]")
+    panel.grid(axis="x", which="major", color="0.85")
+    panel.set_axisbelow(True)
+    for place in places[:-1]:
+        panel.axhline(place + 0.5, color="0.93", linewidth=0.8)
+
+
+def _whiskers(means: list[float], spreads: list[float]) -> list[list[float]]:
+    """Keep the lower whisker above zero, which a logarithmic axis does not have."""
+    return [np.minimum(spreads, 0.9 * np.nan_to_num(means)).tolist(), spreads]

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from estimators.residual_model import ResidualModel
     from estimators.service.gate import Comparison
     from estimators.service.inference.arm_service import ArmService
-    from estimators.service.inference.history import StateRows
-    from estimators.service.inference.live_model import LiveModel
+    from estimators.service.inference.live_model import LiveModel, StateRows
     from estimators.service.store.version import Version
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray

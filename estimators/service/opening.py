@@ -14,8 +14,7 @@ import numpy as np
 from estimators.residual_model import SimulationOnly
 from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.contact import ContactWatchdog
-from estimators.service.inference.history import RateFinder
-from estimators.service.inference.live_model import LiveModel, Window
+from estimators.service.inference.live_model import LiveModel, RateFinder, Window
 from estimators.stream import Stream
 from limo_driver.errors import LimoError
 from limo_driver.network.claims import PacedQueryable

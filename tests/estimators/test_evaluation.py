@@ -12,11 +12,10 @@ from one_file import arm_of, check_page, drawn, title_of
 from wandering import wander
 
 from estimators.evaluation import Evaluation, evaluate, noise_floor
-from estimators.evaluation_page import evaluation_page
+from estimators.evaluation_page import evaluation_page, loop_figure, png, torque_figure
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
-from estimators.pictures import loop_figure, png, torque_figure
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.recording import Recording
 

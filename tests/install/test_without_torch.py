@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from estimators.hybrid.training.fit import find_device
-from estimators.service.training.trainer import check_kind
+from estimators.service.retraining.trainer import check_kind
 from limo_driver.errors import MissingPackageError
 
 ROOT = Path(__file__).parents[2]
@@ -82,8 +82,8 @@ def test_every_step_but_the_training_of_a_network_works(tmp_path):
 def test_the_service_imports_neither_torch_nor_what_draws():
     code = (
         BLOCKED + "from estimators.service import server, arm_server\n"
-        "from estimators.service.retraining import keeper\n"
-        "import estimators.hybrid.folder, estimators.joint_physics\n"
+        "from estimators.service.retraining import retraining as keeper\n"
+        "import estimators.hybrid.fitted_network, estimators.joint_physics\n"
         "assert 'matplotlib' not in sys.modules\n"
     )
     done = run(code)
@@ -100,7 +100,10 @@ def test_only_training_imports_torch_and_only_pictures_what_draws():
         "estimators/hybrid/training/passes.py",
         "estimators/neural/modules.py",
     }
-    assert found["matplotlib"] == {"estimators/pictures.py", "estimators/reproduction/picture.py"}
+    assert found["matplotlib"] == {
+        "estimators/evaluation_page.py",
+        "estimators/reproduction/page.py",
+    }
 
 
 def test_what_trains_a_network_says_what_to_install(monkeypatch):

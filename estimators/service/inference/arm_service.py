@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 import numpy as np
 
 from estimators.service.inference.contact import ContactReport
-from estimators.service.inference.history import History, RateWatch
-from estimators.service.inference.live_model import Window
+from estimators.service.inference.live_model import History, RateWatch, Window
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.contact_state import ContactState
 from limo_driver.network.messages import (

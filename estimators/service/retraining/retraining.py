@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -32,8 +33,8 @@ from estimators.service.retraining.judge import (
     Stage,
     Unfinished,
 )
-from estimators.service.training.logged_motion import Span
-from estimators.service.training.process import TrainingProcess
+from estimators.service.retraining.logged_motion import Span
+from estimators.service.retraining.process import TrainingProcess
 from limo_driver.errors import LimoError, MissingPackageError, ModelStoreError
 from limo_driver.network.messages import Level
 
@@ -48,13 +49,14 @@ if TYPE_CHECKING:
     from estimators.service.store.store import ModelStore
     from limo_driver.types import FloatArray
 
+_PERIOD: Final = 1.0  # [s] between two looks
 _HOUR: Final = 3600.0  # [s]
 _TRIES: Final = 3  # trainings for one drift, which is told only once
 _ASKED: Final = ("idle", GATHERING)  # stages in which a training can be asked for
 
 
-class Retraining:
-    """Sequence of retraining, one step each time that `Keeper` asks for the next.
+class Keeper:
+    """Retrains the champion of an arm that is served; one thread, at most one training at a time.
 
     Args:
         server: Of the arm.
@@ -75,17 +77,30 @@ class Retraining:
         self._trained = -np.inf  # [s], when the last training began
         self._process: TrainingProcess | None = None
         self._drift = self._watch()
+        self._stages = self._live()  # one step each time it is asked for the next
+        self._kept: ArmService | None = None  # whose states the stages are of
+        self._stopped = threading.Event()
+        self._thread: threading.Thread | None = None
 
-    def stop(self) -> None:
-        """Leave what takes long, so that the thread can end."""
-        self._judge.stop()
+    def start(self) -> None:
+        """Look once a second, on a thread of its own, until `close`."""
+        self._thread = threading.Thread(target=self._look, name=f"limo-keep-{self._server.arm}")
+        self._thread.start()
 
     def close(self) -> None:
-        """End a training that is under way; the next service goes on from here."""
+        """Stop, and end a training that is under way; the next service goes on from here."""
+        self._stopped.set()
+        self._judge.stop()
+        if self._thread is not None:
+            self._thread.join()
         self._judge.close()
         self._end_training()
 
-    def ask(self, reason: str) -> None:
+    def status(self) -> dict[str, Any]:
+        """Return the stage of retraining and its facts, as JSON values."""
+        return self.stage.as_values()
+
+    def ask(self, reason: str) -> dict[str, Any]:
         """Train as soon as can be; what was being gathered for is trained at once.
 
         Raises:
@@ -102,6 +117,7 @@ class Retraining:
                 )
             self._check_champion()
             self._asked = reason
+        return self.status()
 
     def watch(self, window: Window) -> None:
         """Take the service's summary of the last second or so."""
@@ -109,26 +125,43 @@ class Retraining:
             contact = bool(window.contacts) or bool(self._service.watchdog.active.any())
             self._drift.take(window, contact=contact)
 
-    def live(self) -> Generator[None]:
-        """Go through the stages, one step each time it is asked for the next."""
+    def tick(self) -> None:
+        """Take the next step; report a failure of this program, and begin again with waiting."""
+        try:
+            if self._server.service is not self._kept:
+                self._begin_anew()
+            if self._kept is not None and not self._server.answering:
+                return
+            next(self._stages)
+        except Exception as error:  # noqa: BLE001  # the stream has to go on
+            self._server.outlet.event(
+                "failure", f"retraining: {error!r}", Level.FATAL, trace=format_exc()
+            )
+            self._end_training()
+            self._note(None)
+            self._stages = self._keep(0.0 if self._server.service is None else self._now)
+
+    def _look(self) -> None:
+        while not self._stopped.wait(_PERIOD):
+            self.tick()
+
+    def _begin_anew(self) -> None:
+        """Go on with states of another rate, like a service that has just started."""
+        if self._kept is not None:
+            self._stages.close()
+            self._end_training()
+            self._trained = -np.inf
+            self.stage.enter("idle", 0.0)
+            self._stages = self._live()
+        self._kept = self._server.service
+
+    def _live(self) -> Generator[None]:
+        """Go through the stages."""
         while self._server.service is None:
             yield
         began = self._now
         yield from self._go_on()
         yield from self._keep(began)
-
-    def recover(self) -> Generator[None]:
-        """Leave what failed, and begin with waiting."""
-        self._end_training()
-        self._note(None)
-        return self._keep(0.0 if self._server.service is None else self._now)
-
-    def begin_anew(self) -> Generator[None]:
-        """Go on with states of another rate."""
-        self._end_training()
-        self._trained = -np.inf
-        self.stage.enter("idle", 0.0)
-        return self.live()
 
     @property
     def _service(self) -> ArmService:

@@ -326,7 +326,7 @@ def retraining_of(
     if hours is not None and (wanted is False or not possible):
         raise ConfigError("--retrain-every is for a service that retrains: give --store and --log")
     if kind != "same":
-        from estimators.service.training.trainer import check_kind
+        from estimators.service.retraining.trainer import check_kind
 
         check_kind(kind)
     every = None if hours is None else 3600.0 * hours

@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from estimators.diagnosis.from_torque.pipeline import Diagnosis
-    from estimators.reproduction.data import TableData
-    from estimators.reproduction.results import Trial, TrialResult
-    from estimators.reproduction.workers import Failed, Finished, TrialPlace, TrialRunner
+    from estimators.reproduction.results import Trial, TrialResult, TrialStore
+    from estimators.reproduction.workers import Failed, TrialRunner
     from limo_driver.physics import Effect
     from limo_driver.recordings.recording import Recording
 
@@ -134,49 +133,57 @@ class TrialJob:
 
     runner: TrialRunner
 
-    def do(self, trial: Trial) -> TrialResult | Failed | str:
+    def do(
+        self, trial: Trial, tell: Callable[[int], None] = lambda _: None
+    ) -> TrialResult | Failed | str:
         """Train and score one trial.
 
         Args:
             trial: The row, the split and the run.
+            tell: Told each epoch that it has gone through.
         """
         from estimators.reproduction.workers import Failed
 
-        return attempted(lambda: self.runner.run(trial), lambda line: Failed(trial, line))
+        return attempted(
+            lambda: self.runner.run(trial, lambda epoch: tell(epoch.number)),
+            lambda line: Failed(trial, line),
+        )
 
     def memory_of(self, trial: Trial) -> float:  # noqa: ARG002  # the same data for all
         """Return how much memory a trial takes at most [bytes]."""
         return _BASE + _BY_SAMPLE * len(self.runner.data.limo)
 
 
-def run_trials_on_ray(
-    place: TrialPlace, data: TableData, trials: Sequence[Trial], workers: int | None
-) -> Iterator[Finished | Failed]:
-    """Run trials on a cluster, each on one core, and keep what they give.
+def run_trials(
+    runner: TrialRunner,
+    store: TrialStore,
+    trials: Sequence[Trial],
+    where: tuple[int | None, str],
+    advanced: Callable[[Trial, int], None],
+) -> Iterator[TrialResult | Failed]:
+    """Run trials side by side, each on one core, and keep what they give.
 
     Args:
-        place: Where the identified rigid body is, and where trials are kept.
-        data: The recordings, which are sent to the nodes.
+        runner: Trains and scores them; its data are sent along.
+        store: Where finished trials are kept.
         trials: In this order.
-        workers: How many run side by side at most; as many as there are cores, if none.
+        where: How many run side by side at most, as many as there are cores if none; on "processes"
+            or "ray".
+        advanced: Told each epoch that a trial has gone through, by processes alone.
 
     Returns:
-        Each trial as it ends; a node that is lost costs its present trials one more try.
+        Each trial as it ends; a process or node that is lost costs its trial one more try.
 
     Raises:
         ConfigError: The cluster cannot be used.
     """
-    from estimators.reproduction.workers import Failed, Finished, TrialRunner
+    from estimators.reproduction.workers import Failed
     from limo_driver.app.library.executors import executor_of, run_all
-    from limo_driver.physics import Simulation
 
-    store = place.store()
-    runner = TrialRunner(data, Simulation.load(place.simulation), place.device)
-    for trial, outcome in run_all(executor_of(TrialJob(runner), workers, "ray"), trials):
+    for trial, outcome in run_all(executor_of(TrialJob(runner), *where, advanced), trials):
         if isinstance(outcome, str):
             yield Failed(trial, f"{outcome}, twice")
-        elif isinstance(outcome, Failed):
-            yield outcome
-        else:
+            continue
+        if not isinstance(outcome, Failed):
             store.save(outcome)
-            yield Finished(trial, outcome.seconds)
+        yield outcome

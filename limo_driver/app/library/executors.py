@@ -93,10 +93,16 @@ class ProcessPool(Generic[TaskT, OutcomeT]):
     Args:
         job: What all tasks share.
         workers: How many run side by side at most.
+        progress: Told what a task tells on its way; then `do` of the job is given who to tell.
     """
 
-    def __init__(self, job: Job[TaskT, OutcomeT], workers: int) -> None:
-        self._job, self._workers = job, workers
+    def __init__(
+        self,
+        job: Job[TaskT, OutcomeT],
+        workers: int,
+        progress: Callable[[TaskT, Any], None] | None = None,
+    ) -> None:
+        self._job, self._workers, self._progress = job, workers, progress
         self._memory = _available()  # [bytes]
         self._idle: list[WorkerProcess[TaskT]] = []
         self._busy: dict[Connection[Any, Any], WorkerProcess[TaskT]] = {}
@@ -110,35 +116,53 @@ class ProcessPool(Generic[TaskT, OutcomeT]):
 
     def submit(self, task: TaskT) -> None:
         """Have a process do a task."""
-        worker = self._idle.pop() if self._idle else WorkerProcess(_work, self._job)
+        worker = self._idle.pop() if self._idle else self._begun()
         worker.start(task)
         self._busy[worker.connection] = worker
 
     def ended(self) -> list[tuple[TaskT, OutcomeT | str]]:
         """Wait for processes to end a task, or to die."""
-        ready = connection.wait(list(self._busy))
-        return [self._received(self._busy.pop(item)) for item in ready]  # type: ignore[arg-type]
+        ended = list[tuple[TaskT, OutcomeT | str]]()
+        while not ended:
+            for ready in connection.wait(list(self._busy)):
+                ended += self._received(self._busy[ready])  # type: ignore[index]
+        return ended
 
     def close(self) -> None:
         """Kill the processes."""
         for worker in (*self._idle, *self._busy.values()):
             worker.stop()
 
-    def _received(self, worker: WorkerProcess[TaskT]) -> tuple[TaskT, OutcomeT | str]:
+    def _begun(self) -> WorkerProcess[TaskT]:
+        return WorkerProcess(_work, (self._job, self._progress is not None))
+
+    def _received(self, worker: WorkerProcess[TaskT]) -> list[tuple[TaskT, OutcomeT | str]]:
+        """Return the task that has ended, if one has."""
         try:
-            outcome = worker.connection.recv()
+            has_ended, told = worker.connection.recv()
         except (EOFError, OSError):
-            return worker.task, f"its process ended with status {worker.stop()}"
-        self._idle.append(worker)
-        return worker.task, outcome
+            del self._busy[worker.connection]
+            return [(worker.task, f"its process ended with status {worker.stop()}")]
+        if not has_ended:
+            if self._progress is not None:
+                self._progress(worker.task, told)
+            return []
+        self._idle.append(self._busy.pop(worker.connection))
+        return [(worker.task, told)]
 
 
-def _work(main: Connection[Any, Any], job: Job[Any, Any]) -> None:
+def _work(main: Connection[Any, Any], given: tuple[Any, bool]) -> None:
     """Do what comes through the pipe until its other end is closed."""
     end_with_parent()
+    job, tells = given
+
+    def tell(progress: object) -> None:
+        main.send((False, progress))
+
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
-            main.send(job.do(main.recv()))
+            task = main.recv()
+            main.send((True, job.do(task, tell) if tells else job.do(task)))
 
 
 def _available() -> float:
@@ -340,16 +364,26 @@ def check_place(workers: int | None, on: str) -> None:
         raise ConfigError(f"on is {on}, expected processes or ray")
 
 
-def executor_of(job: Job[TaskT, OutcomeT], workers: int | None, on: str) -> Executor[Any, Any]:
+def executor_of(
+    job: Job[TaskT, OutcomeT],
+    workers: int | None,
+    on: str,
+    progress: Callable[[TaskT, Any], None] | None = None,
+) -> Executor[Any, Any]:
     """Return where the tasks of a job run; what says so is checked before.
+
+    Args:
+        job: What all tasks share.
+        workers: How many run side by side at most.
+        on: "processes" or "ray".
+        progress: Told what a task tells on its way, of processes alone; see `ProcessPool`.
 
     Raises:
         ConfigError: The cluster cannot be used.
     """
     if on == "ray":
         return RayCluster(job, workers)
-
-    return ProcessPool(job, workers or len(os.sched_getaffinity(0)))
+    return ProcessPool(job, workers or len(os.sched_getaffinity(0)), progress)
 
 
 def run_all(

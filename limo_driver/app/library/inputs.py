@@ -167,7 +167,7 @@ def require_model(name: str) -> type[ResidualModel[Any]] | None:
         PlugInError: It is of another distribution and cannot be used.
     """
     from estimators.neural import NETWORKS
-    from estimators.registry import known_estimators, to_train, trained_by_name
+    from estimators.residual_model import known_estimators, to_train, trained_by_name
     from limo_driver.runtime.plugins import ESTIMATORS, plug_in
 
     plug_in(ESTIMATORS, name, NETWORKS)  # refuses one that takes the name of a network

@@ -293,7 +293,7 @@ def _check_retraining(
                 "each a store of its own, or do without `retraining`"
             )
     if settings.kind != "same":
-        from estimators.service.training.trainer import check_kind
+        from estimators.service.retraining.trainer import check_kind
 
         check_kind(settings.kind)
 
@@ -350,7 +350,7 @@ def _check_bounds(settings: ServiceSettings, served: Mapping[str, ServedModels])
 
 
 def _keep(arm: Any, log: Path, settings: RetrainingSettings) -> None:  # noqa: ANN401  # ArmServer
-    from estimators.service.retraining.keeper import Keeper
+    from estimators.service.retraining.retraining import Keeper
 
     arm.keeper = Keeper(arm, arm.models.store, log, settings)
     arm.keeper.start()

@@ -26,23 +26,27 @@ from estimators.reproduction.data import (
     physics_digest,
     rigid_body,
 )
-from estimators.reproduction.results import SCAFFOLDS, SEQUENCES, Protocol, Trial, TrialStore
-from estimators.reproduction.workers import (
-    Advanced,
-    Failed,
-    Finished,
-    ScoringMotion,
-    TrialPlace,
-    TrialRunner,
-    run_trials,
+from estimators.reproduction.results import (
+    SCAFFOLDS,
+    SEQUENCES,
+    Protocol,
+    Trial,
+    TrialResult,
+    TrialStore,
 )
+from estimators.reproduction.workers import (
+    Failed,
+    ScoringMotion,
+    TrialRunner,
+)
+from limo_driver.app.library.demonstrating import run_trials
 from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from limo_driver.types import FloatArray
@@ -370,66 +374,75 @@ def test_a_damaged_trial_is_refused_by_name(data: TableData, tmp_path: Path, tex
 # Processes
 
 
-@pytest.fixture
-def job(folder: Path, tmp_path: Path) -> TrialPlace:
-    sim = tmp_path / "sim.yaml"
-    robot().save(sim)
-    return TrialPlace(folder, sim, tmp_path, "cpu")
+def run_two(
+    runner: TrialRunner,
+    store: TrialStore,
+    trials: Sequence[Trial],
+    advanced: Callable[[Trial, int], None],
+) -> list[TrialResult | Failed]:
+    try:
+        return list(run_trials(runner, store, trials, (2, "processes"), advanced))
+    finally:
+        assert not multiprocessing.active_children()
 
 
 @pytest.mark.slow("trains in processes of their own")
 def test_worker_processes_finish_trials_and_say_why_one_cannot_be(
-    job: TrialPlace, data: TableData
+    runner: TrialRunner, data: TableData, tmp_path: Path
 ) -> None:
+    store, epochs = TrialStore(tmp_path, "one"), dict[str, int]()
     trials = [trial_of(data, row) for row in (r.RBD, r.MLP_FULL, r.FCL100)]
     hopeless = trial_of(data, r.FCL500_FULL, SCAFFOLDS)
     hopeless = replace(hopeless, settings=replace(hopeless.settings, sequence_length=5000))
-    events = list(run_trials(job, [hopeless, *trials], 2))
-    (failed,) = (event for event in events if isinstance(event, Failed))
+    ended = run_two(
+        runner,
+        store,
+        [hopeless, *trials],
+        lambda trial, epoch: epochs.update({trial.row.name: epoch}),
+    )
+    (failed,) = (item for item in ended if isinstance(item, Failed))
     assert failed.trial == hopeless
     assert "a sequence needs 5000" in failed.reason
-    done = [event.trial.file_name for event in events if isinstance(event, Finished)]
+    done = [item.trial.file_name for item in ended if isinstance(item, TrialResult)]
     assert sorted(done) == sorted(trial.file_name for trial in trials)
-    assert {e.trial.row.name: e.epoch for e in events if isinstance(e, Advanced)} == {
-        "MLP-7 with tau_rbd,r": 1,
-        "LSTM-FCL 100": 1,
-    }
+    assert epochs == {"MLP-7 with tau_rbd,r": 1, "LSTM-FCL 100": 1}
     for trial in trials:
-        assert job.store().load(trial) is not None
-    assert not multiprocessing.active_children()
+        assert store.load(trial) is not None
 
 
 @pytest.mark.slow("starts worker processes")
-def test_a_worker_that_dies_fails_its_trial_only(job: TrialPlace, data: TableData) -> None:
+def test_a_worker_that_dies_fails_its_trial_only(
+    runner: TrialRunner, data: TableData, tmp_path: Path
+) -> None:
     trials = [trial_of(data, row) for row in (r.MLP_FULL, r.RBD)]
     trials[0] = replace(trials[0], settings=replace(trials[0].settings, epochs=10_000))
-    failed: list[Failed] = []
-    finished: list[Finished] = []
-    for event in run_trials(job, trials, 1):
-        match event:
-            case Advanced(epoch=1):
-                (worker,) = multiprocessing.active_children()
+
+    def kill(_trial: Trial, epoch: int) -> None:
+        if epoch == 1:
+            for worker in multiprocessing.active_children():
                 assert worker.pid is not None
                 os.kill(worker.pid, 9)
-            case Failed():
-                failed.append(event)
-            case Finished():
-                finished.append(event)
-            case _:
-                pass
-    assert [event.reason for event in failed] == ["its process ended with status -9"]
-    assert [event.trial.row.name for event in finished] == ["RBD"]
+
+    store = TrialStore(tmp_path, "one")
+    ended = list(run_trials(runner, store, trials, (1, "processes"), kill))
+    reasons = [item.reason for item in ended if isinstance(item, Failed)]
+    assert reasons == ["its process ended with status -9, twice"]
+    assert [item.trial.row.name for item in ended if isinstance(item, TrialResult)] == ["RBD"]
 
 
 @pytest.mark.slow("starts worker processes")
-def test_workers_are_stopped_when_nobody_listens(job: TrialPlace, data: TableData) -> None:
-    trial = trial_of(data, r.MLP_FULL)
+def test_workers_are_stopped_when_nobody_listens(
+    runner: TrialRunner, data: TableData, tmp_path: Path
+) -> None:
+    trial, store = trial_of(data, r.MLP_FULL), TrialStore(tmp_path, "one")
     endless = replace(trial, settings=replace(trial.settings, epochs=10_000))
-    events = run_trials(job, [endless], 1)
-    assert isinstance(next(events), Advanced)
-    events.close()  # type: ignore[attr-defined]
-    assert not multiprocessing.active_children()
-    assert job.store().load(endless) is None
+
+    def interrupt(_trial: Trial, _epoch: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_two(runner, store, [endless], interrupt)
+    assert store.load(endless) is None
 
 
 def test_sequences_longer_than_the_motion_are_refused(runner: TrialRunner, data: TableData) -> None:

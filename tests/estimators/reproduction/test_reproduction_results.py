@@ -29,8 +29,7 @@ from estimators.reproduction.data import (
     physics_digest,
     rigid_body,
 )
-from estimators.reproduction.page import table_page
-from estimators.reproduction.picture import draw
+from estimators.reproduction.page import draw, table_page
 from estimators.reproduction.results import (
     SCAFFOLDS,
     SEQUENCES,

@@ -12,7 +12,7 @@ from wandering import wander
 
 from estimators.service.arm_server import ArmServer
 from estimators.service.inference.inbox import Bulletin
-from estimators.service.retraining.keeper import Keeper
+from estimators.service.retraining.retraining import Keeper
 from estimators.service.settings import ServiceSettings
 from estimators.service.store.served_models import StoreModels
 from limo_driver.logs.mcap_log import LogLimits, McapLog

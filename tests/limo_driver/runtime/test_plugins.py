@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from estimators.model_folder import load_model
-from estimators.registry import estimator_called, to_train
+from estimators.residual_model import estimator_called, to_train
 from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
 from limo_driver.physics import CATALOGUE, Simulation, catalogue
 from limo_driver.runtime import plugins

@@ -122,7 +122,7 @@ def list_versions(
         limo models list --store models/
         limo models list --arm iiwa14
     """
-    from estimators.service.store.remote_store import RemoteStore
+    from estimators.service.store.served_models import RemoteStore
     from limo_driver.app.console.terminal import terminal
 
     left_out: list[str] = []

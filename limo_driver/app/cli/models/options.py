@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from estimators.service.store.remote_store import RemoteStore
+    from estimators.service.store.served_models import RemoteStore
     from estimators.service.store.store import ModelStore
     from limo_driver.network.model_client import ModelClient
 
@@ -75,7 +75,7 @@ class VersionSource:
         if self.arm is None:
             yield self.opened()
             return
-        from estimators.service.store.remote_store import RemoteStore
+        from estimators.service.store.served_models import RemoteStore
 
         with self.asked() as client:
             yield RemoteStore(client)

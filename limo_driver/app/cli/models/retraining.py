@@ -99,10 +99,10 @@ def _trained(
     delay: float,
     sign: Path | None,
 ) -> dict[str, Any]:
+    from estimators.service.retraining.logged_motion import Span, newest_motion
+    from estimators.service.retraining.trainer import check_kind, train
     from estimators.service.store.signature import check_signing
     from estimators.service.store.store import ModelStore
-    from estimators.service.training.logged_motion import Span, newest_motion
-    from estimators.service.training.trainer import check_kind, train
 
     check_kind(kind)
     if sign is not None:
@@ -168,7 +168,7 @@ def compare(
     versions = models.open(champion), models.open(challenger)
     found = compare_versions(*versions, read(data, mapping=mapping), block)
     if out is not None:
-        from estimators.pictures import png
+        from estimators.evaluation_page import png
 
         names = [f"version {version.number}" for version in versions]
         with whole(out) as draft:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,13 +11,12 @@ from limo_driver.app.cli import INTERRUPTED
 from limo_driver.app.console.terminal import Machines, OnOption
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from rich.console import Console
 
-    from estimators.reproduction.data import TableData
-    from estimators.reproduction.results import Protocol, Table, Trial
-    from estimators.reproduction.workers import Advanced, Failed, Finished, TrialPlace
+    from estimators.reproduction.results import Protocol, Table, Trial, TrialStore
+    from estimators.reproduction.workers import TrialRunner
 
 OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
 DATA, QUICK_DATA = "data", "data_quick"  # simulated, in OUT; the quick one is far less motion
@@ -99,54 +97,39 @@ def table1(
         folder = data or out / (QUICK_DATA if quick else DATA)
         if data is None and not folder.exists():
             _make_data(folder, quick=quick, notes=notes)
-        status = _compute(folder, out, protocol, Trials(device, processes, on), notes)
+        status = _compute(folder, out, protocol, (device, processes, on.value), notes)
     if status:
         raise typer.Exit(status)
 
 
-@dataclass(frozen=True)
-class Trials:
-    """Where trials run."""
-
-    device: str
-    processes: int | None  # side by side; as many as a cluster has cores, if none
-    on: Machines
-
-    def run(
-        self, job: TrialPlace, data: TableData, trials: Sequence[Trial]
-    ) -> Iterator[Advanced | Finished | Failed]:
-        """Run trials, and tell how they get on; a cluster tells their ends alone."""
-        from estimators.reproduction.workers import run_trials
-        from limo_driver.app.library.demonstrating import run_trials_on_ray
-
-        if self.on == Machines.ray:
-            return run_trials_on_ray(job, data, trials, self.processes)
-        return run_trials(job, trials, self.processes or 1)
-
-
-def _compute(folder: Path, out: Path, protocol: Protocol, where: Trials, notes: Console) -> int:
+def _compute(
+    folder: Path, out: Path, protocol: Protocol, where: tuple[str, int | None, str], notes: Console
+) -> int:
     """Run the trials that are not finished yet, write the table, and return the exit status."""
     from estimators.reproduction.claims import write
-    from estimators.reproduction.data import TableData, rigid_body
-    from estimators.reproduction.page import PAGE, table_page
-    from estimators.reproduction.picture import PICTURE, draw
-    from estimators.reproduction.results import Table
-    from estimators.reproduction.workers import TrialPlace
+    from estimators.reproduction.data import TableData, physics_digest, rigid_body
+    from estimators.reproduction.page import PAGE, PICTURE, draw, table_page
+    from estimators.reproduction.results import Table, TrialStore
+    from estimators.reproduction.workers import TrialRunner
+    from limo_driver.physics import Simulation
     from limo_driver.runtime.outputs import require_folder
 
     read = TableData.load(folder)
     for name in ("trials", "prepared"):
         require_folder(out / name, "the table")
     with notes.status("identifying the rigid body"):
-        job = TrialPlace(folder, rigid_body(read, out / "prepared"), out / "trials", where.device)
-    store = job.store()
+        simulation = rigid_body(read, out / "prepared")
+    store = TrialStore(out / "trials", physics_digest(simulation))
+    device, workers, on = where
 
     def update() -> Table:
         table = Table.gather(read, protocol, store)
         write(table, out)
         return table
 
-    status = _run(job, read, protocol.trials(read.digests), where, update, notes)
+    runner = TrialRunner(read, Simulation.load(simulation), device)
+    trials = protocol.trials(read.digests)
+    status = _run(runner, store, trials, (workers, on), update, notes)
     table = update()
     draw(table, out / PICTURE)
     table_page(table).save(out / PAGE)
@@ -194,37 +177,34 @@ def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
 
 
 def _run(
-    job: TrialPlace,
-    data: TableData,
+    runner: TrialRunner,
+    store: TrialStore,
     trials: Sequence[Trial],
-    where: Trials,
+    where: tuple[int | None, str],
     update: Callable[[], object],
     notes: Console,
 ) -> int:
     """Run what is not finished yet, update the files after each, and return the exit status."""
-    from estimators.reproduction.workers import Advanced, Failed, Finished
+    from estimators.reproduction.workers import Failed
     from limo_driver.app.cli.reproduce.simulated_data import TrialProgress
+    from limo_driver.app.library.demonstrating import run_trials
 
-    store = job.store()
     finished = {trial.file_name: store.load(trial) for trial in trials}
     waiting = [trial for trial in trials if finished[trial.file_name] is None]
     if not waiting:
         return 0
     failed: list[Failed] = []
     with TrialProgress(
-        notes, trials, [r for r in finished.values() if r is not None], where.processes
+        notes, trials, [r for r in finished.values() if r is not None], where[0]
     ) as watch:
         try:
-            for event in where.run(job, data, waiting):
-                match event:
-                    case Advanced():
-                        watch.advanced(event.trial, event.epoch)
-                    case Finished():
-                        watch.finished(event.trial, event.seconds)
-                        update()
-                    case Failed():
-                        watch.failed(event.trial, event.reason)
-                        failed.append(event)
+            for ended in run_trials(runner, store, waiting, where, watch.advanced):
+                if isinstance(ended, Failed):
+                    watch.failed(ended.trial, ended.reason)
+                    failed.append(ended)
+                else:
+                    watch.finished(ended.trial, ended.seconds)
+                    update()
         except KeyboardInterrupt:
             notes.print("stopped; finished trials are kept, the same command goes on with the rest")
             return INTERRUPTED

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.service.inference.history import History
+from estimators.service.inference.live_model import History
 
 
 class TestHistory:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.service.inference.history import RateFinder, RateWatch
+from estimators.service.inference.live_model import RateFinder, RateWatch
 
 NANOSECONDS = 1_000_000_000
 

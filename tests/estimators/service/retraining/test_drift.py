@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.service.inference.history import History
-from estimators.service.inference.live_model import Window
+from estimators.service.inference.live_model import History, Window
 from estimators.service.retraining.drift import DriftDetector, DriftWatch
 from limo_driver.errors import MissingPackageError, ShapeError
 

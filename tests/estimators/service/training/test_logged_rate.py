@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from estimators.service.training.logged_motion import LoggedRates, Span, newest_motion
+from estimators.service.retraining.logged_motion import LoggedRates, Span, newest_motion
 from limo_driver.errors import RecordingError
 from limo_driver.logs.mcap_file import LoggedMessage
 from limo_driver.logs.mcap_log import LogLimits, McapLog

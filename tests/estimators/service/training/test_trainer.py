@@ -21,13 +21,13 @@ from cryptography.hazmat.primitives.serialization import (
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
+from estimators.service.retraining.logged_motion import Span, newest_motion
+from estimators.service.retraining.process import TrainingProcess
+from estimators.service.retraining.trainer import learned, train
 from estimators.service.settings import RetrainingSettings
 from estimators.service.store import store as store_module
 from estimators.service.store.signature import check_signing
 from estimators.service.store.store import ModelStore
-from estimators.service.training.logged_motion import Span, newest_motion
-from estimators.service.training.process import TrainingProcess
-from estimators.service.training.trainer import learned, train
 from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
 from limo_driver.logs.mcap_log import LogLimits, McapLog
 from limo_driver.network.messages import JOINT_STATE, LOG, Event, JointStateCodec, Level

@@ -162,9 +162,9 @@ from pathlib import Path
 import limo_driver as limo
 from estimators.reproduction.data import TableData
 from estimators.reproduction.data import rigid_body
-from estimators.reproduction.results import Protocol
-from estimators.reproduction.workers import TrialPlace
-from limo_driver.app.library.demonstrating import run_trials_on_ray
+from estimators.reproduction.results import Protocol, TrialStore
+from estimators.reproduction.workers import TrialRunner
+from limo_driver.app.library.demonstrating import run_trials
 
 if __name__ == "__main__":
     fleet, table, out = map(Path, sys.argv[1:4])
@@ -176,10 +176,11 @@ if __name__ == "__main__":
         data = TableData.load(table)
         (out / "prepared").mkdir()
         (out / "trials").mkdir()
-        place = TrialPlace(table, rigid_body(data, out / "prepared"), out / "trials", "cpu")
+        simulation = limo.Simulation.load(rigid_body(data, out / "prepared"))
+        runner, store = TrialRunner(data, simulation, "cpu"), TrialStore(out / "trials", "one")
         trials = Protocol(runs=1, epochs=1, batch=5).trials(data.digests)[:2]
-        for event in run_trials_on_ray(place, data, trials, 1):
-            print(type(event).__name__, place.store().load(event.trial).seconds > 0)
+        for ended in run_trials(runner, store, trials, (1, on), lambda *_: None):
+            print(type(ended).__name__, store.load(ended.trial).seconds > 0)
 """
 SPACE = "model: mlp7\nfeatures: own-joint\nepochs: 1\nfolds: 1\nhidden: [2, 3]\n"
 
@@ -205,7 +206,7 @@ def test_data_sets_sweeps_and_trials_are_those_of_the_pool(fleet, head, tmp_path
         )
         assert not done.returncode, done.stderr
         if on == "ray":
-            assert done.stdout.splitlines() == ["Finished True"] * 2
+            assert done.stdout.splitlines() == ["TrialResult True"] * 2
     kept = [p for p in (tmp_path / "ray").rglob("*") if p.suffix in {".parquet", ".safetensors"}]
     assert len(kept) == 2 + 3 + 1  # recordings, models with the best, a table
     for path in kept:

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from estimators.service.retraining.logged_motion import Span
     from estimators.service.settings import RetrainingSettings
     from estimators.service.store.store import ModelStore
-    from estimators.service.training.logged_motion import Span
 
-_COMMAND: Final = (sys.executable, "-P", "-m", "estimators.service.training.trainer")
+_COMMAND: Final = (sys.executable, "-P", "-m", "estimators.service.retraining.trainer")
 _ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 _GLANCE: Final = 0.01  # [s] that a look at the process takes
 _LATE: Final = 10.0  # [s] beyond its limit, after which a process that did not end itself is killed

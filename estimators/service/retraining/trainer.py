@@ -1,6 +1,6 @@
 """Train a challenger from the newest logs, in a process of its own.
 
-    python -m estimators.service.training.trainer models --logs logs --arm iiwa14 --seconds 300
+    python -m estimators.service.retraining.trainer models --logs logs --arm iiwa14 --seconds 300
 
 A model of the champion's kind, or of another one, learns what the champion's simulation leaves of
 the torque, outside of contact, from states of the newest rate. The last part of the motion is held
@@ -26,12 +26,12 @@ from threadpoolctl import threadpool_limits
 
 from estimators.hybrid import HybridModel
 from estimators.neural import NETWORKS
-from estimators.registry import to_train, trained_by_name
+from estimators.residual_model import to_train, trained_by_name
 from estimators.service.gate import BLOCK, accuracy, compare, plain
 from estimators.service.inference.contact import MARGIN
+from estimators.service.retraining.logged_motion import Span, newest_motion
 from estimators.service.store.aliases import draft
 from estimators.service.store.store import ModelStore
-from estimators.service.training.logged_motion import Span, newest_motion
 from estimators.stream import Stream
 from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
 from limo_driver.runtime.processes import end_when_abandoned, give_way
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from estimators.base import LiveEstimator
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.residual_model import ResidualModel
+    from estimators.service.retraining.logged_motion import LoggedMotion
     from estimators.service.store.version import Version
-    from estimators.service.training.logged_motion import LoggedMotion
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 

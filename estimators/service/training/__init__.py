@@ -1,1 +1,0 @@
-"""Training: a challenger from the logs, in a process of its own."""
