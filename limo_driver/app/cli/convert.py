@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path  # typer reads the annotations
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS, MappingOption
+from limo_driver.app.console.arguments import ROBOTS, MappingOption, describe_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -21,29 +21,18 @@ _LAYOUTS = (_FOXGLOVE, ".xml")
 _TOPIC = "/joint_states"
 
 
+@describe_options
 def command(
-    files: Annotated[
-        list[Path],
-        typer.Argument(help="MCAP or .db3 logs or folders of them; or one log of any format."),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="The recording to write (Parquet), a .mcap log, or a layout (.json, .xml)."
-        ),
-    ],
+    files: list[Path],
+    *,
+    out: Path,
     robot: Annotated[
-        str | None,
-        typer.Option(help=f"Whose joints are meant, in their order: {ROBOTS}."),
+        str | None, typer.Option(help=f"Whose joints are meant, in their order: {ROBOTS}.")
     ] = None,
-    topic: Annotated[
-        str | None, typer.Option(help="Topic of the joint states, if there are several.")
-    ] = None,
+    topic: str | None = None,
     mapping: MappingOption = None,
-    episode: Annotated[
-        int | None, typer.Option(help="Episode of a LeRobotDataset; all if not given.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
+    episode: int | None = None,
+    as_json: bool = False,
 ) -> None:
     """Make a recording of a log: of limo, a ROS 2 bag, or of any format with a mapping.
 
@@ -57,6 +46,13 @@ def command(
     If it ends in .json or .xml, it is a layout in which Foxglove or PlotJuggler shows that log:
     measured and estimated torque of each joint, what is left, and events. PlotJuggler opens
     recordings, too.
+
+    Args:
+        files: MCAP or .db3 logs or folders of them; or one log of any format.
+        out: The recording to write (Parquet), a .mcap log, or a layout (.json, .xml).
+        topic: Topic of the joint states, if there are several.
+        episode: Episode of a LeRobotDataset; all if not given.
+        as_json: Print the counts as JSON.
 
     Examples:
         limo convert logs/ --robot iiwa14 --out run.parquet
@@ -255,31 +251,21 @@ def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:
 
 @contextmanager
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import SpinnerColumn, TimeElapsedColumn
 
-    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.console.terminal import progress
 
-    console = terminal(stderr=True)
-    columns = (
-        SpinnerColumn(),
-        TextColumn(
-            "reading: {task.fields[messages]} messages, {task.completed} files done", markup=False
-        ),
-        TimeElapsedColumn(),
-    )
-    disable = quiet or not console.is_terminal
-    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
+    how_far = "reading: {task.fields[messages]} messages, {task.completed} files done"
+    with progress(SpinnerColumn(), how_far, TimeElapsedColumn(), quiet=quiet) as bar:
         task = bar.add_task("reading", messages=0)
         yield lambda files, messages: bar.update(task, completed=files, messages=messages)
 
 
 def _report(out: Path, counts: dict[str, Any], notes: list[str], *, as_json: bool) -> None:
-    import json
-
     from limo_driver.app.console.terminal import terminal
 
     if as_json:
-        terminal().print_json(json.dumps({"file": str(out), **counts, "notes": notes}))
+        terminal().print_json(data={"file": str(out), **counts, "notes": notes})
         return
     errors = terminal(stderr=True, soft_wrap=True)
     for note in notes:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import Annotated
+from pathlib import Path  # typer reads the annotations
 
-import typer
+from limo_driver.app.console.arguments import describe_options
 
 
+@describe_options
 def command(
-    out: Annotated[Path, typer.Option(help="Folder for recording, simulations and report.")],
+    *,
+    out: Path,
 ) -> None:
     """Conceal a payload and hysteresis in a simulated arm, and see whether they are found.
 
@@ -17,6 +18,9 @@ def command(
     which something is concealed, and diagnoses the recording with a simulation that knows nothing
     of it. Writes report.html, and all that the report came from: believed.yaml, true.yaml,
     run.parquet, verdict.json and sim.yaml.
+
+    Args:
+        out: Folder for recording, simulations and report.
 
     Examples:
         limo demo --out demo
