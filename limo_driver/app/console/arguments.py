@@ -11,11 +11,13 @@ import re
 from copy import copy
 from dataclasses import dataclass, is_dataclass
 from functools import wraps
-from inspect import Parameter, Signature, getdoc, signature
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, get_args, get_origin
 
 import typer
+
+from limo_driver.runtime.parameters import ARGS, arguments_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Generator, Sequence
@@ -62,8 +64,6 @@ MappingOption = Annotated[
     typer.Option(help="What the columns of another format are; `limo inspect` writes one."),
 ]
 RosDomain = Annotated[int, typer.Option(help="ROS_DOMAIN_ID of the ROS 2 nodes.")]
-_ARGS: Final = re.compile(r"\n\nArgs:\n((?:    .*(?:\n|\Z))+)")
-_ARGUMENT: Final = re.compile(r"^    (\w+): (.*(?:\n     .*)*)", re.MULTILINE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,15 +115,12 @@ def describe_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def without_args(doc: str) -> str:
     """Return a docstring without what it says of the arguments."""
-    return _ARGS.sub("\n", doc)
+    return ARGS.sub("\n", doc)
 
 
 def _described(function: Callable[..., Any]) -> Generator[Parameter]:
     """Yield what typer reads of each parameter; by keyword, so that they may come in any order."""
-    told = _ARGS.search(getdoc(function) or "")
-    helps = {
-        name: " ".join(text.split()) for name, text in _ARGUMENT.findall(told[1] if told else "")
-    }
+    helps = arguments_of(function.__doc__ or "")
     for item in signature(function, eval_str=True).parameters.values():
         kind: Any = item.annotation
         info = None
