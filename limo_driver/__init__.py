@@ -41,9 +41,8 @@ if TYPE_CHECKING:
         predict,
         train,
     )
-    from limo_driver.app.library.planning import excite, excite_servos, plan
+    from limo_driver.app.library.moving import Streaming, excite, excite_servos, plan, run
     from limo_driver.app.library.reading import read
-    from limo_driver.app.library.running import Streaming, run
     from limo_driver.app.library.serving import serve
     from limo_driver.app.library.simulating import predict_forward, simulate, simulate_dataset
     from limo_driver.app.library.sweeping import sweep
@@ -88,9 +87,8 @@ _NAMES = {  # by the module that has them
     "limo_driver.app.library.fleets": "diagnose_fleet",
     "limo_driver.app.library.inspecting": "inspect",
     "limo_driver.app.library.learning": "evaluate identify load_model nominal predict train",
-    "limo_driver.app.library.planning": "excite excite_servos plan",
+    "limo_driver.app.library.moving": "Streaming excite excite_servos plan run",
     "limo_driver.app.library.reading": "read",
-    "limo_driver.app.library.running": "Streaming run",
     "limo_driver.app.library.serving": "serve",
     "limo_driver.app.library.simulating": "predict_forward simulate simulate_dataset",
     "limo_driver.app.library.sweeping": "sweep",
@@ -180,7 +178,7 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    from limo_driver.runtime.packages import require_own_packages
+    from limo_driver.runtime.plugins import require_own_packages
 
     if name != "LimoError":  # by which to catch what this raises
         require_own_packages()

@@ -9,8 +9,8 @@ from estimators.hybrid.features import Features, feature_set
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import BANDWIDTH
-from limo_driver.runtime.packages import require_package
 from limo_driver.runtime.parameters import Declared, parameter
+from limo_driver.runtime.plugins import require_package
 
 SCHEDULES: Final = ("cosine", "plateau")
 SPLITS: Final = ("blocks", "sequences", "recordings")

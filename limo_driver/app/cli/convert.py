@@ -13,7 +13,7 @@ from limo_driver.app.console.arguments import ROBOTS, MappingOption, describe_op
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-    from limo_driver.app.library.converting import ConvertedBags
+    from limo_driver.app.library.converting import Converted
 
 _MCAP = ".mcap"
 _FOXGLOVE = ".json"
@@ -159,13 +159,7 @@ def _mapped(
         raise ConfigError(f"{len(files)} logs to convert, expected one, or bags without a mapping")
     model = None if robot is None else RobotModel.load(robot)
     found = convert_log(files[0], out, model, mapping, topic, episode)
-    counts = {
-        "joints": list(found.joints),
-        "samples": found.samples,
-        "usable": found.usable,
-        "duration": found.duration,
-    }
-    _report(out, counts, list(found.notes), as_json=as_json)
+    _report(out, _counts(found), list(found.notes), as_json=as_json)
 
 
 def _to_recording(
@@ -177,21 +171,15 @@ def _to_recording(
     model = None if robot is None else RobotModel.load(robot)
     with _progress(quiet=as_json) as progress:
         found = convert_bags(files, out, model, topic, progress)
-    _report(out, _counts(found), list(found.whole.notes), as_json=as_json)
+    counts = {"topic": found.topic, **_counts(found.whole)}
+    counts |= {name: getattr(found, name) for name in ("duplicates", "reordered", "malformed")}
+    counts |= {"of other joints": found.elsewhere}
+    _report(out, counts, list(found.whole.notes), as_json=as_json)
 
 
-def _counts(found: ConvertedBags) -> dict[str, Any]:
-    return {
-        "topic": found.topic,
-        "joints": list(found.whole.joints),
-        "samples": found.whole.samples,
-        "usable": found.whole.usable,
-        "duration": found.whole.duration,
-        "duplicates": found.duplicates,
-        "reordered": found.reordered,
-        "malformed": found.malformed,
-        "of other joints": found.elsewhere,
-    }
+def _counts(found: Converted) -> dict[str, Any]:
+    rows = {"samples": found.samples, "usable": found.usable, "duration": found.duration}
+    return {"joints": list(found.joints), **rows}
 
 
 def _to_log(

@@ -157,7 +157,7 @@ def _excite(
     from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
 
     from limo_driver.app.console.terminal import progress
-    from limo_driver.app.library.planning import excite
+    from limo_driver.app.library.moving import excite
 
     columns = ("exciting", BarColumn(), MofNCompleteColumn(), "iterations", TimeElapsedColumn())
     with progress(*columns, "condition number {task.fields[condition]}", quiet=quiet) as bar:
@@ -272,7 +272,7 @@ def excite_for_servos(
         ConfigError: Something cannot be written, or the names are of another number.
         InfeasiblePathError: There is no such motion.
     """
-    from limo_driver.app.library.planning import excite_servos
+    from limo_driver.app.library.moving import excite_servos
     from limo_driver.model import RobotModel
     from limo_driver.runtime.outputs import page_of, require_file
     from limopa.excitation.page import servo_page

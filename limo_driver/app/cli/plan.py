@@ -131,7 +131,7 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
     from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
     from limo_driver.app.console.terminal import progress
-    from limo_driver.app.library.planning import plan
+    from limo_driver.app.library.moving import plan
 
     columns = ("planning", BarColumn(), MofNCompleteColumn(), "scaffolds", TimeRemainingColumn())
     with progress(*columns, quiet=quiet) as bar:

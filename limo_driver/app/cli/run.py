@@ -81,7 +81,7 @@ def command(
         limo run --backend fri --trajectory limo.traj.parquet \
             --record run.parquet --fifo
     """
-    from limo_driver.app.library.running import Streaming, play
+    from limo_driver.app.library.moving import Streaming, play
     from limo_driver.errors import ConfigError
     from limo_driver.physics import Simulation
     from limo_driver.robot.playback import NotBegunError

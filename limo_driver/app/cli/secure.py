@@ -41,7 +41,7 @@ def command(
         limo run --stream --zenoh-config trust/driver/zenoh.json5 ...
         limo watch --zenoh-config trust/viewer/zenoh.json5
     """
-    from limo_driver.network.trust.folder import write_trust
+    from limo_driver.network.trust import write_trust
     from limo_driver.network.trust.roles import ROLES, Host
 
     hosts = {

@@ -24,36 +24,23 @@ if TYPE_CHECKING:
 
     import zenoh
 
-OPTIONS: Final = {
+_SAME: Final = (  # arguments whose options have their names
+    "bound columns connect force into log mapping model out robot ros sign store table_height "
+    "topic trajectory trust "
+)
+OPTIONS: Final = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "Surroundings.self_collision": "--no-self-collision",
     "arms": "--arm",
-    "bound": "--bound",
-    "columns": "--columns",
     "config": "--zenoh-config",
-    "connect": "--connect",
     "contact_duration": "--contact-for",
     "contact_torque": "--contact",
-    "force": "--force",
     'link["config"]': "--config",
     'link["host"]': "--host",
     'link["port"]': "--port",
     'link["reset_faults"]': "--reset-faults",
-    "into": "--into",
-    "log": "--log",
-    "mapping": "--mapping",
-    "model": "--model",
-    "out": "--out",
     "retraining": "--retrain",
-    "robot": "--robot",
-    "ros": "--ros",
     "ros_domain": "--ros",
-    "sign": "--sign",
     "simulation": "--sim",
-    "store": "--store",
-    "table_height": "--table-height",
-    "topic": "--topic",
-    "trajectory": "--trajectory",
-    "trust": "--trust",
 }
 # What every `--robot` takes.
 ROBOTS = "built-in name, URDF, MJCF or USD; joints are chosen as in 'arm.urdf#arm_*,gripper=0.02'"

@@ -32,7 +32,7 @@ from limo_driver.logs.mcap_file import CDR, LoggedMessage
 from limo_driver.logs.ros.message_layout import CODES, HEADER, STRING, MessageLayout
 from limo_driver.network.messages.cdr import ENCODING, LITTLE_ENDIAN, padding
 from limo_driver.runtime.given_files import Spent, check_file
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator

@@ -18,14 +18,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages.cdr import (
-    LITTLE_ENDIAN,
     CdrReader,
     CdrWriter,
     RobotCodec,
     check_lengths,
-    check_shapes,
     padding,
-    split_time,
     utf8,
 )
 
@@ -128,26 +125,7 @@ class TorqueEstimateCodec(RobotCodec):
             ShapeError: An array has another shape.
             WireFormatError: The stamp does not fit into 32 bits of seconds.
         """
-        lengths = len(torque), len(std), len(external), len(outside)
-        try:
-            body = self._layouts[lengths].pack(
-                LITTLE_ENDIAN,
-                *split_time(stamp_ns),
-                self._fixed,
-                lengths[0],
-                *torque.tolist(),
-                lengths[1],
-                *std.tolist(),
-                lengths[2],
-                *external.tolist(),
-                lengths[3],
-                *outside.tolist(),
-            )
-        except (KeyError, struct.error):
-            check_shapes(
-                len(self.names), torque=torque, std=std, external=external, outside=outside
-            )
-            raise
+        body = self._packed(stamp_ns, torque=torque, std=std, external=external, outside=outside)
         return body + _tail(len(body), model, fallback, reset)
 
 

@@ -25,7 +25,7 @@ from limo_driver.network.streaming import (
     follow_history,
     open_session,
 )
-from limo_driver.network.trust.folder import write_trust
+from limo_driver.network.trust import write_trust
 from limo_driver.network.trust.roles import ROLES, Host
 from limo_driver.types import JointState
 
