@@ -7,12 +7,7 @@ from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import (
-    Network,
-    RobotOption,
-    RosDomain,
-    describe_options,
-)
+from limo_driver.app.console.arguments import Network, RobotOption, RosDomain, describe_options
 from limo_driver.app.console.terminal import say
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from enum import StrEnum
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from limo_driver.app.console.arguments import describe_options
 from limo_driver.app.console.terminal import say
+from limo_driver.errors import ConfigError
 
 
 class CommandOption(StrEnum):
@@ -119,7 +120,6 @@ def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
     """Return where the arm stands at first [rad]."""
     from backends.fri.codec.messages import JOINTS
     from backends.fri.simulator.settings import POSE
-    from limo_driver.errors import ConfigError
     from limo_driver.model import BUILT_IN
     from limo_driver.trajectory import Trajectory
 
@@ -134,7 +134,6 @@ def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
 
 def _angles(text: str) -> tuple[float, ...]:
     from backends.fri.codec.messages import JOINTS
-    from limo_driver.errors import ConfigError
 
     try:
         angles = tuple(float(word) for word in text.replace(",", " ").split())

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from limo_driver.app.console.arguments import ROBOTS, MappingOption, describe_options
+from limo_driver.app.console.terminal import progress, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_file, require_parquet, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -61,8 +64,6 @@ def command(
         limo convert run.parquet --out run.mcap
         limo convert logs/ --out foxglove.json
     """
-    from limo_driver.runtime.outputs import require_file, require_parquet
-
     require_file(out, files)
     if out.suffix == _MCAP:
         _to_log(files, out, robot, topic or _TOPIC, mapping, as_json=as_json)
@@ -80,8 +81,6 @@ def command(
 
 def _refuse_for_layout(out: Path, **options: object) -> None:
     """Refuse what says how a log is to be read: a layout only shows it."""
-    from limo_driver.errors import ConfigError
-
     given = [f"--{name}" for name, value in options.items() if value is not None]
     if given:
         raise ConfigError(
@@ -92,10 +91,7 @@ def _refuse_for_layout(out: Path, **options: object) -> None:
 
 
 def _to_layout(files: list[Path], out: Path) -> None:
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.errors import ConfigError
     from limo_driver.logs.ros.layouts import foxglove_layout, logged_topics, plotjuggler_layout
-    from limo_driver.runtime.outputs import whole
 
     if files[0].suffix in {".parquet", ".pq"}:
         _to_recording_layout(files, out)
@@ -116,11 +112,8 @@ def _to_layout(files: list[Path], out: Path) -> None:
 
 
 def _to_recording_layout(files: list[Path], out: Path) -> None:
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.reading import column_names
-    from limo_driver.errors import ConfigError
     from limo_driver.logs.ros.layouts import recording_layout
-    from limo_driver.runtime.outputs import whole
 
     if out.suffix == _FOXGLOVE:
         raise ConfigError(
@@ -152,7 +145,6 @@ def _mapped(
     as_json: bool,
 ) -> None:
     from limo_driver.app.library.converting import convert_log
-    from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
 
     if len(files) > 1:
@@ -192,7 +184,6 @@ def _to_log(
     as_json: bool,
 ) -> None:
     from limo_driver.app.library.reading import read
-    from limo_driver.errors import ConfigError
     from limo_driver.logs.ros.joint_state_log import write_joint_states
     from limo_driver.model import RobotModel
 
@@ -241,8 +232,6 @@ def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
     from rich.progress import SpinnerColumn, TimeElapsedColumn
 
-    from limo_driver.app.console.terminal import progress
-
     how_far = "reading: {task.fields[messages]} messages, {task.completed} files done"
     with progress(SpinnerColumn(), how_far, TimeElapsedColumn(), quiet=quiet) as bar:
         task = bar.add_task("reading", messages=0)
@@ -250,7 +239,6 @@ def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
 
 
 def _report(out: Path, counts: dict[str, Any], notes: list[str], *, as_json: bool) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     if as_json:
         terminal().print_json(data={"file": str(out), **counts, "notes": notes})

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 
 from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.terminal import progress_bar, terminal
+from limo_driver.runtime.outputs import require_place
 
 
 @describe_options
@@ -27,9 +29,7 @@ def command(
         limo diagnose demo/run.parquet --sim demo/believed.yaml --out again
     """
     from estimators.diagnosis.from_torque.pipeline import FILES as FOUND
-    from limo_driver.app.console.terminal import progress_bar, terminal
     from limo_driver.app.library.demonstrating import FILES, demonstrate
-    from limo_driver.runtime.outputs import require_place
 
     require_place(out, "the demonstration", (*FILES, *FOUND), [])
     with progress_bar(terminal(stderr=True, soft_wrap=True)) as tell:

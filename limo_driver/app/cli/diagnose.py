@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,6 +14,9 @@ from limo_driver.app.console.arguments import (
     describe_options,
     refuse_options,
 )
+from limo_driver.app.console.terminal import print_notes, progress_bar, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_place
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -88,11 +91,9 @@ def command(
     from estimators.diagnosis.from_torque.pipeline import FILES, Diagnosis, save
     from estimators.telemetry import telemetry_in
     from limo_driver.app.cli.export import show
-    from limo_driver.app.console.terminal import print_notes, progress_bar, terminal
     from limo_driver.app.library.diagnosing import diagnose
     from limo_driver.app.library.exporting import export as write_copy
     from limo_driver.app.library.exporting import format_for
-    from limo_driver.runtime.outputs import require_place
 
     notes = terminal(stderr=True, soft_wrap=True)
     given = [sim] if sim is not None else []
@@ -157,7 +158,6 @@ def _start(
     from limo_driver.app.library.inputs import model_for
     from limo_driver.app.library.learning import described, nominal
     from limo_driver.app.library.reading import read
-    from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
 

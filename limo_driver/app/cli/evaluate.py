@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.app.console.arguments import (
-    MappingOption,  # typer reads it
-    describe_options,
-)
+from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.terminal import table_of, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,9 +59,7 @@ def command(
         limo evaluate test.parquet --model model/ --sim sim.yaml --out evaluation/
         limo evaluate test.parquet --sim new/sim.yaml --against sim.yaml
     """
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.reading import read
-    from limo_driver.runtime.outputs import require_folder
 
     _check(model, sim, against)
     if out is not None:
@@ -98,8 +96,6 @@ def _check(model: Path | None, sim: Path | None, against: Path | None) -> None:
     Raises:
         ConfigError: It does not.
     """
-    from limo_driver.errors import ConfigError
-
     if against is not None and (sim is None or model is not None):
         given = "--model" if model is not None else "no --sim"
         raise ConfigError(
@@ -164,8 +160,6 @@ def of_simulations(found: SimulationComparison) -> Table:
 
 def table(evaluation: Evaluation) -> Table:
     """Return the figures per joint and on average."""
-    from limo_driver.app.console.terminal import table_of
-
     values = evaluation.as_values()
     result = table_of(
         "joint",
@@ -203,8 +197,6 @@ def table(evaluation: Evaluation) -> Table:
 def certainty(evaluation: Evaluation) -> Table:
     """Return how often the torque was within the model's 95 % interval, and how often outside."""
     from math import isnan
-
-    from limo_driver.app.console.terminal import table_of
 
     result = table_of(
         "joint",

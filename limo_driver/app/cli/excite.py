@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from limo_driver.app.cli.plan import Distances, require_writable
 from limo_driver.app.console.arguments import RobotOption, describe_options, refuse_options
+from limo_driver.app.console.terminal import progress, terminal
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import page_of, require_file
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -102,7 +104,6 @@ def command(
     from math import inf
 
     from estimators.rigid_body.base_parameters import Conditioning
-    from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limopa.excitation.page import draw, excitation_page
     from limopa.excitation.search import ExcitationRequest
@@ -156,7 +157,6 @@ def _excite(
     """Search behind a progress bar."""
     from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
 
-    from limo_driver.app.console.terminal import progress
     from limo_driver.app.library.moving import excite
 
     columns = ("exciting", BarColumn(), MofNCompleteColumn(), "iterations", TimeElapsedColumn())
@@ -172,7 +172,6 @@ def _excite(
 def _report(
     found: Excitation, conditioning: Conditioning, model: RobotModel, *, as_json: bool
 ) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     motion, console = found.trajectory, terminal(soft_wrap=True)
     condition, scaled = conditioning.condition(motion), conditioning.scaled(motion)
@@ -274,7 +273,6 @@ def excite_for_servos(
     """
     from limo_driver.app.library.moving import excite_servos
     from limo_driver.model import RobotModel
-    from limo_driver.runtime.outputs import page_of, require_file
     from limopa.excitation.page import servo_page
 
     if out.suffix.lower() != ".csv":
@@ -297,7 +295,6 @@ def excite_for_servos(
 
 
 def _report_servos(found: ServoExcitation, *, as_json: bool) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     if as_json:
         import json

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from limo_driver.app.console.arguments import describe_options
-from limo_driver.app.console.terminal import say
+from limo_driver.app.console.terminal import say, terminal
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from estimators.embedded.export import CodeExport
@@ -69,8 +70,6 @@ def command(
         limo export sim.yaml --to c --free calm.parquet --out firmware/
         limo export model/ --to ros2 --out ws/src/limo_dynamics
     """
-    from limo_driver.errors import ConfigError
-
     if to == "onnx":
         from limo_driver.app.library.exporting import export_onnx
 
@@ -95,7 +94,6 @@ def command(
 
 
 def _show_code(found: CodeExport, *, as_json: bool) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     if as_json:
         values = {
@@ -112,7 +110,6 @@ def _show_code(found: CodeExport, *, as_json: bool) -> None:
 
 
 def _print_json(found: Export) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     values = {
         "file": str(found.file),
@@ -132,8 +129,6 @@ def _print_json(found: Export) -> None:
 
 def show(found: Export) -> None:
     """Print what an export wrote."""
-    from limo_driver.app.console.terminal import terminal
-
     console = terminal(soft_wrap=True)
     for line in found.diff.splitlines():
         console.print(line)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 
 import typer
 
-from limo_driver.app.console.arguments import (
-    MappingOption,  # typer
-    describe_options,
-)
+from limo_driver.app.console.arguments import MappingOption, describe_options
 from limo_driver.app.console.terminal import (
-    Machines,  # typer
+    Machines,
     OnOption,
     WorkersOption,
+    terminal,
+    told_progress,
 )
 
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
@@ -51,7 +50,6 @@ def diagnose(
         limo fleet diagnose "s3://logs/**" --sim sim.yaml --out fleet --on ray
     """
     from estimators.fleet.page import PAGE, TABLE
-    from limo_driver.app.console.terminal import terminal, told_progress
     from limo_driver.app.library.fleets import diagnose_fleet
 
     notes = terminal(stderr=True, soft_wrap=True)

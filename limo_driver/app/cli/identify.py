@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,6 +13,8 @@ from limo_driver.app.console.arguments import (
     describe_options,
     refuse_options,
 )
+from limo_driver.app.console.terminal import print_notes, progress, terminal
+from limo_driver.runtime.outputs import page_of, require_file
 
 if TYPE_CHECKING:
     from estimators.rigid_body import Identification, JointTerms, Rows
@@ -76,11 +78,9 @@ def command(
     from estimators.rigid_body.page import identification_page
     from estimators.rigid_body.tables import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
-    from limo_driver.app.console.terminal import print_notes, terminal
     from limo_driver.app.library.inputs import model_for
     from limo_driver.app.library.reading import read
     from limo_driver.model import RobotModel
-    from limo_driver.runtime.outputs import page_of, require_file
 
     require_file(out, recordings)
     if (page := page_of(out)) is not None:
@@ -114,7 +114,6 @@ def _identify(
     rows: Rows,
     tolerance: float | None,
 ) -> Identification:
-    from limo_driver.app.console.terminal import progress
     from limo_driver.app.library.learning import identify
 
     with progress() as bar:
@@ -127,7 +126,6 @@ def _identify_drives(
 ) -> None:
     """Identify drives and friction of an arm that tells no torque."""
     from estimators.diagnosis.from_motion.page import drives_page
-    from limo_driver.app.console.terminal import print_notes, terminal
     from limo_driver.app.library.learning import identify_drives
 
     found = identify_drives(model, measured)
@@ -161,7 +159,6 @@ def _wrote(out: Path, page: Path | None) -> str:
 
 def _show(found: Identification, out: Path, page: Path | None, *, base: bool) -> None:
     from estimators.rigid_body.tables import base_table, joint_table, known_of, link_table, notes_of
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal()
     console.print(

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.console.arguments import RobotOption, describe_options
+from limo_driver.app.console.terminal import progress, shortened, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import page_of, require_file, require_parquet
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -83,7 +86,6 @@ def command(
         limo plan --scaffolds 5 --out short.traj.parquet --picture short.png \
             --json
     """
-    from limo_driver.app.console.terminal import shortened
     from limo_driver.model import RobotModel
     from limopa import PlanRequest, Workspace, draw, summarise
     from limopa.page import plan_page
@@ -111,9 +113,6 @@ def require_writable(out: Path, picture: Path | None, robot: str) -> Path | None
     Returns:
         Where the page goes, if there is to be one.
     """
-    from limo_driver.errors import ConfigError
-    from limo_driver.runtime.outputs import page_of, require_file, require_parquet
-
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
     if picture is not None and picture.resolve() == out.resolve():
@@ -130,7 +129,6 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
     """Plan behind a progress bar."""
     from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-    from limo_driver.app.console.terminal import progress
     from limo_driver.app.library.moving import plan
 
     columns = ("planning", BarColumn(), MofNCompleteColumn(), "scaffolds", TimeRemainingColumn())
@@ -145,7 +143,6 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
 
 
 def _report(statistics: Statistics, *, as_json: bool) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     if as_json:
         import json

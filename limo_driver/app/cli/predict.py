@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.app.console.arguments import (
-    MappingOption,  # typer reads it
-    describe_options,
-)
+from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.terminal import terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_file, require_parquet, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -67,11 +67,9 @@ def command(
         limo predict run.parquet --model model/ --delay 0.1 --out torque.parquet
         limo predict run.parquet --sim sim.yaml --free-running --out moved.parquet
     """
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.learning import predict
     from limo_driver.app.library.reading import read, read_commanded
     from limo_driver.app.library.simulating import simulate_forward
-    from limo_driver.runtime.outputs import require_file, require_parquet
 
     require_file(out, [path for path in (recording, sim) if path is not None])
     require_parquet(out)
@@ -106,8 +104,6 @@ def _check_free_running(model: Path | None, bandwidth: float | None, delay: floa
     Raises:
         ConfigError: One of them is given.
     """
-    from limo_driver.errors import ConfigError
-
     given = {"--model": model, "--bandwidth": bandwidth, "--delay": delay}
     if named := [name for name, value in given.items() if value is not None]:
         raise ConfigError(
@@ -134,7 +130,6 @@ def _load(
     Raises:
         ConfigError: Both or none were given, or a bandwidth to a model.
     """
-    from limo_driver.errors import ConfigError
     from limo_driver.physics import Simulation
 
     if (sim is None) == (model is None):
@@ -180,8 +175,6 @@ def write(
     import numpy as np
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-    from limo_driver.runtime.outputs import whole
 
     left_out = np.ones(recording.rows_total, dtype=bool)
     left_out[recording.rows] = False

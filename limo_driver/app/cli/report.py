@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 
 from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.terminal import terminal
 
 
 @describe_options
@@ -30,7 +31,6 @@ def command(
     from estimators.diagnosis.reading import verdict_in
     from estimators.diagnosis.report.truth import comparison
     from estimators.diagnosis.verdict import IMPROVED
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.physics import Simulation
 
     verdicts = [verdict_in(folder) for folder in (first, second)]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from limo_driver.app.cli import INTERRUPTED
 from limo_driver.app.console.arguments import ROBOTS, Network, RosDomain, describe_options
-from limo_driver.app.console.terminal import say
+from limo_driver.app.console.terminal import progress, say, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_apart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -82,10 +84,8 @@ def command(
             --record run.parquet --fifo
     """
     from limo_driver.app.library.moving import Streaming, play
-    from limo_driver.errors import ConfigError
     from limo_driver.physics import Simulation
     from limo_driver.robot.playback import NotBegunError
-    from limo_driver.runtime.outputs import require_apart
     from limo_driver.trajectory import Trajectory
 
     if wait is not None and not stream:
@@ -138,8 +138,6 @@ def _say_it_stands(name: str) -> None:
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
     from rich.progress import BarColumn, TimeRemainingColumn
 
-    from limo_driver.app.console.terminal import progress
-
     with progress("{task.description}", BarColumn(), TimeRemainingColumn(), quiet=quiet) as bar:
         task = bar.add_task("moving and recording")
         yield lambda done, total: bar.update(task, completed=done, total=total)
@@ -147,8 +145,6 @@ def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
 
 def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
     from rich.table import Table
-
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal()
     if as_json:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from limo_driver.app.console.arguments import Network, RosDomain, describe_options
-from limo_driver.app.console.terminal import say
+from limo_driver.app.console.terminal import say, terminal
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -176,7 +177,6 @@ def free_contact(
         ConfigError: There is no model, or contacts are given twice.
     """
     from limo_driver.app.library.contacts import contact_thresholds
-    from limo_driver.errors import ConfigError
 
     if model is None:
         raise ConfigError("--free takes --model, whose errors on that motion it judges")
@@ -195,8 +195,6 @@ def per_joint(option: str, text: str, unit: str) -> tuple[float, ...]:
     Raises:
         ConfigError: It is no such list, or not above 0 and finite.
     """
-    from limo_driver.errors import ConfigError
-
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -212,7 +210,6 @@ def log_limits(size: float, age: float, arms: int) -> LogLimits:
     Raises:
         ConfigError: A limit is not above 0.
     """
-    from limo_driver.errors import ConfigError
     from limo_driver.logs.mcap_log import LogLimits
 
     for option, value, unit in (("--log-size", size, "GB"), ("--log-age", age, "days")):
@@ -230,8 +227,6 @@ def stores_of(given: list[str], store: Path | None) -> dict[str, Path | None]:
     Raises:
         ConfigError: An arm is named twice, or has two stores.
     """
-    from limo_driver.errors import ConfigError
-
     stores: dict[str, Path | None] = {}
     for entry in given:
         name, _, own = entry.partition("=")
@@ -253,7 +248,6 @@ def retraining_of(
 ) -> RetrainingSettings | None:
     """Return how to retrain, or None where it is not wanted or not possible."""
     from estimators.service.settings import RetrainingSettings
-    from limo_driver.errors import ConfigError
 
     possible = None not in stores.values() and log is not None
     if wanted and not possible:
@@ -275,8 +269,6 @@ def teller(*, several: bool, as_json: bool) -> Callable[[str, Event], None]:
     For people, how far the service is comes on standard output, everything else on standard error.
     """
     import json
-
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal(stderr=not as_json)
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from limo_driver.app.console.arguments import describe_options
-from limo_driver.app.console.terminal import Machines, OnOption, WorkersOption  # typer
+from limo_driver.app.console.terminal import (
+    Machines,
+    OnOption,
+    WorkersOption,
+    terminal,
+    told_progress,
+)
 
 
 @describe_options
@@ -39,7 +45,6 @@ def command(
     Example:
         limo simulate "plans/*.traj.parquet" --sim sim.yaml --seeds 10 --out data
     """
-    from limo_driver.app.console.terminal import terminal, told_progress
     from limo_driver.app.library.simulating import simulate_dataset
 
     notes = terminal(stderr=True, soft_wrap=True)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
 from limo_driver.app.console.arguments import MappingOption, describe_options, refuse_options
 from limo_driver.app.console.terminal import (
-    Machines,  # typer
+    Machines,
     OnOption,
     WorkersOption,
+    print_notes,
+    progress,
+    terminal,
+    told_progress,
 )
+from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -126,7 +131,6 @@ def command(
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inputs import require_model
     from limo_driver.app.library.reading import read
 
@@ -168,10 +172,8 @@ def _load(
     recordings: list[Path], sim: Path, out: Path, mapping: Path | None
 ) -> tuple[Simulation, list[Recording]]:
     """Read simulation and recordings; say on stderr what is left out of them."""
-    from limo_driver.app.console.terminal import print_notes
     from limo_driver.app.library.reading import read
     from limo_driver.physics import Simulation
-    from limo_driver.runtime.outputs import require_folder
 
     simulation = Simulation.load(sim)
     measured = [read(path, simulation.model, mapping) for path in recordings]
@@ -192,7 +194,6 @@ def _train(
 
     from rich.progress import BarColumn, TimeRemainingColumn
 
-    from limo_driver.app.console.terminal import progress
     from limo_driver.app.library.learning import train
 
     if settings is None:
@@ -287,7 +288,6 @@ def run_sweep(
     from rich.table import Table
 
     from estimators.sweep.saving import BEST, PAGE, TABLE
-    from limo_driver.app.console.terminal import terminal, told_progress
     from limo_driver.app.library.sweeping import sweep
 
     notes, console = terminal(stderr=True, soft_wrap=True), terminal()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -22,11 +22,8 @@ from limo_driver.app.cli.models.options import (
     opened,
     print_found,
 )
-from limo_driver.app.console.arguments import (
-    MappingOption,  # typer reads it
-    Network,
-    describe_options,
-)
+from limo_driver.app.console.arguments import MappingOption, Network, describe_options
+from limo_driver.app.console.terminal import terminal
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -132,7 +129,6 @@ def list_versions(
         limo models list --arm iiwa14
     """
     from estimators.service.store.remote_store import RemoteStore
-    from limo_driver.app.console.terminal import terminal
 
     left_out: list[str] = []
     with place.reached() as models:

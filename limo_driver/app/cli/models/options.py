@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limo_driver.app.console.arguments import Network
+from limo_driver.app.console.terminal import terminal
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -82,8 +84,6 @@ class VersionSource:
         Raises:
             ConfigError: Options of a running service are given.
         """
-        from limo_driver.errors import ConfigError
-
         if any(self.network.ends):
             raise ConfigError("--connect, --listen and --zenoh-config reach a service: give --arm")
         return opened(self.store, self.robot, self.trust)
@@ -96,8 +96,6 @@ class VersionSource:
             ConfigError: Options of a store are given.
             ConnectionLostError: There is no session to be had.
         """
-        from limo_driver.errors import ConfigError
-
         assert self.arm is not None  # noqa: S101  # else there is nobody to ask
         if self.store != MODELS or self.robot or self.trust:
             raise ConfigError(
@@ -119,8 +117,6 @@ def asked(arm: str, network: Network) -> Generator[ModelClient]:
 
 def print_found(values: Any, table: Table | str, *, as_json: bool) -> None:  # noqa: ANN401  # JSON
     """Print values as JSON, or else the table."""
-    from limo_driver.app.console.terminal import terminal
-
     if as_json:
         terminal().print_json(data=values)
     else:

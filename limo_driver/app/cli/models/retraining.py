@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -20,10 +20,10 @@ from limo_driver.app.cli.models.options import (
     opened,
     print_found,
 )
-from limo_driver.app.console.arguments import (
-    MappingOption,  # typer reads it
-    describe_options,
-)
+from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.terminal import table_of
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_file, whole
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -66,8 +66,6 @@ def retrain(
         limo models retrain --arm iiwa14 --reason "the tool was changed"
         limo models retrain --store models/ --log logs/ --seconds 600
     """
-    from limo_driver.errors import ConfigError
-
     if (place.arm is None) == (log is None):
         raise ConfigError("give --arm to ask a running service, or --log to learn without one")
     if place.arm is not None:
@@ -82,7 +80,6 @@ def retrain(
 
 
 def _refuse_options_of_logs(name: str | None, sign: Path | None, kind: str) -> None:
-    from limo_driver.errors import ConfigError
 
     if name is not None or sign is not None or kind != "same":
         raise ConfigError(
@@ -119,8 +116,6 @@ def _only_arm(folder: Path) -> str:
     Raises:
         ConfigError: There are none, or of several arms.
     """
-    from limo_driver.errors import ConfigError
-
     found = sorted({m[1] for path in folder.glob("*.mcap") if (m := _NAME.fullmatch(path.stem))})
     if len(found) != 1:
         told = f"of {', '.join(found)}; say which with --name" if found else "of no arm"
@@ -165,7 +160,6 @@ def compare(
     """
     from estimators.service.comparison import compare_versions, difference_figure
     from limo_driver.app.library.reading import read
-    from limo_driver.runtime.outputs import require_file, whole
 
     if out is not None:
         require_file(out, [data])
@@ -182,7 +176,6 @@ def compare(
 
 
 def _table(found: Comparison, versions: tuple[Version, Version]) -> Table:
-    from limo_driver.app.console.terminal import table_of
 
     first, second = (f"version {version.number}" for version in versions)
     table = table_of(

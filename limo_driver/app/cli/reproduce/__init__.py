@@ -10,7 +10,9 @@ import typer
 
 from limo_driver.app.cli import INTERRUPTED
 from limo_driver.app.console.arguments import describe_options
-from limo_driver.app.console.terminal import Machines, OnOption
+from limo_driver.app.console.terminal import Machines, OnOption, progress, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import only_writer, require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -74,8 +76,6 @@ def table1(
     from dataclasses import replace
 
     from estimators.reproduction.results import Protocol
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.runtime.outputs import only_writer, require_folder
 
     notes = terminal(stderr=True, soft_wrap=True)
     protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
@@ -121,7 +121,6 @@ def _compute(folder: Path, out: Path, protocol: Protocol, where: Trials, notes: 
     from estimators.reproduction.picture import PICTURE, draw
     from estimators.reproduction.results import Table
     from estimators.reproduction.workers import TrialPlace
-    from limo_driver.runtime.outputs import require_folder
 
     read = TableData.load(folder)
     for name in ("trials", "prepared"):
@@ -150,7 +149,6 @@ def _processes(jobs: int | None, device: str, on: Machines) -> int | None:
     """
     from estimators.hybrid.training.fit import find_device
     from estimators.reproduction.workers import physical_cores
-    from limo_driver.errors import ConfigError
 
     gpu = find_device(device).type == "cuda"
     if jobs is not None and jobs < 1:
@@ -167,7 +165,6 @@ def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
     from rich.progress import BarColumn, TimeElapsedColumn
 
     from limo_driver.app.cli.reproduce.simulated_data import FULL, QUICK, make
-    from limo_driver.app.console.terminal import progress
 
     notes.print(f"{folder} is not there: making it with the simulated arm")
     with progress("{task.description}", BarColumn(), TimeElapsedColumn(), console=notes) as bar:
@@ -226,7 +223,6 @@ def _print(table: Table, out: Path) -> None:
     from estimators.reproduction.claims import cell, done
     from estimators.reproduction.data import PARTS, ROWS
     from estimators.reproduction.results import SPLIT_NAMES, SPLITS
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal()
     console.print(table.headline())

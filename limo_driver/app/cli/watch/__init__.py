@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.console.arguments import Network, describe_options
-from limo_driver.app.console.terminal import say
+from limo_driver.app.console.terminal import say, shortened
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     import zenoh
@@ -62,8 +63,6 @@ def command(
         limo watch --arm iiwa14 --rerun monday.rrd --duration 60
     """
     from limo_driver.app.cli.watch.screen import Watched, show
-    from limo_driver.app.console.terminal import shortened
-    from limo_driver.errors import ConfigError
     from limo_driver.network.streaming import Keys, follow_history
 
     drawn = "--web" if web else "" if rerun is None else "--rerun"
