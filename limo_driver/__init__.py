@@ -41,9 +41,8 @@ if TYPE_CHECKING:
         predict,
         train,
     )
-    from limo_driver.app.library.planning import excite, excite_servos, plan
+    from limo_driver.app.library.moving import Streaming, excite, excite_servos, plan, run
     from limo_driver.app.library.reading import read
-    from limo_driver.app.library.running import Streaming, run
     from limo_driver.app.library.serving import serve
     from limo_driver.app.library.simulating import predict_forward, simulate, simulate_dataset
     from limo_driver.app.library.sweeping import sweep
@@ -78,63 +77,38 @@ if TYPE_CHECKING:
 
     __version__: str
 
-_HOME = {
-    "Commanded": "limo_driver.recordings.commanded",
-    "ExcitationRequest": "limopa",
-    "Exploring": "limopa",
-    "ImpedanceCommand": "limo_driver.types",
-    "JointState": "limo_driver.types",
-    "JointTerms": "estimators.rigid_body",
-    "LimoError": "limo_driver.errors",
-    "LogLimits": "limo_driver.logs.mcap_log",
-    "LogMapping": "limo_driver.logs.readers.mapping",
-    "Motion": "limo_driver.types",
-    "PlanRequest": "limopa",
-    "PositionCommand": "limo_driver.types",
-    "Reaching": "limopa",
-    "Recording": "limo_driver.recordings.recording",
-    "RetrainingSettings": "estimators.service.settings",
-    "Robot": "limo_driver.robot.robot",
-    "RobotModel": "limo_driver.model",
-    "RosTopic": "limo_driver.network.ros",
-    "Rows": "estimators.rigid_body",
-    "ServiceSettings": "estimators.service.settings",
-    "ServoRequest": "limopa",
-    "Simulation": "limo_driver.physics",
-    "Streaming": "limo_driver.app.library.running",
-    "Surroundings": "limopa",
-    "TorqueCommand": "limo_driver.types",
-    "TrainingSettings": "estimators.hybrid.training.settings",
-    "Trajectory": "limo_driver.trajectory",
-    "Workspace": "limopa",
-    "WrenchCommand": "limo_driver.types",
-    "contact_thresholds": "limo_driver.app.library.contacts",
-    "diagnose": "limo_driver.app.library.diagnosing",
-    "diagnose_fleet": "limo_driver.app.library.fleets",
-    "evaluate": "limo_driver.app.library.learning",
-    "excite": "limo_driver.app.library.planning",
-    "excite_servos": "limo_driver.app.library.planning",
-    "export": "limo_driver.app.library.exporting",
-    "export_c": "limo_driver.app.library.exporting",
-    "export_onnx": "limo_driver.app.library.exporting",
-    "export_ros2": "limo_driver.app.library.exporting",
-    "external_wrench": "limo_driver.app.library.contacts",
-    "identify": "limo_driver.app.library.learning",
-    "inspect": "limo_driver.app.library.inspecting",
-    "load_model": "limo_driver.app.library.learning",
-    "nominal": "limo_driver.app.library.learning",
-    "open_robot": "limo_driver.robot.registry",
-    "plan": "limo_driver.app.library.planning",
-    "predict": "limo_driver.app.library.learning",
-    "predict_forward": "limo_driver.app.library.simulating",
-    "read": "limo_driver.app.library.reading",
-    "run": "limo_driver.app.library.running",
-    "serve": "limo_driver.app.library.serving",
-    "simulate": "limo_driver.app.library.simulating",
-    "simulate_dataset": "limo_driver.app.library.simulating",
-    "sweep": "limo_driver.app.library.sweeping",
-    "train": "limo_driver.app.library.learning",
+_NAMES = {  # by the module that has them
+    "estimators.hybrid.training.settings": "TrainingSettings",
+    "estimators.rigid_body": "JointTerms Rows",
+    "estimators.service.settings": "RetrainingSettings ServiceSettings",
+    "limo_driver.app.library.contacts": "contact_thresholds external_wrench",
+    "limo_driver.app.library.diagnosing": "diagnose",
+    "limo_driver.app.library.exporting": "export export_c export_onnx export_ros2",
+    "limo_driver.app.library.fleets": "diagnose_fleet",
+    "limo_driver.app.library.inspecting": "inspect",
+    "limo_driver.app.library.learning": "evaluate identify load_model nominal predict train",
+    "limo_driver.app.library.moving": "Streaming excite excite_servos plan run",
+    "limo_driver.app.library.reading": "read",
+    "limo_driver.app.library.serving": "serve",
+    "limo_driver.app.library.simulating": "predict_forward simulate simulate_dataset",
+    "limo_driver.app.library.sweeping": "sweep",
+    "limo_driver.errors": "LimoError",
+    "limo_driver.logs.mcap_log": "LogLimits",
+    "limo_driver.logs.readers.mapping": "LogMapping",
+    "limo_driver.model": "RobotModel",
+    "limo_driver.network.ros": "RosTopic",
+    "limo_driver.physics": "Simulation",
+    "limo_driver.recordings.commanded": "Commanded",
+    "limo_driver.recordings.recording": "Recording",
+    "limo_driver.robot.registry": "open_robot",
+    "limo_driver.robot.robot": "Robot",
+    "limo_driver.trajectory": "Trajectory",
+    "limo_driver.types": "ImpedanceCommand JointState Motion PositionCommand TorqueCommand "
+    "WrenchCommand",
+    "limopa": "ExcitationRequest Exploring PlanRequest Reaching ServoRequest Surroundings "
+    "Workspace",
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
     "Commanded",
@@ -204,7 +178,7 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    from limo_driver.runtime.packages import require_own_packages
+    from limo_driver.runtime.plugins import require_own_packages
 
     if name != "LimoError":  # by which to catch what this raises
         require_own_packages()

@@ -14,9 +14,9 @@ from limo_driver.runtime.parameters import Declared, parameter, shown
 Range = tuple[float, float]
 
 
-def share_of_limit(description: str, default: Range):  # noqa: ANN201  # a dataclass field
+def share_of_limit(default: Range):  # noqa: ANN201  # a dataclass field
     """Declare a range of shares of a limit, which are drawn."""
-    return parameter("1", description, length=2, lower=0.0, upper=1.0, above=True, default=default)
+    return parameter("1", length=2, lower=0.0, upper=1.0, above=True, default=default)
 
 
 @dataclass(frozen=True)
@@ -77,18 +77,9 @@ class Surroundings(Declared):
         >>> limo.PlanRequest(scaffolds=4, surroundings=limo.Surroundings(table_height=-0.1))
     """
 
-    joint_margin: float = parameter(
-        "rad", "kept from either end of a joint's range", lower=0.0, default=radians(5.0)
-    )
-    clearance: float = parameter(
-        "m",
-        "kept between links, and between links and the table",
-        lower=0.0,
-        upper=1.0,
-        above=True,
-        default=0.02,
-    )
-    table_height: float = parameter("m", "of the table plane in the base frame", default=0.0)
+    joint_margin: float = parameter("rad", lower=0.0, default=radians(5.0))
+    clearance: float = parameter("m", lower=0.0, upper=1.0, above=True, default=0.02)
+    table_height: float = parameter("m", default=0.0)
     self_collision: bool = True  # False: links are not checked against each other
 
 
@@ -108,8 +99,8 @@ class Reaching(Declared):
     """
 
     _called = "reaching"
-    velocity: tuple[float, float] = share_of_limit("drawn for each joint and phase", (0.6, 0.9))
-    acceleration: tuple[float, float] = share_of_limit("drawn for each joint and phase", (0.6, 0.9))
+    velocity: tuple[float, float] = share_of_limit((0.6, 0.9))
+    acceleration: tuple[float, float] = share_of_limit((0.6, 0.9))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -142,23 +133,15 @@ class Exploring(Declared):
     """
 
     _called = "exploring"
-    sinusoids: int = parameter("", "for each joint", lower=1, default=3)
+    sinusoids: int = parameter("", lower=1, default=3)
     amplitude: tuple[float, float] = parameter(
         "rad", length=2, lower=0.0, above=True, default=(radians(0.5), radians(3.0))
     )
-    frequency: tuple[float, float] = parameter(
-        "Hz", "of nominal time", length=2, default=(-4.0, 4.0)
-    )
+    frequency: tuple[float, float] = parameter("Hz", length=2, default=(-4.0, 4.0))
     phase: tuple[float, float] = parameter("rad", length=2, default=(0.0, 2 * pi))
-    waypoints: tuple[int, int] = parameter(
-        "", "both ends included", length=2, lower=2, default=(2000, 2500)
-    )
-    velocity: tuple[float, float] = share_of_limit(
-        "of the leading joint, drawn for each phase", (0.1, 0.3)
-    )
-    waypoint_period: float = parameter(
-        "s", "of nominal time", lower=0.0, above=True, default=0.0016
-    )
+    waypoints: tuple[int, int] = parameter("", length=2, lower=2, default=(2000, 2500))
+    velocity: tuple[float, float] = share_of_limit((0.1, 0.3))
+    waypoint_period: float = parameter("s", lower=0.0, above=True, default=0.0016)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -189,17 +172,11 @@ class PlanRequest(Declared):
     """
 
     scaffolds: int = parameter("", lower=1, default=150)
-    rate: float = parameter("Hz", "of the trajectory's samples", lower=50, upper=1e4, default=250.0)
+    rate: float = parameter("Hz", lower=50, upper=1e4, default=250.0)
     workspace: Workspace = field(default_factory=Workspace)
     surroundings: Surroundings = field(default_factory=Surroundings)
     reaching: Reaching = field(default_factory=Reaching)
     exploring: Exploring = field(default_factory=Exploring)
-    candidates: int = parameter(
-        "", "random configurations tried in vain before giving up", lower=1, default=200_000
-    )
-    exploring_tries: int = parameter(
-        "", "draws of one exploring phase before its scaffold is replaced", lower=1, default=50
-    )
-    repairs: int = parameter(
-        "", "replaced or added scaffolds in a row before giving up", lower=1, default=50
-    )
+    candidates: int = parameter("", lower=1, default=200_000)
+    exploring_tries: int = parameter("", lower=1, default=50)
+    repairs: int = parameter("", lower=1, default=50)

@@ -45,19 +45,21 @@ OF_CIA402: Final = {"master", "on_lost", "status_every", "temperature", "followi
 
 @dataclass(frozen=True, kw_only=True)
 class Bus(Declared):
-    """Connection to the bus, in python-can's terms; `options` hold all others that it takes."""
+    """Connection to the bus, in python-can's terms; `options` hold all others that it takes.
 
-    interface: str = parameter(
-        "", "python-can's name: socketcan, udp_multicast, virtual, pcan, ..."
-    )
-    channel: str = parameter("", "of the interface")
-    bitrate: int = parameter(
-        "bit/s", "of the arbitration", default=1_000_000, lower=10_000, upper=1_000_000
-    )
-    fd: bool = parameter("", "whether frames are CAN FD", default=False)
-    data_bitrate: int = parameter(
-        "bit/s", "of the data of FD", default=5_000_000, lower=10_000, upper=8_000_000
-    )
+    Args:
+        interface: Python-can's name: socketcan, udp_multicast, virtual, pcan, ...
+        channel: Of the interface.
+        bitrate: Of the arbitration.
+        fd: Whether frames are CAN FD.
+        data_bitrate: Of the data of FD.
+    """
+
+    interface: str = parameter("")
+    channel: str = parameter("")
+    bitrate: int = parameter("bit/s", default=1_000_000, lower=10_000, upper=1_000_000)
+    fd: bool = parameter("", default=False)
+    data_bitrate: int = parameter("bit/s", default=5_000_000, lower=10_000, upper=8_000_000)
     options: Mapping[str, Option] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -68,11 +70,17 @@ class Bus(Declared):
 
 @dataclass(frozen=True, kw_only=True)
 class Temperature(Declared):
-    """Object in which CiA 402 drives keep their temperature; no standard object is for it."""
+    """Object in which CiA 402 drives keep their temperature; no standard object is for it.
 
-    object: int = parameter("", "index, of an i16", lower=0x2000, upper=0x9FFF)
-    subindex: int = parameter("", "of the object", default=0, lower=0, upper=254)
-    step: float = parameter("°C", "of one count", default=0.1, lower=0.0, upper=100.0, above=True)
+    Args:
+        object: Index, of an i16.
+        subindex: Of the object.
+        step: Of one count.
+    """
+
+    object: int = parameter("", lower=0x2000, upper=0x9FFF)
+    subindex: int = parameter("", default=0, lower=0, upper=254)
+    step: float = parameter("°C", default=0.1, lower=0.0, upper=100.0, above=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,27 +88,28 @@ class Cia402Joint(Declared):
     """A joint with a CiA 402 drive.
 
     count = direction (q - offset) counts_per_turn gear / 2 pi
+
+    Args:
+        node: CANopen node id.
+        counts_per_turn: Of the encoder.
+        gear: Encoder turns per joint turn.
+        rated_torque: At the joint.
+        torque_ratio: Torque at the joint over object 6076.
+        direction: Of the count.
+        offset: Joint position at count 0.
+        serial: Object 1018:04, where known.
+        vendor: Object 1018:01, where known.
     """
 
-    node: int = parameter("", "CANopen node id", lower=1, upper=127)
-    counts_per_turn: float = parameter("1", "of the encoder", lower=0.0, upper=2.0**32, above=True)
-    gear: float = parameter(
-        "1", "encoder turns per joint turn", default=1.0, lower=0.0, upper=1e5, above=True
-    )
-    rated_torque: float = parameter("N m", "at the joint", lower=0.0, upper=1e5, above=True)
-    torque_ratio: float = parameter(
-        "1", "torque at the joint over object 6076", default=1.0, lower=0.0, upper=1e5, above=True
-    )
-    direction: int = parameter("", "of the count", default=1, of=(1, -1))
-    offset: float = parameter(
-        "rad", "joint position at count 0", default=0.0, lower=-1e3, upper=1e3
-    )
-    serial: int | None = parameter(
-        "", "object 1018:04, where known", default=None, lower=0, upper=2**32 - 1
-    )
-    vendor: int | None = parameter(
-        "", "object 1018:01, where known", default=None, lower=0, upper=2**32 - 1
-    )
+    node: int = parameter("", lower=1, upper=127)
+    counts_per_turn: float = parameter("1", lower=0.0, upper=2.0**32, above=True)
+    gear: float = parameter("1", default=1.0, lower=0.0, upper=1e5, above=True)
+    rated_torque: float = parameter("N m", lower=0.0, upper=1e5, above=True)
+    torque_ratio: float = parameter("1", default=1.0, lower=0.0, upper=1e5, above=True)
+    direction: int = parameter("", default=1, of=(1, -1))
+    offset: float = parameter("rad", default=0.0, lower=-1e3, upper=1e3)
+    serial: int | None = parameter("", default=None, lower=0, upper=2**32 - 1)
+    vendor: int | None = parameter("", default=None, lower=0, upper=2**32 - 1)
 
     @property
     def counts_per_radian(self) -> float:
@@ -110,18 +119,23 @@ class Cia402Joint(Declared):
 
 @dataclass(frozen=True, kw_only=True)
 class DamiaoJoint(Declared):
-    """A joint with a Damiao motor in MIT mode: q = direction (motor - offset)."""
+    """A joint with a Damiao motor in MIT mode: q = direction (motor - offset).
 
-    node: int = parameter("", "id that it takes commands on", lower=1, upper=0x7F)
-    reply: int = parameter(
-        "", "id of its replies; 0 is node + 0x10", default=0, lower=0, upper=0x7FE
-    )
-    direction: int = parameter("", "of the count", default=1, of=(1, -1))
-    offset: float = parameter(
-        "rad", "motor position at joint zero", default=0.0, lower=-1e3, upper=1e3
-    )
-    stiffness: float = parameter("N m/rad", "kp of positions", default=50.0, lower=0.0, upper=500.0)
-    damping: float = parameter("N m s/rad", "kd of positions", default=1.0, lower=0.0, upper=5.0)
+    Args:
+        node: Id that it takes commands on.
+        reply: Id of its replies; 0 is node + 0x10.
+        direction: Of the count.
+        offset: Motor position at joint zero.
+        stiffness: Kp of positions.
+        damping: Kd of positions.
+    """
+
+    node: int = parameter("", lower=1, upper=0x7F)
+    reply: int = parameter("", default=0, lower=0, upper=0x7FE)
+    direction: int = parameter("", default=1, of=(1, -1))
+    offset: float = parameter("rad", default=0.0, lower=-1e3, upper=1e3)
+    stiffness: float = parameter("N m/rad", default=50.0, lower=0.0, upper=500.0)
+    damping: float = parameter("N m s/rad", default=1.0, lower=0.0, upper=5.0)
 
     @property
     def reply_id(self) -> int:
@@ -134,38 +148,33 @@ Joint = Cia402Joint | DamiaoJoint
 
 @dataclass(frozen=True, kw_only=True)
 class ArmConfig(Declared):
-    """All that is to be known of an arm before its bus is opened."""
+    """All that is to be known of an arm before its bus is opened.
+
+    Args:
+        convention: Of the drives.
+        robot: Built-in name or URDF.
+        rate: Of control cycles.
+        master: Node id of this program's heartbeat.
+        watchdog: Of silence, after which drives stop.
+        on_lost: What drives then do.
+        hold_after: Cycles of a silent joint.
+        following_error: By which a joint may be off its latest set-points.
+        status_every: Cycles between drive statuses.
+        answer_timeout: For the answer of a drive at start-up.
+    """
 
     bus: Bus
-    convention: Literal["cia402", "damiao"] = parameter(
-        "", "of the drives", default=CIA402, of=CONVENTIONS
-    )
-    robot: str = parameter("", "built-in name or URDF")
+    convention: Literal["cia402", "damiao"] = parameter("", default=CIA402, of=CONVENTIONS)
+    robot: str = parameter("")
     joints: tuple[Joint, ...]
-    rate: float = parameter("Hz", "of control cycles", default=250.0, lower=1.0, upper=4000.0)
-    master: int = parameter(
-        "", "node id of this program's heartbeat", default=127, lower=1, upper=127
-    )
-    watchdog: float = parameter(
-        "s", "of silence, after which drives stop", default=0.1, lower=0.002, upper=5.0
-    )
-    on_lost: str = parameter(
-        "", "what drives then do", default="quick_stop", of=("quick_stop", "fault", "disable")
-    )
-    hold_after: int = parameter("", "cycles of a silent joint", default=2, lower=1, upper=1000)
-    following_error: float = parameter(
-        "rad",
-        "by which a joint may be off its latest set-points",
-        default=0.05,
-        lower=0.001,
-        upper=3.0,
-    )
-    status_every: int = parameter(
-        "", "cycles between drive statuses", default=10, lower=1, upper=240
-    )
-    answer_timeout: float = parameter(
-        "s", "for the answer of a drive at start-up", default=1.0, lower=0.01, upper=60.0
-    )
+    rate: float = parameter("Hz", default=250.0, lower=1.0, upper=4000.0)
+    master: int = parameter("", default=127, lower=1, upper=127)
+    watchdog: float = parameter("s", default=0.1, lower=0.002, upper=5.0)
+    on_lost: str = parameter("", default="quick_stop", of=("quick_stop", "fault", "disable"))
+    hold_after: int = parameter("", default=2, lower=1, upper=1000)
+    following_error: float = parameter("rad", default=0.05, lower=0.001, upper=3.0)
+    status_every: int = parameter("", default=10, lower=1, upper=240)
+    answer_timeout: float = parameter("s", default=1.0, lower=0.01, upper=60.0)
     temperature: Temperature | None = None
 
     def __post_init__(self) -> None:

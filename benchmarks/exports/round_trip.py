@@ -33,7 +33,7 @@ from limo_driver.physics import (
 )
 
 if TYPE_CHECKING:
-    from limo_driver.exports import Export
+    from limo_driver.exports.export import Export
     from limo_driver.physics import Effect
 
 BAR = 0.01

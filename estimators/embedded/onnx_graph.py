@@ -18,7 +18,7 @@ from estimators.hybrid import HybridModel
 from estimators.neural.lstm import Lstm, LstmFcl, cell_name
 from estimators.neural.mlp import Mlp
 from limo_driver.errors import ConfigError
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,7 +18,7 @@ from estimators.embedded.export import NAME, CodeExport, export_c, named, simula
 from estimators.embedded.tables import table
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import ConfigError
-from limo_driver.model.wrench import FlangeWrench
+from limo_driver.model.kinematics import FlangeWrench
 from limo_driver.physics import Simulation
 from limo_driver.quoting import in_c_string, in_xml
 from limo_driver.runtime.outputs import require_folder, whole

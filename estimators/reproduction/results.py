@@ -60,14 +60,18 @@ _LONG: Final = 120.0  # [s], told in minutes from here on
 class Protocol(Declared):
     """Extent of the table that is computed; the defaults are the paper's.
 
+    Args:
+        runs: Trainings of each row, from other seeds.
+        batch: Sub-sequences of one step of the optimiser.
+
     Raises:
         ConfigError: A number is below 1.
     """
 
-    runs: int = parameter("", "trainings of each row, from other seeds", lower=1, default=10)
+    runs: int = parameter("", lower=1, default=10)
     epochs: int = parameter("", lower=1, default=100)
     batch: int = parameter(  # an MLP keeps the paper's rows
-        "", "sub-sequences of one step of the optimiser", lower=1, default=50
+        "", lower=1, default=50
     )
 
     def __str__(self) -> str:

@@ -64,9 +64,7 @@ class LogLimits(Declared):
     file_seconds: float = _limit("s", "a new file is begun beyond this", 600.0)
     total_bytes: float = _limit("", "the oldest finished files are deleted beyond this", inf)
     total_seconds: float = _limit("s", "so are files last written longer ago than this", inf)
-    queue: int = parameter(
-        "", "messages that wait for the disk; more are dropped", lower=1, default=20_000
-    )
+    queue: int = parameter("", lower=1, default=20_000)
 
 
 class McapLog(Closing):

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from limo_driver.model.descriptions.geometry import Inertial
+    from limo_driver.model.kinematics import ExternalWrench
     from limo_driver.model.robot_model import BUILT_IN, Capsule, RobotModel
-    from limo_driver.model.wrench import ExternalWrench
 
 __all__ = ["BUILT_IN", "Capsule", "ExternalWrench", "Inertial", "RobotModel"]
 _HOME = {"ExternalWrench": "wrench", "Inertial": "descriptions.geometry"}

@@ -1,16 +1,17 @@
-"""How a session on the network is made, and the options of commands that ask for one."""
+"""How a session on the network is made."""
 
 from __future__ import annotations
 
 import json
 import re
-from pathlib import Path  # typer reads the annotations
-from typing import Annotated, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
-import typer
 import zenoh
 
 from limo_driver.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _TLS: Final = "transport/link/tls"
 _PATHS: Final = (
@@ -26,28 +27,6 @@ _MESSAGE: Final = re.compile(  # as Zenoh's parser prints its errors, for progra
     r"location: (?:None|Some\(Location \{ line: (\d+), column: (\d+) \}\)) \}"
 )
 _SOURCE: Final = re.compile(r" at /\S+\.rs:\d+\.?")  # where Zenoh was built
-Connect: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="ENDPOINT",
-        help="Zenoh endpoint to reach, for example tcp/192.168.1.2:7447; several count.",
-    ),
-]
-Listen: TypeAlias = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="ENDPOINT",
-        help="Zenoh endpoint to be reached at, for example tcp/0.0.0.0:7447.",
-    ),
-]
-ConfigFile: TypeAlias = Annotated[
-    Path | None,
-    typer.Option("--zenoh-config", help="Zenoh's own configuration (JSON5): routers, TLS, users."),
-]
-RosDomain: TypeAlias = Annotated[
-    int,
-    typer.Option(help="ROS_DOMAIN_ID of the ROS 2 nodes."),
-]
 
 
 def read_config(path: Path) -> zenoh.Config:

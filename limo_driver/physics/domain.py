@@ -47,22 +47,25 @@ class JointMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class Domain(Declared):
-    """Motion of a joint that a law was learned from; what is not stated has no limits."""
+    """Motion of a joint that a law was learned from; what is not stated has no limits.
+
+    Args:
+        position: Least and largest.
+        speed: Largest, of either sign.
+        temperature: Lowest and highest.
+        slope: Of friction beyond the speed; its own if not given.
+    """
 
     _called: ClassVar[str] = "domain"
 
     position: tuple[float, ...] | None = parameter(
-        "rad", "least and largest", lower=-FARTHEST, upper=FARTHEST, length=2, default=None
+        "rad", lower=-FARTHEST, upper=FARTHEST, length=2, default=None
     )
-    speed: float | None = parameter(
-        "rad/s", "largest, of either sign", lower=0.0, upper=FARTHEST, default=None
-    )
+    speed: float | None = parameter("rad/s", lower=0.0, upper=FARTHEST, default=None)
     temperature: tuple[float, ...] | None = parameter(
-        "°C", "lowest and highest", lower=-FARTHEST, upper=FARTHEST, length=2, default=None
+        "°C", lower=-FARTHEST, upper=FARTHEST, length=2, default=None
     )
-    slope: float | None = parameter(
-        "N m s/rad", "of friction beyond the speed; its own if not given", lower=0.0, default=None
-    )
+    slope: float | None = parameter("N m s/rad", lower=0.0, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -36,12 +36,13 @@ class JointDrive(Declared):
     Args:
         tolerances: Relative standard deviations of parameters, by name, of those `tolerated`; of
             others, the simulation has one.
+        joint: The joint, 1-based.
     """
 
     name: ClassVar[str]  # the identifier in sim.yaml
     channel: ClassVar[CommandChannel | None] = None  # of its commands; None: it takes none
     tolerated: ClassVar[tuple[str, ...]] = ()  # parameters that are believed within a tolerance
-    joint: int = parameter(JOINT, "the joint, 1-based")
+    joint: int = parameter(JOINT)
     tolerances: Mapping[str, float] = field(default_factory=dict[str, float])
 
     @property
@@ -85,6 +86,24 @@ class PositionServo(JointDrive):
     damping, falls to 1 / (1 + sag d) as servos are driven: d is 1 for each that is stalled at its
     torque limit, and less for those that turn. Torque falls alike as the servo's own motor warms:
     to 1 / (1 + derating) in the end, where it is stalled.
+
+    Args:
+        kp: Proportional gain.
+        kd: Derivative gain.
+        ki: Integral gain.
+        integral_limit: Most torque of the integral.
+        dead_band: Error that is taken for none.
+        punch: Least torque outside the dead band.
+        speed: Most speed of the profile.
+        acceleration: Most acceleration of the profile.
+        straight: 1: a command that the next row repeats is followed at once, without the profile.
+        torque_limit: Most torque.
+        delay: From a command to its effect.
+        resolution: Step of the servo's own encoder.
+        play: From flank to flank of the gear between the servo's encoder and the joint.
+        sag: Resistance of the arm's supply over that of a motor's winding.
+        derating: Resistance that the winding gains as the servo is stalled for long, over its own.
+        heating: In which it gains that.
     """
 
     name: ClassVar[str] = "position_servo"
@@ -101,64 +120,22 @@ class PositionServo(JointDrive):
         "delay",
         "play",
     )
-    kp: float = parameter("N m/rad", "proportional gain", lower=0.0, upper=MOST_STIFFNESS)
-    kd: float = parameter("N m s/rad", "derivative gain", lower=0, upper=MOST_SLOPE, default=0.0)
-    ki: float = parameter(
-        "N m/(rad s)", "integral gain", lower=0.0, upper=MOST_STIFFNESS, default=0.0
-    )
-    integral_limit: float | None = parameter(
-        "N m", "most torque of the integral", lower=0.0, upper=MOST_TORQUE, default=None
-    )
-    dead_band: float = parameter("rad", "error that is taken for none", lower=0, default=0.0)
-    punch: float = parameter(
-        "N m", "least torque outside the dead band", lower=0.0, upper=MOST_TORQUE, default=0.0
-    )
-    speed: float | None = parameter(
-        "rad/s", "most speed of the profile", lower=0.0, above=True, default=None
-    )
-    acceleration: float | None = parameter(
-        "rad/s^2", "most acceleration of the profile", lower=0.0, above=True, default=None
-    )
-    straight: float = parameter(
-        "1",
-        "1: a command that the next row repeats is followed at once, without the profile",
-        lower=0.0,
-        upper=1.0,
-        default=0.0,
-    )
-    torque_limit: float | None = parameter(
-        "N m", "most torque", lower=0.0, upper=MOST_TORQUE, default=None
-    )
-    delay: float = parameter(
-        "s", "from a command to its effect", lower=0.0, upper=LONGEST_DELAY, default=0.0
-    )
-    resolution: float = parameter(
-        "rad", "step of the servo's own encoder", lower=0, upper=FARTHEST, default=0.0
-    )
-    play: float = parameter(
-        "rad",
-        "from flank to flank of the gear between the servo's encoder and the joint",
-        lower=0.0,
-        upper=FARTHEST,
-        default=0.0,
-    )
-    sag: float = parameter(
-        "1",
-        "resistance of the arm's supply over that of a motor's winding",
-        lower=0.0,
-        upper=MOST_SAG,
-        default=0.0,
-    )
-    derating: float = parameter(
-        "1",
-        "resistance that the winding gains as the servo is stalled for long, over its own",
-        lower=0.0,
-        upper=MOST_SAG,
-        default=0.0,
-    )
-    heating: float = parameter(
-        "s", "in which it gains that", lower=0.0, above=True, upper=LONGEST_HEATING, default=20.0
-    )
+    kp: float = parameter("N m/rad", lower=0.0, upper=MOST_STIFFNESS)
+    kd: float = parameter("N m s/rad", lower=0, upper=MOST_SLOPE, default=0.0)
+    ki: float = parameter("N m/(rad s)", lower=0.0, upper=MOST_STIFFNESS, default=0.0)
+    integral_limit: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
+    dead_band: float = parameter("rad", lower=0, default=0.0)
+    punch: float = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=0.0)
+    speed: float | None = parameter("rad/s", lower=0.0, above=True, default=None)
+    acceleration: float | None = parameter("rad/s^2", lower=0.0, above=True, default=None)
+    straight: float = parameter("1", lower=0.0, upper=1.0, default=0.0)
+    torque_limit: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
+    delay: float = parameter("s", lower=0.0, upper=LONGEST_DELAY, default=0.0)
+    resolution: float = parameter("rad", lower=0, upper=FARTHEST, default=0.0)
+    play: float = parameter("rad", lower=0.0, upper=FARTHEST, default=0.0)
+    sag: float = parameter("1", lower=0.0, upper=MOST_SAG, default=0.0)
+    derating: float = parameter("1", lower=0.0, upper=MOST_SAG, default=0.0)
+    heating: float = parameter("s", lower=0.0, above=True, upper=LONGEST_HEATING, default=20.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,22 +146,23 @@ class VelocityServo(JointDrive):
     minus that of the joint. As the arm is at rest at first, the integral holds it there.
 
     Gains are those seen at the joint.
+
+    Args:
+        kv: Proportional gain.
+        ki: Integral gain.
+        integral_limit: Most torque of the integral.
+        torque_limit: Most torque.
+        delay: From a command to its effect.
     """
 
     name: ClassVar[str] = "velocity_servo"
     channel: ClassVar[CommandChannel | None] = VELOCITY
     tolerated: ClassVar[tuple[str, ...]] = ("kv", "ki", "torque_limit", "delay")
-    kv: float = parameter("N m s/rad", "proportional gain", lower=0.0, above=True, upper=MOST_SLOPE)
-    ki: float = parameter("N m/rad", "integral gain", lower=0.0, upper=MOST_STIFFNESS, default=0.0)
-    integral_limit: float | None = parameter(
-        "N m", "most torque of the integral", lower=0.0, upper=MOST_TORQUE, default=None
-    )
-    torque_limit: float | None = parameter(
-        "N m", "most torque", lower=0.0, upper=MOST_TORQUE, default=None
-    )
-    delay: float = parameter(
-        "s", "from a command to its effect", lower=0.0, upper=LONGEST_DELAY, default=0.0
-    )
+    kv: float = parameter("N m s/rad", lower=0.0, above=True, upper=MOST_SLOPE)
+    ki: float = parameter("N m/rad", lower=0.0, upper=MOST_STIFFNESS, default=0.0)
+    integral_limit: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
+    torque_limit: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
+    delay: float = parameter("s", lower=0.0, upper=LONGEST_DELAY, default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,25 +170,19 @@ class TorqueDrive(JointDrive):
     """A drive that is told a torque, or a current times its constant, and closes no loop.
 
     tau = gain u, within the torque limit, where u is the torque commanded `delay` ago.
+
+    Args:
+        gain: Torque at the joint over the commanded one.
+        torque_limit: Most torque.
+        delay: From a command to its effect.
     """
 
     name: ClassVar[str] = "torque_drive"
     channel: ClassVar[CommandChannel | None] = TORQUE
     tolerated: ClassVar[tuple[str, ...]] = ("gain", "torque_limit", "delay")
-    gain: float = parameter(
-        "1",
-        "torque at the joint over the commanded one",
-        lower=0.0,
-        above=True,
-        upper=MOST_GAIN,
-        default=1.0,
-    )
-    torque_limit: float | None = parameter(
-        "N m", "most torque", lower=0.0, upper=MOST_TORQUE, default=None
-    )
-    delay: float = parameter(
-        "s", "from a command to its effect", lower=0.0, upper=LONGEST_DELAY, default=0.0
-    )
+    gain: float = parameter("1", lower=0.0, above=True, upper=MOST_GAIN, default=1.0)
+    torque_limit: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
+    delay: float = parameter("s", lower=0.0, upper=LONGEST_DELAY, default=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,14 +193,20 @@ class DcMotor(JointDrive):
 
     Motion shows its torque at rest and its speed without load alone, and of tolerances those of
     these two.
+
+    Args:
+        kt: Torque constant of the motor.
+        resistance: Of the winding.
+        supply: Voltage of the supply.
+        gear: Turns of the motor in one of the joint.
     """
 
     name: ClassVar[str] = "dc_motor"
     tolerated: ClassVar[tuple[str, ...]] = ("kt", "resistance", "supply", "gear")
-    kt: float = parameter("N m/A", "torque constant of the motor", lower=0.0, above=True)
-    resistance: float = parameter("ohm", "of the winding", lower=0.0, above=True)
-    supply: float = parameter("V", "voltage of the supply", lower=0.0, above=True)
-    gear: float = parameter("1", "turns of the motor in one of the joint", lower=0.0, above=True)
+    kt: float = parameter("N m/A", lower=0.0, above=True)
+    resistance: float = parameter("ohm", lower=0.0, above=True)
+    supply: float = parameter("V", lower=0.0, above=True)
+    gear: float = parameter("1", lower=0.0, above=True)
 
     @property
     def stall(self) -> float:

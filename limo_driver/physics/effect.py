@@ -233,9 +233,13 @@ class ArmEffect(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class JointEffect(Effect):
-    """One piece of physics of one joint."""
+    """One piece of physics of one joint.
 
-    joint: int = parameter(JOINT, "the joint, 1-based")
+    Args:
+        joint: The joint, 1-based.
+    """
+
+    joint: int = parameter(JOINT)
 
     @property
     def joints(self) -> tuple[int, ...]:

@@ -45,12 +45,18 @@ class Tolerances(Declared):
 
     What nobody states is assumed, which is limo's guess. A file that limo writes says of which that
     is so under `guessed`.
+
+    Args:
+        inertia: Of masses and moments.
+        friction: Of the parameters of friction.
+        drive: Of the parameters of drives.
+        gain: Of the scale of each joint's torque.
     """
 
-    inertia: float = parameter("1", "of masses and moments", lower=0, default=0.02)
-    friction: float = parameter("1", "of the parameters of friction", lower=0, default=0.15)
-    drive: float = parameter("1", "of the parameters of drives", lower=0, default=0.3)
-    gain: float = parameter("1", "of the scale of each joint's torque", lower=0, default=0.0)
+    inertia: float = parameter("1", lower=0, default=0.02)
+    friction: float = parameter("1", lower=0, default=0.15)
+    drive: float = parameter("1", lower=0, default=0.3)
+    gain: float = parameter("1", lower=0, default=0.0)
     stated: frozenset[str] | None = field(default=None, compare=False)  # None: what is not usual
 
     @property

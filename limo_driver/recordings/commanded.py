@@ -10,7 +10,8 @@ import numpy as np
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import POSITION, channels_of, chosen, led_by
 from limo_driver.recordings.checks import check_arm
-from limo_driver.recordings.gate import LeftOut, about_gaps, inspect_commands, with_one_clock
+from limo_driver.recordings.gate.doubts import LeftOut, about_gaps, with_one_clock
+from limo_driver.recordings.gate.rows import inspect_commands
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import readonly
 

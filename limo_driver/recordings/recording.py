@@ -26,16 +26,15 @@ from limo_driver.recordings.checks import (
     check_values,
     numbers,
 )
-from limo_driver.recordings.files.stretches import STRETCH, STRETCH_SECONDS, Stretches
+from limo_driver.recordings.files.batches import STRETCH, STRETCH_SECONDS, Stretches
 from limo_driver.recordings.filters.filtered_samples import FilteredSamples
-from limo_driver.recordings.gate import (
+from limo_driver.recordings.gate.doubts import (
     LeftOut,
     UsableRows,
-    inspect,
-    inspect_by_joint,
     with_one_clock,
     without_silent_torques,
 )
+from limo_driver.recordings.gate.rows import inspect, inspect_by_joint
 from limo_driver.runtime.display import Displayed
 from limo_driver.types import FloatArray, readonly
 

@@ -92,10 +92,9 @@ def require_folder(
     require_place(folder, holds, names, inputs)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryFile(dir=folder):
-            pass
     except OSError as error:
         raise ConfigError(f"cannot be written to: {error.strerror}", path=folder) from None
+    require_place(folder, holds)
 
 
 def require_place(

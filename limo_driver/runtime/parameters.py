@@ -2,9 +2,9 @@
 
 ```python
 @dataclass(frozen=True, kw_only=True)
-class Push(Declared):
-    joint: int = parameter(JOINT, "that is leant on", upper=7)
-    torque: float = parameter("N m", "of the push", lower=-300.0, upper=300.0)
+class Push(Declared):  # its docstring says under `Args:` what they are
+    joint: int = parameter(JOINT, upper=7)
+    torque: float = parameter("N m", lower=-300.0, upper=300.0)
 ```
 `limo_driver.runtime.declarations` reads such a class from a file.
 """
@@ -17,6 +17,7 @@ import re
 from dataclasses import MISSING, dataclass, field, fields
 from enum import Enum
 from functools import cache, cached_property
+from inspect import cleandoc
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, cast
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 REAL, WHOLE, FLAG, TEXT = "a number", "a whole number", "true or false", "a text"
 JOINT: Final = "joint"  # unit of the 1-based number of a joint
 _KINDS: Final = {"float": REAL, "int": WHOLE, "bool": FLAG, "str": TEXT}
+ARGS: Final = re.compile(r"\n\nArgs:\n((?:    .*(?:\n|\Z))+)")  # of a docstring
+_ARGUMENT: Final = re.compile(r"^    (\w+): (.*(?:\n     .*)*)", re.MULTILINE)
 _ANNOTATED: Final = re.compile(r"\b(?:float|int|bool|str)\b")
 _SHOWN: Final = 60  # characters of a value that a message repeats
 
@@ -198,7 +201,8 @@ def parameter(  # noqa: ANN201  # a dataclass field, whose type is the annotatio
 
     Args:
         unit: SI unit; empty if it has none, `JOINT` for the 1-based number of a joint.
-        description: What it is, in a few words.
+        description: What it is, in a few words; if not given, what the docstring of the class says
+            of it under `Args:`.
         lower: Lowest value.
         upper: Highest value.
         above: Whether `lower` itself is too low.
@@ -224,15 +228,25 @@ def parameter(  # noqa: ANN201  # a dataclass field, whose type is the annotatio
     return field(default=default, metadata={"parameter": known})
 
 
+def arguments_of(doc: str) -> dict[str, str]:
+    """Return what a docstring says under `Args:`, on one line each, by name."""
+    section = ARGS.search(cleandoc(doc))
+    found = _ARGUMENT.findall(section[1] if section else "")
+    return {name: " ".join(text.split()) for name, text in found}
+
+
 @cache
 def parameters_of(kind: type) -> tuple[Parameter, ...]:
     """Return the parameters that a dataclass declares, in order."""
     found: list[Parameter] = []
+    docs = [arguments_of(owner.__doc__ or "") for owner in kind.__mro__]
+    described = {name: text for doc in reversed(docs) for name, text in doc.items()}
     for item in fields(kind):
         if "parameter" not in item.metadata:
             continue
         annotated = str(item.type)
         known = item.metadata["parameter"]
+        known |= {"description": known["description"] or described.get(item.name, "")}
         word_of_kind = _ANNOTATED.search(annotated)
         found.append(
             Parameter(

@@ -4,8 +4,14 @@ SI units; joints are counted from 1 in everything a user reads, from 0 in arrays
 Arrays are float64 and read-only, since they are shared.
 """
 
-from limo_driver.types.arrays import ArrayFields, FloatArray, as_numbers, readonly
-from limo_driver.types.motion import JointSample, Motion
+from limo_driver.types.motion import (
+    ArrayFields,
+    FloatArray,
+    JointSample,
+    Motion,
+    as_numbers,
+    readonly,
+)
 from limo_driver.types.states import (
     ImpedanceCommand,
     JointCommand,

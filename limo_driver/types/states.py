@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Literal
 
-from limo_driver.types.arrays import ArrayFields, FloatArray, settled_temperature
+from limo_driver.types.motion import ArrayFields, FloatArray, settled_temperature
 
 
 @dataclass(frozen=True)

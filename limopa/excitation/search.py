@@ -70,30 +70,15 @@ class ExcitationRequest(Declared):
         >>> limo.excite("iiwa14", limo.ExcitationRequest(duration=30.0, harmonics=4), seed=1)
     """
 
-    duration: float = parameter(
-        "s",
-        "one period of the base frequency",
-        lower=0.0,
-        above=True,
-        upper=LONGEST,
-        default=60.0,
-    )
+    duration: float = parameter("s", lower=0.0, above=True, upper=LONGEST, default=60.0)
     harmonics: int = parameter(  # of which one alone cannot start and end at rest
-        "", "of each joint", lower=2, upper=MOST_HARMONICS, default=5
+        "", lower=2, upper=MOST_HARMONICS, default=5
     )
-    rate: float = parameter("Hz", "of the trajectory's samples", lower=50, upper=1e3, default=250.0)
+    rate: float = parameter("Hz", lower=50, upper=1e3, default=250.0)
     surroundings: Surroundings = field(default_factory=Surroundings)
     workspace: Workspace = EVERYWHERE  # of the flange, all the time
-    starts: int = parameter(
-        "",
-        "random motions to begin with, of which the best are refined",
-        lower=1,
-        upper=MOST_STARTS,
-        default=16,
-    )
-    iterations: int = parameter(
-        "", "of each of the last two refinements; 0: a random motion", lower=0, default=250
-    )
+    starts: int = parameter("", lower=1, upper=MOST_STARTS, default=16)
+    iterations: int = parameter("", lower=0, default=250)
 
     @property
     def frequency(self) -> float:

@@ -74,9 +74,9 @@ class ServoRequest(Declared):
         >>> limo.excite_servos("iiwa14", limo.ServoRequest(rate=30.0), seed=1)
     """
 
-    duration: float = parameter("s", "at least", lower=0.0, upper=3600.0, default=0.0)
-    rate: float = parameter("Hz", "of the commands", lower=10.0, upper=1000.0, default=50.0)
-    speed: float = parameter("rad/s", "of quick ramps", lower=0.0, above=True, default=1.5)
+    duration: float = parameter("s", lower=0.0, upper=3600.0, default=0.0)
+    rate: float = parameter("Hz", lower=10.0, upper=1000.0, default=50.0)
+    speed: float = parameter("rad/s", lower=0.0, above=True, default=1.5)
     surroundings: Surroundings = field(default_factory=Surroundings)
 
 

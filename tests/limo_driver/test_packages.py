@@ -12,7 +12,7 @@ import pytest
 from packaging.requirements import Requirement
 
 from limo_driver.errors import MissingPackageError
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 
 HERE = Path(__file__).resolve().parents[2]
 PACKAGES = ["limo_driver", "backends", "estimators", "limopa"]

@@ -40,10 +40,14 @@ MOST_BABBLE: Final = 100  # frames at once
 
 @dataclass(frozen=True)
 class BusScenario(Declared):
-    """Faults, and the seed of their chances."""
+    """Faults, and the seed of their chances.
+
+    Args:
+        seed: Of chances.
+    """
 
     faults: tuple[Fault, ...] = ()
-    seed: int = parameter("", "of chances", lower=0, default=0)
+    seed: int = parameter("", lower=0, default=0)
 
     @classmethod
     def load(cls, path: Path | str, joints: Sequence[Joint]) -> BusScenario:
@@ -104,12 +108,16 @@ class Fault(Declared, ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class LostFrames(Fault):
-    """Frames are lost at random."""
+    """Frames are lost at random.
+
+    Args:
+        joint: All if not given.
+    """
 
     name = "lose_frames"
     probability: float = parameter(lower=0.0, upper=1.0)
     way: str = parameter(default=BOTH, of=(TO_DRIVES, FROM_DRIVES, BOTH))
-    joint: int | None = parameter(JOINT, "all if not given", default=None)
+    joint: int | None = parameter(JOINT, default=None)
 
     def loses(self, joint: int, way: str, random: np.random.Generator) -> bool:
         """Say whether a frame to or from the drive of a joint (from 1) is lost."""

@@ -9,8 +9,8 @@ from estimators.hybrid.features import Features, feature_set
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import BANDWIDTH
-from limo_driver.runtime.packages import require_package
 from limo_driver.runtime.parameters import Declared, parameter
+from limo_driver.runtime.plugins import require_package
 
 SCHEDULES: Final = ("cosine", "plateau")
 SPLITS: Final = ("blocks", "sequences", "recordings")
@@ -23,8 +23,8 @@ _PAPER_HIDDEN: Final = {"mlp7": 100, "lstm-2": 35, "lstm-fcl": 35, "transformer"
 _PAPER_LAYERS: Final = {"transformer": 2}  # 1 for the others
 
 
-def _above_zero(unit: str, description: str, default: float):  # noqa: ANN202  # a dataclass field
-    return parameter(unit, description, lower=0, above=True, default=default)
+def _above_zero(unit: str, default: float):  # noqa: ANN202  # a dataclass field
+    return parameter(unit, lower=0, above=True, default=default)
 
 
 @dataclass(frozen=True)
@@ -69,59 +69,28 @@ class TrainingSettings(Declared):
         >>> limo.train("sim.yaml", "run.parquet", "mlp7", settings=short)
     """
 
-    model: str = parameter("", "of network", of=NETWORKS, default="mlp7")
+    model: str = parameter("", of=NETWORKS, default="mlp7")
     features: str = "all-joints"  # all-joints, own-joint or drive
-    epochs: int = _above_zero("", "", 100)
+    epochs: int = _above_zero("", 100)
     seed: int = parameter("", lower=0, upper=2**64 - 1, default=0)  # as PyTorch takes it
-    bandwidth: float = _above_zero("Hz", "of the filters on motion and torque", BANDWIDTH)
-    rate: float = parameter(
-        "Hz",
-        "of the network's samples; 0: the recording's, as in the paper",
-        lower=0,
-        default=200.0,
-    )
-    sequence_length: int = _above_zero(
-        "", "samples through which a recurrent network is differentiated", 100
-    )
-    batch: int = _above_zero("", "rows of an mlp7, sequences of the others", 50)
-    schedule: str = parameter(
-        "", "of the learning rate; the paper has plateau", of=SCHEDULES, default="cosine"
-    )
-    learning_rate: float = _above_zero("", "", 1e-3)
+    bandwidth: float = _above_zero("Hz", BANDWIDTH)
+    rate: float = parameter("Hz", lower=0, default=200.0)
+    sequence_length: int = _above_zero("", 100)
+    batch: int = _above_zero("", 50)
+    schedule: str = parameter("", of=SCHEDULES, default="cosine")
+    learning_rate: float = _above_zero("", 1e-3)
     weight_decay: float = parameter("", lower=0, default=0.01)
-    held_out: float = parameter("", "part of the motion", default=0.2)
-    folds: int = _above_zero(
-        "", "stretches of motion that judge how the network carries over; 1: none do", 3
-    )
-    hidden: int = parameter(
-        "",
-        "units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM, 32 for "
-        "a transformer's d_model",
-        lower=0,
-        default=0,
-    )
-    layers: int = _above_zero(
-        "", "LSTM layers of an lstm-fcl (1 or 2); encoder and decoder layers, each", 1
-    )
-    heads: int = _above_zero("", "of a transformer's attention", 2)
+    held_out: float = parameter("", default=0.2)
+    folds: int = _above_zero("", 3)
+    hidden: int = parameter("", lower=0, default=0)
+    layers: int = _above_zero("", 1)
+    heads: int = _above_zero("", 2)
     without: tuple[str, ...] = ()  # quantities left out of the features, by name
     standalone: bool = False  # the network alone: no tau_RBD among its inputs, none added to it
-    split: str = parameter("", "as above", of=SPLITS, default="blocks")
-    carried: int = _above_zero(
-        "", "sequences that a recurrent memory is carried through; 1: the paper's", 10
-    )
-    keep: str = parameter(
-        "",
-        "weights that are best on held-out motion, or last (the paper's)",
-        of=KEEPS,
-        default="best",
-    )
-    device: str = parameter(
-        "",
-        "auto: a GPU where PyTorch sees one, but for an mlp7",
-        of=DEVICES,
-        default="auto",
-    )
+    split: str = parameter("", of=SPLITS, default="blocks")
+    carried: int = _above_zero("", 10)
+    keep: str = parameter("", of=KEEPS, default="best")
+    device: str = parameter("", of=DEVICES, default="auto")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -30,7 +30,7 @@ import numpy as np
 
 from estimators.service.comparison import MOVES
 from limo_driver.errors import ShapeError
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

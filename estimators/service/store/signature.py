@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, cast
 from estimators.service.store.aliases import replace_file as replace
 from limo_driver.errors import MissingPackageError, ModelStoreError
 from limo_driver.runtime.given_files import read_bytes, read_json_file
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

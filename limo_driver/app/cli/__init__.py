@@ -29,7 +29,7 @@ def main() -> None:
         from limo_driver.app.console.arguments import in_options
         from limo_driver.app.console.command_line import command_line, compilation_line
         from limo_driver.errors import LimoError, ServiceNotReadyError
-        from limo_driver.runtime.packages import require_own_packages
+        from limo_driver.runtime.plugins import require_own_packages
 
         # A program that reads figures from stdout need not read about compilation.
         silent = "--json" in sys.argv and not sys.stderr.isatty()

@@ -3,50 +3,25 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS
+from limo_driver.app.console.arguments import Network, RobotOption, RosDomain, describe_options
 from limo_driver.app.console.terminal import say
-from limo_driver.network.config import (
-    ConfigFile,  # noqa: TC001  # typer
-    Connect,  # noqa: TC001  # typer
-    Listen,  # noqa: TC001  # typer
-    RosDomain,  # noqa: TC001  # typer
-)
 
 
+@describe_options
 def command(
-    arm: Annotated[str, typer.Option(help="Name of the arm, as `limo serve` has it.")],
-    robot: Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")] = "iiwa14",
-    frame: Annotated[
-        str,
-        typer.Option(
-            "--wrench-frame",
-            metavar="LINK",
-            help="Link or site fixed to the last link, in which the wrench is; else the flange.",
-        ),
-    ] = "",
-    namespace: Annotated[
-        str | None, typer.Option(help="Of the topics; /limo/NAME if not given, / for none.")
-    ] = None,
+    *,
+    arm: str,
+    robot: RobotOption = "iiwa14",
+    frame: Annotated[str, typer.Option("--wrench-frame", metavar="LINK")] = "",
+    namespace: str | None = None,
     ros_domain: RosDomain = 0,
-    states: Annotated[
-        str | None,
-        typer.Option(
-            "--ros",
-            metavar="TOPIC",
-            help="Topic of ROS 2 with the joint states, where `limo serve` takes them from it.",
-        ),
-    ] = None,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
-    ] = None,
+    states: Annotated[str | None, typer.Option("--ros", metavar="TOPIC")] = None,
+    network: Network,
+    duration: Annotated[float | None, typer.Option(min=0.0)] = None,
 ) -> None:
     """Publish estimated and external torque, and the wrench on the flange, for ROS 2 (rmw_zenoh).
 
@@ -54,6 +29,13 @@ def command(
     wrench and wrench_std are geometry_msgs/WrenchStamped, wrench_covariance is a
     std_msgs/Float64MultiArray of 6 by 6; events are rcl_interfaces/Log, which is kept for
     subscribers that come late. Stamps are those of the joint states. docs/ros2.md says more.
+
+    Args:
+        arm: Name of the arm, as `limo serve` has it.
+        frame: Link or site fixed to the last link, in which the wrench is; else the flange.
+        namespace: Of the topics; /limo/NAME if not given, / for none.
+        states: Topic of ROS 2 with the joint states, where `limo serve` takes them from it.
+        duration: Stop after this time [s]; else at Ctrl-C.
 
     Examples:
         limo bridge --arm iiwa14 --connect tcp/127.0.0.1:7447
@@ -63,15 +45,15 @@ def command(
     from limo_driver.model import RobotModel
     from limo_driver.network.config import require_passage
     from limo_driver.network.ros import RosTopic
-    from limo_driver.network.streaming import Keys, open_session
+    from limo_driver.network.streaming import Keys
 
     keys, model = Keys(arm), RobotModel.load(robot)
     published = topics(keys.root if namespace is None else namespace, ros_domain)
     source = None if states is None else RosTopic(states, ros_domain)
-    if config is not None:
-        require_passage(Path(config), published[0].key, "egress", "the bridge")
+    if network.config is not None:
+        require_passage(network.config, published[0].key, "egress", "the bridge")
     with (
-        open_session(connect or (), listen or (), config) as session,
+        network.open() as session,
         RosBridge(session, keys, model, published, frame, source, _warn) as bridge,
     ):
         say(f"/{published[0].name} ... /{published[-1].name}, wrench in {bridge.wrench.frame}")

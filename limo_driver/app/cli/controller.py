@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from enum import StrEnum
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from limo_driver.app.console.arguments import describe_options
 from limo_driver.app.console.terminal import say
+from limo_driver.errors import ConfigError
 
 
 class CommandOption(StrEnum):
@@ -20,60 +22,51 @@ class CommandOption(StrEnum):
     WRENCH = "wrench"
 
 
+@describe_options
 def command(
-    client: Annotated[
-        str, typer.Option(help="Where the client listens, HOST:PORT; the controller speaks first.")
-    ] = "127.0.0.1:30200",
-    fri: Annotated[str, typer.Option(help="Version: 1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.")] = "1.15",
-    bind: Annotated[
-        str | None, typer.Option(help="Own address, HOST or HOST:PORT; else any free port.")
-    ] = None,
-    mode: Annotated[
-        CommandOption, typer.Option(help="What the client commands.")
-    ] = CommandOption.POSITION,
-    period_ms: Annotated[int, typer.Option(help="Send period, 1 to 100 [ms].")] = 2,
-    multiplier: Annotated[
-        int, typer.Option(help="Receive multiplier: the client answers every that many packets.")
-    ] = 1,
-    duration: Annotated[
-        float | None, typer.Option(help="End the session after this time [s]; else at Ctrl-C.")
-    ] = None,
-    sim: Annotated[
-        Path | None, typer.Option(help="A sim.yaml for the arm; else the iiwa's rigid body alone.")
-    ] = None,
-    scenario: Annotated[
-        Path | None, typer.Option(help="What goes wrong when (YAML, see docs/fri_controller.md).")
-    ] = None,
-    position: Annotated[
-        str | None, typer.Option(help="Where the arm stands at first, seven angles [rad].")
-    ] = None,
-    trajectory: Annotated[
-        Path | None, typer.Option(help="The arm stands where this trajectory starts.")
-    ] = None,
-    late_ms: Annotated[
-        float | None, typer.Option(min=0.0, help="Count answers slower than this [ms].")
-    ] = None,
-    io: Annotated[
-        list[str] | None,
-        typer.Option(help="NAME:TYPE:DIRECTION[:VALUE] that the application names; repeatable."),
-    ] = None,
-    transformation: Annotated[
-        list[str] | None,
-        typer.Option(help="Name of a frame that the client shall send; repeatable."),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensors' noise.")] = 0,
-    fifo: Annotated[
-        bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
-    ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Say that it is ready, and the report, as JSON.")
-    ] = False,
+    *,
+    client: str = "127.0.0.1:30200",
+    fri: str = "1.15",
+    bind: str | None = None,
+    mode: CommandOption = CommandOption.POSITION,
+    period_ms: int = 2,
+    multiplier: int = 1,
+    duration: float | None = None,
+    sim: Path | None = None,
+    scenario: Path | None = None,
+    position: str | None = None,
+    trajectory: Path | None = None,
+    late_ms: Annotated[float | None, typer.Option(min=0.0)] = None,
+    io: list[str] | None = None,
+    transformation: list[str] | None = None,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    fifo: bool = False,
+    as_json: bool = False,
 ) -> None:
     r"""Be an FRI controller with a simulated iiwa, for any FRI client.
 
     It says on standard output when it is ready, and at its end what was sent and answered, how the
     session went, and what the client did wrong. A client that never answers is waited for; the
     robot speaks first.
+
+    Args:
+        client: Where the client listens, HOST:PORT; the controller speaks first.
+        fri: Version: 1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.
+        bind: Own address, HOST or HOST:PORT; else any free port.
+        mode: What the client commands.
+        period_ms: Send period, 1 to 100 [ms].
+        multiplier: Receive multiplier: the client answers every that many packets.
+        duration: End the session after this time [s]; else at Ctrl-C.
+        sim: A sim.yaml for the arm; else the iiwa's rigid body alone.
+        scenario: What goes wrong when (YAML, see docs/fri_controller.md).
+        position: Where the arm stands at first, seven angles [rad].
+        trajectory: The arm stands where this trajectory starts.
+        late_ms: Count answers slower than this [ms].
+        io: NAME:TYPE:DIRECTION[:VALUE] that the application names; repeatable.
+        transformation: Name of a frame that the client shall send; repeatable.
+        seed: Seed of the sensors' noise.
+        fifo: Ask for SCHED_FIFO and locked memory.
+        as_json: Say that it is ready, and the report, as JSON.
 
     Examples:
         limo controller --fri 1.15 --client 127.0.0.1:30200 \
@@ -127,7 +120,6 @@ def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
     """Return where the arm stands at first [rad]."""
     from backends.fri.codec.messages import JOINTS
     from backends.fri.simulator.settings import POSE
-    from limo_driver.errors import ConfigError
     from limo_driver.model import BUILT_IN
     from limo_driver.trajectory import Trajectory
 
@@ -142,7 +134,6 @@ def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
 
 def _angles(text: str) -> tuple[float, ...]:
     from backends.fri.codec.messages import JOINTS
-    from limo_driver.errors import ConfigError
 
     try:
         angles = tuple(float(word) for word in text.replace(",", " ").split())

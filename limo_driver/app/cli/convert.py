@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS, MappingOption
+from limo_driver.app.console.arguments import ROBOTS, MappingOption, describe_options
+from limo_driver.app.console.terminal import progress, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_file, require_parquet, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-    from limo_driver.app.library.converting import ConvertedBags
+    from limo_driver.app.library.converting import Converted
 
 _MCAP = ".mcap"
 _FOXGLOVE = ".json"
@@ -21,29 +24,18 @@ _LAYOUTS = (_FOXGLOVE, ".xml")
 _TOPIC = "/joint_states"
 
 
+@describe_options
 def command(
-    files: Annotated[
-        list[Path],
-        typer.Argument(help="MCAP or .db3 logs or folders of them; or one log of any format."),
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="The recording to write (Parquet), a .mcap log, or a layout (.json, .xml)."
-        ),
-    ],
+    files: list[Path],
+    *,
+    out: Path,
     robot: Annotated[
-        str | None,
-        typer.Option(help=f"Whose joints are meant, in their order: {ROBOTS}."),
+        str | None, typer.Option(help=f"Whose joints are meant, in their order: {ROBOTS}.")
     ] = None,
-    topic: Annotated[
-        str | None, typer.Option(help="Topic of the joint states, if there are several.")
-    ] = None,
+    topic: str | None = None,
     mapping: MappingOption = None,
-    episode: Annotated[
-        int | None, typer.Option(help="Episode of a LeRobotDataset; all if not given.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the counts as JSON.")] = False,
+    episode: int | None = None,
+    as_json: bool = False,
 ) -> None:
     """Make a recording of a log: of limo, a ROS 2 bag, or of any format with a mapping.
 
@@ -58,6 +50,13 @@ def command(
     measured and estimated torque of each joint, what is left, and events. PlotJuggler opens
     recordings, too.
 
+    Args:
+        files: MCAP or .db3 logs or folders of them; or one log of any format.
+        out: The recording to write (Parquet), a .mcap log, or a layout (.json, .xml).
+        topic: Topic of the joint states, if there are several.
+        episode: Episode of a LeRobotDataset; all if not given.
+        as_json: Print the counts as JSON.
+
     Examples:
         limo convert logs/ --robot iiwa14 --out run.parquet
         limo convert bag_0.db3 --topic /joint_states --out run.parquet
@@ -65,8 +64,6 @@ def command(
         limo convert run.parquet --out run.mcap
         limo convert logs/ --out foxglove.json
     """
-    from limo_driver.runtime.outputs import require_file, require_parquet
-
     require_file(out, files)
     if out.suffix == _MCAP:
         _to_log(files, out, robot, topic or _TOPIC, mapping, as_json=as_json)
@@ -84,8 +81,6 @@ def command(
 
 def _refuse_for_layout(out: Path, **options: object) -> None:
     """Refuse what says how a log is to be read: a layout only shows it."""
-    from limo_driver.errors import ConfigError
-
     given = [f"--{name}" for name, value in options.items() if value is not None]
     if given:
         raise ConfigError(
@@ -96,10 +91,7 @@ def _refuse_for_layout(out: Path, **options: object) -> None:
 
 
 def _to_layout(files: list[Path], out: Path) -> None:
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.errors import ConfigError
     from limo_driver.logs.ros.layouts import foxglove_layout, logged_topics, plotjuggler_layout
-    from limo_driver.runtime.outputs import whole
 
     if files[0].suffix in {".parquet", ".pq"}:
         _to_recording_layout(files, out)
@@ -120,11 +112,8 @@ def _to_layout(files: list[Path], out: Path) -> None:
 
 
 def _to_recording_layout(files: list[Path], out: Path) -> None:
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.reading import column_names
-    from limo_driver.errors import ConfigError
     from limo_driver.logs.ros.layouts import recording_layout
-    from limo_driver.runtime.outputs import whole
 
     if out.suffix == _FOXGLOVE:
         raise ConfigError(
@@ -156,20 +145,13 @@ def _mapped(
     as_json: bool,
 ) -> None:
     from limo_driver.app.library.converting import convert_log
-    from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
 
     if len(files) > 1:
         raise ConfigError(f"{len(files)} logs to convert, expected one, or bags without a mapping")
     model = None if robot is None else RobotModel.load(robot)
     found = convert_log(files[0], out, model, mapping, topic, episode)
-    counts = {
-        "joints": list(found.joints),
-        "samples": found.samples,
-        "usable": found.usable,
-        "duration": found.duration,
-    }
-    _report(out, counts, list(found.notes), as_json=as_json)
+    _report(out, _counts(found), list(found.notes), as_json=as_json)
 
 
 def _to_recording(
@@ -181,21 +163,15 @@ def _to_recording(
     model = None if robot is None else RobotModel.load(robot)
     with _progress(quiet=as_json) as progress:
         found = convert_bags(files, out, model, topic, progress)
-    _report(out, _counts(found), list(found.whole.notes), as_json=as_json)
+    counts = {"topic": found.topic, **_counts(found.whole)}
+    counts |= {name: getattr(found, name) for name in ("duplicates", "reordered", "malformed")}
+    counts |= {"of other joints": found.elsewhere}
+    _report(out, counts, list(found.whole.notes), as_json=as_json)
 
 
-def _counts(found: ConvertedBags) -> dict[str, Any]:
-    return {
-        "topic": found.topic,
-        "joints": list(found.whole.joints),
-        "samples": found.whole.samples,
-        "usable": found.whole.usable,
-        "duration": found.whole.duration,
-        "duplicates": found.duplicates,
-        "reordered": found.reordered,
-        "malformed": found.malformed,
-        "of other joints": found.elsewhere,
-    }
+def _counts(found: Converted) -> dict[str, Any]:
+    rows = {"samples": found.samples, "usable": found.usable, "duration": found.duration}
+    return {"joints": list(found.joints), **rows}
 
 
 def _to_log(
@@ -208,7 +184,6 @@ def _to_log(
     as_json: bool,
 ) -> None:
     from limo_driver.app.library.reading import read
-    from limo_driver.errors import ConfigError
     from limo_driver.logs.ros.joint_state_log import write_joint_states
     from limo_driver.model import RobotModel
 
@@ -255,31 +230,18 @@ def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:
 
 @contextmanager
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import SpinnerColumn, TimeElapsedColumn
 
-    from limo_driver.app.console.terminal import terminal
-
-    console = terminal(stderr=True)
-    columns = (
-        SpinnerColumn(),
-        TextColumn(
-            "reading: {task.fields[messages]} messages, {task.completed} files done", markup=False
-        ),
-        TimeElapsedColumn(),
-    )
-    disable = quiet or not console.is_terminal
-    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
+    how_far = "reading: {task.fields[messages]} messages, {task.completed} files done"
+    with progress(SpinnerColumn(), how_far, TimeElapsedColumn(), quiet=quiet) as bar:
         task = bar.add_task("reading", messages=0)
         yield lambda files, messages: bar.update(task, completed=files, messages=messages)
 
 
 def _report(out: Path, counts: dict[str, Any], notes: list[str], *, as_json: bool) -> None:
-    import json
-
-    from limo_driver.app.console.terminal import terminal
 
     if as_json:
-        terminal().print_json(json.dumps({"file": str(out), **counts, "notes": notes}))
+        terminal().print_json(data={"file": str(out), **counts, "notes": notes})
         return
     errors = terminal(stderr=True, soft_wrap=True)
     for note in notes:

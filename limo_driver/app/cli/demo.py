@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import Annotated
+from pathlib import Path
 
-import typer
+from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.terminal import progress_bar, terminal
+from limo_driver.runtime.outputs import require_place
 
 
+@describe_options
 def command(
-    out: Annotated[Path, typer.Option(help="Folder for recording, simulations and report.")],
+    *,
+    out: Path,
 ) -> None:
     """Conceal a payload and hysteresis in a simulated arm, and see whether they are found.
 
@@ -18,14 +21,15 @@ def command(
     of it. Writes report.html, and all that the report came from: believed.yaml, true.yaml,
     run.parquet, verdict.json and sim.yaml.
 
+    Args:
+        out: Folder for recording, simulations and report.
+
     Examples:
         limo demo --out demo
         limo diagnose demo/run.parquet --sim demo/believed.yaml --out again
     """
     from estimators.diagnosis.from_torque.pipeline import FILES as FOUND
-    from limo_driver.app.console.terminal import progress_bar, terminal
     from limo_driver.app.library.demonstrating import FILES, demonstrate
-    from limo_driver.runtime.outputs import require_place
 
     require_place(out, "the demonstration", (*FILES, *FOUND), [])
     with progress_bar(terminal(stderr=True, soft_wrap=True)) as tell:

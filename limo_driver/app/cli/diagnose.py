@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS, MappingOption, refuse_options
+from limo_driver.app.console.arguments import (
+    ROBOTS,
+    MappingOption,
+    describe_options,
+    refuse_options,
+)
+from limo_driver.app.console.terminal import print_notes, progress_bar, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_place
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rich.console import Console
 
-    from estimators.diagnosis.from_motion.pipeline import DriveDiagnosis
-    from estimators.diagnosis.from_torque.pipeline import Diagnosis
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -24,57 +28,24 @@ _DIAGNOSED = 0.97  # of the work; the rest is writing
 _OF_TORQUE = frozenset(("bandwidth", "budget", "gain_tolerance"))
 
 
+@describe_options
 def command(
     context: typer.Context,
-    recordings: Annotated[list[Path], typer.Argument(help="Recordings of one arm.")],
-    out: Annotated[Path, typer.Option(help="Folder for verdict, improved simulation and report.")],
-    sim: Annotated[
-        Path | None,
-        typer.Option(
-            help="What is believed of that arm: a sim.yaml, or its URDF or MJCF, with the friction "
-            "that this states."
-        ),
-    ] = None,
+    recordings: list[Path],
+    *,
+    out: Path,
+    sim: Path | None = None,
     robot: Annotated[
         str | None,
         typer.Option(help=f"Or the arm alone, inertias trusted, friction unknown: {ROBOTS}."),
     ] = None,
-    inertia_tolerance: Annotated[
-        float | None,
-        typer.Option(
-            help="How far inertias may be off, relative; what --sim says, or 0.05 with --robot."
-        ),
-    ] = None,
-    gain_tolerance: Annotated[
-        float | None,
-        typer.Option(
-            help="The same of the scale of each joint's torque, as of currents; what --sim says, "
-            "or 0 with --robot."
-        ),
-    ] = None,
-    export: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write what was found into a copy of the robot's file, too: .xml, .urdf, .usda, "
-            "or a folder."
-        ),
-    ] = None,
-    bandwidth: Annotated[
-        float | None,
-        typer.Option(
-            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
-            "recordings sampled below 25 Hz or with noisy positions."
-        ),
-    ] = None,
-    budget: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="End the search after this time, with what is proven by then.",
-        ),
-    ] = None,
+    inertia_tolerance: float | None = None,
+    gain_tolerance: float | None = None,
+    export: Path | None = None,
+    bandwidth: float | None = None,
+    budget: Annotated[float | None, typer.Option(metavar="SECONDS")] = None,
     mapping: MappingOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the verdict as JSON.")] = False,
+    as_json: bool = False,
 ) -> None:
     r"""Find where a simulation and recordings differ, which physics is missing, and add it.
 
@@ -92,6 +63,22 @@ def command(
     inertias are trusted to --inertia-tolerance, so that a payload or a wrong link shows.
     Tolerances that are given take the place of those that a sim.yaml states.
 
+    Args:
+        recordings: Recordings of one arm.
+        out: Folder for verdict, improved simulation and report.
+        sim: What is believed of that arm: a sim.yaml, or its URDF or MJCF, with the friction that
+            this states.
+        inertia_tolerance: How far inertias may be off, relative; what --sim says, or 0.05 with
+            --robot.
+        gain_tolerance: The same of the scale of each joint's torque, as of currents; what --sim
+            says, or 0 with --robot.
+        export: Write what was found into a copy of the robot's file, too: .xml, .urdf, .usda, or a
+            folder.
+        bandwidth: Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for
+            recordings sampled below 25 Hz or with noisy positions.
+        budget: End the search after this time, with what is proven by then.
+        as_json: Print the verdict as JSON.
+
     Examples:
         limo diagnose log.csv --robot model.xml --out diagnosis --export new.xml
         limo diagnose monday.parquet tuesday.parquet --sim sim.yaml \
@@ -100,14 +87,13 @@ def command(
             --record next.parquet
     """
     import json
-    import sys
 
     from estimators.diagnosis.from_torque.pipeline import FILES, Diagnosis, save
     from estimators.telemetry import telemetry_in
-    from limo_driver.app.console.terminal import progress_bar, terminal
+    from limo_driver.app.cli.export import show
     from limo_driver.app.library.diagnosing import diagnose
+    from limo_driver.app.library.exporting import export as write_copy
     from limo_driver.app.library.exporting import format_for
-    from limo_driver.runtime.outputs import require_place
 
     notes = terminal(stderr=True, soft_wrap=True)
     given = [sim] if sim is not None else []
@@ -134,17 +120,22 @@ def command(
             written = found.save(out)
         progress("done", 1.0)
     if as_json:
-        sys.stdout.write(json.dumps(found.verdict.as_values(), indent=1) + "\n")
+        typer.echo(json.dumps(found.verdict.as_values(), indent=1))
     else:
-        for recording in measured:
-            for item in (*recording.warnings, *recording.left_out):
+        print_notes(measured)
+        for recording in measured if robot is not None else ():
+            for item in telemetry_in(found.simulation, recording) if recording.has_torque else ():
                 notes.print(f"{recording.source}: {item}")
-            if robot is not None and recording.has_torque:
-                for item in telemetry_in(found.simulation, recording):
-                    notes.print(f"{recording.source}: {item}")
-        _show(found, written)
+        console = terminal()
+        sentence, *rest = str(found).splitlines()
+        console.print(sentence, style="bold")
+        for line in rest:
+            console.print(line)
+        console.print(f"wrote {', '.join(map(str, written))}")
     if export is not None:
-        _export(found, export, kind, as_json=as_json)
+        copied = write_copy(found.simulation, kind, export)
+        if not as_json:
+            show(copied)
     for failure in found.failures:
         notes.print(f"limo: a stage of the diagnosis failed: {failure}")
     if found.failures:
@@ -167,7 +158,6 @@ def _start(
     from limo_driver.app.library.inputs import model_for
     from limo_driver.app.library.learning import described, nominal
     from limo_driver.app.library.reading import read
-    from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
 
@@ -187,24 +177,3 @@ def _start(
         simulation = nominal(model) if has_torque else described(model)
     known = simulation.tolerances.with_stated(**tolerances)
     return replace(simulation, tolerances=known), measured
-
-
-def _export(found: Diagnosis | DriveDiagnosis, to: Path, kind: str, *, as_json: bool) -> None:
-    """Write the improved simulation into a copy of the robot's own file."""
-    from limo_driver.app.cli.export import show
-    from limo_driver.app.library.exporting import export
-
-    written = export(found.simulation, kind, to)
-    if not as_json:
-        show(written)
-
-
-def _show(found: Diagnosis | DriveDiagnosis, written: Sequence[Path]) -> None:
-    from limo_driver.app.console.terminal import terminal
-
-    console = terminal()
-    verdict, *rest = str(found).splitlines()
-    console.print(verdict, style="bold")
-    for line in rest:
-        console.print(line)
-    console.print(f"wrote {', '.join(map(str, written))}")

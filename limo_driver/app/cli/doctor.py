@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from limo_driver.app.console.arguments import describe_options
 from limo_driver.app.console.terminal import say
 
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
@@ -21,16 +22,13 @@ def doctor() -> None:
 
 
 @command.command()
+@describe_options
 def fri(
-    host: Annotated[
-        str | None, typer.Option(help="Address of the controller; else whoever sends.")
-    ] = None,
-    port: Annotated[int, typer.Option(help="UDP port of this machine.")] = 30200,
-    seconds: Annotated[
-        float,
-        typer.Option(min=0.05, max=600.0, help="How long to listen, and then to answer [s]."),
-    ] = 5.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what was found as JSON.")] = False,
+    *,
+    host: str | None = None,
+    port: int = 30200,
+    seconds: Annotated[float, typer.Option(min=0.05, max=600.0)] = 5.0,
+    as_json: bool = False,
 ) -> None:
     """Listen to the arm, answer it without commanding anything, and say how the link stands.
 
@@ -40,6 +38,12 @@ def fri(
     Exit status 0 if the link works; 3 if nobody sends, 4 if the robot falls silent, 5 if it does
     not hear the answers, 6 at a safety stop, 7 if drives are off, 8 if the send period is too long
     to command, and 1 for anything else that is wrong.
+
+    Args:
+        host: Address of the controller; else whoever sends.
+        port: UDP port of this machine.
+        seconds: How long to listen, and then to answer [s].
+        as_json: Print what was found as JSON.
 
     Examples:
         limo doctor fri

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from limo_driver.app.console.arguments import describe_options
 from limo_driver.app.console.terminal import say
 
 if TYPE_CHECKING:
@@ -17,32 +18,33 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
+@describe_options
 def command(
-    config: Annotated[Path, typer.Option(help="The arm (arm.yaml): its bus, its drives.")],
-    sim: Annotated[
-        Path | None, typer.Option(help="A sim.yaml of the arm; else its rigid body alone.")
-    ] = None,
-    scenario: Annotated[Path | None, typer.Option(help="What goes wrong, and when (YAML).")] = None,
-    trajectory: Annotated[
-        Path | None,
-        typer.Option(help="The arm stands where it starts; else in the middle of its range."),
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
-    ] = None,
-    fifo: Annotated[
-        bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory.")
-    ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Say that they are ready, and the summary, as JSON.")
-    ] = False,
+    *,
+    config: Path,
+    sim: Path | None = None,
+    scenario: Path | None = None,
+    trajectory: Path | None = None,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    duration: Annotated[float | None, typer.Option(min=0.0)] = None,
+    fifo: bool = False,
+    as_json: bool = False,
 ) -> None:
     r"""Be the drives of an arm on its CAN bus, with a simulated arm behind them.
 
     One MuJoCo simulation moves all joints. Standard output says when they are ready. The other end
     of the bus is `limo run --backend can` with the same configuration, in another process, or any
     other master.
+
+    Args:
+        config: The arm (arm.yaml): its bus, its drives.
+        sim: A sim.yaml of the arm; else its rigid body alone.
+        scenario: What goes wrong, and when (YAML).
+        trajectory: The arm stands where it starts; else in the middle of its range.
+        seed: Seed of the sensor noise.
+        duration: Stop after this time [s]; else at Ctrl-C.
+        fifo: Ask for SCHED_FIFO and locked memory.
+        as_json: Say that they are ready, and the summary, as JSON.
 
     Examples:
         limo drives --config arm.yaml --trajectory limo.traj.parquet

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.terminal import table_of, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,28 +21,18 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
 
 
+@describe_options
 def command(
-    recording: Annotated[Path, typer.Argument(help="Recording that was not trained on.")],
-    model: Annotated[Path | None, typer.Option(help="Model folder of `limo train`.")] = None,
-    sim: Annotated[
-        Path | None,
-        typer.Option(help="The simulation it was trained on; with --against, the improved one."),
-    ] = None,
-    against: Annotated[
-        Path | None, typer.Option(help="The simulation that --sim is an improvement of.")
-    ] = None,
-    estimate: Annotated[
-        str, typer.Option(help="NAME of columns NAME_1 … NAME_n: the maker's own joint torque.")
-    ] = "estimate",
-    external: Annotated[
-        str, typer.Option(help="Likewise: the part of the torque that the maker calls external.")
-    ] = "external_torque",
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for evaluation.json and report.html; pictures of a model."),
-    ] = None,
+    recording: Path,
+    *,
+    model: Path | None = None,
+    sim: Path | None = None,
+    against: Path | None = None,
+    estimate: str = "estimate",
+    external: str = "external_torque",
+    out: Path | None = None,
     mapping: MappingOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    as_json: bool = False,
 ) -> None:
     """Compare measured torque with rigid body and model, or with an improved simulation.
 
@@ -54,15 +45,21 @@ def command(
     it is better, with a 95 % interval by resampled blocks of time, and where it is worse, which
     part of it makes it so. What the arm's maker says of the torque is compared as well.
 
+    Args:
+        recording: Recording that was not trained on.
+        model: Model folder of `limo train`.
+        sim: The simulation it was trained on; with --against, the improved one.
+        against: The simulation that --sim is an improvement of.
+        estimate: NAME of columns NAME_1 … NAME_n: the maker's own joint torque.
+        external: Likewise: the part of the torque that the maker calls external.
+        out: Folder for evaluation.json and report.html; pictures of a model.
+        as_json: Print the figures as JSON.
+
     Examples:
         limo evaluate test.parquet --model model/ --sim sim.yaml --out evaluation/
         limo evaluate test.parquet --sim new/sim.yaml --against sim.yaml
     """
-    import json
-
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.reading import read
-    from limo_driver.runtime.outputs import require_folder
 
     _check(model, sim, against)
     if out is not None:
@@ -80,12 +77,11 @@ def command(
         notes.print(
             f"{recording}: the model was trained on it; these errors say nothing of other motion",
         )
-    values = json.dumps(evaluation.as_values())
     if out is not None:
         evaluation.save(out)
         notes.print(f"wrote {out}: {', '.join(_files(against))}")
     if as_json:
-        terminal().print_json(values)
+        terminal().print_json(data=evaluation.as_values())
     elif against is not None:
         terminal().print(of_simulations(evaluation))
         for reason in evaluation.reasons():
@@ -100,8 +96,6 @@ def _check(model: Path | None, sim: Path | None, against: Path | None) -> None:
     Raises:
         ConfigError: It does not.
     """
-    from limo_driver.errors import ConfigError
-
     if against is not None and (sim is None or model is not None):
         given = "--model" if model is not None else "no --sim"
         raise ConfigError(
@@ -166,21 +160,9 @@ def of_simulations(found: SimulationComparison) -> Table:
 
 def table(evaluation: Evaluation) -> Table:
     """Return the figures per joint and on average."""
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
     values = evaluation.as_values()
-    result = Table(
-        box=SIMPLE_HEAD,
-        pad_edge=False,
-        title=f"{evaluation.recording.source}: against torque filtered at "
-        f"{evaluation.bandwidth:g} Hz, zero phase, {values['samples']} samples",
-        caption="RMS(E) in N m, MSE in (N m)²; learned: the torque that it adds; model: "
-        f"{evaluation.model}",
-    )
-    # the one column that gives way in a narrow terminal
-    result.add_column("joint", overflow="fold")
-    for heading in (
+    result = table_of(
+        "joint",
         "rigid\nbody\nRMSE",
         "learned\n\nRMS",
         "model\n\nRMSE",
@@ -188,8 +170,11 @@ def table(evaluation: Evaluation) -> Table:
         "rigid\nbody\nMSE",
         "model\n\nMSE",
         "ratio\n\nof MSE",
-    ):
-        result.add_column(heading, justify="right", no_wrap=True)
+        title=f"{evaluation.recording.source}: against torque filtered at "
+        f"{evaluation.bandwidth:g} Hz, zero phase, {values['samples']} samples",
+        caption="RMS(E) in N m, MSE in (N m)²; learned: the torque that it adds; model: "
+        f"{evaluation.model}",
+    )
     squared = ("mse_rigid_body", "mse_hybrid", "mse_ratio")
     keys = ("rmse_rigid_body", "rms_network", "rmse_hybrid", "noise_floor")
     for j, name in enumerate(evaluation.joint_names):
@@ -213,18 +198,13 @@ def certainty(evaluation: Evaluation) -> Table:
     """Return how often the torque was within the model's 95 % interval, and how often outside."""
     from math import isnan
 
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
-    result = Table(
-        box=SIMPLE_HEAD,
-        pad_edge=False,
+    result = table_of(
+        "joint",
+        "within the\n95 % interval",
+        "outside",
         title="How sure the model is",
         caption="outside: motion unlike what was learned, where the interval is a guess",
     )
-    result.add_column("joint", overflow="fold")
-    for heading in ("within the\n95 % interval", "outside"):
-        result.add_column(heading, justify="right", no_wrap=True)
     rows = zip(evaluation.joint_names, evaluation.coverage, evaluation.outside, strict=True)
     for name, within, outside in rows:
         known = "unknown" if isnan(within) else f"{within:.1%}"

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.cli.plan import (
-    Clearance,
-    JointMargin,
-    Out,
-    Picture,
-    Robot,
-    Seed,
-    SelfCollision,
-    TableHeight,
-    require_writable,
-)
-from limo_driver.app.console.arguments import refuse_options
+from limo_driver.app.cli.plan import Distances, require_writable
+from limo_driver.app.console.arguments import RobotOption, describe_options, refuse_options
+from limo_driver.app.console.terminal import progress, terminal
 from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import page_of, require_file
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -56,53 +48,25 @@ class JointFigures:
     peak_jerk: float
 
 
+@describe_options
 def command(
     context: typer.Context,
-    out: Out,
-    robot: Robot = "iiwa14",
-    drives: Annotated[
-        Drives,
-        typer.Option(
-            "--for", help="What the joints tell: torque, or positions alone behind servos."
-        ),
-    ] = Drives.TORQUE,
-    duration: Annotated[
-        float,
-        typer.Option(
-            help="Of the motion, one period of the base frequency, s; for servos at least."
-        ),
-    ] = 60.0,
-    harmonics: Annotated[
-        int, typer.Option(help="Of each joint; no two joints share any of them.")
-    ] = 5,
-    seed: Seed = 0,
-    starts: Annotated[
-        int, typer.Option(help="Random motions to begin with; the best are refined.")
-    ] = 16,
-    iterations: Annotated[
-        int, typer.Option(help="Of each of the last two refinements; 0 leaves a random motion.")
-    ] = 250,
-    rate: Annotated[
-        float | None,
-        typer.Option(help="Samples per second in the file, Hz; 250, for servos 50."),
-    ] = None,
-    workspace_radius: Annotated[
-        float | None, typer.Option(help="Keep the flange this near to the base, m.")
-    ] = None,
-    joint_margin: JointMargin = 5.0,
-    clearance: Clearance = 0.02,
-    table_height: TableHeight = 0.0,
-    self_collision: SelfCollision = True,
-    lerobot: Annotated[
-        Path | None,
-        typer.Option(help="For servos: folder for a LeRobotDataset of the same commands."),
-    ] = None,
-    motors: Annotated[
-        str | None,
-        typer.Option(help="Their names there, with commas between; those of the joints."),
-    ] = None,
-    picture: Picture = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    *,
+    out: Path,
+    robot: RobotOption = "iiwa14",
+    drives: Annotated[Drives, typer.Option("--for")] = Drives.TORQUE,
+    duration: float = 60.0,
+    harmonics: int = 5,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    starts: int = 16,
+    iterations: int = 250,
+    rate: float | None = None,
+    workspace_radius: float | None = None,
+    distances: Distances,
+    lerobot: Path | None = None,
+    motors: str | None = None,
+    picture: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     r"""Plan persistently exciting motion, from which inertias and friction are best identified.
 
@@ -114,6 +78,21 @@ def command(
     For position servos, --out is a CSV of commands: ramps, steps, creeping reversals and holds of
     each joint in poses of its own, and of all together, from which positions alone identify drives.
 
+    Args:
+        out: Where to write the trajectory (Parquet), and beside it its page.
+        drives: What the joints tell: torque, or positions alone behind servos.
+        duration: Of the motion, one period of the base frequency, s; for servos at least.
+        harmonics: Of each joint; no two joints share any of them.
+        seed: Seed; the same seed gives the same file.
+        starts: Random motions to begin with; the best are refined.
+        iterations: Of each of the last two refinements; 0 leaves a random motion.
+        rate: Samples per second in the file, Hz; 250, for servos 50.
+        workspace_radius: Keep the flange this near to the base, m.
+        lerobot: For servos: folder for a LeRobotDataset of the same commands.
+        motors: Their names there, with commas between; those of the joints.
+        picture: Draw the motion into this file (PNG, PDF or SVG).
+        as_json: Print the figures as JSON.
+
     Examples:
         limo excite --robot iiwa14 --seed 1 --out excite.traj.parquet \
             --picture excite.png
@@ -122,22 +101,16 @@ def command(
         limo excite --for position-servo --robot so101.xml --out moves.csv \
             --lerobot moves --motors shoulder_pan,shoulder_lift,elbow_flex
     """
-    from math import inf, radians
+    from math import inf
 
     from estimators.rigid_body.base_parameters import Conditioning
-    from limo_driver.errors import ConfigError
     from limo_driver.model import RobotModel
     from limopa.excitation.search import ExcitationRequest
     from limopa.page import excitation_page
     from limopa.picture import draw_excitation
-    from limopa.request import Surroundings, Workspace
+    from limopa.request import Workspace
 
-    surroundings = Surroundings(
-        joint_margin=radians(joint_margin),
-        clearance=clearance,
-        table_height=table_height,
-        self_collision=self_collision,
-    )
+    surroundings = distances.surroundings
     if drives is Drives.POSITION_SERVO:
         from limopa.excitation.servo import ServoRequest
 
@@ -182,25 +155,13 @@ def _excite(
     *,
     quiet: bool,
 ) -> Excitation:
-    """Search behind a progress bar, which goes to stderr and leaves stdout to the result."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
+    """Search behind a progress bar."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
 
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.planning import excite
+    from limo_driver.app.library.moving import excite
 
-    columns = (
-        TextColumn("exciting"), BarColumn(), MofNCompleteColumn(), TextColumn("iterations"),
-        TimeElapsedColumn(), TextColumn("condition number {task.fields[condition]}", markup=False),
-    )  # fmt: skip
-    console = terminal(stderr=True)
-    disable = quiet or not console.is_terminal
-    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
+    columns = ("exciting", BarColumn(), MofNCompleteColumn(), "iterations", TimeElapsedColumn())
+    with progress(*columns, "condition number {task.fields[condition]}", quiet=quiet) as bar:
         task = bar.add_task("exciting", total=None, condition="")
 
         def show(done: int, most: int, condition: float) -> None:
@@ -212,7 +173,6 @@ def _excite(
 def _report(
     found: Excitation, conditioning: Conditioning, model: RobotModel, *, as_json: bool
 ) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     motion, console = found.trajectory, terminal(soft_wrap=True)
     condition, scaled = conditioning.condition(motion), conditioning.scaled(motion)
@@ -312,9 +272,8 @@ def excite_for_servos(
         ConfigError: Something cannot be written, or the names are of another number.
         InfeasiblePathError: There is no such motion.
     """
-    from limo_driver.app.library.planning import excite_servos
+    from limo_driver.app.library.moving import excite_servos
     from limo_driver.model import RobotModel
-    from limo_driver.runtime.outputs import page_of, require_file
     from limopa.page import servo_page
 
     if out.suffix.lower() != ".csv":
@@ -337,14 +296,12 @@ def excite_for_servos(
 
 
 def _report_servos(found: ServoExcitation, *, as_json: bool) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     if as_json:
         import json
-        import sys
 
         figures = {name: list(values) for name, values in found.figures().items()}
-        told = {
+        values = {
             "robot": found.robot,
             "seed": found.seed,
             "duration": found.duration,
@@ -353,7 +310,7 @@ def _report_servos(found: ServoExcitation, *, as_json: bool) -> None:
             "repetitions": [[rows.start, rows.stop] for rows in found.repetitions],
             **figures,
         }
-        sys.stdout.write(json.dumps(told, indent=2) + "\n")
+        typer.echo(json.dumps(values, indent=2))
         return
     console = terminal(soft_wrap=True)
     console.print(str(found))

@@ -3,71 +3,36 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.terminal import say
+from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.terminal import say, terminal
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from estimators.embedded.export import CodeExport
     from limo_driver.exports.export import Export
 
 
+@describe_options
 def command(
-    sim: Annotated[
-        Path,
-        typer.Argument(
-            help="The simulation, a sim.yaml; for C, ROS 2 also a model/, for ONNX a model/ only."
-        ),
-    ],
-    to: Annotated[
-        str, typer.Option(help="Format: mjcf, urdf, drake, isaaclab or usd; or c, ros2, onnx.")
-    ],
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="Folder for the copy, or the copy (.xml, .urdf); for C, ROS 2 and ONNX a folder."
-        ),
-    ],
-    into: Annotated[
-        Path | None,
-        typer.Option(help="File to write into a copy of; the robot's own if not given."),
-    ] = None,
-    on: Annotated[
-        Path | None,
-        typer.Option(help="Recording on which what cannot be expressed is counted."),
-    ] = None,
-    rate: Annotated[float, typer.Option(help="C: rate of the positions [Hz].")] = 1000.0,
-    delay: Annotated[float, typer.Option(help="C: by which estimates are late [s].")] = 0.1,
-    false_alarms: Annotated[
-        float, typer.Option(help="C: false alarms of contact that are bearable [1/h].")
-    ] = 1.0,
-    free: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="C: recording of motion that nothing touched, which contact needs; several times."
-        ),
-    ] = None,
-    mujoco: Annotated[
-        int | None,
-        typer.Option(
-            help="MJCF: release that shall read it, 3 or 4; the installed one if not given."
-        ),
-    ] = None,
-    name: Annotated[
-        str, typer.Option(help="C, ONNX: of the files; in C all names in them begin with it.")
-    ] = "limo",
-    frame: Annotated[
-        str,
-        typer.Option(
-            "--wrench-frame",
-            metavar="LINK",
-            help="ROS 2: link or site fixed to the last link, of the wrench; else the flange.",
-        ),
-    ] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    sim: Path,
+    *,
+    to: str,
+    out: Path,
+    into: Path | None = None,
+    on: Path | None = None,
+    rate: float = 1000.0,
+    delay: float = 0.1,
+    false_alarms: float = 1.0,
+    free: list[Path] | None = None,
+    mujoco: int | None = None,
+    name: str = "limo",
+    frame: Annotated[str, typer.Option("--wrench-frame", metavar="LINK")] = "",
+    as_json: bool = False,
 ) -> None:
     """Write a simulation into a copy of a MuJoCo or URDF file; only what was found changes.
 
@@ -84,14 +49,27 @@ def command(
     for a control loop of your own; with `--to ros2`, a colcon package around it, with plug-ins of
     inverse_dynamics_solver and ros2_control; with `--to onnx`, the network of a model by itself.
 
+    Args:
+        sim: The simulation, a sim.yaml; for C, ROS 2 also a model/, for ONNX a model/ only.
+        to: Format: mjcf, urdf, drake, isaaclab or usd; or c, ros2, onnx.
+        out: Folder for the copy, or the copy (.xml, .urdf); for C, ROS 2 and ONNX a folder.
+        into: File to write into a copy of; the robot's own if not given.
+        on: Recording on which what cannot be expressed is counted.
+        rate: C: rate of the positions [Hz].
+        delay: C: by which estimates are late [s].
+        false_alarms: C: false alarms of contact that are bearable [1/h].
+        free: C: recording of motion that nothing touched, which contact needs; several times.
+        mujoco: MJCF: release that shall read it, 3 or 4; the installed one if not given.
+        name: C, ONNX: of the files; in C all names in them begin with it.
+        frame: ROS 2: link or site fixed to the last link, of the wrench; else the flange.
+        as_json: Print the result as JSON.
+
     Examples:
         limo export sim.yaml --to mjcf --into model.xml --out improved/
         limo export diagnosis/sim.yaml --to urdf --out improved/
         limo export sim.yaml --to c --free calm.parquet --out firmware/
         limo export model/ --to ros2 --out ws/src/limo_dynamics
     """
-    from limo_driver.errors import ConfigError
-
     if to == "onnx":
         from limo_driver.app.library.exporting import export_onnx
 
@@ -116,7 +94,6 @@ def command(
 
 
 def _show_code(found: CodeExport, *, as_json: bool) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     if as_json:
         values = {
@@ -125,7 +102,7 @@ def _show_code(found: CodeExport, *, as_json: bool) -> None:
             "delay": found.delay,
             "contact": None if found.contact is None else found.contact.values(),
         }
-        terminal().print_json(json.dumps(values))
+        terminal().print_json(data=values)
     else:
         console = terminal(soft_wrap=True)
         for line in str(found).splitlines():
@@ -133,7 +110,6 @@ def _show_code(found: CodeExport, *, as_json: bool) -> None:
 
 
 def _print_json(found: Export) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     values = {
         "file": str(found.file),
@@ -148,13 +124,11 @@ def _print_json(found: Export) -> None:
         "torque": list(found.torque),
         "share": found.share,
     }
-    terminal().print_json(json.dumps(values))
+    terminal().print_json(data=values)
 
 
 def show(found: Export) -> None:
     """Print what an export wrote."""
-    from limo_driver.app.console.terminal import terminal
-
     console = terminal(soft_wrap=True)
     for line in found.diff.splitlines():
         console.print(line)

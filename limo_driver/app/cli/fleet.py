@@ -2,40 +2,32 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import Annotated
+from pathlib import Path
 
 import typer
 
-from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer
+from limo_driver.app.console.arguments import MappingOption, describe_options
 from limo_driver.app.console.terminal import (
-    Machines,  # typer
+    Machines,
     OnOption,
     WorkersOption,
+    terminal,
+    told_progress,
 )
 
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
+@describe_options
 def diagnose(
-    recordings: Annotated[
-        list[str], typer.Argument(help="Recordings, or patterns of them; files or URLs.")
-    ],
-    sim: Annotated[
-        Path,
-        typer.Option(help="What is believed of such arms: a sim.yaml, or their URDF or MJCF."),
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for table, page and diagnoses.")],
+    recordings: list[str],
+    *,
+    sim: Path,
+    out: Path,
     mapping: MappingOption = None,
     workers: WorkersOption = None,
     on: OnOption = Machines.processes,
-    bandwidth: Annotated[
-        float | None,
-        typer.Option(
-            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for "
-            "recordings sampled below 25 Hz."
-        ),
-    ] = None,
+    bandwidth: float | None = None,
 ) -> None:
     """Diagnose every recording by itself, and say which arm is odd and which joint drifts.
 
@@ -45,13 +37,19 @@ def diagnose(
     and a date in its path, such as 2026-03-01, is its date. Logs of any format will do: one
     mapping, which `limo inspect` writes, is for all of them.
 
+    Args:
+        recordings: Recordings, or patterns of them; files or URLs.
+        sim: What is believed of such arms: a sim.yaml, or their URDF or MJCF.
+        out: Folder for table, page and diagnoses.
+        bandwidth: Bandwidth of the zero-phase filter on motion and torque [Hz]; 10, or less for
+            recordings sampled below 25 Hz.
+
     Example:
         limo fleet diagnose "recordings/**/*.parquet" --sim sim.yaml --out fleet
         limo fleet diagnose "*/*.csv" --sim arm.xml --mapping map.yaml --out fleet
         limo fleet diagnose "s3://logs/**" --sim sim.yaml --out fleet --on ray
     """
     from estimators.fleet.page import PAGE, TABLE
-    from limo_driver.app.console.terminal import terminal, told_progress
     from limo_driver.app.library.fleets import diagnose_fleet
 
     notes = terminal(stderr=True, soft_wrap=True)

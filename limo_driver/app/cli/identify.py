@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS, MappingOption, refuse_options
+from limo_driver.app.console.arguments import (
+    MappingOption,
+    RobotOption,
+    describe_options,
+    refuse_options,
+)
+from limo_driver.app.console.terminal import print_notes, progress, terminal
+from limo_driver.runtime.outputs import page_of, require_file
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from estimators.rigid_body import Identification, JointTerms, Rows
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
@@ -19,50 +24,23 @@ if TYPE_CHECKING:
 _WITHOUT_TORQUE = frozenset(("recordings", "robot", "out", "mapping", "as_json"))
 
 
-def command(  # one argument for each option
+@describe_options
+def command(
     context: typer.Context,
-    recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
-    robot: Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")],
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="Where to write the simulation (sim.yaml), and beside it its page (sim.html)."
-        ),
-    ],
-    bandwidth: Annotated[
-        float | None,
-        typer.Option(
-            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; if not given, 10 "
-            "unless another predicts motion held out much better."
-        ),
-    ] = None,
-    sign_width: Annotated[
-        float | None,
-        typer.Option(help="Width of Coulomb friction's sign, rad/s; fitted if not given."),
-    ] = None,
-    offset: Annotated[bool, typer.Option(help="Model an offset of each torque sensor.")] = True,
-    armature: Annotated[
-        bool, typer.Option(help="Model the drives' inertia, where the motion reveals it.")
-    ] = True,
-    moving_only: Annotated[
-        bool,
-        typer.Option(help="Leave out rows of a joint at rest; for torques from currents."),
-    ] = False,
-    weighting: Annotated[
-        str, typer.Option(help="Weigh joints by the inverse variance of: error, torque.")
-    ] = "error",
-    inertia_tolerance: Annotated[
-        float | None,
-        typer.Option(
-            help="How well the robot's inertias are known, relative, 1 sigma; "
-            "found from the data if not given."
-        ),
-    ] = None,
-    base: Annotated[
-        bool, typer.Option("--base", help="Print every base parameter with its uncertainty.")
-    ] = False,
+    recordings: list[Path],
+    *,
+    robot: RobotOption,
+    out: Path,
+    bandwidth: float | None = None,
+    sign_width: float | None = None,
+    offset: bool = True,
+    armature: bool = True,
+    moving_only: Annotated[bool, typer.Option("--moving-only/--no-moving-only")] = False,
+    weighting: str = "error",
+    inertia_tolerance: float | None = None,
+    base: bool = False,
     mapping: MappingOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_json: bool = False,
 ) -> None:
     r"""Identify inertias and friction, and write them as a simulation.
 
@@ -73,12 +51,26 @@ def command(  # one argument for each option
     Recordings of commands and positions without torque identify drives and friction instead, beside
     the inertias of the description, whose weight gives the scale.
 
+    Args:
+        recordings: Recordings of one robot.
+        out: Where to write the simulation (sim.yaml), and beside it its page (sim.html).
+        bandwidth: Bandwidth of the zero-phase filter on motion and torque [Hz]; if not given, 10
+            unless another predicts motion held out much better.
+        sign_width: Width of Coulomb friction's sign, rad/s; fitted if not given.
+        offset: Model an offset of each torque sensor.
+        armature: Model the drives' inertia, where the motion reveals it.
+        moving_only: Leave out rows of a joint at rest; for torques from currents.
+        weighting: Weigh joints by the inverse variance of: error, torque.
+        inertia_tolerance: How well the robot's inertias are known, relative, 1 sigma; found from
+            the data if not given.
+        base: Print every base parameter with its uncertainty.
+        as_json: Print the findings as JSON.
+
     Examples:
         limo identify run.parquet --robot iiwa14 --out sim.yaml
         limo identify a.csv b.csv --robot arm.urdf --moving-only --bandwidth 8 \
             --out sim.yaml --json
     """
-    import json
     from dataclasses import replace
 
     from estimators.rigid_body import JointTerms, Rows
@@ -86,13 +78,10 @@ def command(  # one argument for each option
     from estimators.rigid_body.page import identification_page
     from estimators.rigid_body.tables import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inputs import model_for
     from limo_driver.app.library.reading import read
     from limo_driver.model import RobotModel
-    from limo_driver.runtime.outputs import page_of, require_file
 
-    notes = terminal(stderr=True, soft_wrap=True)
     require_file(out, recordings)
     if (page := page_of(out)) is not None:
         require_file(page, recordings)
@@ -106,15 +95,15 @@ def command(  # one argument for each option
         return
     width, note = fitting_bandwidth(model, measured, bandwidth)
     rows = Rows(width, moving_only, weighting)
-    found = _identify(model, measured, terms, rows, inertia_tolerance, notes)
+    found = _identify(model, measured, terms, rows, inertia_tolerance)
     found = replace(found, warnings=(*found.warnings, *note))
     found.simulation.save(out)
     if page is not None:
         identification_page(found, out.name).save(page)
     if as_json:
-        terminal().print_json(json.dumps(as_values(found) | {"rows": _rows(measured)}))
+        terminal().print_json(data=as_values(found) | {"rows": _rows(measured)})
         return
-    _say_what_was_left_out(measured, notes)
+    print_notes(measured)
     _show(found, out, page, base=base)
 
 
@@ -124,33 +113,19 @@ def _identify(
     terms: JointTerms,
     rows: Rows,
     tolerance: float | None,
-    console: Console,
 ) -> Identification:
-    from rich.progress import Progress
-
     from limo_driver.app.library.learning import identify
 
-    # where nobody watches, the bar would leave an empty line before the message of an error
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("identify", total=sum(map(len, measured)))
-        return identify(
-            model,
-            measured,
-            terms,
-            rows,
-            tolerance,
-            progress=lambda samples: progress.advance(task, samples),
-        )
+    with progress() as bar:
+        task = bar.add_task("identify", total=sum(map(len, measured)))
+        return identify(model, measured, terms, rows, tolerance, lambda n: bar.advance(task, n))
 
 
 def _identify_drives(
     model: RobotModel, measured: list[Recording], out: Path, page: Path | None, *, as_json: bool
 ) -> None:
     """Identify drives and friction of an arm that tells no torque."""
-    import json
-
     from estimators.diagnosis.from_motion.page import drives_page
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.learning import identify_drives
 
     found = identify_drives(model, measured)
@@ -158,9 +133,9 @@ def _identify_drives(
     if page is not None:
         drives_page(found, out.name).save(page)
     if as_json:
-        terminal().print_json(json.dumps(found.as_values() | {"rows": _rows(measured)}))
+        terminal().print_json(data=found.as_values() | {"rows": _rows(measured)})
         return
-    _say_what_was_left_out(measured, terminal(stderr=True, soft_wrap=True))
+    print_notes(measured)
     notes = [f"note: {warning}" for warning in found.warnings]
     terminal(soft_wrap=True).print("\n".join([str(found), *notes, _wrote(out, page)]))
 
@@ -178,21 +153,12 @@ def _rows(measured: list[Recording]) -> list[dict[str, object]]:
     ]
 
 
-def _say_what_was_left_out(measured: list[Recording], console: Console) -> None:
-    for recording in measured:
-        for warning in recording.warnings:
-            console.print(f"{recording.source}: {warning}")
-        for item in recording.left_out:
-            console.print(f"{recording.source}: {item}")
-
-
 def _wrote(out: Path, page: Path | None) -> str:
     return f"wrote {out}" + (f" and {page}" if page else "")
 
 
 def _show(found: Identification, out: Path, page: Path | None, *, base: bool) -> None:
     from estimators.rigid_body.tables import base_table, joint_table, known_of, link_table, notes_of
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal()
     console.print(

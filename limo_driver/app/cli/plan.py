@@ -2,82 +2,92 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS
+from limo_driver.app.console.arguments import RobotOption, describe_options
+from limo_driver.app.console.terminal import progress, shortened, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import page_of, require_file, require_parquet
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from limo_driver.model import RobotModel
-    from limopa import Plan, PlanRequest, Statistics
+    from limopa import Plan, PlanRequest, Statistics, Surroundings
 
 
 PICTURES = (".png", ".pdf", ".svg")
 
-# Options of every command that plans a motion.
-Out = Annotated[
-    Path, typer.Option(help="Where to write the trajectory (Parquet), and beside it its page.")
-]
-Robot = Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed; the same seed gives the same file.")]
-Rate = Annotated[
-    float, typer.Option(help="Samples per second in the file, Hz; smooth between them.")
-]
-JointMargin = Annotated[
-    float, typer.Option(help="Margin kept from the end of each joint's range, degrees.")
-]
-Clearance = Annotated[
-    float, typer.Option(help="Distance kept between links and from the table, m.")
-]
-TableHeight = Annotated[
-    float, typer.Option(help="Height of the table plane above the base frame, m.")
-]
-SelfCollision = Annotated[
-    bool,
-    typer.Option(help="Check links against each other and their shapes against the table."),
-]
-Picture = Annotated[
-    Path | None, typer.Option(help="Draw the motion into this file (PNG, PDF or SVG).")
-]
+
+@dataclass(frozen=True, kw_only=True)
+class Distances:
+    """Options of what a planned motion keeps away from.
+
+    Args:
+        joint_margin: Margin kept from the end of each joint's range, degrees.
+        clearance: Distance kept between links and from the table, m.
+        table_height: Height of the table plane above the base frame, m.
+        self_collision: Check links against each other and their shapes against the table.
+    """
+
+    joint_margin: float = 5.0
+    clearance: float = 0.02
+    table_height: float = 0.0
+    self_collision: bool = True
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """What is planned for."""
+        from math import radians
+
+        from limopa import Surroundings
+
+        return Surroundings(
+            joint_margin=radians(self.joint_margin),
+            clearance=self.clearance,
+            table_height=self.table_height,
+            self_collision=self.self_collision,
+        )
 
 
+@describe_options
 def command(
-    out: Out,
-    robot: Robot = "iiwa14",
-    scaffolds: Annotated[
-        int, typer.Option(help="Configurations to reach and explore; 150 last about an hour.")
-    ] = 150,
-    seed: Seed = 0,
-    rate: Rate = 250.0,
-    workspace_radius: Annotated[
-        float, typer.Option(help="Radius of the effective workspace around the base, m.")
-    ] = 0.8,
-    joint_margin: JointMargin = 5.0,
-    clearance: Clearance = 0.02,
-    table_height: TableHeight = 0.0,
-    self_collision: SelfCollision = True,
-    picture: Picture = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the statistics as JSON.")] = False,
+    *,
+    out: Path,
+    robot: RobotOption = "iiwa14",
+    scaffolds: int = 150,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    rate: float = 250.0,
+    workspace_radius: float = 0.8,
+    distances: Distances,
+    picture: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     r"""Plan locally isotropic motion (LIMOPA): straight reaches, then small sinusoids around each.
 
     Every configuration in between keeps the joint limits, the table and the links apart; the motion
     keeps the limits of velocity, acceleration and jerk.
 
+    Args:
+        out: Where to write the trajectory (Parquet), and beside it its page.
+        scaffolds: Configurations to reach and explore; 150 last about an hour.
+        seed: Seed; the same seed gives the same file.
+        rate: Samples per second in the file, Hz; smooth between them.
+        workspace_radius: Radius of the effective workspace around the base, m.
+        picture: Draw the motion into this file (PNG, PDF or SVG).
+        as_json: Print the statistics as JSON.
+
     Examples:
         limo plan --robot iiwa14 --scaffolds 150 --seed 1 --out limo.traj.parquet
         limo plan --scaffolds 5 --out short.traj.parquet --picture short.png \
             --json
     """
-    from math import radians
-
-    from limo_driver.app.console.terminal import shortened
     from limo_driver.model import RobotModel
-    from limopa import PlanRequest, Surroundings, Workspace, draw, summarise
+    from limopa import PlanRequest, Workspace, draw, summarise
     from limopa.page import plan_page
 
     page = require_writable(out, picture, robot)
@@ -85,12 +95,7 @@ def command(
         scaffolds=shortened("--scaffolds", scaffolds, 1) or scaffolds,
         rate=rate,
         workspace=Workspace(radius=workspace_radius),
-        surroundings=Surroundings(
-            joint_margin=radians(joint_margin),
-            clearance=clearance,
-            table_height=table_height,
-            self_collision=self_collision,
-        ),
+        surroundings=distances.surroundings,
     )
     model = RobotModel.load(robot)
     planned = _plan(model, request, seed, quiet=as_json)
@@ -108,9 +113,6 @@ def require_writable(out: Path, picture: Path | None, robot: str) -> Path | None
     Returns:
         Where the page goes, if there is to be one.
     """
-    from limo_driver.errors import ConfigError
-    from limo_driver.runtime.outputs import page_of, require_file, require_parquet
-
     if picture is not None and picture.suffix.lower() not in PICTURES:
         raise ConfigError(f"is no picture; expected {', '.join(PICTURES)}", path=picture)
     if picture is not None and picture.resolve() == out.resolve():
@@ -124,25 +126,13 @@ def require_writable(out: Path, picture: Path | None, robot: str) -> Path | None
 
 
 def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:
-    """Plan behind a progress bar, which goes to stderr and leaves stdout to the result."""
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
+    """Plan behind a progress bar."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.planning import plan
+    from limo_driver.app.library.moving import plan
 
-    columns = (
-        TextColumn("planning"), BarColumn(), MofNCompleteColumn(), TextColumn("scaffolds"),
-        TimeRemainingColumn(),
-    )  # fmt: skip
-    console = terminal(stderr=True)
-    disable = quiet or not console.is_terminal
-    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
+    columns = ("planning", BarColumn(), MofNCompleteColumn(), "scaffolds", TimeRemainingColumn())
+    with progress(*columns, quiet=quiet) as bar:
         task = bar.add_task("planning", total=request.scaffolds)
         return plan(
             model,
@@ -153,13 +143,11 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
 
 
 def _report(statistics: Statistics, *, as_json: bool) -> None:
-    from limo_driver.app.console.terminal import terminal
 
     if as_json:
         import json
-        import sys
 
-        sys.stdout.write(json.dumps(statistics.as_dict(), indent=2) + "\n")
+        typer.echo(json.dumps(statistics.as_dict(), indent=2))
         return
     console = terminal()
     s = statistics

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import typer
-
-from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.terminal import terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_file, require_parquet, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,32 +25,18 @@ if TYPE_CHECKING:
 _UNITS = {"torque": " [N m]", "std": " [N m]", "position": " [rad]"}
 
 
+@describe_options
 def command(
-    recording: Annotated[Path, typer.Argument(help="Recording: Parquet, CSV or limo's own log.")],
-    out: Annotated[Path, typer.Option(help="Where to write torques or positions (Parquet).")],
-    sim: Annotated[Path | None, typer.Option(help="The simulation, a sim.yaml.")] = None,
-    model: Annotated[Path | None, typer.Option(help="Or a model folder of `limo train`.")] = None,
-    bandwidth: Annotated[
-        float | None,
-        typer.Option(help="Bandwidth of the differentiator, Hz; 10. A model has its own."),
-    ] = None,
-    delay: Annotated[
-        float | None,
-        typer.Option(
-            help="Predict what a live stream would have said this late, s; from the past alone."
-        ),
-    ] = None,
-    free_running: Annotated[
-        bool,
-        typer.Option(
-            "--free-running",
-            help="Predict positions instead: simulated forward from the commands alone.",
-        ),
-    ] = False,
+    recording: Path,
+    *,
+    out: Path,
+    sim: Path | None = None,
+    model: Path | None = None,
+    bandwidth: float | None = None,
+    delay: float | None = None,
+    free_running: bool = False,
     mapping: MappingOption = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the rows used and left out as JSON.")
-    ] = False,
+    as_json: bool = False,
 ) -> None:
     """Predict the noise-free torque, or the positions, of a recorded motion, as Parquet.
 
@@ -65,18 +52,24 @@ def command(
     position_n [rad]. Other positions may be missing; where they are there, commands are held
     against them first.
 
+    Args:
+        recording: Recording: Parquet, CSV or limo's own log.
+        out: Where to write torques or positions (Parquet).
+        sim: The simulation, a sim.yaml.
+        model: Or a model folder of `limo train`.
+        bandwidth: Bandwidth of the differentiator, Hz; 10. A model has its own.
+        delay: Predict what a live stream would have said this late, s; from the past alone.
+        free_running: Predict positions instead: simulated forward from the commands alone.
+        as_json: Print the rows used and left out as JSON.
+
     Examples:
         limo predict run.parquet --sim sim.yaml --out torque.parquet
         limo predict run.parquet --model model/ --delay 0.1 --out torque.parquet
         limo predict run.parquet --sim sim.yaml --free-running --out moved.parquet
     """
-    import json
-
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.learning import predict
     from limo_driver.app.library.reading import read, read_commanded
     from limo_driver.app.library.simulating import simulate_forward
-    from limo_driver.runtime.outputs import require_file, require_parquet
 
     require_file(out, [path for path in (recording, sim) if path is not None])
     require_parquet(out)
@@ -96,9 +89,8 @@ def command(
     if as_json:
         left_out = {item.reason: item.rows for item in measured.left_out}
         rows = {"used": len(measured), "left_out": left_out}
-        terminal().print_json(
-            json.dumps({"file": str(out), "rows": rows, "warnings": [*measured.warnings, *odd]})
-        )
+        warnings = [*measured.warnings, *odd]
+        terminal().print_json(data={"file": str(out), "rows": rows, "warnings": warnings})
         return
     notes = terminal(stderr=True, soft_wrap=True)
     for item in (*measured.warnings, *measured.left_out, *odd):
@@ -112,8 +104,6 @@ def _check_free_running(model: Path | None, bandwidth: float | None, delay: floa
     Raises:
         ConfigError: One of them is given.
     """
-    from limo_driver.errors import ConfigError
-
     given = {"--model": model, "--bandwidth": bandwidth, "--delay": delay}
     if named := [name for name, value in given.items() if value is not None]:
         raise ConfigError(
@@ -140,7 +130,6 @@ def _load(
     Raises:
         ConfigError: Both or none were given, or a bandwidth to a model.
     """
-    from limo_driver.errors import ConfigError
     from limo_driver.physics import Simulation
 
     if (sim is None) == (model is None):
@@ -186,8 +175,6 @@ def write(
     import numpy as np
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-    from limo_driver.runtime.outputs import whole
 
     left_out = np.ones(recording.rows_total, dtype=bool)
     left_out[recording.rows] = False

@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import Annotated
+from pathlib import Path
 
-import typer
+from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.terminal import terminal
 
 
+@describe_options
 def command(
-    first: Annotated[Path, typer.Argument(help="Folder of a diagnosis.")],
-    second: Annotated[Path, typer.Argument(help="Folder of another one, of the same kind of arm.")],
-    out: Annotated[Path, typer.Option(help="The page to write (.html).")],
+    first: Path,
+    second: Path,
+    *,
+    out: Path,
 ) -> None:
     """Put two diagnoses side by side: two days, before and after a repair, two units.
 
     Says which findings are new, gone or changed, where their 95 % intervals do not overlap, and
     the errors of each joint in both.
+
+    Args:
+        first: Folder of a diagnosis.
+        second: Folder of another one, of the same kind of arm.
+        out: The page to write (.html).
 
     Example:
         limo report monday/ tuesday/ --out comparison.html
@@ -24,7 +31,6 @@ def command(
     from estimators.diagnosis.reading import verdict_in
     from estimators.diagnosis.report.truth import comparison
     from estimators.diagnosis.verdict import IMPROVED
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.physics import Simulation
 
     verdicts = [verdict_in(folder) for folder in (first, second)]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from limo_driver.app.cli import INTERRUPTED
-from limo_driver.app.console.arguments import ROBOTS
-from limo_driver.app.console.terminal import say
-from limo_driver.network.config import ConfigFile, Connect, Listen, RosDomain  # noqa: TC001  # typer
+from limo_driver.app.console.arguments import ROBOTS, Network, RosDomain, describe_options
+from limo_driver.app.console.terminal import progress, say, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_apart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -21,73 +22,56 @@ if TYPE_CHECKING:
 _ANSWERED = {"p50": "p50", "p99": "p99", "p99_9": "p99.9", "longest": "longest"}
 
 
+@describe_options
 def command(
-    backend: Annotated[str, typer.Option(help="Name of the backend: mujoco, virtual, ...")],
-    trajectory: Annotated[Path, typer.Option(help="The motion, from `limo plan` or `excite`.")],
-    record: Annotated[Path, typer.Option(help="Where to write the recording (Parquet).")],
-    sim: Annotated[
-        Path | None, typer.Option(help="A sim.yaml for simulated arms; else the rigid body alone.")
-    ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(help=f"Else the trajectory's: {ROBOTS}."),
-    ] = None,
-    host: Annotated[
-        str | None, typer.Option(help="Address of a real arm's controller; else whoever speaks.")
-    ] = None,
-    port: Annotated[int | None, typer.Option(help="UDP port of a real arm.")] = None,
-    arm_config: Annotated[
-        Path | None, typer.Option("--config", help="What is to be known of a real arm (YAML).")
-    ] = None,
-    reset_faults: Annotated[
-        bool, typer.Option("--reset-faults", help="Reset the faults of a real arm's drives.")
-    ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of a simulated arm's sensor noise.")] = 0,
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this much of the trajectory [s].")
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(help="Record and publish at this rate [Hz], a part of the control rate."),
-    ] = None,
-    impedance: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0, help="Follow with this joint stiffness [N m/rad] instead of stiffly."
-        ),
-    ] = None,
-    stream: Annotated[
-        bool, typer.Option("--stream", help="Publish joint states on Zenoh, in real time.")
-    ] = False,
-    wait: Annotated[
-        float | None,
-        typer.Option(
-            "--wait-for-estimates",
-            metavar="SECONDS",
-            help="With --stream: stand at the start until `limo serve` answers, at most so long; "
-            "without an answer the arm does not move, and the exit status is 1.",
-        ),
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="Name of the arm on the network; else the robot's.")
-    ] = None,
-    ros: Annotated[
-        bool,
-        typer.Option("--ros", help="With --stream: also as /joint_states of ROS 2 (rmw_zenoh)."),
-    ] = False,
+    *,
+    backend: str,
+    trajectory: Path,
+    record: Path,
+    sim: Path | None = None,
+    robot: Annotated[str | None, typer.Option(help=f"Else the trajectory's: {ROBOTS}.")] = None,
+    host: str | None = None,
+    port: int | None = None,
+    arm_config: Annotated[Path | None, typer.Option("--config")] = None,
+    reset_faults: bool = False,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    duration: Annotated[float | None, typer.Option(min=0.0)] = None,
+    rate: float | None = None,
+    impedance: Annotated[float | None, typer.Option(min=0.0)] = None,
+    stream: bool = False,
+    wait: Annotated[float | None, typer.Option("--wait-for-estimates", metavar="SECONDS")] = None,
+    name: str | None = None,
+    ros: bool = False,
     ros_domain: RosDomain = 0,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
-    fifo: Annotated[
-        bool, typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory, for a real arm.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the summary as JSON.")] = False,
+    network: Network,
+    fifo: bool = False,
+    as_json: bool = False,
 ) -> None:
     r"""Move an arm along a trajectory and record position, velocity and torque.
 
     A simulated arm starts where the trajectory does; a real one has to stand there. Ctrl-C
     or SIGTERM slows the arm down to a hold, keeps what was recorded, and ends with exit status 130.
+
+    Args:
+        backend: Name of the backend: mujoco, virtual, ...
+        trajectory: The motion, from `limo plan` or `excite`.
+        record: Where to write the recording (Parquet).
+        sim: A sim.yaml for simulated arms; else the rigid body alone.
+        host: Address of a real arm's controller; else whoever speaks.
+        port: UDP port of a real arm.
+        arm_config: What is to be known of a real arm (YAML).
+        reset_faults: Reset the faults of a real arm's drives.
+        seed: Seed of a simulated arm's sensor noise.
+        duration: Stop after this much of the trajectory [s].
+        rate: Record and publish at this rate [Hz], a part of the control rate.
+        impedance: Follow with this joint stiffness [N m/rad] instead of stiffly.
+        stream: Publish joint states on Zenoh, in real time.
+        wait: With --stream: stand at the start until `limo serve` answers, at most so long; without
+            an answer the arm does not move, and the exit status is 1.
+        name: Name of the arm on the network; else the robot's.
+        ros: With --stream: also as /joint_states of ROS 2 (rmw_zenoh).
+        fifo: Ask for SCHED_FIFO and locked memory, for a real arm.
+        as_json: Print the summary as JSON.
 
     Examples:
         limo run --backend mujoco --trajectory limo.traj.parquet --sim sim.yaml \
@@ -99,11 +83,9 @@ def command(
         limo run --backend fri --trajectory limo.traj.parquet \
             --record run.parquet --fifo
     """
-    from limo_driver.app.library.running import Streaming, play
-    from limo_driver.errors import ConfigError
+    from limo_driver.app.library.moving import Streaming, play
     from limo_driver.physics import Simulation
     from limo_driver.robot.playback import NotBegunError
-    from limo_driver.runtime.outputs import require_apart
     from limo_driver.trajectory import Trajectory
 
     if wait is not None and not stream:
@@ -111,7 +93,7 @@ def command(
     if ros and not stream:
         raise ConfigError("--ros publishes what --stream does; give both")
     domain = ros_domain if ros else None
-    streaming = Streaming(name or "", wait, domain, connect or (), listen or (), config)
+    streaming = Streaming(name or "", wait, domain, *network.ends)
     require_apart([record], [trajectory, *([] if sim is None else [sim])])
     motion = Trajectory.load(trajectory)
     if duration is not None:
@@ -154,22 +136,15 @@ def _say_it_stands(name: str) -> None:
 
 @contextmanager
 def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TimeRemainingColumn
 
-    from limo_driver.app.console.terminal import terminal
-
-    console = terminal(stderr=True)
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
-    disable = quiet or not console.is_terminal
-    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
+    with progress("{task.description}", BarColumn(), TimeRemainingColumn(), quiet=quiet) as bar:
         task = bar.add_task("moving and recording")
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
     from rich.table import Table
-
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal()
     if as_json:

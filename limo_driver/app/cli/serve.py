@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from pathlib import Path  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.terminal import say
-from limo_driver.network.config import (
-    ConfigFile,  # noqa: TC001  # typer
-    Connect,  # noqa: TC001  # typer
-    Listen,  # noqa: TC001  # typer
-    RosDomain,  # noqa: TC001  # typer
-)
+from limo_driver.app.console.arguments import Network, RosDomain, describe_options
+from limo_driver.app.console.terminal import say, terminal
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,126 +29,36 @@ _SECONDS_PER_DAY = 86400.0
 _PART_UNDER_WAY = 0.1  # of all files of a log together, in the one that is being written
 
 
-def command(  # one argument for each option
+@describe_options
+def command(
     context: typer.Context,
-    arm: Annotated[
-        list[str],
-        typer.Option(
-            metavar="NAME[=STORE]",
-            help="Name of the arm, as its driver publishes it, and its store if --store is not of "
-            "it; give it several times to serve several arms.",
-        ),
-    ],
-    store: Annotated[
-        Path | None, typer.Option(help="Model store, whose champion serves; see `limo models`.")
-    ] = None,
-    model: Annotated[
-        Path | None, typer.Option(help="Model folder of `limo train`, instead of a store.")
-    ] = None,
-    sim: Annotated[
-        Path | None, typer.Option(help="Physics that serves where no model does (sim.yaml).")
-    ] = None,
-    log: Annotated[
-        Path | None, typer.Option(help="Folder for logs (MCAP) of states, estimates and events.")
-    ] = None,
-    log_size: Annotated[
-        float,
-        typer.Option(
-            metavar="GB",
-            help="All logs together; the oldest are deleted beyond it. inf for no limit.",
-        ),
-    ] = 20.0,
-    log_age: Annotated[
-        float,
-        typer.Option(metavar="DAYS", help="Logs that are older are deleted. inf for no limit."),
-    ] = 30.0,
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
-    ros: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TOPIC",
-            help="Take joint states from this topic of ROS 2 (rmw_zenoh) instead of a driver.",
-        ),
-    ] = None,
+    *,
+    arm: Annotated[list[str], typer.Option(metavar="NAME[=STORE]")],
+    store: Path | None = None,
+    model: Path | None = None,
+    sim: Path | None = None,
+    log: Path | None = None,
+    log_size: Annotated[float, typer.Option(metavar="GB")] = 20.0,
+    log_age: Annotated[float, typer.Option(metavar="DAYS")] = 30.0,
+    network: Network,
+    ros: Annotated[str | None, typer.Option(metavar="TOPIC")] = None,
     ros_domain: RosDomain = 0,
-    rate: Annotated[
-        float | None, typer.Option(help="Rate of the joint states [Hz]; measured if not given.")
-    ] = None,
-    delay: Annotated[
-        float, typer.Option(help="By which estimates are late [s]; less hears more noise.")
-    ] = 0.1,
-    bound: Annotated[
-        float | None,
-        typer.Option(
-            help="Most that a learned part may add [N m]; else a tenth of the joint's limit."
-        ),
-    ] = None,
-    contact: Annotated[
-        str,
-        typer.Option(
-            metavar="N_M",
-            help="External torque that is a contact [N m]; 8,8,6,6,4,2,1 says it joint by joint.",
-        ),
-    ] = "4",
-    contact_for: Annotated[
-        str,
-        typer.Option(metavar="SECONDS", help="How long it has to last; also joint by joint."),
-    ] = "0.15",
-    free: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="RECORDING",
-            help="Motion that nothing touched: its errors say what a contact is, instead of "
-            "--contact; takes --model.",
-        ),
-    ] = None,
-    false_alarms: Annotated[
-        float, typer.Option(metavar="PER_HOUR", help="Of contact on the whole arm, with --free.")
-    ] = 1.0,
-    retrain: Annotated[
-        bool | None,
-        typer.Option(
-            "--retrain/--no-retrain",
-            help="Train a challenger from the logs where the arm has changed, and let it serve if "
-            "it proves better; done where --store and --log are given.",
-        ),
-    ] = None,
-    retrain_every: Annotated[
-        float | None, typer.Option(metavar="HOURS", help="Also train after every so many hours.")
-    ] = None,
-    training_seconds: Annotated[
-        float, typer.Option(help="Seconds of the newest motion that a challenger learns from.")
-    ] = 300.0,
-    challenger: Annotated[
-        str,
-        typer.Option(
-            metavar="KIND",
-            help="Kind of the challengers: same as the champion, joint-physics, or a network, for "
-            "example lstm-fcl.",
-        ),
-    ] = "same",
-    trust: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="KEY", help="Public key (PEM); versions that none of these signed are refused."
-        ),
-    ] = None,
-    sign: Annotated[
-        Path | None,
-        typer.Option(help="Private key (PEM), with which challengers are signed that are trained."),
-    ] = None,
-    fifo: Annotated[
-        bool,
-        typer.Option("--fifo", help="Ask for SCHED_FIFO and locked memory."),
-    ] = False,
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print events and status as JSON, one a line.")
-    ] = False,
+    rate: float | None = None,
+    delay: float = 0.1,
+    bound: float | None = None,
+    contact: Annotated[str, typer.Option(metavar="N_M")] = "4",
+    contact_for: Annotated[str, typer.Option(metavar="SECONDS")] = "0.15",
+    free: Annotated[list[Path] | None, typer.Option(metavar="RECORDING")] = None,
+    false_alarms: Annotated[float, typer.Option(metavar="PER_HOUR")] = 1.0,
+    retrain: Annotated[bool | None, typer.Option("--retrain/--no-retrain")] = None,
+    retrain_every: Annotated[float | None, typer.Option(metavar="HOURS")] = None,
+    training_seconds: float = 300.0,
+    challenger: Annotated[str, typer.Option(metavar="KIND")] = "same",
+    trust: Annotated[list[Path] | None, typer.Option(metavar="KEY")] = None,
+    sign: Path | None = None,
+    fifo: bool = False,
+    duration: Annotated[float | None, typer.Option(min=0.0)] = None,
+    as_json: bool = False,
 ) -> None:
     r"""Subscribe to joint states, and publish torque estimates, external torque and events.
 
@@ -171,6 +77,36 @@ def command(  # one argument for each option
     machine), waiting for joint states, preparing, serving. `limo watch --until serving` waits
     for it. What else happens comes on standard error; with --json, everything on standard output.
 
+    Args:
+        arm: Name of the arm, as its driver publishes it, and its store if --store is not of it;
+            give it several times to serve several arms.
+        store: Model store, whose champion serves; see `limo models`.
+        model: Model folder of `limo train`, instead of a store.
+        sim: Physics that serves where no model does (sim.yaml).
+        log: Folder for logs (MCAP) of states, estimates and events.
+        log_size: All logs together; the oldest are deleted beyond it. inf for no limit.
+        log_age: Logs that are older are deleted. inf for no limit.
+        ros: Take joint states from this topic of ROS 2 (rmw_zenoh) instead of a driver.
+        rate: Rate of the joint states [Hz]; measured if not given.
+        delay: By which estimates are late [s]; less hears more noise.
+        bound: Most that a learned part may add [N m]; else a tenth of the joint's limit.
+        contact: External torque that is a contact [N m]; 8,8,6,6,4,2,1 says it joint by joint.
+        contact_for: How long it has to last; also joint by joint.
+        free: Motion that nothing touched: its errors say what a contact is, instead of --contact;
+            takes --model.
+        false_alarms: Of contact on the whole arm, with --free.
+        retrain: Train a challenger from the logs where the arm has changed, and let it serve if it
+            proves better; done where --store and --log are given.
+        retrain_every: Also train after every so many hours.
+        training_seconds: Seconds of the newest motion that a challenger learns from.
+        challenger: Kind of the challengers: same as the champion, joint-physics, or a network, for
+            example lstm-fcl.
+        trust: Public key (PEM); versions that none of these signed are refused.
+        sign: Private key (PEM), with which challengers are signed that are trained.
+        fifo: Ask for SCHED_FIFO and locked memory.
+        duration: Stop after this time [s]; else at Ctrl-C.
+        as_json: Print events and status as JSON, one a line.
+
     Examples:
         limo serve --arm iiwa14 --store models/ --log logs/
         limo serve --arm iiwa14 --model model/ --connect tcp/192.168.1.2:7447
@@ -187,7 +123,7 @@ def command(  # one argument for each option
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
     retraining = retraining_of(stores, log, retrain, retrain_every, training_seconds, challenger)
-    apart = len(stores) > 1 and not listens(listen or (), config)
+    apart = len(stores) > 1 and not listens(network.listen or (), network.config)
     with (serve_apart if apart else serve)(
         stores,
         model=model,
@@ -199,14 +135,14 @@ def command(  # one argument for each option
         trust=tuple(trust or ()),
         sign=sign,
         ros=None if ros is None else RosTopic(ros, ros_domain),
-        connect=connect or (),
-        listen=listen or (),
-        config=config,
+        connect=network.ends[0],
+        listen=network.ends[1],
+        config=network.config,
         fifo=fifo,
         told=teller(several=len(stores) > 1, as_json=as_json),
         show=status_printer(as_json=as_json),
     ) as service:
-        if config is None:
+        if network.config is None:
             say(OPEN, stderr=True)
         service.wait(duration)
     for why in service.lost_logs.values():
@@ -241,7 +177,6 @@ def free_contact(
         ConfigError: There is no model, or contacts are given twice.
     """
     from limo_driver.app.library.contacts import contact_thresholds
-    from limo_driver.errors import ConfigError
 
     if model is None:
         raise ConfigError("--free takes --model, whose errors on that motion it judges")
@@ -260,8 +195,6 @@ def per_joint(option: str, text: str, unit: str) -> tuple[float, ...]:
     Raises:
         ConfigError: It is no such list, or not above 0 and finite.
     """
-    from limo_driver.errors import ConfigError
-
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -277,7 +210,6 @@ def log_limits(size: float, age: float, arms: int) -> LogLimits:
     Raises:
         ConfigError: A limit is not above 0.
     """
-    from limo_driver.errors import ConfigError
     from limo_driver.logs.mcap_log import LogLimits
 
     for option, value, unit in (("--log-size", size, "GB"), ("--log-age", age, "days")):
@@ -295,8 +227,6 @@ def stores_of(given: list[str], store: Path | None) -> dict[str, Path | None]:
     Raises:
         ConfigError: An arm is named twice, or has two stores.
     """
-    from limo_driver.errors import ConfigError
-
     stores: dict[str, Path | None] = {}
     for entry in given:
         name, _, own = entry.partition("=")
@@ -318,7 +248,6 @@ def retraining_of(
 ) -> RetrainingSettings | None:
     """Return how to retrain, or None where it is not wanted or not possible."""
     from estimators.service.settings import RetrainingSettings
-    from limo_driver.errors import ConfigError
 
     possible = None not in stores.values() and log is not None
     if wanted and not possible:
@@ -340,8 +269,6 @@ def teller(*, several: bool, as_json: bool) -> Callable[[str, Event], None]:
     For people, how far the service is comes on standard output, everything else on standard error.
     """
     import json
-
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal(stderr=not as_json)
 

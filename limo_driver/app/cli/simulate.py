@@ -2,27 +2,30 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.terminal import Machines, OnOption, WorkersOption  # typer
+from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.terminal import (
+    Machines,
+    OnOption,
+    WorkersOption,
+    terminal,
+    told_progress,
+)
 
 
+@describe_options
 def command(
-    trajectories: Annotated[
-        list[str], typer.Argument(help="Trajectories, or patterns of them; files or URLs.")
-    ],
-    sim: Annotated[Path, typer.Option(help="Physics of the arm, a sim.yaml.")],
-    out: Annotated[Path, typer.Option(help="Folder for the recordings.")],
-    seeds: Annotated[
-        int, typer.Option(min=1, help="How many recordings of each, with other sensor noise.")
-    ] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="The first seed; the others follow it.")] = 0,
-    rate: Annotated[
-        float | None, typer.Option(help="Record at this rate [Hz], a part of the control rate.")
-    ] = None,
+    trajectories: list[str],
+    *,
+    sim: Path,
+    out: Path,
+    seeds: Annotated[int, typer.Option(min=1)] = 1,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    rate: float | None = None,
     workers: WorkersOption = None,
     on: OnOption = Machines.processes,
 ) -> None:
@@ -31,10 +34,17 @@ def command(
     Writes <trajectory>_seed<k>.parquet for each. What is finished is kept, whatever happens; the
     same command goes on from there. The exit status is 1 where a trajectory could not be used.
 
+    Args:
+        trajectories: Trajectories, or patterns of them; files or URLs.
+        sim: Physics of the arm, a sim.yaml.
+        out: Folder for the recordings.
+        seeds: How many recordings of each, with other sensor noise.
+        seed: The first seed; the others follow it.
+        rate: Record at this rate [Hz], a part of the control rate.
+
     Example:
         limo simulate "plans/*.traj.parquet" --sim sim.yaml --seeds 10 --out data
     """
-    from limo_driver.app.console.terminal import terminal, told_progress
     from limo_driver.app.library.simulating import simulate_dataset
 
     notes = terminal(stderr=True, soft_wrap=True)

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from limo_driver.app.console.arguments import MappingOption, refuse_options
+from limo_driver.app.console.arguments import MappingOption, describe_options, refuse_options
 from limo_driver.app.console.terminal import (
-    Machines,  # typer
+    Machines,
     OnOption,
     WorkersOption,
+    print_notes,
+    progress,
+    terminal,
+    told_progress,
 )
+from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rich.console import Console
+    from rich.table import Table
 
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
@@ -30,86 +36,65 @@ OPTIONS: Final = frozenset(
 )
 
 
-def command(  # one argument for each option
+@dataclass(frozen=True, kw_only=True)
+class NetworkOptions:
+    """Options of training a network; None stands for what suits the features.
+
+    Args:
+        features: Inputs: all-joints (the paper's), own-joint (a network for each joint sees that
+            joint only), drive (of that joint, what friction and elasticity of a drive depend on).
+        epochs: Passes over the recordings; 100, or 20 with drive.
+        seed: Seed; the same gives the same weights.
+        bandwidth: Bandwidth of the zero-phase filter on motion and torque [Hz]; if not given, that
+            of the simulation, or 10 unless another predicts motion held out much better.
+        rate: Rate of the network's samples [Hz], to which faster recordings are thinned; 200, or 50
+            with drive.
+        sequence_length: Samples that an LSTM is differentiated through, or a transformer looks back
+            over.
+        batch: Rows (mlp7) or sequences (others) of a step.
+        hidden: Hidden units of a network; 0: as the paper.
+        layers: LSTM layers of lstm-fcl, 1 or 2; of a transformer's coders.
+        schedule: How the step shrinks: cosine, plateau (the paper's).
+        learning_rate: Initial step of AdamW; 1e-3, or 3e-3 with drive.
+        weight_decay: Weight decay of AdamW.
+        held_out: Part of the motion, in blocks, that training does not see.
+        folds: Stretches of motion, each predicted by a network that did not see it, that judge the
+            gain of each joint; 1: none do, and the gain is 1.
+        device: cpu, cuda, or auto: a GPU if there is one, but for an mlp7.
+    """
+
+    features: str = "all-joints"
+    epochs: int | None = None
+    seed: int = 0
+    bandwidth: float | None = None
+    rate: float | None = None
+    sequence_length: int = 100
+    batch: int = 50
+    hidden: int = 0
+    layers: int = 1
+    schedule: str = "cosine"
+    learning_rate: float | None = None
+    weight_decay: float = 0.01
+    held_out: float = 0.2
+    folds: int = 3
+    device: str = "auto"
+
+
+@describe_options
+def command(
     context: typer.Context,
-    recordings: Annotated[list[Path], typer.Argument(help="Recordings of one robot.")],
-    sim: Annotated[Path, typer.Option(help="The identified simulation, a sim.yaml.")],
-    out: Annotated[Path, typer.Option(help="Model folder to write.")],
-    model: Annotated[
-        str,
-        typer.Option(
-            help="joint-physics, or a network: mlp7, lstm-2, lstm-fcl, transformer; or an "
-            "estimator that another package registers."
-        ),
-    ] = "mlp7",
-    features: Annotated[
-        str,
-        typer.Option(
-            help="Inputs: all-joints (the paper's), own-joint (a network for each joint sees that "
-            "joint only), drive (of that joint, what friction and elasticity of a drive depend on)."
-        ),
-    ] = "all-joints",
-    epochs: Annotated[
-        int | None, typer.Option(help="Passes over the recordings; 100, or 20 with drive.")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Seed; the same gives the same weights.")] = 0,
-    bandwidth: Annotated[
-        float | None,
-        typer.Option(
-            help="Bandwidth of the zero-phase filter on motion and torque [Hz]; if not given, that "
-            "of the simulation, or 10 unless another predicts motion held out much better."
-        ),
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(
-            help="Rate of the network's samples [Hz], to which faster recordings are thinned; "
-            "200, or 50 with drive."
-        ),
-    ] = None,
-    sequence_length: Annotated[
-        int,
-        typer.Option(
-            help="Samples that an LSTM is differentiated through, or a transformer looks back over."
-        ),
-    ] = 100,
-    batch: Annotated[int, typer.Option(help="Rows (mlp7) or sequences (others) of a step.")] = 50,
-    hidden: Annotated[int, typer.Option(help="Hidden units of a network; 0: as the paper.")] = 0,
-    layers: Annotated[
-        int, typer.Option(help="LSTM layers of lstm-fcl, 1 or 2; of a transformer's coders.")
-    ] = 1,
-    schedule: Annotated[
-        str, typer.Option(help="How the step shrinks: cosine, plateau (the paper's).")
-    ] = "cosine",
-    learning_rate: Annotated[
-        float | None, typer.Option(help="Initial step of AdamW; 1e-3, or 3e-3 with drive.")
-    ] = None,
-    weight_decay: Annotated[float, typer.Option(help="Weight decay of AdamW.")] = 0.01,
-    held_out: Annotated[
-        float, typer.Option(help="Part of the motion, in blocks, that training does not see.")
-    ] = 0.2,
-    folds: Annotated[
-        int,
-        typer.Option(
-            help="Stretches of motion, each predicted by a network that did not see it, that judge "
-            "the gain of each joint; 1: none do, and the gain is 1."
-        ),
-    ] = 3,
-    device: Annotated[
-        str, typer.Option(help="cpu, cuda, or auto: a GPU if there is one, but for an mlp7.")
-    ] = "auto",
+    recordings: list[Path],
+    *,
+    sim: Path,
+    out: Path,
+    model: str = "mlp7",
+    network: NetworkOptions,
     mapping: MappingOption = None,
-    sweep: Annotated[
-        Path | None,
-        typer.Option(help="Train with every setting of this space.yaml; OUT is a folder of all."),
-    ] = None,
-    test: Annotated[
-        list[Path] | None,
-        typer.Option(help="With --sweep: recording on which each network is evaluated."),
-    ] = None,
+    sweep: Path | None = None,
+    test: list[Path] | None = None,
     workers: WorkersOption = None,
     on: OnOption = Machines.processes,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    as_json: bool = False,
 ) -> None:
     r"""Learn the torque that a simulation leaves unexplained, by a network or by joint physics.
 
@@ -124,6 +109,16 @@ def command(  # one argument for each option
     {from: 3e-4, to: 1e-2, scale: log}` with `draws: 4`: every combination. What is trained is kept,
     and the same command goes on. OUT gets results.parquet, sweep.html, and the best model as best/.
 
+    Args:
+        recordings: Recordings of one robot.
+        sim: The identified simulation, a sim.yaml.
+        out: Model folder to write.
+        model: joint-physics, or a network: mlp7, lstm-2, lstm-fcl, transformer; or an estimator
+            that another package registers.
+        sweep: Train with every setting of this space.yaml; OUT is a folder of all.
+        test: With --sweep: recording on which each network is evaluated.
+        as_json: Print the figures as JSON.
+
     Examples:
         limo train run.parquet --sim sim.yaml --model lstm-fcl --out model/
         limo train a.parquet b.parquet --sim sim.yaml --features drive \
@@ -131,179 +126,140 @@ def command(  # one argument for each option
         limo train run.parquet --sim sim.yaml --model joint-physics --out model/
         limo train run.parquet --sim sim.yaml --sweep space.yaml --out sweep/
     """
-    import json
     from dataclasses import replace
 
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inputs import require_model
     from limo_driver.app.library.reading import read
 
     require_model(model)
     if sweep is not None:
         refuse_options(context, OPTIONS, "is said in the space of a sweep, not beside --sweep")
-        simulation, measured, _ = _load(recordings, sim, out, mapping)
+        simulation, measured = _load(recordings, sim, out, mapping)
         tests = [read(path, simulation.model, mapping) for path in test or ()]
         run_sweep(simulation, measured, sweep, out, tests, workers, on, as_json=as_json)
         return
     refuse_options(context, frozenset(context.params) - _OF_A_SWEEP, "takes --sweep")
-    if model not in NETWORKS:
+    settings, most = None, float("inf")
+    if model in NETWORKS:
+        chosen = {name: value for name, value in vars(network).items() if value is not None}
+        settings = replace(usual_settings(network.features), model=model, **chosen)
+        most = settings.rate or most
+    else:
         refuse_options(context, _OF_EVERY_MODEL, f"is of networks; {model} has no such choice")
-        _train_estimator(model, recordings, sim, out, bandwidth, mapping=mapping, as_json=as_json)
-        return
-    usual = usual_settings(features)
-    settings = replace(
-        usual,
-        model=model,
-        epochs=usual.epochs if epochs is None else epochs,
-        seed=seed,
-        bandwidth=usual.bandwidth if bandwidth is None else bandwidth,
-        rate=usual.rate if rate is None else rate,
-        sequence_length=sequence_length,
-        batch=batch,
-        schedule=schedule,
-        learning_rate=usual.learning_rate if learning_rate is None else learning_rate,
-        weight_decay=weight_decay,
-        held_out=held_out,
-        hidden=hidden,
-        folds=folds,
-        layers=layers,
-        device=device,
-    )
-    simulation, measured, notes = _load(recordings, sim, out, mapping)
-    most = settings.rate or float("inf")
-    width, note = fitting_bandwidth(simulation, measured, bandwidth, most)
+    simulation, measured = _load(recordings, sim, out, mapping)
+    width, note = fitting_bandwidth(simulation, measured, network.bandwidth, most)
     for line in note:
-        notes.print(line)
-    settings = replace(settings, bandwidth=width)
-    hybrid = _train(simulation, measured, settings, notes)
-    hybrid.save(out)
-    rmse, gain = hybrid.fitted.record["rmse"], hybrid.fitted.gain.tolist()
+        terminal(stderr=True, soft_wrap=True).print(line)
+    trained = _train(simulation, measured, model, width, settings)
+    trained.save(out)
+    rmse = trained.fitted.record.get("rmse", {})
+    gain = [] if settings is None else trained.fitted.gain.tolist()
     if as_json:
-        terminal().print_json(json.dumps({"model": str(out), "rmse": rmse, "gain": gain}))
-        return
-    _print(rmse, gain, width, terminal())
+        values = {"model": str(out), "rmse": rmse} | ({"gain": gain} if gain else {})
+        terminal().print_json(data=values)
+    elif gain:
+        terminal().print(_network_table(rmse, gain, width))
+    elif {"simulation", "held_out"} <= set(rmse):
+        terminal().print(_table(rmse, trained, width))
+    else:
+        terminal().print(f"{out}: {trained.name}, which does not say how large its errors are")
 
 
 def _load(
     recordings: list[Path], sim: Path, out: Path, mapping: Path | None
-) -> tuple[Simulation, list[Recording], Console]:
-    """Read simulation and recordings; say on the console what is left out of them."""
-    from limo_driver.app.console.terminal import terminal
+) -> tuple[Simulation, list[Recording]]:
+    """Read simulation and recordings; say on stderr what is left out of them."""
     from limo_driver.app.library.reading import read
     from limo_driver.physics import Simulation
-    from limo_driver.runtime.outputs import require_folder
 
     simulation = Simulation.load(sim)
     measured = [read(path, simulation.model, mapping) for path in recordings]
-    notes = terminal(stderr=True, soft_wrap=True)
-    for recording in measured:
-        for item in (*recording.left_out, *recording.warnings):
-            notes.print(f"{recording.source}: {item}")
+    print_notes(measured)
     require_folder(out, "the model")
-    return simulation, measured, notes
+    return simulation, measured
 
 
 def _train(
-    simulation: Simulation, recordings: list[Recording], settings: TrainingSettings, notes: Console
+    simulation: Simulation,
+    recordings: list[Recording],
+    model: str,
+    bandwidth: float,
+    settings: TrainingSettings | None,
 ) -> ResidualModel[Any]:
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    """Train a network behind a progress bar, or any other model."""
+    from dataclasses import replace
+
+    from rich.progress import BarColumn, TimeRemainingColumn
 
     from limo_driver.app.library.learning import train
 
-    trainings = settings.folds + 1 if settings.folds > 1 else 1
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeRemainingColumn())
-    silent = not notes.is_terminal  # else a blank line, which is no message
-    with Progress(*columns, console=notes, transient=True, disable=silent) as progress:
-        bar = progress.add_task("computing inputs", total=trainings * settings.epochs)
+    if settings is None:
+        return train(simulation, recordings, model, bandwidth=bandwidth)
+    settings = replace(settings, bandwidth=bandwidth)
+    epochs, trainings = settings.epochs, settings.folds + 1 if settings.folds > 1 else 1
+    with progress("{task.description}", BarColumn(), TimeRemainingColumn()) as bar:
+        task = bar.add_task("computing inputs", total=trainings * epochs)
 
         def on_epoch(epoch: Epoch) -> None:
-            progress.update(
-                bar,
-                completed=epoch.fold * settings.epochs + epoch.number,
+            bar.update(
+                task,
+                completed=epoch.fold * epochs + epoch.number,
                 description=f"{f'fold {epoch.fold}' if epoch.fold else 'all motion'}  "
-                f"epoch {epoch.number}/{settings.epochs}  "
+                f"epoch {epoch.number}/{epochs}  "
                 f"loss {epoch.training_loss:.4f}  held-out {epoch.held_out_loss:.4f}",
             )
 
-        return train(simulation, recordings, settings.model, settings=settings, progress=on_epoch)
+        return train(simulation, recordings, model, settings=settings, progress=on_epoch)
 
 
-def _print(
-    rmse: dict[str, dict[str, list[float]]], gain: list[float], bandwidth: float, console: Console
-) -> None:
+def _network_table(
+    rmse: dict[str, dict[str, list[float]]], gain: list[float], bandwidth: float
+) -> Table:
     from rich.table import Table
 
+    columns = {
+        f"{'rigid body' if name == 'rigid_body' else name}, {where.replace('_', '-')}": rmse[where][
+            name
+        ]
+        for where in ("training", "held_out")
+        for name in ("rigid_body", "hybrid")
+    }
+    if "left_out" in rmse:
+        columns["hybrid, left out"] = rmse["left_out"]["hybrid"]
     table = Table(
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
         caption="held-out: blocks that choose which weights are kept; left out: stretches "
         "predicted by networks that did not see them, which the standard deviation and the gain "
         "come from; gain: the part of the network's torque that they confirm",
     )
-    table.add_column("joint", justify="right")
-    for where in ("training", "held-out"):
-        table.add_column(f"rigid body, {where}", justify="right")
-        table.add_column(f"hybrid, {where}", justify="right")
-    columns = [
-        rmse[where][name] for where in ("training", "held_out") for name in ("rigid_body", "hybrid")
-    ]
-    if "left_out" in rmse:
-        table.add_column("hybrid, left out", justify="right")
-        columns.append(rmse["left_out"]["hybrid"])
-    table.add_column("gain", justify="right")
-    for j, values in enumerate(zip(*columns, strict=True)):
+    for heading in ("joint", *columns, "gain"):
+        table.add_column(heading, justify="right")
+    for j, values in enumerate(zip(*columns.values(), strict=True)):
         table.add_row(str(j + 1), *(f"{value:.4f}" for value in values), f"{gain[j]:.2f}")
-    console.print(table)
+    return table
 
 
-_OF_A_SWEEP: Final = frozenset(("test", "workers", "on"))
-_OF_EVERY_MODEL: Final = frozenset(
-    ("recordings", "sim", "out", "model", "bandwidth", "mapping", "as_json")
-)
-
-
-def _train_estimator(
-    name: str,
-    recordings: list[Path],
-    sim: Path,
-    out: Path,
-    bandwidth: float | None,
-    *,
-    mapping: Path | None,
-    as_json: bool,
-) -> None:
-    import json
-
+def _table(rmse: dict[str, list[float]], model: ResidualModel[Any], bandwidth: float) -> Table:
     from rich.table import Table
 
-    from estimators.rigid_body.best_bandwidth import fitting_bandwidth
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.app.library.learning import train
-
-    simulation, measured, notes = _load(recordings, sim, out, mapping)
-    width, note = fitting_bandwidth(simulation, measured, bandwidth)
-    for line in note:
-        notes.print(line)
-    model = train(simulation, measured, name, bandwidth=width)
-    model.save(out)
-    rmse = model.fitted.record.get("rmse", {})
-    if as_json:
-        terminal().print_json(json.dumps({"model": str(out), "rmse": rmse}))
-        return
-    if not {"simulation", "held_out"} <= set(rmse):
-        terminal().print(f"{out}: {model.name}, which does not say how large its errors are")
-        return
     table = Table(
-        title=f"RMSE [N m] against torque filtered at {width:g} Hz",
+        title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
         caption=f"held out: {model.held_out_is}",
     )
     for heading in ("joint", "simulation", f"{model.name}, held out"):
         table.add_column(heading, justify="right")
     for j, values in enumerate(zip(rmse["simulation"], rmse["held_out"], strict=True)):
         table.add_row(str(j + 1), *(f"{value:.4f}" for value in values))
-    terminal().print(table)
+    return table
+
+
+_OF_A_SWEEP: Final = frozenset(("test", "workers", "on"))
+_OF_EVERY_MODEL: Final = frozenset(
+    ("recordings", "sim", "out", "model", "bandwidth", "mapping", "as_json")
+)
 
 
 def run_sweep(
@@ -329,12 +285,9 @@ def run_sweep(
         on: Processes, or a cluster of Ray.
         as_json: Print the figures as JSON.
     """
-    import json
-
     from rich.table import Table
 
     from estimators.sweep.saving import BEST, PAGE, TABLE
-    from limo_driver.app.console.terminal import terminal, told_progress
     from limo_driver.app.library.sweeping import sweep
 
     notes, console = terminal(stderr=True, soft_wrap=True), terminal()
@@ -353,7 +306,7 @@ def run_sweep(
         notes.print(f"{trial.key}: {trial.error}")
     if as_json:
         best = {"model": str(out / BEST), "left": found.best.left, "key": found.best.key}
-        console.print_json(json.dumps(best))
+        console.print_json(data=best)
         return
     console.print(found.headline())
     grid = Table(caption="error left: of the simulation's, on motion that training did not see")

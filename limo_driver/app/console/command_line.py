@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
-from inspect import cleandoc, getdoc
+from inspect import getdoc
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -24,6 +24,7 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command, get_group
 
+from limo_driver.app.console.arguments import without_args
 from limo_driver.runtime.compilation import Compilation, told
 
 if TYPE_CHECKING:
@@ -148,7 +149,7 @@ def help_of(command: Callable[..., Any]) -> tuple[str, str]:
     Paragraphs are wrapped to the terminal; the lines of the examples stay as they are, so that
     they can be copied.
     """
-    text = cleandoc(getdoc(command) or "")
+    text = without_args(getdoc(command) or "")
     first = text.split("\n\n")[0].replace("\n", " ")
     return text.replace("\n\nExample", f"\n\n{_UNWRAPPED}Example"), first
 

@@ -20,11 +20,15 @@ import typer
 from limo_driver.quoting import on_terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator
+    from collections.abc import Callable, Generator, Iterable, Iterator
     from typing import TypeVar
 
     from rich.console import Console
+    from rich.progress import Progress, ProgressColumn
     from rich.segment import Segment
+    from rich.table import Table
+
+    from limo_driver.recordings.recording import Recording
 
     _Number = TypeVar("_Number", int, float)
 
@@ -69,21 +73,59 @@ def _console() -> type[Console]:
     return PlainConsole
 
 
+def progress(
+    *columns: str | ProgressColumn, console: Console | None = None, quiet: bool = False
+) -> Progress:
+    """Return a bar on stderr, which leaves stdout to the result and ends without trace.
+
+    Where nobody watches there is none: it would leave an empty line before the message of an error.
+
+    Args:
+        columns: Of rich; Rich's own if not given.
+        console: To draw it on; stderr if not given.
+        quiet: Draw nothing.
+    """
+    from rich.progress import Progress
+
+    console = console or terminal(stderr=True)
+    disable = quiet or not console.is_terminal
+    return Progress(*columns, console=console, transient=True, disable=disable)
+
+
+def table_of(*headings: str, title: str | None = None, caption: str | None = None) -> Table:
+    """Return a table of figures: the first column gives way in a narrow terminal."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, title=title, caption=caption)
+    for heading in headings:
+        if heading == headings[0]:
+            table.add_column(heading, overflow="fold")
+        else:
+            table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def print_notes(recordings: Iterable[Recording]) -> None:
+    """Print on stderr what is odd about recordings, and which rows were left out."""
+    console = terminal(stderr=True, soft_wrap=True)
+    for recording in recordings:
+        for item in (*recording.warnings, *recording.left_out):
+            console.print(f"{recording.source}: {item}")
+
+
 @contextmanager
 def progress_bar(console: Console) -> Generator[Callable[[str, float], None]]:
     """Yield what is told the stage and the part of the work that is done."""
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import BarColumn, TaskProgressColumn
 
-    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}", markup=False))
-    # where nobody watches, the bar would leave an empty line before the message of an error
-    disable = not console.is_terminal
     line = _lines(console)
 
     def tell(stage: str, part: float) -> None:
         bar.update(task, completed=part, description=stage)
         line(f"{part:.0%}: {stage}")
 
-    with Progress(*columns, console=console, transient=True, disable=disable) as bar:
+    with progress(BarColumn(), TaskProgressColumn(), "{task.description}", console=console) as bar:
         task = bar.add_task("reading motion", total=1.0)
         yield tell
 
@@ -113,13 +155,10 @@ def told_progress(
         console: To show it on.
         doing: What is done, as long as nothing is finished.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import BarColumn, MofNCompleteColumn
 
     line = _lines(console)
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}", markup=False))
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
+    with progress(BarColumn(), MofNCompleteColumn(), "{task.description}", console=console) as bar:
         task = bar.add_task("reading", total=None)
         start, before = monotonic(), 0
 

@@ -15,7 +15,7 @@ from limo_driver.app.library.inputs import (
 )
 from limo_driver.app.library.learning import predict
 from limo_driver.errors import RecordingError
-from limo_driver.model.wrench import ExternalWrench, FlangeWrench
+from limo_driver.model.kinematics import ExternalWrench, FlangeWrench
 from limo_driver.physics import Simulation
 from limo_driver.recordings.bandwidth import bandwidth_for
 

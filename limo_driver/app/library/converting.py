@@ -17,7 +17,8 @@ from limo_driver.logs.readers.proposals.recorded_joints import mapped_part
 from limo_driver.logs.ros.joint_state_log import joint_state_blocks
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.files.recording_file import columns_writer
-from limo_driver.recordings.gate import LeftOut, OneClock, inspect, without_silent_torques
+from limo_driver.recordings.gate.doubts import LeftOut, OneClock, without_silent_torques
+from limo_driver.recordings.gate.rows import inspect
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:

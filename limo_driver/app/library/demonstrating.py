@@ -98,8 +98,7 @@ def demonstrate(progress: Callable[[str, float], None] | None = None) -> Demonst
     """
     from estimators.diagnosis.stages import quiet
     from limo_driver.app.library.diagnosing import diagnose
-    from limo_driver.app.library.planning import plan
-    from limo_driver.app.library.running import run
+    from limo_driver.app.library.moving import plan, run
     from limopa import PlanRequest
 
     tell = progress or quiet

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 from limo_driver.errors import ConfigError, LimoError
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 from limo_driver.runtime.processes import WorkerProcess, end_with_parent
 
 if TYPE_CHECKING:

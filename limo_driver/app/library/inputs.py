@@ -14,8 +14,8 @@ from limo_driver.errors import ConfigError
 from limo_driver.logs.readers.proposals.recorded_joints import with_places
 from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.model.descriptions.description import split_reference
-from limo_driver.model.same_arm import is_named
 from limo_driver.physics import Simulation
+from limo_driver.recordings.checks import is_named
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:

@@ -100,7 +100,7 @@ def simulate(
 def _run(
     simulation: Simulation, motion: Trajectory, seed: int, *, ended: threading.Event | None = None
 ) -> Recording:
-    from limo_driver.app.library.running import run
+    from limo_driver.app.library.moving import run
 
     def go_on(_done: int, _all: int) -> None:
         if ended is not None and ended.is_set():
@@ -172,7 +172,7 @@ class SimulationJob:
 
     def _recorded(self, run: DatasetRun) -> bytes:
         from limo_driver.app.library.fleets import at_hand
-        from limo_driver.app.library.running import play
+        from limo_driver.app.library.moving import play
 
         with at_hand(run.trajectory) as trajectory, TemporaryDirectory() as folder:
             file = Path(folder) / run.name

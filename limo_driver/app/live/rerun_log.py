@@ -18,7 +18,7 @@ import numpy as np
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages import decode_event
 from limo_driver.pages import arm_view
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:

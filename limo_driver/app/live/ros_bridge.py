@@ -12,7 +12,7 @@ import zenoh
 from zenoh.handlers import RingChannel
 
 from limo_driver.errors import ConfigError, WireFormatError
-from limo_driver.model.wrench import FlangeWrench
+from limo_driver.model.kinematics import FlangeWrench
 from limo_driver.network.messages import (
     JOINT_STATE,
     LOG,

@@ -11,18 +11,20 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.changes.bodies import parts_of, rescaled_lines, shared
-from limo_driver.exports.changes.joints import EffectSplit, split
-from limo_driver.exports.changes.loads import (
+from limo_driver.exports import MJCF, USD, edited_format
+from limo_driver.exports.changes.bodies import (
     AddedBody,
     added_bodies,
     gone_lines,
+    parts_of,
     placed,
     replaced_bodies,
+    rescaled_lines,
+    shared,
     still_there,
 )
+from limo_driver.exports.changes.joints import EffectSplit, split
 from limo_driver.exports.changes.origin import FileOrigin
-from limo_driver.exports.formats import MJCF, USD, edited_format
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import JointDynamics

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.changes.loads import write_added
+from limo_driver.exports.changes.bodies import write_added
 from limo_driver.exports.changes.origin import alike, write_comment, write_origin
 from limo_driver.exports.mjcf.assets import write_folders
 from limo_driver.exports.mjcf.servos import append_lines, write_motors, write_servos

@@ -17,10 +17,9 @@ from limo_driver.logs.readers.formats.arrow import numbers_of
 from limo_driver.logs.readers.formats.reading import ARRAYS, PARQUET, TEXTS, ending_of
 from limo_driver.logs.readers.proposals.gravity import other_unit_from
 from limo_driver.logs.readers.proposals.times import refuse_two_units
-from limo_driver.recordings.files.batches import LONG_TEXT, blocks_of, is_packed
+from limo_driver.recordings.files.batches import LONG_TEXT, MOST, blocks_of, is_packed
 from limo_driver.recordings.files.delimited import DelimitedText
 from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
-from limo_driver.recordings.files.stretches import MOST
 from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:

@@ -49,17 +49,21 @@ class Channels(Declared):
     """One quantity of all joints: value = sign · factor · (column - zero), in SI units.
 
     Lists have one entry for each joint, or one for all of them.
+
+    Args:
+        unit: Of the columns.
+        sign: 1 or -1.
+        zero: What the column says at zero.
+        factor: N m for each ampere, or a gear ratio.
     """
 
     columns: tuple[str, ...] = parameter(
         "", f"one for each joint, in their order; {NO_COLUMN} where the log has none of it"
     )
-    unit: tuple[str, ...] = parameter("", "of the columns")
-    sign: tuple[float, ...] = parameter("1", "1 or -1", lower=-1, upper=1, default=(1.0,))
-    zero: tuple[float, ...] = parameter("", "what the column says at zero", default=(0.0,))
-    factor: tuple[float, ...] = parameter(
-        "", "N m for each ampere, or a gear ratio", default=(1.0,)
-    )
+    unit: tuple[str, ...] = parameter("")
+    sign: tuple[float, ...] = parameter("1", lower=-1, upper=1, default=(1.0,))
+    zero: tuple[float, ...] = parameter("", default=(0.0,))
+    factor: tuple[float, ...] = parameter("", default=(1.0,))
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -127,7 +131,7 @@ class LogMapping(Declared, Displayed):
         >>> limo.inspect(log, "iiwa14").mapping.save("mapping.yaml")
     """
 
-    joints: tuple[str, ...] = parameter("", "names, in the robot's order")
+    joints: tuple[str, ...] = parameter("")
     time: TimeColumns
     position: Channels
     torque: Channels | None = None
@@ -138,10 +142,10 @@ class LogMapping(Declared, Displayed):
     temperature: Channels | None = None
     estimate: Channels | None = None
     external_torque: Channels | None = None
-    robot: str = parameter("", "its name", default="-")
-    topic: str = parameter("", "of a bag", default="-")
-    left_out: tuple[str, ...] = parameter("", "columns", default=())
-    undecided: tuple[str, ...] = parameter("", "questions", default=())
+    robot: str = parameter("", default="-")
+    topic: str = parameter("", default="-")
+    left_out: tuple[str, ...] = parameter("", default=())
+    undecided: tuple[str, ...] = parameter("", default=())
 
     def __post_init__(self) -> None:
         super().__post_init__()

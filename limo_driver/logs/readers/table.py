@@ -219,16 +219,19 @@ def _names_of(
 
 @dataclass(frozen=True, kw_only=True)
 class TimeColumns(Declared):
-    """Where the time stands: one column, or two that count seconds and the rest of them."""
+    """Where the time stands: one column, or two that count seconds and the rest of them.
 
-    columns: tuple[str, ...] = parameter("", "names of the columns", default=())
-    unit: tuple[str, ...] = parameter("", "of each column", default=("s",))
-    rate: float | None = parameter(
-        "Hz", "of rows that have no time", lower=0.0, above=True, default=None
-    )
-    factor: float = parameter(
-        "1", "seconds that passed in one of the log", lower=0.0, above=True, default=1.0
-    )
+    Args:
+        columns: Names of the columns.
+        unit: Of each column.
+        rate: Of rows that have no time.
+        factor: Seconds that passed in one of the log.
+    """
+
+    columns: tuple[str, ...] = parameter("", default=())
+    unit: tuple[str, ...] = parameter("", default=("s",))
+    rate: float | None = parameter("Hz", lower=0.0, above=True, default=None)
+    factor: float = parameter("1", lower=0.0, above=True, default=1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

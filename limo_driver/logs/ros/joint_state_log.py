@@ -11,13 +11,12 @@ import numpy as np
 
 from limo_driver.errors import RecordingError, WireFormatError
 from limo_driver.logs.mcap_file import CDR, LoggedMessage, McapWriter, read_mcap
-from limo_driver.logs.ros.db3_file import read_db3
+from limo_driver.logs.ros.bag_files import read_db3, read_ros1
 from limo_driver.logs.ros.plain_messages import JSON, PROTOBUF
-from limo_driver.logs.ros.ros1_bag import read_ros1
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.batches import BLOCK
-from limo_driver.recordings.gate import SYSTEMATIC, in_order, runs_backwards
+from limo_driver.recordings.gate.doubts import SYSTEMATIC, in_order, runs_backwards
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ from limo_driver.model.descriptions.usd_joints import (
     value_of,
 )
 from limo_driver.model.descriptions.usd_shapes import write_shapes
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

@@ -33,8 +33,9 @@ from limo_driver.network.messages.torque_estimate import (
     TorqueEstimateCodec,
     decode_event,
     decode_torque_estimate,
+    encode_matrix,
+    encode_wrench,
 )
-from limo_driver.network.messages.wrench import encode_matrix, encode_wrench
 
 __all__ = [
     "JOINT_STATE",

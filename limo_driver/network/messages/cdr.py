@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import struct
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -147,6 +147,22 @@ class RobotCodec:
             )
             for lengths in product({0, len(self.names)}, repeat=len(codes))
         }
+
+    def _packed(self, stamp_ns: int, **arrays: NDArray[Any]) -> bytes:
+        """Return a message of these arrays, each behind its length.
+
+        Raises:
+            ShapeError: An array has another shape than (n,) or (0,).
+            WireFormatError: The stamp does not fit into 32 bits of seconds.
+        """
+        lengths = tuple([len(values) for values in arrays.values()])
+        fields = [x for values in arrays.values() for x in (len(values), *values.tolist())]
+        try:
+            layout, time = self._layouts[lengths], split_time(stamp_ns)
+            return layout.pack(LITTLE_ENDIAN, *time, self._fixed, *fields)
+        except (KeyError, struct.error):
+            check_shapes(len(self.names), **arrays)
+            raise
 
 
 class CdrReader:

@@ -15,8 +15,6 @@ from limo_driver.network.messages.cdr import (
     CdrReader,
     RobotCodec,
     check_lengths,
-    check_shapes,
-    split_time,
     utf8,
 )
 
@@ -77,22 +75,7 @@ class JointStateCodec(RobotCodec):
             ShapeError: An array has another shape.
             WireFormatError: The stamp does not fit into 32 bits of seconds.
         """
-        lengths = len(position), len(velocity), len(torque)
-        try:
-            return self._layouts[lengths].pack(
-                LITTLE_ENDIAN,
-                *split_time(stamp_ns),
-                self._fixed,
-                lengths[0],
-                *position.tolist(),
-                lengths[1],
-                *velocity.tolist(),
-                lengths[2],
-                *torque.tolist(),
-            )
-        except (KeyError, struct.error):
-            check_shapes(len(self.names), position=position, velocity=velocity, torque=torque)
-            raise
+        return self._packed(stamp_ns, position=position, velocity=velocity, torque=torque)
 
     def decode(self, payload: bytes | memoryview) -> JointStateMessage:
         """Return what `decode_joint_state` does, faster if the message is laid out like our own.

@@ -3,6 +3,8 @@
 Events as rcl_interfaces/msg/Log in CDR, so that whatever shows a ROS log shows them too.
 
 The field `name` holds the kind of event and `msg` a JSON object `{"text": ..., "facts": {...}}`.
+
+Wrenches on the wire, and their covariance, for which ROS 2 has no message of its own.
 """
 
 from __future__ import annotations
@@ -16,14 +18,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages.cdr import (
-    LITTLE_ENDIAN,
     CdrReader,
     CdrWriter,
     RobotCodec,
     check_lengths,
-    check_shapes,
     padding,
-    split_time,
     utf8,
 )
 
@@ -34,6 +33,41 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.types import FloatArray
+
+
+def encode_wrench(stamp_ns: int, frame_id: str, wrench: FloatArray) -> bytes:
+    """Return a WrenchStamped.
+
+    Args:
+        stamp_ns: Time of the wrench [ns].
+        frame_id: In whose axes, and about whose origin, it is.
+        wrench: Force, then torque, (6,) [N, N m].
+    """
+    writer = CdrWriter()
+    writer.time(stamp_ns)
+    writer.string(frame_id)
+    writer.doubles(wrench)
+    return bytes(writer.data)
+
+
+def encode_matrix(label: str, matrix: FloatArray) -> bytes:
+    """Return a Float64MultiArray of two dimensions.
+
+    Args:
+        label: Of both of them.
+        matrix: (r, c), which goes row by row.
+    """
+    rows, columns = matrix.shape
+    writer = CdrWriter()
+    writer.number("I", matrix.ndim)
+    for size, stride in ((rows, rows * columns), (columns, columns)):
+        writer.string(label)
+        writer.number("I", size)
+        writer.number("I", stride)
+    writer.number("I", 0)  # offset of the data
+    writer.number("I", matrix.size)
+    writer.doubles(matrix)
+    return bytes(writer.data)
 
 
 @dataclass(frozen=True)
@@ -91,26 +125,7 @@ class TorqueEstimateCodec(RobotCodec):
             ShapeError: An array has another shape.
             WireFormatError: The stamp does not fit into 32 bits of seconds.
         """
-        lengths = len(torque), len(std), len(external), len(outside)
-        try:
-            body = self._layouts[lengths].pack(
-                LITTLE_ENDIAN,
-                *split_time(stamp_ns),
-                self._fixed,
-                lengths[0],
-                *torque.tolist(),
-                lengths[1],
-                *std.tolist(),
-                lengths[2],
-                *external.tolist(),
-                lengths[3],
-                *outside.tolist(),
-            )
-        except (KeyError, struct.error):
-            check_shapes(
-                len(self.names), torque=torque, std=std, external=external, outside=outside
-            )
-            raise
+        body = self._packed(stamp_ns, torque=torque, std=std, external=external, outside=outside)
         return body + _tail(len(body), model, fallback, reset)
 
 

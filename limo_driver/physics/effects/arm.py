@@ -43,6 +43,14 @@ class JointCoupling(ArmEffect):
 
     What the shaft does to the other joint is an entry of its own, with the joints exchanged.
 
+    Args:
+        joint: The joint that feels the torque.
+        other: The other joint.
+        f_v: Viscous friction.
+        tau_c: Coulomb friction.
+        inertia: Inertia.
+        ratio: 1 or -1.
+
     Raises:
         ConfigError: The other joint is the joint itself, or the ratio is neither 1 nor -1.
 
@@ -63,14 +71,12 @@ class JointCoupling(ArmEffect):
             ),
         ),
     )
-    joint: int = parameter(JOINT, "the joint that feels the torque")
-    other: int = parameter(JOINT, "the other joint", lower=1, upper=64)
-    f_v: float = parameter(
-        "N m s/rad", "viscous friction", lower=0.0, upper=MOST_SLOPE, default=0.0
-    )
-    tau_c: float = parameter("N m", "Coulomb friction", lower=0.0, upper=MOST_TORQUE, default=0.0)
-    inertia: float = parameter("kg m^2", "inertia", lower=0.0, upper=MOST_INERTIA, default=0.0)
-    ratio: float = parameter("1", "1 or -1", lower=-1.0, upper=1.0, default=1.0, chosen=True)
+    joint: int = parameter(JOINT)
+    other: int = parameter(JOINT, lower=1, upper=64)
+    f_v: float = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=0.0)
+    tau_c: float = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=0.0)
+    inertia: float = parameter("kg m^2", lower=0.0, upper=MOST_INERTIA, default=0.0)
+    ratio: float = parameter("1", lower=-1.0, upper=1.0, default=1.0, chosen=True)
     v_eps: float = sign_width()
 
     def __post_init__(self) -> None:
@@ -131,6 +137,11 @@ class JointCoupling(ArmEffect):
 class SpringLoad(TorqueEffect):
     """A cable, hose or counterbalance, tau = stiffness (q - rest) + cubic (q - rest)³.
 
+    Args:
+        stiffness: Stiffness.
+        rest: Position without pull.
+        cubic: Stiffening.
+
     Source: Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, ch. 9.
     """
 
@@ -152,13 +163,9 @@ class SpringLoad(TorqueEffect):
             ),
         ),
     )
-    stiffness: float = parameter(
-        "N m/rad", "stiffness", lower=-MOST_STIFFNESS, upper=MOST_STIFFNESS
-    )
-    rest: float = parameter("rad", "position without pull", lower=-1e4, upper=1e4, deviation=1.0)
-    cubic: float = parameter(
-        "N m/rad^3", "stiffening", lower=-MOST_STIFFNESS, upper=MOST_STIFFNESS, default=0.0
-    )
+    stiffness: float = parameter("N m/rad", lower=-MOST_STIFFNESS, upper=MOST_STIFFNESS)
+    rest: float = parameter("rad", lower=-1e4, upper=1e4, deviation=1.0)
+    cubic: float = parameter("N m/rad^3", lower=-MOST_STIFFNESS, upper=MOST_STIFFNESS, default=0.0)
 
     known_by: ClassVar[tuple[str, ...]] = ("position",)
 
@@ -236,6 +243,10 @@ class ExternalContact(ArmEffect):
     torque, in the axes of the base, constant in each window from its start to before its end.
     Windows that overlap add up.
 
+    Args:
+        windows: Start and end of each contact.
+        wrench: Force and torque of each contact.
+
     Raises:
         ConfigError: A window ends before it starts, or has no wrench.
 
@@ -248,10 +259,10 @@ class ExternalContact(ArmEffect):
         signature="short pushes act on several joints as one force at the flange"
     )
     windows: tuple[tuple[float, float], ...] = parameter(
-        "s", "start and end of each contact", lower=-1e12, upper=1e12, columns=2, chosen=True
+        "s", lower=-1e12, upper=1e12, columns=2, chosen=True
     )
     wrench: tuple[tuple[float, float, float, float, float, float], ...] = parameter(
-        "N, N m", "force and torque of each contact", lower=-1e5, upper=1e5, columns=6, chosen=True
+        "N, N m", lower=-1e5, upper=1e5, columns=6, chosen=True
     )
 
     def __post_init__(self) -> None:

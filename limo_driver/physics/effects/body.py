@@ -30,6 +30,11 @@ class Payload(BodyEffect):
     Its effect on the torque is linear in mass, mass times com and inertia at the link's frame: the
     last ten columns of the regressor.
 
+    Args:
+        mass: Mass.
+        com: Centre of mass in the frame of the last link.
+        inertia: At the centre of mass: xx xy xz yy yz zz.
+
     Raises:
         ConfigError: No rigid body has this mass and inertia.
 
@@ -50,18 +55,12 @@ class Payload(BodyEffect):
         ),
         part_of="link_inertia",
     )
-    mass: float = parameter("kg", "mass", lower=0.0, upper=1e5)
+    mass: float = parameter("kg", lower=0.0, upper=1e5)
     com: tuple[float, float, float] = parameter(
-        "m",
-        "centre of mass in the frame of the last link",
-        lower=-10.0,
-        upper=10.0,
-        length=3,
-        deviation=0.2,
+        "m", lower=-10.0, upper=10.0, length=3, deviation=0.2
     )
     inertia: tuple[float, float, float, float, float, float] = parameter(
         "kg m^2",
-        "at the centre of mass: xx xy xz yy yz zz",
         lower=-MOST_INERTIA,
         upper=MOST_INERTIA,
         length=6,
@@ -98,6 +97,9 @@ class Payload(BodyEffect):
 class GravityDirection(BodyEffect):
     """An arm that is mounted otherwise than its model says, or stands on a tilted floor.
 
+    Args:
+        gravity: True gravity in the frame of the base.
+
     Source: Atkeson, An and Hollerbach, "Estimation of inertial parameters of manipulator loads and
     links", Int. J. Robotics Research 5(3), 1986.
     """
@@ -118,12 +120,7 @@ class GravityDirection(BodyEffect):
         ),
     )
     gravity: tuple[float, float, float] = parameter(
-        "m/s^2",
-        "true gravity in the frame of the base",
-        lower=-30.0,
-        upper=30.0,
-        length=3,
-        deviation=1.0,
+        "m/s^2", lower=-30.0, upper=30.0, length=3, deviation=1.0
     )
 
     def body(self, model: RobotModel) -> RobotModel:

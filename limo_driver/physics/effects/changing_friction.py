@@ -66,6 +66,11 @@ class LoadDependentFriction(DryFriction):
     that resist the motion; `negative` k max(-tau_0 sign v, 0), from loads that drive it; `stribeck`
     k |tau_0| exp(-|v / v_s|); `quadratic` k tau_0², with k in 1/(N m).
 
+    Args:
+        coefficient: Friction by load, k.
+        variant: How load presses.
+        v_s: Stribeck velocity of that variant.
+
     Raises:
         ConfigError: The variant is unknown, or v_s does not belong to it.
 
@@ -91,11 +96,9 @@ class LoadDependentFriction(DryFriction):
             ),
         ),
     )
-    coefficient: float = parameter("1", "friction by load, k", lower=0.0, upper=10.0, scales=True)
-    variant: str = parameter("text", "how load presses", of=VARIANTS, default="absolute")
-    v_s: float | None = parameter(
-        "rad/s", "Stribeck velocity of that variant", lower=1e-5, upper=10.0, default=None
-    )
+    coefficient: float = parameter("1", lower=0.0, upper=10.0, scales=True)
+    variant: str = parameter("text", of=VARIANTS, default="absolute")
+    v_s: float | None = parameter("rad/s", lower=1e-5, upper=10.0, default=None)
     v_eps: float = sign_width()
 
     def __post_init__(self) -> None:
@@ -142,6 +145,10 @@ class LoadDependentFriction(DryFriction):
 class PositionDependentFriction(DryFriction):
     """Friction that varies along the range: excess linear between positions, constant beyond.
 
+    Args:
+        positions: Positions.
+        excess: Added friction at each position.
+
     Raises:
         ConfigError: Positions do not increase, or are not as many as the excesses.
 
@@ -166,15 +173,9 @@ class PositionDependentFriction(DryFriction):
             ),
         ),
     )
-    positions: tuple[float, ...] = parameter(
-        "rad", "positions", lower=-FARTHEST, upper=FARTHEST, chosen=True
-    )
+    positions: tuple[float, ...] = parameter("rad", lower=-FARTHEST, upper=FARTHEST, chosen=True)
     excess: tuple[float, ...] = parameter(
-        "N m",
-        "added friction at each position",
-        lower=-MOST_TORQUE,
-        upper=MOST_TORQUE,
-        deviation="largest",
+        "N m", lower=-MOST_TORQUE, upper=MOST_TORQUE, deviation="largest"
     )
     v_eps: float = sign_width()
 
@@ -230,6 +231,11 @@ class TemperatureDependentFriction(DryFriction):
     from 0: while the joint moves, excess exp(-t / time_constant); while it rests, it cools down
     again. Or, where the joint's temperature is measured, per_kelvin (temperature - reference).
 
+    Args:
+        excess: Added friction when cold.
+        time_constant: Time in which motion takes it to 1/e.
+        per_kelvin: Added friction by temperature.
+
     Raises:
         ConfigError: Not exactly one of both forms is given whole; or, when evaluated, the motion
             has no temperature and per_kelvin needs it.
@@ -250,15 +256,9 @@ class TemperatureDependentFriction(DryFriction):
         ),
     )
     known_by: ClassVar[tuple[str, ...]] = ("temperature",)
-    excess: float | None = parameter(
-        "N m", "added friction when cold", lower=-MOST_TORQUE, upper=MOST_TORQUE, default=None
-    )
-    time_constant: float | None = parameter(
-        "s", "time in which motion takes it to 1/e", lower=1e-2, upper=1e6, default=None
-    )
-    per_kelvin: float | None = parameter(
-        "N m/K", "added friction by temperature", lower=-100.0, upper=100.0, default=None
-    )
+    excess: float | None = parameter("N m", lower=-MOST_TORQUE, upper=MOST_TORQUE, default=None)
+    time_constant: float | None = parameter("s", lower=1e-2, upper=1e6, default=None)
+    per_kelvin: float | None = parameter("N m/K", lower=-100.0, upper=100.0, default=None)
     reference: float | None = parameter(
         "°C",
         f"temperature without excess ({REFERENCE:g})",

@@ -34,6 +34,10 @@ class TimeDelay(SensorEffect):
     Between samples the torque is linear, for which both are exact at any sampling. Before the
     first sample it was what it is there.
 
+    Args:
+        delay: Pure delay.
+        lag: Time constant of the lag.
+
     Source: Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, ch. 12.
     """
 
@@ -50,8 +54,8 @@ class TimeDelay(SensorEffect):
             ),
         ),
     )
-    delay: float = parameter("s", "pure delay", lower=0.0, upper=1.0, default=0.0)
-    lag: float = parameter("s", "time constant of the lag", lower=0.0, upper=10.0, default=0.0)
+    delay: float = parameter("s", lower=0.0, upper=1.0, default=0.0)
+    lag: float = parameter("s", lower=0.0, upper=10.0, default=0.0)
 
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
         """Return late minus present torque [N m], (T,).

@@ -140,6 +140,9 @@ class Frictions(NamedTuple):
 class CoulombFriction(VelocityFriction):
     """Dry friction, tau = tau_c tanh(v / v_eps).
 
+    Args:
+        tau_c: Friction torque while sliding.
+
     Source: Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, ch. 9.
     """
 
@@ -177,9 +180,7 @@ class CoulombFriction(VelocityFriction):
         ),
     )
     friction_law: ClassVar[int] = laws.COULOMB
-    tau_c: float = parameter(
-        "N m", "friction torque while sliding", lower=0.0, upper=MOST_TORQUE, adds=True
-    )
+    tau_c: float = parameter("N m", lower=0.0, upper=MOST_TORQUE, adds=True)
     v_eps: float = sign_width()
 
     @property
@@ -211,6 +212,10 @@ class AsymmetricFriction(VelocityFriction):
 
     tau = tau_plus tanh(v / v_eps) for v > 0, tau_minus tanh(v / v_eps) for v < 0.
 
+    Args:
+        tau_plus: Friction moving positive.
+        tau_minus: Friction moving negative.
+
     Source: Swevers, Verdonck and De Schutter, "Dynamic model identification for industrial
     robots", IEEE Control Systems Magazine 27(5), 2007.
     """
@@ -235,8 +240,8 @@ class AsymmetricFriction(VelocityFriction):
         part_of="coulomb_friction",
     )
     friction_law: ClassVar[int] = laws.ASYMMETRIC
-    tau_plus: float = parameter("N m", "friction moving positive", lower=0.0, upper=MOST_TORQUE)
-    tau_minus: float = parameter("N m", "friction moving negative", lower=0.0, upper=MOST_TORQUE)
+    tau_plus: float = parameter("N m", lower=0.0, upper=MOST_TORQUE)
+    tau_minus: float = parameter("N m", lower=0.0, upper=MOST_TORQUE)
     v_eps: float = sign_width()
 
     @property
@@ -284,6 +289,11 @@ class AsymmetricFriction(VelocityFriction):
 class ViscousFriction(VelocityFriction):
     """Friction in proportion to velocity, tau = f_v v, or with a slope for each direction.
 
+    Args:
+        f_v: Slope.
+        f_v_plus: Slope moving positive.
+        f_v_minus: Slope moving negative.
+
     Raises:
         ConfigError: Neither f_v nor both of f_v_plus and f_v_minus are given, or all of them.
 
@@ -297,15 +307,9 @@ class ViscousFriction(VelocityFriction):
     )
     friction_law: ClassVar[int] = laws.VISCOUS
     known_by: ClassVar[tuple[str, ...]] = ("speed",)
-    f_v: float | None = parameter(
-        "N m s/rad", "slope", lower=0.0, upper=MOST_SLOPE, default=None, adds=True
-    )
-    f_v_plus: float | None = parameter(
-        "N m s/rad", "slope moving positive", lower=0.0, upper=MOST_SLOPE, default=None
-    )
-    f_v_minus: float | None = parameter(
-        "N m s/rad", "slope moving negative", lower=0.0, upper=MOST_SLOPE, default=None
-    )
+    f_v: float | None = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=None, adds=True)
+    f_v_plus: float | None = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=None)
+    f_v_minus: float | None = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -349,6 +353,9 @@ def _given(both: float | None, one: float | None) -> float:
 class QuadraticDrag(VelocityFriction):
     """Drag that grows with the square of velocity, tau = coefficient v |v|.
 
+    Args:
+        coefficient: Coefficient.
+
     Source: Bona and Indri, "Friction compensation in robotics: an overview", CDC 2005.
     """
 
@@ -365,9 +372,7 @@ class QuadraticDrag(VelocityFriction):
     )
     friction_law: ClassVar[int] = laws.DRAG
     known_by: ClassVar[tuple[str, ...]] = ("speed",)
-    coefficient: float = parameter(
-        "N m s^2/rad^2", "coefficient", lower=0.0, upper=MOST_SLOPE, adds=True
-    )
+    coefficient: float = parameter("N m s^2/rad^2", lower=0.0, upper=MOST_SLOPE, adds=True)
 
     @property
     def slopes(self) -> tuple[float, float]:
@@ -393,6 +398,11 @@ class StribeckFriction(VelocityFriction):
 
     Another width of the sign than Coulomb friction's would look like presliding.
 
+    Args:
+        tau_s: Excess over Coulomb at rest.
+        v_s: Stribeck velocity.
+        delta: Shape exponent.
+
     Source: Armstrong-Hélouvry, Dupont and Canudas de Wit, "A survey of models, analysis tools and
     compensation methods for the control of machines with friction", Automatica 1994, eq. (3).
     """
@@ -411,9 +421,9 @@ class StribeckFriction(VelocityFriction):
         ),
     )
     friction_law: ClassVar[int] = laws.STRIBECK
-    tau_s: float = parameter("N m", "excess over Coulomb at rest", lower=0.0, upper=MOST_TORQUE)
-    v_s: float = parameter("rad/s", "Stribeck velocity", lower=1e-5, upper=10.0)
-    delta: float = parameter("1", "shape exponent", lower=0.5, upper=4.0, default=2.0)
+    tau_s: float = parameter("N m", lower=0.0, upper=MOST_TORQUE)
+    v_s: float = parameter("rad/s", lower=1e-5, upper=10.0)
+    delta: float = parameter("1", lower=0.5, upper=4.0, default=2.0)
     v_eps: float = sign_width()
 
     @property

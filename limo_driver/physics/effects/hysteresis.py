@@ -87,6 +87,9 @@ class PreslidingHysteresis(TorqueEffect):
 
     All others start relaxed at the first position.
 
+    Args:
+        law: What remembers.
+
     Raises:
         ConfigError: The law is unknown; a parameter of it is missing, or one that it does not have
             is given; lists differ in length; a relay goes up below where it goes down.
@@ -112,7 +115,7 @@ class PreslidingHysteresis(TorqueEffect):
         ),
     )
     rubs: ClassVar[bool] = True
-    law: str = parameter("text", "what remembers", of=LAWS, default="maxwell_slip")
+    law: str = parameter("text", of=LAWS, default="maxwell_slip")
     stiffness: tuple[float, ...] = _list(
         "N m/rad", "stiffness of each element", 0.0, MOST_STIFFNESS
     )

@@ -42,6 +42,11 @@ class Backlash(MotionEffect):
     felt while |x| < gap/2, that is from a reversal to the end of the gap, is a part of the joint's
     friction: tau = -drag tanh(v / v_eps). It comes back all at once.
 
+    Args:
+        gap: Whole play.
+        drag: Friction beyond the gap, not felt within it.
+        v_eps: Width of the smoothed sign of the drag.
+
     Raises:
         ConfigError: A width of the sign is given, and no drag that has one.
 
@@ -77,17 +82,10 @@ class Backlash(MotionEffect):
     )
     agility: ClassVar[float] = 4.0  # an impact is sharper than the motion
     needs_inertia: ClassVar[bool] = True
-    gap: float = parameter("rad", "whole play", lower=0.0, upper=0.2, adds=True)
-    drag: float | None = parameter(
-        "N m",
-        "friction beyond the gap, not felt within it",
-        lower=0.0,
-        upper=MOST_TORQUE,
-        default=None,
-    )
+    gap: float = parameter("rad", lower=0.0, upper=0.2, adds=True)
+    drag: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
     v_eps: float | None = parameter(
         "rad/s",
-        "width of the smoothed sign of the drag",
         lower=1e-6,
         upper=1.0,
         default=None,

@@ -42,6 +42,9 @@ FARTHEST_ZERO: Final = 0.5  # [rad], of an encoder whose joint is still the one 
 class TorqueOffset(TorqueEffect):
     """A constant error of the torque sensor, tau = offset; also at rest.
 
+    Args:
+        offset: Offset.
+
     Source: Hollerbach, Khalil and Gautier, "Model identification", Handbook of Robotics, 2016.
     """
 
@@ -50,7 +53,7 @@ class TorqueOffset(TorqueEffect):
     description: ClassVar[Description] = Description(
         signature="the error is a constant, also at rest", shown_by="rest_holds"
     )
-    offset: float = parameter("N m", "offset", lower=-MOST_TORQUE, upper=MOST_TORQUE, adds=True)
+    offset: float = parameter("N m", lower=-MOST_TORQUE, upper=MOST_TORQUE, adds=True)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the offset [N m], (T,)."""
@@ -69,6 +72,10 @@ class TorqueOffset(TorqueEffect):
 @dataclass(frozen=True, kw_only=True)
 class TorqueDrift(TorqueEffect):
     """An offset that wanders with time: linear between the times, constant before and after.
+
+    Args:
+        times: Times.
+        offset: Offset at each time.
 
     Raises:
         ConfigError: Times do not increase, or are not as many as the offsets.
@@ -89,9 +96,9 @@ class TorqueDrift(TorqueEffect):
         ),
     )
     lasts: ClassVar[bool] = False
-    times: tuple[float, ...] = parameter("s", "times", lower=-1e12, upper=1e12, chosen=True)
+    times: tuple[float, ...] = parameter("s", lower=-1e12, upper=1e12, chosen=True)
     offset: tuple[float, ...] = parameter(
-        "N m", "offset at each time", lower=-MOST_TORQUE, upper=MOST_TORQUE, deviation="largest"
+        "N m", lower=-MOST_TORQUE, upper=MOST_TORQUE, deviation="largest"
     )
 
     def __post_init__(self) -> None:
@@ -130,6 +137,9 @@ class TorqueDrift(TorqueEffect):
 class EncoderOffset(MotionEffect):
     """A wrong zero of the encoder, q_link = q - offset.
 
+    Args:
+        offset: Encoder minus link.
+
     Source: Hollerbach, Khalil and Gautier, "Model identification", Handbook of Robotics, 2016.
     """
 
@@ -151,9 +161,7 @@ class EncoderOffset(MotionEffect):
             ),
         ),
     )
-    offset: float = parameter(
-        "rad", "encoder minus link", lower=-FARTHEST_ZERO, upper=FARTHEST_ZERO, adds=True
-    )
+    offset: float = parameter("rad", lower=-FARTHEST_ZERO, upper=FARTHEST_ZERO, adds=True)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the offset [rad], (T,)."""
@@ -173,6 +181,9 @@ class EncoderOffset(MotionEffect):
 class TorqueGain(SensorEffect):
     """A wrong scale of the torque sensor, which adds gain times the torque.
 
+    Args:
+        gain: Relative error of scale.
+
     Source: Hollerbach, Khalil and Gautier, "Model identification", Handbook of Robotics, 2016.
     """
 
@@ -190,9 +201,7 @@ class TorqueGain(SensorEffect):
             Confusion("payload", "only a known mass tells the gain of a sensor"),
         ),
     )
-    gain: float = parameter(
-        "1", "relative error of scale", lower=-0.99, upper=10.0, scales=True, adds=True
-    )
+    gain: float = parameter("1", lower=-0.99, upper=10.0, scales=True, adds=True)
 
     def advance(self, state: State, sensed: SensedTorque) -> tuple[FloatArray, State]:
         """Return gain times the joint's torque [N m], (T,)."""
@@ -207,6 +216,10 @@ class TorqueGain(SensorEffect):
 @dataclass(frozen=True, kw_only=True)
 class TorqueCrosstalk(SensorEffect):
     """Torque of another joint that leaks into the sensor, which adds gain times tau_source.
+
+    Args:
+        source: The other joint.
+        gain: Share of its torque.
 
     Raises:
         ConfigError: The source is the joint itself, whose own gain is `torque_gain`.
@@ -226,8 +239,8 @@ class TorqueCrosstalk(SensorEffect):
             ),
         ),
     )
-    source: int = parameter(JOINT, "the other joint", lower=1, upper=64)
-    gain: float = parameter("1", "share of its torque", lower=-10.0, upper=10.0, scales=True)
+    source: int = parameter(JOINT, lower=1, upper=64)
+    gain: float = parameter("1", lower=-10.0, upper=10.0, scales=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -251,12 +264,17 @@ class Sensors(Declared):
     """Noise and resolution of the sensors; one value for all joints, or one each.
 
     They shape what the simulated robot measures. A prediction is free of them. Zero means ideal.
+
+    Args:
+        torque_noise: 1 sigma, white.
+        torque_resolution: Of one step.
+        encoder_resolution: Of one step.
     """
 
     _called = "sensors"
-    torque_noise: tuple[float, ...] = parameter("N m", "1 sigma, white", lower=0, default=(0.0,))
-    torque_resolution: tuple[float, ...] = parameter("N m", "of one step", lower=0, default=(0.0,))
-    encoder_resolution: tuple[float, ...] = parameter("rad", "of one step", lower=0, default=(0.0,))
+    torque_noise: tuple[float, ...] = parameter("N m", lower=0, default=(0.0,))
+    torque_resolution: tuple[float, ...] = parameter("N m", lower=0, default=(0.0,))
+    encoder_resolution: tuple[float, ...] = parameter("rad", lower=0, default=(0.0,))
 
     def __post_init__(self) -> None:
         super().__post_init__()

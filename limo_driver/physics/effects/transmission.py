@@ -41,6 +41,10 @@ class JointElasticity(MotionEffect):
     slowly against the motion, as in creeping and holding, and not for vibration. Over whole
     stretches, `Simulation.predict_stretches` lets it move.
 
+    Args:
+        stiffness: Stiffness.
+        cubic: Cubic compliance.
+
     Source: Spong, "Modeling and control of elastic joint robots", J. Dyn. Sys. 1987.
     """
 
@@ -62,12 +66,8 @@ class JointElasticity(MotionEffect):
         ),
     )
     agility: ClassVar[float] = 0.7  # a spring never winds up faster than its load changes
-    stiffness: float = parameter(
-        "N m/rad", "stiffness", lower=1e-3, upper=MOST_STIFFNESS, inverse=True
-    )
-    cubic: float = parameter(
-        "rad/(N m)^3", "cubic compliance", lower=-1e-3, upper=1e-3, default=0.0
-    )
+    stiffness: float = parameter("N m/rad", lower=1e-3, upper=MOST_STIFFNESS, inverse=True)
+    cubic: float = parameter("rad/(N m)^3", lower=-1e-3, upper=1e-3, default=0.0)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return encoder minus link position [rad], (T,)."""
@@ -126,6 +126,9 @@ def wind_up(
 class Armature(TorqueEffect):
     """Inertia of the drive seen from the joint, tau = inertia ddq; absent from a link-side torque.
 
+    Args:
+        inertia: Reflected inertia.
+
     Source: Featherstone, "Rigid Body Dynamics Algorithms", 2008, sec. 9.6.
     """
 
@@ -152,9 +155,7 @@ class Armature(TorqueEffect):
             ),
         ),
     )
-    inertia: float = parameter(
-        "kg m^2", "reflected inertia", lower=0.0, upper=MOST_INERTIA, adds=True
-    )
+    inertia: float = parameter("kg m^2", lower=0.0, upper=MOST_INERTIA, adds=True)
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return inertia ddq [N m], (T,)."""
@@ -176,6 +177,11 @@ class TorqueRipple(TorqueEffect):
 
     The cogging of a motor behind a gear of ratio r has cycles_per_rev = poles times r.
 
+    Args:
+        cycles_per_rev: Cycles in a revolution of the joint.
+        amplitude: Amplitude.
+        phase: Phase.
+
     Raises:
         ConfigError: The lists differ in length.
 
@@ -188,13 +194,11 @@ class TorqueRipple(TorqueEffect):
     description: ClassVar[Description] = Description(
         signature="the error repeats a fixed number of times in a revolution", shown_by="creep"
     )
-    cycles_per_rev: tuple[float, ...] = parameter(
-        "1/rev", "cycles in a revolution of the joint", lower=1e-3, upper=1e6, deviation=1.0
-    )
+    cycles_per_rev: tuple[float, ...] = parameter("1/rev", lower=1e-3, upper=1e6, deviation=1.0)
     amplitude: tuple[float, ...] = parameter(
-        "N m", "amplitude", lower=0.0, upper=MOST_TORQUE, deviation="largest"
+        "N m", lower=0.0, upper=MOST_TORQUE, deviation="largest"
     )
-    phase: tuple[float, ...] = parameter("rad", "phase", lower=-1e3, upper=1e3, deviation=1.0)
+    phase: tuple[float, ...] = parameter("rad", lower=-1e3, upper=1e3, deviation=1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

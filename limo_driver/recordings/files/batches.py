@@ -1,7 +1,7 @@
-"""Batches: rows of Parquet and of delimited text, a few at a time, however long the file is."""
+"""Batches: rows of Parquet and of delimited text, a few at a time, however long the file is.
 
-# pyarrow ships no type stubs, so its tables are unknown to the checker.
-# pyright: reportUnknownParameterType=false
+Stretches: of a log of any length, as many rows as fit into memory, spread over all of it.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +9,22 @@ import gzip
 import io
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 import numpy as np
 import pyarrow as pa
 from pyarrow import csv
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.files.stretches import STRETCH, Stretches, most_rows
 from limo_driver.runtime.given_files import Spent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
+
+# pyarrow ships no type stubs, so its tables are unknown to the checker.
+# pyright: reportUnknownParameterType=false
+
 
 _PACKED: Final = ".gz"
 BLOCK: Final = 250_000  # rows that are worked on at once
@@ -187,3 +190,75 @@ def _are_numbers(cells: pa.Array) -> bool:
     known = cells.drop_null().to_pylist()
     numbers = sum(bool(_NUMBER.fullmatch(cell.strip())) for cell in known)
     return numbers > (1 - FEW) * len(known)
+
+
+Piece = TypeVar("Piece")
+
+MOST: Final = 1_000_000  # rows that are kept; identification takes about 1 kB for each
+STRETCH_SECONDS: Final = 25.0  # [s] of a stretch, long beside what a filter loses
+STRETCH: Final = 25_000  # rows of one, where its rate is not known yet: that of 1 kHz
+
+
+_MEMORY: Final = 1 << 30  # bytes that rows may take, however wide they are
+
+
+def most_rows(width: int) -> int:
+    """Return how many rows of so many bytes may be kept."""
+    return min(MOST, max(_MEMORY // max(width, 1), 1))
+
+
+class Stretches(Generic[Piece]):
+    """Keep evenly spread stretches of rows that come piece by piece, however many they will be.
+
+    All rows are kept until they are too many; then every second stretch goes, and of those that
+    come only every second is kept, and so on.
+
+    Args:
+        cut: Returns rows `start` to `stop` of a piece.
+        most: Rows that may be kept.
+        rows: Of a stretch.
+        stride: To begin with; where it is known how many rows will come.
+    """
+
+    def __init__(
+        self,
+        cut: Callable[[Piece, int, int], Piece],
+        most: int = MOST,
+        rows: int = STRETCH,
+        stride: int = 1,
+    ) -> None:
+        self._cut, self._most, self._rows, self._stride = cut, most, rows, stride
+        self._kept: dict[int, list[Piece]] = {}  # by number of the stretch
+        self.total = 0  # rows that came
+
+    def add(self, piece: Piece, rows: int) -> None:
+        """Take what comes next, a piece of so many rows."""
+        start = 0
+        while start < rows:
+            number, begun = divmod(self.total, self._rows)
+            stop = min(rows, start + self._rows - begun)
+            if number % self._stride == 0:
+                self._kept.setdefault(number, []).append(self._cut(piece, start, stop))
+            if len(self._kept) * self._rows > self._most:
+                self._stride *= 2
+                self._kept = {k: v for k, v in self._kept.items() if k % self._stride == 0}
+            self.total += stop - start
+            start = stop
+
+    @property
+    def spread(self) -> int:
+        """Rows of which the kept ones are evenly spread stretches; 0 if all are kept."""
+        return self.total if self._stride > 1 else 0
+
+    def pieces(self) -> list[Piece]:
+        """Return the pieces that are kept, in the order in which they came."""
+        return [piece for pieces in self._kept.values() for piece in pieces]
+
+    def note(self) -> str:
+        """Say what was kept, where it is not all."""
+        if not self.spread:
+            return ""
+        return (
+            f"of {self.total} rows, {len(self._kept)} stretches of {self._rows} were read, evenly "
+            "spread; what is said of rows counts these"
+        )

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.files.stretches import STRETCH, most_rows
+from limo_driver.recordings.files.batches import STRETCH, most_rows
 from limo_driver.runtime.given_files import Spent
 
 if TYPE_CHECKING:

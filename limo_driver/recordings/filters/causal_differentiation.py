@@ -28,7 +28,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, RecordingError, ShapeError
 from limo_driver.recordings.filters.differentiation import HIGHEST_BANDWIDTH, impulse_responses
-from limo_driver.recordings.gate import LONGEST_STEP, LONGEST_STEP_PERIODS
+from limo_driver.recordings.gate.held_values import LONGEST_STEP, LONGEST_STEP_PERIODS
 from limo_driver.runtime.compiled import compiled
 from limo_driver.types import JointSample, Motion
 

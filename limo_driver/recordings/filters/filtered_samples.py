@@ -18,7 +18,7 @@ from limo_driver.recordings.filters.differentiation import (
     differentiate,
     smooth,
 )
-from limo_driver.recordings.gate import contiguous
+from limo_driver.recordings.gate.held_values import contiguous
 from limo_driver.types import FloatArray, Motion, readonly
 
 if TYPE_CHECKING:

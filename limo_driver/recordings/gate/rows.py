@@ -14,8 +14,14 @@ from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import POSITION, RATES, VELOCITY, by_channel, led_by, unit_of
-from limo_driver.recordings.gate.clock import FEWEST_LATE, SYSTEMATIC
-from limo_driver.recordings.gate.doubts import STILL, LeftOut, UsableRows, doubts_about_rows
+from limo_driver.recordings.gate.doubts import (
+    FEWEST_LATE,
+    STILL,
+    SYSTEMATIC,
+    LeftOut,
+    UsableRows,
+    doubts_about_rows,
+)
 from limo_driver.recordings.gate.held_values import (
     contiguous,
     even_runs,

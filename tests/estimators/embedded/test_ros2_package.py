@@ -14,7 +14,7 @@ import yaml
 
 from estimators.embedded.ros2_package import export_ros2
 from limo_driver.errors import ConfigError
-from limo_driver.model.wrench import FlangeWrench
+from limo_driver.model.kinematics import FlangeWrench
 from limo_driver.physics import CoulombFriction, Simulation
 
 HERE = Path(__file__).parent

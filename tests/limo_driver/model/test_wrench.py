@@ -5,7 +5,7 @@ import pytest
 
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
-from limo_driver.model.wrench import FlangeWrench
+from limo_driver.model.kinematics import FlangeWrench
 
 POSE = np.array([0.1, 0.5, -0.2, -1.0, 0.3, 0.8, 0.0])
 WRENCH = np.array([10.0, -5.0, 20.0, 1.0, 2.0, -3.0])

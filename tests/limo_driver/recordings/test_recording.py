@@ -13,7 +13,7 @@ from recorded_columns import RATE, make_columns, write
 
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.model import RobotModel
-from limo_driver.recordings.gate import LeftOut
+from limo_driver.recordings.gate.doubts import LeftOut
 from limo_driver.recordings.recording import Recording
 
 

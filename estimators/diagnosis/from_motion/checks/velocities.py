@@ -26,7 +26,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.channels import POSITION, VELOCITY, led_by
-from limo_driver.recordings.gate import held_reason
+from limo_driver.recordings.gate.held_values import held_reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

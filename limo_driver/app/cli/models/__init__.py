@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -21,14 +21,9 @@ from limo_driver.app.cli.models.options import (
     asked,
     opened,
     print_found,
-    with_place,
 )
-from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer reads it
-from limo_driver.network.config import (
-    ConfigFile,  # noqa: TC001  # typer
-    Connect,  # noqa: TC001  # typer
-    Listen,  # noqa: TC001  # typer
-)
+from limo_driver.app.console.arguments import MappingOption, Network, describe_options
+from limo_driver.app.console.terminal import terminal
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -39,16 +34,14 @@ if TYPE_CHECKING:
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
+@describe_options
 def add(
-    folder: Annotated[Path, typer.Argument(help="Model folder of `limo train`.")],
-    golden: Annotated[
-        Path, typer.Option(help="Recording, whose liveliest seconds are kept with the answer.")
-    ],
-    test: Annotated[
-        Path | None, typer.Option(help="Recording not trained on, for the errors to keep.")
-    ] = None,
-    parent: Annotated[int | None, typer.Option(help="Version that this one came from.")] = None,
-    delay: Annotated[float, typer.Option(help="Delay of the live estimate [s].")] = 0.1,
+    folder: Path,
+    *,
+    golden: Path,
+    test: Path | None = None,
+    parent: int | None = None,
+    delay: float = 0.1,
     store: StoreOption = MODELS,
     robot: RobotOption = None,
     mapping: MappingOption = None,
@@ -58,6 +51,13 @@ def add(
 
     It is loaded, copied, and answers to some seconds of motion, which are kept: whoever loads it
     later sees whether it still answers the same.
+
+    Args:
+        folder: Model folder of `limo train`.
+        golden: Recording, whose liveliest seconds are kept with the answer.
+        test: Recording not trained on, for the errors to keep.
+        parent: Version that this one came from.
+        delay: Delay of the live estimate [s].
 
     Example:
         limo models add model/ --golden run.parquet --test test.parquet
@@ -94,13 +94,18 @@ def verify(
     )
 
 
+@describe_options
 def sign(
-    key: Annotated[Path, typer.Argument(help="Private Ed25519 key (PEM, without a password).")],
+    key: Path,
     which: WhichArgument,
+    *,
     store: StoreOption = MODELS,
     robot: RobotOption = None,
 ) -> None:
     """Sign a version with a private key, as `openssl genpkey -algorithm ed25519` makes it.
+
+    Args:
+        key: Private Ed25519 key (PEM, without a password).
 
     Example:
         limo models sign release.pem 2
@@ -111,8 +116,9 @@ def sign(
     print_found(None, f"version {number}: signed with {key}", as_json=False)
 
 
-@with_place
+@describe_options
 def list_versions(
+    *,
     place: VersionSource,
     as_json: JsonOption = False,
 ) -> None:
@@ -123,7 +129,6 @@ def list_versions(
         limo models list --arm iiwa14
     """
     from estimators.service.store.served_models import RemoteStore
-    from limo_driver.app.console.terminal import terminal
 
     left_out: list[str] = []
     with place.reached() as models:
@@ -137,10 +142,11 @@ def list_versions(
     print_found(values, _table(versions, names), as_json=as_json)
 
 
-@with_place
+@describe_options
 def show(
-    place: VersionSource,
     which: WhichArgument = "champion",
+    *,
+    place: VersionSource,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a version is, what it learned from, and how its aliases changed.
@@ -215,12 +221,12 @@ def _description(version: Version, aliases: Aliases, changes: list[dict[str, Any
     return table
 
 
+@describe_options
 def load(
     which: WhichArgument,
-    arm: Annotated[str, typer.Option(help="Whose running service is asked.")],
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
+    *,
+    arm: str,
+    network: Network,
     as_json: JsonOption = False,
 ) -> None:
     """Let a version serve in a running service until that ends; the champion stays what it is.
@@ -228,20 +234,24 @@ def load(
     The service vets it first, which takes some seconds; the old version serves on meanwhile, and
     also where the new one is refused.
 
+    Args:
+        arm: Whose running service is asked.
+
     Example:
         limo models load 2 --arm iiwa14
     """
-    with asked(arm, connect, listen, config) as client:
+    with asked(arm, network) as client:
         facts = client.load(which)
     text = f"version {facts['version']} serves instead of {facts['before']}"
     print_found(facts, text, as_json=as_json)
 
 
-@with_place
+@describe_options
 def promote(
-    place: VersionSource,
     which: WhichArgument,
+    *,
     reason: ReasonOption = "by hand",
+    place: VersionSource,
     as_json: JsonOption = False,
 ) -> None:
     """Make a version the champion; its files are checked first.
@@ -256,10 +266,11 @@ def promote(
         _print(models.promote(which, reason), as_json=as_json)
 
 
-@with_place
+@describe_options
 def rollback(
-    place: VersionSource,
+    *,
     reason: ReasonOption = "by hand",
+    place: VersionSource,
     as_json: JsonOption = False,
 ) -> None:
     """Make the champion before the champion again.

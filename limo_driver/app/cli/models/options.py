@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import inspect
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
-from functools import wraps
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.network.config import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+from limo_driver.app.console.arguments import Network
+from limo_driver.app.console.terminal import terminal
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Generator
 
     from rich.table import Table
 
@@ -60,9 +60,7 @@ class VersionSource:
     robot: RobotOption = None
     trust: TrustOption = None
     arm: ArmOption = None
-    connect: Connect = None
-    listen: Listen = None
-    config: ConfigFile = None
+    network: Network = field(default_factory=Network)
 
     @contextmanager
     def reached(self) -> Generator[ModelStore | RemoteStore]:
@@ -86,9 +84,7 @@ class VersionSource:
         Raises:
             ConfigError: Options of a running service are given.
         """
-        from limo_driver.errors import ConfigError
-
-        if self.connect or self.listen or self.config:
+        if any(self.network.ends):
             raise ConfigError("--connect, --listen and --zenoh-config reach a service: give --arm")
         return opened(self.store, self.robot, self.trust)
 
@@ -100,67 +96,28 @@ class VersionSource:
             ConfigError: Options of a store are given.
             ConnectionLostError: There is no session to be had.
         """
-        from limo_driver.errors import ConfigError
-
         assert self.arm is not None  # noqa: S101  # else there is nobody to ask
         if self.store != MODELS or self.robot or self.trust:
             raise ConfigError(
                 f"--arm {self.arm} asks a running service, which has its own store and keys: "
                 "leave out --store, --robot and --trust"
             )
-        with asked(self.arm, self.connect, self.listen, self.config) as client:
+        with asked(self.arm, self.network) as client:
             yield client
 
 
-def with_place(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of a `VersionSource`, which it takes as its first argument.
-
-    Typer reads options from a signature, so that this has all of them: the command's own, those of
-    the place, and `as_json` at the end.
-    """
-    hints = get_type_hints(VersionSource, include_extras=True)
-    _, *own = inspect.signature(command, eval_str=True).parameters.values()
-    added = [
-        inspect.Parameter(
-            item.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=item.default,
-            annotation=hints[item.name],
-        )
-        for item in fields(VersionSource)
-    ]
-    own = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
-    every = [*own[:-1], *added, own[-1]]
-
-    @wraps(command)
-    def with_options(**given: object) -> None:
-        place = VersionSource(**{item.name: given.pop(item.name) for item in fields(VersionSource)})  # type: ignore[arg-type]
-        command(place, **given)
-
-    with_options.__dict__["__signature__"] = inspect.Signature(every)
-    with_options.__annotations__ = {parameter.name: parameter.annotation for parameter in every}
-    return with_options
-
-
 @contextmanager
-def asked(
-    arm: str, connect: list[str] | None, listen: list[str] | None, config: Path | None
-) -> Generator[ModelClient]:
+def asked(arm: str, network: Network) -> Generator[ModelClient]:
     """Open a session to ask the running service of an arm."""
     from limo_driver.network.model_client import ModelClient
-    from limo_driver.network.streaming import open_session
 
-    with open_session(connect or (), listen or (), config) as session:
+    with network.open() as session:
         yield ModelClient(session, arm)
 
 
 def print_found(values: Any, table: Table | str, *, as_json: bool) -> None:  # noqa: ANN401  # JSON
     """Print values as JSON, or else the table."""
-    import json
-
-    from limo_driver.app.console.terminal import terminal
-
     if as_json:
-        terminal().print_json(json.dumps(values))
+        terminal().print_json(data=values)
     else:
         terminal(soft_wrap=isinstance(table, str)).print(table)

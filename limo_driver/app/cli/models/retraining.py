@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -19,9 +19,11 @@ from limo_driver.app.cli.models.options import (
     WhichArgument,
     opened,
     print_found,
-    with_place,
 )
-from limo_driver.app.console.arguments import MappingOption  # noqa: TC001  # typer reads it
+from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.terminal import table_of
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import require_file, whole
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -33,27 +35,17 @@ if TYPE_CHECKING:
 _NAME = re.compile(r"(.+)_\d{8}T\d{6}\.\d{6}Z")
 
 
-@with_place
+@describe_options
 def retrain(
-    place: VersionSource,
+    *,
     reason: ReasonOption = "by hand",
-    log: Annotated[
-        Path | None, typer.Option(help="Folder of a service's logs to learn from, without --arm.")
-    ] = None,
-    name: Annotated[
-        str | None, typer.Option(help="Of the arm in the logs, if they are of several.")
-    ] = None,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Of the newest motion.")] = 300.0,
-    kind: Annotated[
-        str,
-        typer.Option(
-            help="Same as the champion, joint-physics, or a network, for example lstm-fcl."
-        ),
-    ] = "same",
-    delay: Annotated[float, typer.Option(help="Delay of the live estimate [s].")] = 0.1,
-    sign: Annotated[
-        Path | None, typer.Option(help="Private key (PEM), with which the version is signed.")
-    ] = None,
+    log: Path | None = None,
+    name: str | None = None,
+    seconds: Annotated[float, typer.Option(min=0.0)] = 300.0,
+    kind: str = "same",
+    delay: float = 0.1,
+    sign: Path | None = None,
+    place: VersionSource,
     as_json: JsonOption = False,
 ) -> None:
     """Train a challenger from the newest motion in logs, outside of contact.
@@ -62,12 +54,18 @@ def retrain(
     it if it is better. With --log, the version is added to a store and compared with its champion
     on the last part of the motion; nothing serves by that.
 
+    Args:
+        log: Folder of a service's logs to learn from, without --arm.
+        name: Of the arm in the logs, if they are of several.
+        seconds: Of the newest motion.
+        kind: Same as the champion, joint-physics, or a network, for example lstm-fcl.
+        delay: Delay of the live estimate [s].
+        sign: Private key (PEM), with which the version is signed.
+
     Examples:
         limo models retrain --arm iiwa14 --reason "the tool was changed"
         limo models retrain --store models/ --log logs/ --seconds 600
     """
-    from limo_driver.errors import ConfigError
-
     if (place.arm is None) == (log is None):
         raise ConfigError("give --arm to ask a running service, or --log to learn without one")
     if place.arm is not None:
@@ -82,7 +80,6 @@ def retrain(
 
 
 def _refuse_options_of_logs(name: str | None, sign: Path | None, kind: str) -> None:
-    from limo_driver.errors import ConfigError
 
     if name is not None or sign is not None or kind != "same":
         raise ConfigError(
@@ -119,8 +116,6 @@ def _only_arm(folder: Path) -> str:
     Raises:
         ConfigError: There are none, or of several arms.
     """
-    from limo_driver.errors import ConfigError
-
     found = sorted({m[1] for path in folder.glob("*.mcap") if (m := _NAME.fullmatch(path.stem))})
     if len(found) != 1:
         told = f"of {', '.join(found)}; say which with --name" if found else "of no arm"
@@ -136,14 +131,14 @@ def _told(found: dict[str, Any]) -> str:
     )
 
 
+@describe_options
 def compare(
     champion: WhichArgument,
     challenger: WhichArgument,
-    data: Annotated[Path, typer.Option(help="Recording that neither was trained on.")],
-    block: Annotated[
-        float, typer.Option(help="Length of a block [s]; longer than errors remember.")
-    ] = 5.0,
-    out: Annotated[Path | None, typer.Option(help="Where to write a picture (PNG).")] = None,
+    *,
+    data: Path,
+    block: float = 5.0,
+    out: Path | None = None,
     store: StoreOption = MODELS,
     robot: RobotOption = None,
     trust: TrustOption = None,
@@ -155,12 +150,16 @@ def compare(
     The intervals are of paired errors, averaged over blocks. The last line says whether the second
     version would be promoted over the first: better on average, and worse on no joint.
 
+    Args:
+        data: Recording that neither was trained on.
+        block: Length of a block [s]; longer than errors remember.
+        out: Where to write a picture (PNG).
+
     Example:
         limo models compare champion 2 --data test.parquet --out difference.png
     """
     from estimators.service.comparison import compare_versions, difference_figure
     from limo_driver.app.library.reading import read
-    from limo_driver.runtime.outputs import require_file, whole
 
     if out is not None:
         require_file(out, [data])
@@ -177,19 +176,13 @@ def compare(
 
 
 def _table(found: Comparison, versions: tuple[Version, Version]) -> Table:
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
 
     first, second = (f"version {version.number}" for version in versions)
-    table = Table(
-        box=SIMPLE_HEAD,
-        pad_edge=False,
+    table = table_of(
+        "joint", first, second, "difference", "95 % interval", "ratio\nof MSE",
         title=f"RMSE [N m] of {first} and {second}, {found.blocks} blocks",
         caption=("promote: " if found.promote else "do not promote: ") + found.reason,
-    )
-    table.add_column("joint", overflow="fold")
-    for heading in (first, second, "difference", "95 % interval", "ratio\nof MSE"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    )  # fmt: skip
     for j, name in enumerate(versions[0].joints):
         table.add_row(
             name,

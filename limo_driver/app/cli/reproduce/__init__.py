@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.cli import INTERRUPTED
-from limo_driver.app.console.terminal import Machines, OnOption
+from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.terminal import Machines, OnOption, progress, terminal
+from limo_driver.errors import ConfigError
+from limo_driver.runtime.outputs import only_writer, require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,43 +28,20 @@ FAILED = 1
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 
+@describe_options
 def table1(
-    data: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of excitation, limo and validation recordings and data.json; OUT/data if "
-            "not given, OUT/data_quick with --quick, which is simulated if it is not there."
-        ),
-    ] = None,
+    *,
+    data: Path | None = None,
     out: Annotated[
         Path | None,
         typer.Option(help=f"Folder for trials and table; {OUT}, or {QUICK_OUT} with --quick."),
     ] = None,
-    quick: Annotated[
-        bool,
-        typer.Option(
-            "--quick", help="Minutes instead of days: little motion, few epochs, one run."
-        ),
-    ] = False,
-    runs: Annotated[
-        int | None, typer.Option(help="Trainings of each row, from other seeds; 10.")
-    ] = None,
-    device: Annotated[
-        str,
-        typer.Option(help="Where networks are trained: auto (a GPU if there is one), cpu, cuda."),
-    ] = "auto",
-    jobs: Annotated[
-        int | None,
-        typer.Option(help="Trials side by side; one for each physical core, or one on a GPU."),
-    ] = None,
-    epochs: Annotated[int | None, typer.Option(help="Passes over the motion; 100.")] = None,
-    batch: Annotated[
-        int | None,
-        typer.Option(
-            help="Sub-sequences of one step of the optimiser; 50. Less on short recordings, of "
-            "which 50 would leave a step or two in an epoch."
-        ),
-    ] = None,
+    quick: bool = False,
+    runs: int | None = None,
+    device: str = "auto",
+    jobs: int | None = None,
+    epochs: int | None = None,
+    batch: int | None = None,
     on: OnOption = Machines.processes,
 ) -> None:
     r"""Compute Table I of Çallar and Böttger 2022 again, beside the paper's figures.
@@ -73,6 +53,17 @@ def table1(
 
     Finished trials are kept: started again, the command goes on where it was stopped or killed.
 
+    Args:
+        data: Folder of excitation, limo and validation recordings and data.json; OUT/data if not
+            given, OUT/data_quick with --quick, which is simulated if it is not there.
+        quick: Minutes instead of days: little motion, few epochs, one run.
+        runs: Trainings of each row, from other seeds; 10.
+        device: Where networks are trained: auto (a GPU if there is one), cpu, cuda.
+        jobs: Trials side by side; one for each physical core, or one on a GPU.
+        epochs: Passes over the motion; 100.
+        batch: Sub-sequences of one step of the optimiser; 50. Less on short recordings, of which 50
+            would leave a step or two in an epoch.
+
     Examples:
         limo reproduce table1 --quick
         limo reproduce table1 --data recordings/ --runs 3 --out out/table1
@@ -83,8 +74,6 @@ def table1(
     from dataclasses import replace
 
     from estimators.reproduction.results import Protocol
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.runtime.outputs import only_writer, require_folder
 
     notes = terminal(stderr=True, soft_wrap=True)
     protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
@@ -112,7 +101,6 @@ def _compute(
     from estimators.reproduction.results import Table, TrialStore
     from estimators.reproduction.workers import TrialRunner
     from limo_driver.physics import Simulation
-    from limo_driver.runtime.outputs import require_folder
 
     read = TableData.load(folder)
     for name in ("trials", "prepared"):
@@ -144,7 +132,6 @@ def _processes(jobs: int | None, device: str, on: Machines) -> int | None:
     """
     from estimators.hybrid.training.fit import find_device
     from estimators.reproduction.workers import physical_cores
-    from limo_driver.errors import ConfigError
 
     gpu = find_device(device).type == "cuda"
     if jobs is not None and jobs < 1:
@@ -158,14 +145,12 @@ def _processes(jobs: int | None, device: str, on: Machines) -> int | None:
 
 def _make_data(folder: Path, *, quick: bool, notes: Console) -> None:
     """Make a data folder behind a progress bar."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, TimeElapsedColumn
 
     from limo_driver.app.cli.reproduce.simulated_data import FULL, QUICK, make
 
     notes.print(f"{folder} is not there: making it with the simulated arm")
-    columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-    disable = not notes.is_terminal
-    with Progress(*columns, console=notes, transient=True, disable=disable) as bar:
+    with progress("{task.description}", BarColumn(), TimeElapsedColumn(), console=notes) as bar:
         task = bar.add_task("making data", total=1.0)
 
         def tell(what: str, share: float) -> None:
@@ -218,7 +203,6 @@ def _print(table: Table, out: Path) -> None:
     from estimators.reproduction.claims import cell, done
     from estimators.reproduction.data import PARTS, ROWS
     from estimators.reproduction.results import SPLIT_NAMES, SPLITS
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal()
     console.print(table.headline())

@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.terminal import say
-from limo_driver.network.config import ConfigFile, Connect, Listen  # noqa: TC001  # typer
+from limo_driver.app.console.arguments import Network, describe_options
+from limo_driver.app.console.terminal import say, shortened
+from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
     import zenoh
 
     from limo_driver.app.cli.watch.screen import Watched
@@ -26,59 +24,36 @@ if TYPE_CHECKING:
 _PORT = 8642  # of the page of --web
 
 
+@describe_options
 def command(
-    arm: Annotated[str, typer.Option(help="Name of the arm; * for all.")] = "*",
-    connect: Connect = None,
-    listen: Listen = None,
-    config: ConfigFile = None,
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, help="Stop after this time [s]; else at Ctrl-C.")
-    ] = None,
-    until: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PHASE",
-            help="Show nothing, and end as soon as a service is as far as loading, compiling, "
-            "waiting (for joint states), preparing or serving.",
-        ),
-    ] = None,
-    timeout: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            help="With --until: wait no longer, then end with exit status 1. 60 if not given.",
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print every status and event as JSON, one a line.")
-    ] = False,
-    web: Annotated[
-        bool, typer.Option("--web", help="Serve a page to this machine: the arm, torques, events.")
-    ] = False,
-    port: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=65535, help="With --web: of the page; 0 for any. 8642 if not given."
-        ),
-    ] = None,
-    rerun: Annotated[
-        str | None,
-        typer.Option(
-            metavar="viewer|FILE.rrd|ADDRESS",
-            help="Log the arm, torques and events to Rerun: open its viewer, write a file, or "
-            "send to an address such as rerun+http://127.0.0.1:9876/proxy.",
-        ),
-    ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="With --web or --rerun: the robot drawn, built in, URDF or MJCF; else iiwa14."
-        ),
-    ] = None,
+    *,
+    arm: str = "*",
+    network: Network,
+    duration: Annotated[float | None, typer.Option(min=0.0)] = None,
+    until: Annotated[str | None, typer.Option(metavar="PHASE")] = None,
+    timeout: Annotated[float | None, typer.Option(metavar="SECONDS")] = None,
+    as_json: bool = False,
+    web: bool = False,
+    port: Annotated[int | None, typer.Option(min=0, max=65535)] = None,
+    rerun: Annotated[str | None, typer.Option(metavar="viewer|FILE.rrd|ADDRESS")] = None,
+    robot: str | None = None,
 ) -> None:
     """Show rates, latency, external torque, models, contacts and losses of arms on the network.
 
     With --until, wait for a service instead: exit status 0 once it is that far, or further.
+
+    Args:
+        arm: Name of the arm; * for all.
+        duration: Stop after this time [s]; else at Ctrl-C.
+        until: Show nothing, and end as soon as a service is as far as loading, compiling, waiting
+            (for joint states), preparing or serving.
+        timeout: With --until: wait no longer, then end with exit status 1. 60 if not given.
+        as_json: Print every status and event as JSON, one a line.
+        web: Serve a page to this machine: the arm, torques, events.
+        port: With --web: of the page; 0 for any. 8642 if not given.
+        rerun: Log the arm, torques and events to Rerun: open its viewer, write a file, or send to
+            an address such as rerun+http://127.0.0.1:9876/proxy.
+        robot: With --web or --rerun: the robot drawn, built in, URDF or MJCF; else iiwa14.
 
     Examples:
         limo watch
@@ -88,9 +63,7 @@ def command(
         limo watch --arm iiwa14 --rerun monday.rrd --duration 60
     """
     from limo_driver.app.cli.watch.screen import Watched, show
-    from limo_driver.app.console.terminal import shortened
-    from limo_driver.errors import ConfigError
-    from limo_driver.network.streaming import Keys, follow_history, open_session
+    from limo_driver.network.streaming import Keys, follow_history
 
     drawn = "--web" if web else "" if rerun is None else "--rerun"
     if not web and port is not None:
@@ -104,7 +77,7 @@ def command(
             raise ConfigError(f"{drawn} is for watching; --until only waits")
         if duration is not None:
             raise ConfigError("--duration is for watching; --until ends after --timeout")
-        _wait(arm, until, timeout, (connect or (), listen or (), config), as_json=as_json)
+        _wait(arm, until, timeout, network, as_json=as_json)
         return
     if timeout is not None:
         raise ConfigError("--timeout is for --until; watching ends after --duration")
@@ -112,7 +85,7 @@ def command(
         raise ConfigError(f"{drawn} shows one arm: name it with --arm")
     watched = Watched(as_json=as_json)
     keys = Keys.of_any() if arm == "*" else Keys(arm)
-    with open_session(connect or (), listen or (), config) as session:
+    with network.open() as session:
         followed = [
             follow_history(session, keys.status("service"), watched.take_status),
             follow_history(session, keys.event, watched.take_event),
@@ -188,7 +161,7 @@ def _wait(
     arm: str,
     until: str,
     timeout: float | None,
-    ends: tuple[Sequence[str], Sequence[str], Path | None],
+    network: Network,
     *,
     as_json: bool,
 ) -> None:
@@ -199,11 +172,10 @@ def _wait(
         require_wait,
         wait_until_serving,
     )
-    from limo_driver.network.streaming import open_session
 
     phase, seconds = ServicePhase.named(until), PATIENCE if timeout is None else timeout
     require_wait("--timeout", seconds)
-    with open_session(*ends) as session:
+    with network.open() as session:
         heard = wait_until_serving(session, arm, until=phase, timeout=seconds)
     if as_json:
         typer.echo(json.dumps({"arm": heard.arm, "phase": heard.phase, "state": heard.state}))

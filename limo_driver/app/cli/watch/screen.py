@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
+from limo_driver.app.console.terminal import terminal
+from limo_driver.errors import WireFormatError
 from limo_driver.quoting import in_line
 
 if TYPE_CHECKING:
@@ -36,8 +38,6 @@ _LAST = 2**63  # [ns] of a stamp
 def show(watched: Watched, duration: float | None) -> None:
     """Draw twice a second until the time is over."""
     from rich.live import Live
-
-    from limo_driver.app.console.terminal import terminal
 
     ends = math.inf if duration is None else time.monotonic() + duration
     pause = threading.Event()
@@ -252,7 +252,6 @@ class Watched:
 
     def take_event(self, sample: zenoh.Sample) -> None:
         """Keep an event; count malformed ones."""
-        from limo_driver.errors import WireFormatError
         from limo_driver.network.messages import decode_event
 
         arm = _arm_of(sample)

@@ -21,8 +21,7 @@ from numpy.lib import format as npy
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.formats.arrow import numbers_of
 from limo_driver.logs.readers.table import LogTable, said_of_shape, table_of
-from limo_driver.recordings.files.batches import BLOCK
-from limo_driver.recordings.files.stretches import STRETCH, Stretches, most_rows
+from limo_driver.recordings.files.batches import BLOCK, STRETCH, Stretches, most_rows
 from limo_driver.runtime.given_files import Spent, apart, json_of, read_text
 
 if TYPE_CHECKING:

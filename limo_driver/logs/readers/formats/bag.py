@@ -26,8 +26,8 @@ from limo_driver.logs.ros.known_layouts import layout_for
 from limo_driver.logs.ros.plain_messages import numbers_of
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.network.messages.cdr import CdrReader
-from limo_driver.recordings.files.stretches import STRETCH, Stretches
-from limo_driver.recordings.gate import SYSTEMATIC, in_order, runs_backwards
+from limo_driver.recordings.files.batches import STRETCH, Stretches
+from limo_driver.recordings.gate.doubts import SYSTEMATIC, in_order, runs_backwards
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError
-from limo_driver.runtime.packages import require_package
+from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,7 +17,7 @@ from limo_driver.logs.readers.proposals.gravity import (
     some_rows,
     usual,
 )
-from limo_driver.recordings.gate import one_factor, velocity_factor
+from limo_driver.recordings.gate.held_values import one_factor, velocity_factor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,12 +7,13 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 import backends
 import estimators
 import limo_driver
 import limopa
-from limo_driver.app.console.arguments import OPTIONS, in_options
+from limo_driver.app.console.arguments import OPTIONS, Network, describe_options, in_options
 from limo_driver.app.console.command_line import command_line
 
 pytestmark = pytest.mark.waits
@@ -30,6 +31,37 @@ def test_arguments_are_called_by_their_options():
     assert in_options("give `simulation` or `robot`; see `limo run`") == (
         "give --sim or --robot; see `limo run`"
     )
+
+
+def test_a_signature_and_its_docstring_are_the_options():
+    heard = {}
+
+    @describe_options
+    def command(log: str, *, dry_run: bool = False, network: Network, as_json: bool = False):
+        """Do it.
+
+        Args:
+            log: To be read.
+            dry_run: Only say what would
+                be done.
+            as_json: Print JSON.
+        """
+        heard.update(log=log, dry_run=dry_run, network=network, as_json=as_json)
+
+    one = typer.Typer(rich_markup_mode=None)
+    one.command()(command)
+    line = typer.main.get_command(one)
+    helps = {each.name: each.help for each in line.params}
+    assert helps["dry_run"] == "Only say what would be done."
+    assert helps["connect"].startswith("Zenoh endpoint to reach")
+    assert "--no-dry-run" not in [name for each in line.params for name in each.secondary_opts]
+    line(["a.csv", "--dry-run", "--connect", "tcp/x", "--json"], standalone_mode=False)
+    assert heard == {
+        "log": "a.csv",
+        "dry_run": True,
+        "network": Network(connect=["tcp/x"]),
+        "as_json": True,
+    }
 
 
 def test_every_option_exists():

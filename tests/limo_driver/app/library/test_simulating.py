@@ -44,7 +44,7 @@ def test_threads_switch_as_before_afterwards(monkeypatch):
         meanwhile.append(sys.getswitchinterval())
         raise ConfigError("none")
 
-    monkeypatch.setattr("limo_driver.app.library.running.run", one_run)
+    monkeypatch.setattr("limo_driver.app.library.moving.run", one_run)
     with pytest.raises(ConfigError, match="none"):
         limo.simulate(ARM, [motion(0.02)], [1, 2], workers=2)
     assert min(meanwhile) < before
@@ -67,7 +67,7 @@ def test_what_goes_wrong_in_one_ends_the_others(monkeypatch):
             ended.set()
             raise
 
-    monkeypatch.setattr("limo_driver.app.library.running.run", one_run)
+    monkeypatch.setattr("limo_driver.app.library.moving.run", one_run)
     with pytest.raises(ConfigError, match="the first"):
         limo.simulate(ARM, [motion(0.02)], range(1, 9), workers=2)
     assert ended.is_set()

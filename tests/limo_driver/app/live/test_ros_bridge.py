@@ -11,7 +11,7 @@ from sessions import configurations_of_two, wait_until
 from limo_driver.app.live.ros_bridge import EVENTS, STREAMS, RosBridge, topics
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
-from limo_driver.model.wrench import FlangeWrench
+from limo_driver.model.kinematics import FlangeWrench
 from limo_driver.network.ros import HASHES, RosReader, RosTopic
 from limo_driver.network.streaming import Keys, open_session
 

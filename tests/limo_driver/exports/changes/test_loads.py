@@ -7,8 +7,13 @@ import pytest
 from lanes import later
 
 import limo_driver as limo
-from limo_driver.exports.changes.bodies import BodyPart, parts_of
-from limo_driver.exports.changes.loads import AddedBody, replaced_bodies, still_there
+from limo_driver.exports.changes.bodies import (
+    AddedBody,
+    BodyPart,
+    parts_of,
+    replaced_bodies,
+    still_there,
+)
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import Payload, Simulation
 

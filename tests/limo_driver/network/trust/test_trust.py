@@ -25,7 +25,8 @@ from limo_driver.network.streaming import (
     follow_history,
     open_session,
 )
-from limo_driver.network.trust import ROLES, Host, write_trust
+from limo_driver.network.trust import write_trust
+from limo_driver.network.trust.roles import ROLES, Host
 from limo_driver.types import JointState
 
 pytestmark = pytest.mark.waits

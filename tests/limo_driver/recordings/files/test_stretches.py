@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyarrow import csv
 
-from limo_driver.recordings.files.batches import blocks_of, kept_of, text_batches
-from limo_driver.recordings.files.stretches import Stretches
+from limo_driver.recordings.files.batches import Stretches, blocks_of, kept_of, text_batches
 from limo_driver.recordings.recording import Recording
 
 
