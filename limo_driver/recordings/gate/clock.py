@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from limo_driver.recordings.channels import of_numbers
 from limo_driver.recordings.gate.held_values import LEAST_JUMP, even_runs, longest_step
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ class OneClock:
 
     def taken(self, columns: Columns) -> Columns:
         """Return what comes next with a time that goes on, and say where it was cut."""
+        columns = of_numbers(columns)
         time, position = columns.time + self._shift, columns.position
         before = 0
         if self._before is not None:
