@@ -22,6 +22,7 @@ _LEAST = 0.5  # [rad]; a smaller leap is a fault
 _ALIKE = 0.01  # of a wrap, by which wraps of one joint differ
 _BESIDE = 3  # samples before and after, whose median step is the joint's own motion
 _FEWEST = 2  # wraps by another angle than a turn; one alone could be a slip
+BEYOND: Final = 1e100  # of any unit, what nothing measures; squared it still is a number
 RATES: Final = (9.0, 5500.0)  # [Hz], 10 Hz to 5 kHz with a tenth of margin
 _PER_SECOND: Final = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 _SINCE: Final = "taken as seconds since the first row"
@@ -181,6 +182,16 @@ class Columns:
         if self.command is not None:
             measured |= by_channel(self.command, self.led)
         return measured if self.velocity is None else measured | {"velocity": self.velocity}
+
+
+def of_numbers(columns: Columns) -> Columns:
+    """Return the same with NaN where what rows need is no number, as of a sensor that is off."""
+    needed = {"time": columns.time, "position": columns.position, "torque": columns.torque}
+    if columns.command is not None:
+        needed["command"] = columns.command
+    none = {name: np.abs(values) > BEYOND for name, values in needed.items()}
+    odd = {name: np.where(none[name], np.nan, needed[name]) for name in none if none[name].any()}
+    return replace(columns, **odd) if odd else columns
 
 
 def without_wraps(columns: Columns) -> Columns:

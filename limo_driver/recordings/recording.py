@@ -16,6 +16,7 @@ from limo_driver.recordings.channels import (
     Columns,
     channels_of,
     chosen,
+    of_numbers,
     seconds,
     without_wraps,
 )
@@ -218,7 +219,7 @@ class Recording(FilteredSamples, Displayed):
 
     @classmethod
     def _checked(cls, columns: Columns, source: str) -> Recording:
-        columns = with_one_clock(without_wraps(columns))
+        columns = with_one_clock(without_wraps(of_numbers(columns)))
         if columns.command is not None and np.isnan(columns.torque).all():
             return cls._without_torque(columns, source)
         columns = without_silent_torques(columns)

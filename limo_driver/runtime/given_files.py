@@ -57,7 +57,7 @@ _DATA: Final = 5  # which of its numbers is that of data
 _ROOM: Final = 1 << 26  # bytes for what is imported on the way
 _NO_MEMORY: Final = 3  # status of a process that got none
 _COMMAND: Final = f"import sys; from {__name__} import main; main(*sys.argv[1:])"
-_OUT_OF_TIME: Final = {signal.SIGXCPU, signal.SIGKILL}
+_OUT_OF_TIME: Final = {signal.SIGPROF, signal.SIGKILL}
 
 
 @dataclass(frozen=True)
@@ -360,10 +360,9 @@ def _told(status: int, size: int, seconds: float, memory: int) -> str:
 
 def _limit(seconds: float, memory: int) -> None:
     """Limit what this process may take beyond what it has: interpreter and libraries."""
-    spent = resource.getrusage(resource.RUSAGE_SELF)
-    most = int(spent.ru_utime + spent.ru_stime + seconds) + 1
     own = int(_MEMORY.read_text().split()[_DATA]) * resource.getpagesize() + _ROOM
-    resource.setrlimit(resource.RLIMIT_CPU, (most, most + 1))
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_PROF, seconds)  # of the CPU; RLIMIT_CPU knows whole ones alone
     resource.setrlimit(resource.RLIMIT_DATA, (own + memory, own + memory))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, ParameterError, RecordingError
 from limo_driver.logs.readers.columns import SECONDS, WRITTEN, read_name
-from limo_driver.recordings.channels import seconds
+from limo_driver.recordings.channels import BEYOND, seconds
 from limo_driver.runtime.display import shortened
 from limo_driver.runtime.parameters import Declared, parameter, shown
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _MATRIX: Final = 2  # dimensions
-_BEYOND: Final = 1e100  # of any unit, squared it still is a number
 _MOST_LABELS: Final = 4096  # columns of one array
 
 
@@ -75,7 +74,7 @@ class LogTable:
     def _take_out_markers(self) -> None:
         """Take numbers that nothing measures for none: the largest double, or broken bytes."""
         beyond = {
-            name: np.isfinite(values) & (np.abs(values) > _BEYOND)
+            name: np.isfinite(values) & (np.abs(values) > BEYOND)
             for name, values in self.columns.items()
             if values.dtype == np.float64
         }
@@ -83,7 +82,7 @@ class LogTable:
         if found:
             kept = {name: np.where(found[name], np.nan, self.columns[name]) for name in found}
             more = (
-                f"{name} has {np.count_nonzero(marked)} numbers beyond {_BEYOND:g}, read as none"
+                f"{name} has {np.count_nonzero(marked)} numbers beyond {BEYOND:g}, read as none"
                 for name, marked in found.items()
             )
             object.__setattr__(self, "columns", {**self.columns, **kept})

@@ -45,6 +45,7 @@ _HEADER = 100  # bytes of a SQLite file
 _BLOCK = 1 << 20  # bytes that are unpacked at once
 _STEPS = 100_000  # of SQLite's machine, after which the time is looked at: some milliseconds
 _LARGEST = 1 << 28  # bytes of one message when unpacked; a damaged length may ask for anything
+_DAMAGE = (sqlite3.Error, UnicodeDecodeError)  # which quotes names of a damaged file in its errors
 
 
 def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[LoggedMessage]:
@@ -70,9 +71,10 @@ def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
                 if encoding == CDR
             }
             rows = bag.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id")
-        except sqlite3.DatabaseError as error:
+        except _DAMAGE as error:
             spent.check_time()
-            damaged = "malformed" in str(error) or _is_cut_off(file)
+            broken = "malformed" in str(error) or isinstance(error, UnicodeDecodeError)
+            damaged = broken or _is_cut_off(file)
             what = "is damaged or cut off" if damaged else "is no bag of ROS 2"
             why = "a table is computed (a view)" if "not authorized" in str(error) else error
             raise RecordingError(f"{what}: {why}", path=path) from None
@@ -88,7 +90,7 @@ def read_db3(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[
                 name, kind = topics[key]
                 text = texts.get(kind, b"")
                 yield LoggedMessage(name, kind, payload, stamp, stamp, count, text)
-        except (sqlite3.DatabaseError, zstandard.ZstdError) as error:
+        except (*_DAMAGE, zstandard.ZstdError) as error:
             spent.check_time()
             why = f"is damaged after {count + 1} messages and was read up to there: {error}"
         if odd:
@@ -109,7 +111,7 @@ def _definitions(bag: sqlite3.Connection) -> dict[str, bytes]:
         ):
             if encoding == ENCODING:
                 found[str(kind)] = str(text).encode()
-    except sqlite3.DatabaseError:  # of a file that was cut off, at whose end they stand
+    except _DAMAGE:  # of a file that was cut off, at whose end they stand
         return found
     return found
 
@@ -120,11 +122,12 @@ def _opened(file: Path, path: Path) -> sqlite3.Connection:
     how = "mode=ro" if unmerged else "mode=ro&immutable=1"
     try:
         bag = sqlite3.connect(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
+        bag.text_factory = _text
         bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST)
         if _is_cut_off(file):  # of which SQLite otherwise refuses what is there, too
             bag.execute("PRAGMA writable_schema=ON")
         bag.set_authorizer(_reading)
-    except sqlite3.Error as error:
+    except _DAMAGE as error:
         raise RecordingError(f"cannot be read: {error}", path=path) from None
     return bag
 
@@ -133,6 +136,10 @@ def _reading(action: int, *_: object) -> int:
     """Let SQLite read tables, and compute nothing: what a view or a column asks for is refused."""
     is_plain = action in {sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ}
     return sqlite3.SQLITE_OK if is_plain else sqlite3.SQLITE_DENY
+
+
+def _text(data: bytes) -> str:
+    return data.decode(errors="replace")
 
 
 def _is_cut_off(file: Path) -> bool:

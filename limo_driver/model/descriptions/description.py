@@ -22,6 +22,7 @@ _MARK: Final = "#"  # between the path of a description and the joints that are 
 SITE: Final = "site_"  # begins the link that stands for a site of an MJCF file
 ROOM: Final = 1.0  # [m] to either side, of a slide that states no range
 DOWN: Final = (0.0, 0.0, -9.81)  # [m/s²]
+_NOT_PARSED: Final = ("mimic", "safety_controller", "calibration")  # of joints
 
 
 class StatedBristles(NamedTuple):
@@ -147,15 +148,19 @@ class RobotDescription:
         return ET.tostring(self.root, encoding="unicode")
 
     def without(self, *tags: str) -> ET.Element:
-        """Return a copy of `root` without some elements of it and of its links.
+        """Return a copy of `root` for parsers, without some elements of it and of its links.
+
+        It also lacks what limo reads itself, or nobody: parsers refuse all where that is odd, and
+        say why in lines of their own.
 
         Args:
             tags: Such as `visual`: of shapes that pinocchio's parser cannot read, it says many
                 lines, and of materials that it has twice, it refuses all.
         """
         root = deepcopy(self.root)
-        for owner in (root, *root.findall("link")):
-            for element in [each for each in owner if each.tag in tags]:
+        root.attrib.pop("version", None)
+        for owner in (root, *root.findall("link"), *root.findall("joint")):
+            for element in [each for each in owner if each.tag in (*tags, *_NOT_PARSED)]:
                 owner.remove(element)
         return root
 

@@ -15,6 +15,7 @@ from limo_driver.model.descriptions.geometry import numbers, rotation_of, rpy_of
 from limo_driver.model.descriptions.urdf_checks import check_urdf, end_of
 from limo_driver.model.descriptions.urdf_mends import (
     mended,
+    plain,
     unranged_notes,
     with_plain_numbers,
     without_ends,
@@ -33,6 +34,7 @@ USD_ENDINGS: Final = (".usd", ".usda", ".usdc", ".usdz")
 _TURNING: Final = ("revolute", "continuous")
 _SLIDING: Final = "prismatic"
 _MOVABLE: Final = (*_TURNING, _SLIDING)
+_DYNAMICS: Final = ("friction", "damping")  # that a URDF states
 # Of a joint that follows another; its friction, damping and armature are felt at that one.
 _NOT_FELT: Final = {
     "spring": ("stiffness", "cubic"),
@@ -82,10 +84,9 @@ def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
     for joint in root.findall("joint"):
         stated = joint.find("dynamics")
         if stated is not None:
-            dynamics[str(joint.get("name"))] = JointDynamics(
-                friction=_number(stated, "friction", path, least=0.0),
-                damping=_number(stated, "damping", path, least=0.0),
-            )
+            read = {name: _number(stated, name, path, least=0.0) for name in _DYNAMICS}
+            dynamics[str(joint.get("name"))] = JointDynamics(**read)
+            stated.attrib |= {name: plain(repr(value)) for name, value in read.items()}
     return RobotDescription(root, path, "URDF", dynamics, notes=notes, unranged=unranged)
 
 

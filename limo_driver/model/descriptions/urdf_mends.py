@@ -133,10 +133,11 @@ def with_plain_numbers(root: ET.Element) -> None:
             for name, text in element.attrib.items():
                 if name not in TEXTS:
                     words = text.split() if name in VECTORS else [text]
-                    element.set(name, " ".join(map(_plain, words)))
+                    element.set(name, " ".join(map(plain, words)))
 
 
-def _plain(word: str) -> str:
+def plain(word: str) -> str:
+    """Return a number as every parser reads it."""
     return word.strip() if abs(float(word)) >= _SMALLEST else "0"
 
 

@@ -90,7 +90,9 @@ def parquet_rows(
     def batches() -> Iterator[pa.RecordBatch]:
         with file:
             rows = file.iter_batches(most, columns=kept, use_threads=not texts)
-            yield from spent.metered(rows, rows=0)
+            for batch in spent.metered(rows, rows=0):
+                batch.validate(full=True)  # texts of UTF-8, lists that end: nobody asks later
+                yield batch
 
     return ParquetRows(batches(), schema, width, aside)
 

@@ -25,7 +25,7 @@ import pyarrow.parquet as pq
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.files.batches import blocks_of
 from limo_driver.recordings.files.log_stream import LogStream, StoredLog
-from limo_driver.recordings.files.parquet import whole_table
+from limo_driver.recordings.files.parquet import DAMAGE, whole_table
 from limo_driver.runtime.outputs import reason, replacing, require_parquet
 from limo_driver.runtime.processes import Closing
 
@@ -225,7 +225,7 @@ def read_log(path: Path | str, tell: Callable[[str], None] | None = None) -> pa.
             return whole_table(path, RecordingError)
     except OSError as error:
         raise RecordingError(f"cannot be read: {error.strerror or error}", path=path) from None
-    except pa.ArrowInvalid as error:
+    except DAMAGE as error:
         raise RecordingError(f"is no log of limo's: {error}", path=path) from None
     log = StoredLog(path)
     table = pa.Table.from_batches(log.batches(), log.schema)

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-_JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d*)")
+# a joint of four digits at most: no file has more columns
+_JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d{0,3})")
 LOG_SUFFIX = ".partial"
 
 
@@ -303,7 +304,7 @@ def _values(table: pa.Table, name: str, path: Path) -> FloatArray:
         raise RecordingError(
             f"column {name} holds {column.type}, expected numbers{_first_text(column)}", path=path
         )
-    return column.cast(pa.float64()).to_numpy().astype(np.float64)
+    return column.cast(pa.float64(), safe=False).to_numpy().astype(np.float64)
 
 
 def _first_text(column: pa.ChunkedArray) -> str:

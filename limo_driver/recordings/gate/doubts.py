@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.recordings.channels import VELOCITY, led_by
+from limo_driver.recordings.channels import VELOCITY, led_by, of_numbers
 from limo_driver.recordings.gate.held_values import (
     LEAST_JUMP,
     contiguous,
@@ -91,6 +91,7 @@ class OneClock:
 
     def taken(self, columns: Columns) -> Columns:
         """Return what comes next with a time that goes on, and say where it was cut."""
+        columns = of_numbers(columns)
         time, position = columns.time + self._shift, columns.position
         before = 0
         if self._before is not None:

@@ -142,6 +142,19 @@ def textual(path):
     pq.write_table(pa.table(table), path / "data" / "file-000.parquet")
 
 
+def garbled(path):
+    """Write texts that are none."""
+    notes = pa.array([b"\xee"] * 30, pa.binary()).cast(pa.string(), safe=False)
+    pq.write_table(pa.table({"time": np.arange(30.0), "note": notes}), path)
+
+
+def renamed(path):
+    """Write a bag whose table has no name of UTF-8."""
+    with closing(sqlite3.connect(path)) as bag:
+        bag.execute("CREATE TABLE topics(id, name, type, serialization_format)")
+    path.write_bytes(path.read_bytes().replace(b"TABLE topics", b"TABLE t\xeepics"))
+
+
 def nested(path):
     """Write a description of a data set that is nested deeply."""
     (path / "meta").mkdir(parents=True)
@@ -155,6 +168,8 @@ def nested(path):
         ("log.db3", computed, "a table is computed"),
         ("log.mat", packed, "more than 256 MiB of memory to read"),
         ("digits.json", lambda path: path.write_text(f'[{{"t": {"1" * 5000}}}]'), "thousands of"),
+        ("log.parquet", garbled, "Invalid UTF8"),
+        ("log.db3", renamed, "is damaged"),
         ("texts", textual, "row 0 is 'soon', expected a number"),
         ("deep", nested, "nested far deeper than a log"),
     ],

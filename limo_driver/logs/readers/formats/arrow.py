@@ -199,7 +199,7 @@ def _values(column: pa.ChunkedArray) -> NDArray[Any] | None:
     if not any(of_kind(kind) for of_kind in (*plain, *texts)):
         return None
     try:
-        return column.cast(pa.float64()).to_numpy().astype(np.float64)
+        return column.cast(pa.float64(), safe=False).to_numpy().astype(np.float64)
     except pa.ArrowInvalid:
         return None
 
@@ -215,7 +215,8 @@ def _entries(column: pa.ChunkedArray) -> NDArray[Any] | None:
         lengths = {len(item) for item in (column[0], column[len(column) // 2], column[-1])}
         if lengths != {len(flat) // len(column)}:
             return None
-    return flat.cast(pa.float64()).to_numpy(zero_copy_only=False).reshape(len(column), -1)
+    values = flat.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    return values.reshape(len(column), -1)
 
 
 def _refuse_few_texts(name: str, column: pa.ChunkedArray, source: str) -> None:
@@ -258,7 +259,7 @@ def clock_times(column: pa.ChunkedArray) -> NDArray[Any] | None:
         column: Of texts, or of what pyarrow knows as times.
     """
     if pa.types.is_time(column.type):
-        since = column.cast(pa.time64("ns")).cast(pa.int64())
+        since = column.cast(pa.time64("ns"), safe=False).cast(pa.int64())
         known = since.is_valid().to_numpy()
         ns = since.fill_null(0).to_numpy().astype(np.int64)
     elif pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
