@@ -351,7 +351,7 @@ class TestOverTheNetwork:
 
 def test_of_a_flood_that_asks_for_the_index_all_are_answered_and_few_read_it():
     class Query:
-        payload, key_expr = None, "limo/arm/model/index"
+        key_expr = "limo/arm/model/index"  # and no payload that could be read
 
         def __init__(self):
             self.said = []
@@ -371,9 +371,11 @@ def test_of_a_flood_that_asks_for_the_index_all_are_answered_and_few_read_it():
     assert [query.said for query in asked] == [[b'{"read": 1}']] * 999 + [[b'{"read": 2}']]
 
     def fails() -> dict:
+        read.append(1)
         raise ConfigError("no store")
 
     broken, query = _Kept(fails, clock=lambda: 0.0), Query()
     for _ in range(2):
         broken.answer(query)
     assert query.said == [b'{"error": "no store"}'] * 2
+    assert len(read) == 3

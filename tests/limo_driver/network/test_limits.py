@@ -5,7 +5,7 @@ import threading
 import pytest
 from sessions import sessions_of_two
 
-from limo_driver.network.claims import WAITING, PacedQueryable, RateLimit
+from limo_driver.network.claims import PacedQueryable, RateLimit
 
 pytestmark = pytest.mark.waits
 
@@ -23,7 +23,8 @@ def test_some_may_come_together_and_then_a_few_a_second():
     assert [limit.take() for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.1])
 
 
-def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path):
+@pytest.mark.parametrize("waiting", [32, 256])
+def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path, waiting):
     """While one is answered, many more come: those that still waited then are the last of them."""
     answered, busy, free = [], threading.Event(), threading.Event()
 
@@ -34,20 +35,23 @@ def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path
         answered.append(str(query.parameters))
         query.reply(KEY, b"")
 
-    with sessions_of_two(tmp_path) as (here, there), PacedQueryable(here, KEY, answer, 1e6, 1000):
+    with (
+        sessions_of_two(tmp_path) as (here, there),
+        PacedQueryable(here, KEY, answer, 1e6, 1000, waiting),
+    ):
         while not busy.is_set():  # until the two know each other
             first = there.get(f"{KEY}?k=first", timeout=60.0)
             busy.wait(0.1)
         last = here.declare_queryable(OTHER, lambda query: query.reply(OTHER, b""))
         while not list(there.get(OTHER, timeout=60.0)):  # until they know of that one, too
             pass
-        asked = [there.get(f"{KEY}?k={k}", timeout=60.0) for k in range(10 * WAITING)]
+        asked = [there.get(f"{KEY}?k={k}", timeout=60.0) for k in range(512)]
         assert list(there.get(OTHER, timeout=60.0))  # comes after those
         last.undeclare()
         free.set()
         got = [len(list(replies)) for replies in asked]
         assert len(list(first)) == 1
-    assert got == [0] * (len(asked) - WAITING) + [1] * WAITING
+    assert got == [0] * (len(asked) - waiting) + [1] * waiting
 
 
 def test_a_second_close_does_nothing(tmp_path):

@@ -4,6 +4,7 @@
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+import math
 import os
 import re
 from pathlib import Path
@@ -20,6 +21,7 @@ from limo_driver.model.descriptions.description import (
 )
 from limo_driver.model.descriptions.mjcf.plasticity import OWN, plastic_springs
 from limo_driver.model.descriptions.xml_text import read_xml
+from limo_driver.runtime.given_files import ReadingBudget
 from limo_driver.runtime.installed_mujoco import mujoco
 
 if TYPE_CHECKING:
@@ -33,6 +35,8 @@ _WIDEST_PLAY: Final = 0.2  # [rad], as the effect has it
 _ALIKE: Final = 1e-9  # of axes and their places [m]
 _FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
 _ASSETS: Final = ("mesh", "texture", "hfield", "skin")
+_SIZED: Final = {"hfield": ("nrow", "ncol"), "texture": ("width", "height")}
+_MOST_VALUES: Final = ReadingBudget.memory // 4  # of one asset, bytes of each
 _MULTIPLYING: Final = frozenset({"replicate", "composite", "flexcomp", "attach", "model", "plugin"})
 _COUNT: Final = re.compile(r"\+?(?P<number>\d+(\.0*)?([eE]\+?\d+)?)(?P<unit>[KMGTPE]?)")
 _MANY: Final = 10_000.0  # rows, times as many columns, are some hundred MB
@@ -242,7 +246,9 @@ def check_numbers(files: Iterable[Path]) -> None:
 
 
 def check_assets(files: Sequence[Path]) -> None:
-    """Refuse meshes and textures that are devices, pipes or the like: nobody's end is in sight.
+    """Refuse meshes and textures that are devices, pipes or the like, or beyond all measure.
+
+    MuJoCo says of what no memory holds that it caught an unknown exception.
 
     Args:
         files: That an MJCF file is made of, itself first.
@@ -254,12 +260,26 @@ def check_assets(files: Sequence[Path]) -> None:
     elements = [(path, element) for path in files for element in read_xml(path).iter()]
     stated = {e.get(key, "") for _, e in elements if e.tag == "compiler" for key in _FOLDERS}
     for path, element in elements:
+        _check_size(element, path)
         if element.tag not in _ASSETS or not (name := element.get("file")):
             continue
         for base in {"", *stated}:
             file = folder / base / name
             if file.exists() and not file.is_file():
                 raise ConfigError(f"names {name} as a {element.tag}, which is no file", path=path)
+
+
+def _check_size(element: ET.Element, path: Path) -> None:
+    told = [element.get(key, "") for key in _SIZED.get(element.tag, ())]
+    if not told or not all(map(str.isdecimal, told)):
+        return  # a file has them, or MuJoCo says what is wrong
+    if math.prod(sizes := [float(word) for word in told]) > _MOST_VALUES:
+        named = " x ".join(f"{size:.15g}" for size in sizes)
+        raise ConfigError(
+            f"its {element.tag} {element.get('name', '')!r} has {named} values, "
+            f"expected at most {_MOST_VALUES}",
+            path=path,
+        )
 
 
 def is_plain(files: Iterable[Path]) -> bool:
