@@ -1,18 +1,20 @@
 """Pushes that are added to real recordings: how many does a diagnosis name, and when?
 
-    python benchmarks/diagnosis/diagnosis_pushes.py [--only ur10e lwr4 panda] [--draws 2] [--scan]
+    python benchmarks/diagnosis/diagnosis_pushes.py [--only ur10e lwr4 panda] [--draws 2] [--each 2]
+        [--scan]
 
 `--scan` runs the search for pushes alone, beside the simulation that the diagnosis of the
 recordings as they are came to: seconds instead of minutes, so many draws. What a search for effects
 makes of pushes is then left out.
 
 Each arm's simulation is identified as `real_diagnosis.py` does it. The diagnosis of its recordings
-as they are comes first; whatever is named there is counted as false. Then two pushes a recording
-are added to the measured torque: a force on any point of any link but the first, as a hit that
-rebounds, as a human push, or held. Their size is so many times what the joints' errors usually are
-(root mean square of what the simulation leaves where a joint moves), at the joint that feels it
-most, after the filter. A push counts as named if its start and end are met within 0.2 s, and as
-touched if its time overlaps. The arm itself does not give way as it would under a real hit.
+as they are comes first; whatever is named there is counted as false. Then `--each` pushes are added
+to the measured torque of a recording, as far as there is room: a force on any point of any link but
+the first, as a hit that rebounds, as a human push, or held. Their size is so many times what the
+joints' errors usually are (root mean square of what the simulation leaves where a joint moves), at
+the joint that feels it most, after the filter. A push counts as named if its start and end are met
+within 0.2 s, and as touched if its time overlaps. The arm itself does not give way as it would
+under a real hit.
 """
 
 from __future__ import annotations
@@ -90,13 +92,16 @@ def pushed(
     usual: FloatArray,
     size: float,
     random: np.random.Generator,
+    each: int,
 ) -> tuple[list[limo.Recording], list[Added]]:
-    """Return the recordings with two pushes in each, and what was added."""
+    """Return the recordings with so many pushes in each, and what was added."""
     result, added = [], []
     for number, recording in enumerate(recordings):
         time, torque = recording.time, np.array(recording.torque)
         mine: list[Added] = []
-        while len(mine) < 2:  # a recording
+        for _ in range(20 * each):
+            if len(mine) == each:
+                break
             start = float(random.uniform(time[0] + 1.0, time[-1] - 3.0))
             kind = str(random.choice(["hit", "push", "held"]))
             if any(abs(other.start - start) < APART for other in mine):
@@ -134,7 +139,7 @@ def scanned(simulation: limo.Simulation, recordings: list[limo.Recording]) -> li
     return [(push.recording, push.start, push.end) for push in pushes(observed, observed.residual)]
 
 
-def run(case: Case, folder: Path, draws: int, *, scan: bool) -> dict[float, list[int]]:
+def run(case: Case, folder: Path, draws: int, each: int, *, scan: bool) -> dict[float, list[int]]:
     """Print and return, by size, pushes added, touched, named, and false ones."""
     learned = [limo.Recording.load(path) for path in case.identified]
     given = [limo.Recording.load(path) for path in case.diagnosed]
@@ -151,7 +156,7 @@ def run(case: Case, folder: Path, draws: int, *, scan: bool) -> dict[float, list
         count = table.setdefault(size, [0, 0, 0, 0])
         for draw in range(draws):
             random = np.random.default_rng([int(size), draw])
-            recordings, added = pushed(model, given, usual, size, random)
+            recordings, added = pushed(model, given, usual, size, random, each)
             if scan:
                 found = scanned(plain.simulation, recordings)
             else:
@@ -183,6 +188,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", choices=list(ARMS), default=list(ARMS))
     parser.add_argument("--scan", action="store_true", help="the search for pushes alone")
     parser.add_argument("--draws", type=int, default=2, help="for each size")
+    parser.add_argument("--each", type=int, default=2, help="in each recording, apart")
     options = parser.parse_args()
     if not DATA.is_dir():
         parser.error(f"no recordings in {DATA}; name their folder in LIMO_DATA")
@@ -190,7 +196,9 @@ def main() -> None:
     with TemporaryDirectory() as folder:
         for case in cases(Path(folder)):
             if case.name in {ARMS[name] for name in options.only}:
-                for count in run(case, Path(folder), options.draws, scan=options.scan).values():
+                for count in run(
+                    case, Path(folder), options.draws, options.each, scan=options.scan
+                ).values():
                     total += count
     print(f"all: {total[1] / total[0]:.0%} touched, {total[2] / total[0]:.0%} named within "
           f"{NEAR:g} s [80 %], {total[3]} false")  # fmt: skip

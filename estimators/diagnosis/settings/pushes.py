@@ -24,8 +24,6 @@ class PushSettings:
     told: float = setting(0.5, "of a push's force",
         "half the widest interval of its components, up to which its size is said",
         "larger says forces that a pose hardly tells; smaller keeps quiet of known ones")
-    most: int = setting(6, "", "beyond which none is named",
-        "more name what recurs; fewer miss pushes")
     lengths: tuple[float, ...] = setting((0.25, 0.5, 1.0, 2.0), "s", "of the scan's windows",
         "more cost time; fewer miss some lengths", chosen="from a hit to a human push")
     smoothed: float = setting(0.1, "s", "over which errors are averaged",

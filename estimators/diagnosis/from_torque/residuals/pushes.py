@@ -56,7 +56,7 @@ class Push:
 
 
 def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
-    """Return the stretches of time in which something pushed, none where that recurs.
+    """Return the stretches of time in which something pushed, however many: none that is not rare.
 
     Args:
         observed: Recordings and simulation, K slow rows of n joints.
@@ -68,12 +68,10 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
     found: list[Push] = []
     trials = scan.trials()
     for push in trials:
-        if push.evidence < PUSHES.least_evidence or len(found) > PUSHES.most:
+        if push.evidence < PUSHES.least_evidence:
             break
-        if not any(_near(push, other) for other in found):
+        if not any(_near(push, other) for other in found) and scan.rarity(push) > PUSHES.rare:
             found.append(scan.settled(push, found))
-    if len(found) > PUSHES.most:
-        return ()  # what recurs all the time is no push
     others = [trial for trial in trials if not any(_near(trial, push) for push in found)]
     events: list[Push] = []
     for push in found:

@@ -98,12 +98,25 @@ def test_a_push_while_an_arm_comes_to_rest_is_one_if_many_joints_feel_it(joints)
         assert found == []
 
 
-@pytest.mark.slow("looks for pushes in a minute")
-def test_what_recurs_is_no_push() -> None:
+def test_all_of_many_hits_are_found() -> None:
     o = observed()
-    residual = o.residual.copy()
-    time = o.slow.time
-    residual[time % 6.0 < 0.5, 3] += 0.5
+    residual, time, random = o.residual.copy(), o.slow.time, np.random.default_rng(3)
+    starts = np.linspace(4.0, 56.0, 11) + random.uniform(-1.0, 1.0, 11)
+    for start in starts:
+        felt = random.choice(o.n, 3, replace=False)
+        course = np.sin(np.pi * np.clip((time - start) / 0.3, 0.0, 1.0))
+        residual[:, felt] += course[:, None] * random.choice((-1.0, 1.0), 3)
+
+    found = sorted((push.start, push.end) for push in pushes(o, residual))
+
+    assert found == [(pytest.approx(x, abs=0.2), pytest.approx(x + 0.3, abs=0.2)) for x in starts]
+
+
+def test_what_recurs_is_no_push() -> None:
+    """It is as large in a third of all stretches, so it is not rare."""
+    o = observed()
+    residual, time = o.residual.copy(), o.slow.time
+    residual[time % 1.5 < 0.5, 3] += 0.5
 
     assert pushes(o, residual) == ()
 
