@@ -13,7 +13,7 @@ from servo_cases import Case, Hidden, _servos, _stated
 from servo_plant import Played
 
 N = 6
-SECONDS = 30.0  # of each recording
+SECONDS = 20.0  # of each recording
 PERIOD = 0.5e-3  # [s] of a step
 LOOK = 2  # steps between two looks of a servo
 TOLERANCE = 0.1
@@ -84,7 +84,7 @@ def make(
     model = spec.compile()
     every = 1.0 / rate
     recordings = tuple(
-        play(model, servos, _command(kind, every, random), every) for kind in ("waves", "goals") * 2
+        play(model, servos, _command(kind, every, random), every) for kind in ("waves", "goals", "waves")
     )
     return Case(seed, tuple(hidden), recordings, _stated(believed), text, servos)
 
