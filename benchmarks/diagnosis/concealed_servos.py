@@ -8,7 +8,7 @@ is hidden and of what every servo has.
 
     python benchmarks/diagnosis/concealed_servos.py [--rate 200] [--bits 12] [--singles 20]
         [--sets 0] [--nulls 12] [--first 0] [--only payload+backlash] [--others] [--limits]
-        [--turning] [--pushing]
+        [--turning] [--pushing] [--gripper]
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ import limo_driver as limo
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "concealed"))
 
+import gripper_cases
 import servo_cases
 from told_cases import PUSHING, TURNING
 
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.verdict import Verdict
 
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
+SO101 = DATA / "so101" / "robot" / "so101_new_calib.xml"
 VALUES = {
     "payload": ("mass", 0.1),
     "backlash": ("gap", 0.2),
@@ -111,7 +114,11 @@ def main() -> None:
     given.add_argument("--limits", action="store_true", help="of servos at their limits")
     given.add_argument("--turning", action="store_true", help="an arm that is told velocities")
     given.add_argument("--pushing", action="store_true", help="an arm that is told torques")
+    given.add_argument("--gripper", action="store_true", help="an SO-101 in MuJoCo, loads in it")
     asked = given.parse_args()
+    if asked.gripper:
+        of_grippers(asked)
+        return
     every = servo_cases.OTHERS if asked.others else servo_cases.SINGLES
     every = servo_cases.LIMITS if asked.limits else every
     told = TURNING if asked.turning else PUSHING if asked.pushing else None
@@ -126,6 +133,17 @@ def main() -> None:
         print(line(found[-1]), flush=True)
     by = f", by {told.channel}" if told else ""
     show(found, f"{asked.rate:g} Hz, {asked.bits} bit{by}")
+
+
+def of_grippers(asked: argparse.Namespace) -> None:
+    """Make and diagnose cases of an SO-101 that has something in its gripper."""
+    hidden = gripper_cases.HIDDEN
+    every = [hidden[k % len(hidden)] for k in range(asked.singles)] + [()] * asked.nulls
+    found: list[Outcome] = []
+    for seed, own in enumerate(every, start=asked.first):
+        found.append(run(gripper_cases.make(seed, own, SO101, asked.rate, asked.bits)))
+        print(line(found[-1]), flush=True)
+    show(found, f"gripper of an SO-101, {asked.rate:g} Hz, {asked.bits} bit")
 
 
 def run(case: servo_cases.Case) -> Outcome:

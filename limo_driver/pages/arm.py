@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import pinocchio as pin
 
-from limo_driver.errors import ConfigError
 from limo_driver.model import Capsule
+from limo_driver.model.descriptions.shapes import enclosing_capsule
+from limo_driver.model.drawn import Drawing, LinkMesh, drawing_of
 from limo_driver.model.kinematics import KinematicChain
 from limo_driver.pages.markup import typeset
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
@@ -25,11 +25,7 @@ if TYPE_CHECKING:
 STICK: Final = 0.03  # of the arm's length: radius of links that have no shape
 RING: Final = 0.05  # of the arm's length: radius of the ring at a joint that has no shape
 _WIDER: Final = 1.12  # of the ring than of the link it goes around
-# pinocchio has no stubs and is found through an import hook; this file is an adapter to it.
-# pyright: reportMissingImports=false
-TRIANGLES: Final = 16_000  # of all links: more make a page large, and cannot be seen
-_COARSER: Final = 1.25  # by which the grid of vertices grows until that holds
-_FINEST: Final = 0.002  # [m], edge of that grid
+_WIDE: Final = 65_535  # vertices, beyond which numbers of 16 bits do not count them
 
 
 @dataclass(frozen=True)
@@ -77,8 +73,8 @@ class ArmView:
     """An arm as pages draw it, with what is said of its joints."""
 
     chain: KinematicChain
-    capsules: tuple[Capsule, ...]
-    meshes: tuple[LinkMesh, ...]
+    capsules: tuple[Capsule, ...]  # around all of its links
+    drawing: Drawing  # in 3-D
     rings: tuple[float, ...]  # (n,) radius of the ring around each joint [m]
     length: float  # [m]
     pose: FloatArray  # (n,) [rad], shown at first and on paper
@@ -107,9 +103,9 @@ class ArmView:
             "rings": _rounded(self.rings, 4),
             "capsules": [
                 [c.joint, *_rounded(c.start, 4), *_rounded(c.end, 4), round(c.radius, 4)]
-                for c in self.capsules
+                for c in self.drawing.capsules
             ],
-            "meshes": [_mesh_values(mesh) for mesh in self.meshes],
+            "meshes": [_mesh_values(mesh) for mesh in self.drawing.meshes],
             "errors": [[name, _rounded(values, 6)] for name, values in self.errors],
             "floor": _rounded(self.floor, 6),
             "pins": [
@@ -128,17 +124,20 @@ def arm_view(model: RobotModel, pose: FloatArray, **said: Any) -> ArmView:  # no
         said: `errors`, `floor`, `pins` and `motion` of the view.
     """
     chain = KinematicChain.of(model)
-    capsules = _capsules(model) or _sticks(chain, model.length)
+    sticks, drawing = _sticks(chain, model.length), drawing_of(model)
+    around = (*drawing.capsules, *(_around(mesh) for mesh in drawing.meshes))
+    if not around or drawing.lost:
+        drawn = {item.joint for item in around}
+        bare = tuple(item for item in sticks if item.joint not in drawn)
+        drawing, around = replace(drawing, capsules=(*drawing.capsules, *bare)), (*around, *bare)
     own = chain.linkage.own.tolist()
-    rings = tuple(_ring(capsules, link, model.length) for link in own)
-    return ArmView(chain, capsules, meshes_of(model), rings, model.length, pose, **said)
+    rings = tuple(_ring(around, link, model.length) for link in own)
+    return ArmView(chain, around, drawing, rings, model.length, pose, **said)
 
 
-def _capsules(model: RobotModel) -> tuple[Capsule, ...]:
-    try:
-        return model.capsules()
-    except ConfigError:  # meshes that are not there: the arm can be drawn without
-        return ()
+def _around(mesh: LinkMesh) -> Capsule:
+    found = enclosing_capsule(mesh.vertices)
+    return Capsule("", mesh.joint, found.start, found.end, found.radius)
 
 
 def _sticks(chain: KinematicChain, length: float) -> tuple[Capsule, ...]:
@@ -158,14 +157,15 @@ def _mesh_values(mesh: LinkMesh) -> dict[str, Any]:
     """Return a mesh in 16 bits a coordinate, of the box around it."""
     low = mesh.vertices.min(axis=0)
     size = float(np.ptp(mesh.vertices, axis=0).max()) or 1.0
-    values = np.round((mesh.vertices - low) / size * 65_535).astype("<u2")
+    values = np.round((mesh.vertices - low) / size * _WIDE).astype("<u2")
     return {
         "joint": mesh.joint,
         "low": _rounded(low, 6),
         "size": size,
         "vertices": _packed(values),
-        "faces": _packed(mesh.faces.astype("<u4" if len(values) > 65_535 else "<u2")),  # noqa: PLR2004
-        "wide": len(values) > 65_535,  # noqa: PLR2004  # 16 bits
+        "faces": _packed(mesh.faces.astype("<u4" if len(values) > _WIDE else "<u2")),
+        "wide": len(values) > _WIDE,
+        "colour": None if mesh.colour is None else _rounded(mesh.colour, 3),
     }
 
 
@@ -197,61 +197,3 @@ def _packed(values: Any) -> str:  # noqa: ANN401  # arrays of any type
 def _rounded(values: ArrayLike, digits: int) -> list[Any]:
     known = np.asarray(values, dtype=float)
     return np.where(np.isfinite(known), np.round(known, digits), 0.0).tolist()
-
-
-@dataclass(frozen=True)
-class LinkMesh:
-    """Triangles fixed to a joint's frame."""
-
-    joint: int  # 0-based; -1 is the fixed base
-    vertices: FloatArray  # (V, 3) [m]
-    faces: NDArray[np.int64]  # (F, 3)
-
-
-def meshes_of(model: RobotModel) -> tuple[LinkMesh, ...]:
-    """Return the visual meshes of a robot, thinned; none where it has none that can be read."""
-    folders = [str(folder) for folder in model.urdf.resolve().parents]
-    try:
-        geometry = pin.buildGeomFromUrdfString(
-            model.pin_model, model.description.text, pin.GeometryType.VISUAL, package_dirs=folders
-        )
-    except ValueError:  # a mesh that is missing: a page has capsules instead
-        return ()
-    meshes = [mesh for item in geometry.geometryObjects if (mesh := _mesh(item)) is not None]
-    edge = _FINEST
-    thinned = meshes
-    while sum(len(mesh.faces) for mesh in thinned) > TRIANGLES:
-        thinned = [clustered(mesh, edge) for mesh in meshes]
-        edge *= _COARSER
-    return tuple(mesh for mesh in thinned if len(mesh.faces))
-
-
-def clustered(mesh: LinkMesh, edge: float) -> LinkMesh:
-    """Join the vertices of each cell of a grid, and drop the triangles that vanish.
-
-    Args:
-        mesh: What to thin.
-        edge: Of a cell [m].
-
-    Source: J. Rossignac and P. Borrel, "Multi-resolution 3D approximations for rendering complex
-    scenes", 1993.
-    """
-    cells = np.floor(mesh.vertices / edge).astype(np.int64)
-    _, cell = np.unique(cells, axis=0, return_inverse=True)
-    cell = cell.ravel()
-    count = np.bincount(cell).astype(float)
-    sums = [np.bincount(cell, column) / count for column in mesh.vertices.T]
-    faces = cell[mesh.faces]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    return LinkMesh(mesh.joint, np.stack(sums, axis=1), np.unique(faces, axis=0))
-
-
-def _mesh(item: Any) -> LinkMesh | None:  # noqa: ANN401  # pinocchio has no types
-    shape = item.geometry
-    if not hasattr(shape, "tri_indices"):
-        return None
-    vertices = np.array(shape.vertices()) @ item.placement.rotation.T + item.placement.translation
-    triangles = [shape.tri_indices(k) for k in range(shape.num_tris)]
-    faces = np.array([[t[0], t[1], t[2]] for t in triangles], dtype=np.int64).reshape(-1, 3)
-    return LinkMesh(int(item.parentJoint) - 1, vertices, faces)

@@ -9,6 +9,7 @@ import numpy as np
 
 from limo_driver.pages.markup import paragraph, typeset
 from limo_driver.quoting import in_html as escape
+from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:
     from limo_driver.pages.arm import ArmView, PlayedMotion
@@ -46,8 +47,19 @@ def arm_section(view: ArmView, title: str, lead: str) -> str:
         f'<section id="arm" class="arm" data-first="{start}"><h2>{escape(title)}</h2>'
         f"{paragraph(lead, 'lead screen')}"
         f'<div class="stage"><svg class="leaders" aria-hidden="true"></svg>{still(view, first)}'
-        f"</div>{_pins(view)}{_colours(view, first)}{_player(motion) if motion else ''}</section>"
+        f"</div>{_pins(view)}{_colours(view, first)}{_player(motion) if motion else ''}"
+        f"{_lost(view)}</section>"
     )
+
+
+def _lost(view: ArmView) -> str:
+    """Say which meshes are not drawn; nothing where all are."""
+    lost = view.drawing.lost
+    if not lost:
+        return ""
+    what = "mesh" if len(lost) == 1 else f"{len(lost)} meshes"
+    said = f"Not there or not readable: {what} {shortened(lost, 3)}; simple shapes stand for it."
+    return paragraph(said, "small")
 
 
 def _pins(view: ArmView) -> str:

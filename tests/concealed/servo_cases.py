@@ -246,13 +246,13 @@ def _hide(
         servos["looks_at"][joint] = MOTOR
 
 
-def _servos(random: np.random.Generator, bits: int) -> np.ndarray:
-    """Return servos of one kind, whose friction differs."""
-    servos = np.zeros(N, plant.FIELDS)
+def _servos(random: np.random.Generator, bits: int, n: int = N) -> np.ndarray:
+    """Return n servos of one kind, whose friction differs."""
+    servos = np.zeros(n, plant.FIELDS)
     kind = np.exp(0.15 * random.normal())
     servos["gain"], servos["brake"], servos["stall"] = GAIN * kind, BRAKE * kind, STALL
     servos["rotor"] = ROTOR
-    servos["dry"] = DRY * np.exp(0.15 * random.normal(size=N))
+    servos["dry"] = DRY * np.exp(0.15 * random.normal(size=n))
     servos["breakaway"] = 0.05 * DRY
     servos["wet"], servos["late"] = WET, LATE * random.uniform(0.7, 1.5)
     servos["tick"] = 2 * np.pi / 2**bits

@@ -109,12 +109,14 @@ class RerunLog(Closing):
     def _log_still(self, view: ArmView) -> None:
         """Log what never changes: shapes in the frames of their joints, and how curves look."""
         rr = self._rr
-        for k, mesh in enumerate(view.meshes):
+        for k, mesh in enumerate(view.drawing.meshes):
             shape = rr.Mesh3D(
-                vertex_positions=mesh.vertices, triangle_indices=mesh.faces, albedo_factor=_LINK
+                vertex_positions=mesh.vertices,
+                triangle_indices=mesh.faces,
+                albedo_factor=mesh.colour or _LINK,
             )
             self._log([*self._link(mesh.joint), f"mesh {k}"], shape, static=True)
-        for k, capsule in enumerate(() if view.meshes else view.capsules):
+        for k, capsule in enumerate(view.drawing.capsules):
             shape = rr.Capsules3D(
                 lengths=[float(np.linalg.norm(capsule.end - capsule.start))],
                 radii=[capsule.radius],

@@ -163,7 +163,7 @@ def _capsule(model: pin.Model, item: pin.GeometryObject) -> Capsule:
     elif isinstance(shape, coal.Sphere):
         start, end, radius = np.zeros(3), np.zeros(3), float(shape.radius)
     else:
-        start, end, radius = enclosing_capsule(_corners(shape))
+        start, end, radius = enclosing_capsule(corners_of(shape))
     return Capsule(
         link=str(model.frames[item.parentFrame].name),
         joint=int(item.parentJoint) - 1,
@@ -173,7 +173,7 @@ def _capsule(model: pin.Model, item: pin.GeometryObject) -> Capsule:
     )
 
 
-def _corners(shape: Any) -> FloatArray:  # noqa: ANN401
+def corners_of(shape: Any) -> FloatArray:  # noqa: ANN401
     """Return the corners of a hull or of the box around any other shape, (K, 3) [m]."""
     if isinstance(shape, coal.Convex):
         return np.array(shape.points())
@@ -289,17 +289,25 @@ def lost_meshes(description: RobotDescription) -> str:
 
 def _lost_meshes(description: RobotDescription) -> Iterator[str]:
     """Yield meshes of collision shapes that are not there."""
-    above = description.path.resolve().parents
     for mesh in description.root.findall("link/collision/geometry/mesh"):
         name = str(mesh.get("filename"))
-        if name.startswith("file://"):
-            found = Path(name.removeprefix("file://")).is_file()
-        else:
-            place = name
-            for scheme in _SCHEMES:
-                place = place.removeprefix(scheme)
-            found = Path(place).is_file() or any(
-                (folder / place.lstrip("/")).is_file() for folder in above
-            )
-        if not found:
+        if mesh_file(description, name) is None:
             yield name
+
+
+def mesh_file(description: RobotDescription, name: str) -> Path | None:
+    """Return the file of a mesh that a description names; None if it is not there.
+
+    Args:
+        description: As read; packages are sought in the folders above it.
+        name: As it stands there, with or without a scheme.
+    """
+    if name.startswith("file://"):
+        tried = [Path(name.removeprefix("file://"))]
+    else:
+        place = name
+        for scheme in _SCHEMES:
+            place = place.removeprefix(scheme)
+        above = description.path.resolve().parents
+        tried = [Path(place), *(folder / place.lstrip("/") for folder in above)]
+    return next((path for path in tried if path.is_file()), None)

@@ -4,6 +4,10 @@ const DAY = ["#75899d", "#ab7c0a", "#c95d00", "#9e1b16"]; // as in still.py and 
 const NIGHT = ["#8fa3b5", "#e3b04b", "#f0913a", "#ff6b5e"];
 const PATH = 0xd9730d; // in the day and in the dark
 const KEY = 0.12, STEEPEST = 1.5; // [rad] that a key turns the view, and its steepest
+const PLAIN = 0xd5dbe1; // of what no file gives a colour
+const REPLACE = 7681, OTHER = 517, EQUAL = 4; // three's ReplaceStencilOp, NotEqualStencilFunc, EqualDepth
+const MARKED = { stencilWrite: true, stencilRef: 1, stencilZPass: REPLACE }; // what no other arm is drawn over
+const SHARP = Math.cos(0.6); // [rad] between triangles, from which on their edge is seen as one
 const MOST = 100; // noise floors of an error that has the last colour
 
 const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
@@ -17,6 +21,37 @@ function colourOf(error, floor) {
   return new THREE.Color(scale[k]).lerp(new THREE.Color(scale[k + 1]), at - k);
 }
 
+// Triangles of which each corner is lit as its surface lies there, without those beyond a sharp edge.
+function edged(places, faces) {
+  const many = faces.length / 3, flat = new Float32Array(3 * many), around = new Map();
+  const at = (v) => new THREE.Vector3().fromArray(places, 3 * v);
+  for (let f = 0; f < many; f++) {
+    const [a, b, c] = [0, 1, 2].map((k) => at(faces[3 * f + k]));
+    b.sub(a).cross(c.sub(a)).toArray(flat, 3 * f); // as long as the triangle is large
+    for (let k = 0; k < 3; k++) {
+      const v = faces[3 * f + k];
+      if (!around.has(v)) around.set(v, []);
+      around.get(v).push(f);
+    }
+  }
+  const corners = new Float32Array(9 * many), normals = new Float32Array(9 * many);
+  const own = new THREE.Vector3(), other = new THREE.Vector3(), sum = new THREE.Vector3();
+  for (let k = 0; k < 3 * many; k++) {
+    own.fromArray(flat, 3 * Math.floor(k / 3)).normalize();
+    sum.set(0, 0, 0);
+    around.get(faces[k]).forEach((f) => {
+      other.fromArray(flat, 3 * f);
+      if (own.dot(other) >= SHARP * other.length()) sum.add(other);
+    });
+    sum.normalize().toArray(normals, 3 * k);
+    at(faces[k]).toArray(corners, 3 * k);
+  }
+  const shape = new THREE.BufferGeometry();
+  shape.setAttribute("position", new THREE.BufferAttribute(corners, 3));
+  shape.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
+  return shape;
+}
+
 class ArmScene {
   constructor(stage, arm) {
     this.stage = stage;
@@ -24,7 +59,7 @@ class ArmScene {
     this.joints = arm.own.length; // a joint moves its own link, and those that follow it
     this.links = arm.parent.length;
     this.ghosts = [];
-    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, preserveDrawingBuffer: true });
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true, stencil: true, preserveDrawingBuffer: true });
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.domElement.setAttribute("role", "img");
     this.renderer.domElement.setAttribute("aria-label", "The arm in 3-D; drag, or press arrow keys, to turn it");
@@ -32,14 +67,14 @@ class ArmScene {
     this.renderer.domElement.addEventListener("keydown", (event) => this.turnByKey(event));
     stage.prepend(this.renderer.domElement);
     this.scene = new THREE.Scene();
-    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a939c, 2.2));
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a939c, 1.8));
     const sun = new THREE.DirectionalLight(0xffffff, 1.6);
     sun.position.set(2, 1, 4);
     this.scene.add(sun);
     this.grid = new THREE.PolarGridHelper(0.6 * arm.length, 8, 4, 48, 0xaab3bb, 0xaab3bb);
     this.grid.rotation.x = Math.PI / 2;
     this.scene.add(this.grid);
-    this.body = this.build(0xd5dbe1, 1);
+    this.body = this.build((colour) => this.solid(colour));
     this.scene.add(this.body.root);
     this.rings = arm.rings.map((radius, j) => this.ring(radius, j));
     this.camera = new THREE.PerspectiveCamera(35, 1, 0.01 * arm.length, 20 * arm.length);
@@ -91,14 +126,32 @@ class ArmScene {
     this.render();
   }
 
-  // One arm of groups that turn, its bodies fixed to them.
-  build(colour, opacity) {
-    const { parent, rotation, translation } = this.arm;
-    const material = new THREE.MeshStandardMaterial({
-      color: colour, roughness: 0.6, metalness: 0.05, transparent: opacity < 1, opacity,
-      depthWrite: opacity === 1, side: opacity === 1 ? THREE.DoubleSide : THREE.FrontSide,
-      polygonOffset: opacity < 1, polygonOffsetFactor: 2, polygonOffsetUnits: 2, // behind the solid one
+  // What an arm itself is made of: as its file paints it, and marked where it is seen.
+  solid(colour) {
+    const [r, g, b, opacity] = colour ?? [0, 0, 0, 1];
+    const paint = colour ? new THREE.Color().setRGB(r, g, b, "srgb") : PLAIN;
+    return [new THREE.MeshStandardMaterial({
+      color: paint, roughness: 0.6, metalness: 0.05, side: THREE.DoubleSide, opacity, transparent: opacity < 1,
+      ...MARKED,
+    })];
+  }
+
+  // What a translucent arm is made of: its nearest surface alone, and where the solid arm is not seen.
+  // So no two arms cut into each other, however near they are.
+  translucent(colour) {
+    const outside = {
+      transparent: true, stencilWrite: true, stencilRef: 1, stencilFunc: OTHER,
+    };
+    const seen = new THREE.MeshStandardMaterial({
+      color: colour, roughness: 0.6, metalness: 0.05, opacity: 0.45, depthFunc: EQUAL, depthWrite: false,
+      side: THREE.DoubleSide, ...outside,
     });
+    return [new THREE.MeshStandardMaterial({ colorWrite: false, side: THREE.DoubleSide, ...outside }), seen];
+  }
+
+  // One arm of groups that turn, its bodies fixed to them; of each is drawn one material after the other.
+  build(materials, order = 0) {
+    const { parent, rotation, translation } = this.arm;
     const root = new THREE.Group();
     const frames = parent.map(() => new THREE.Group());
     frames.forEach((frame, j) => {
@@ -109,13 +162,14 @@ class ArmScene {
       frame.position.copy(frame.userData.place);
       (parent[j] < 0 ? root : frames[parent[j]]).add(frame);
     });
-    const at = (joint) => (joint < 0 ? root : frames[joint]);
-    if (this.arm.meshes.length) {
-      this.arm.meshes.forEach((mesh) => at(mesh.joint).add(new THREE.Mesh(this.geometry(mesh), material)));
-    } else {
-      this.arm.capsules.forEach((c) => at(c[0]).add(this.capsule(c, material)));
-    }
-    return { root, frames, material };
+    const add = (joint, colour, make) => materials(colour).forEach((material, k) => {
+      const shape = make(material);
+      shape.renderOrder = order + k;
+      (joint < 0 ? root : frames[joint]).add(shape);
+    });
+    this.arm.meshes.forEach((mesh) => add(mesh.joint, mesh.colour, (material) => new THREE.Mesh(this.geometry(mesh), material)));
+    this.arm.capsules.forEach((c) => add(c[0], null, (material) => this.capsule(c, material)));
+    return { root, frames };
   }
 
   geometry(mesh) {
@@ -123,10 +177,7 @@ class ArmScene {
       const packed = new Uint16Array(bytesOf(mesh.vertices));
       const places = Float32Array.from(packed, (v, k) => mesh.low[k % 3] + (v / 65535) * mesh.size);
       const faces = mesh.wide ? new Uint32Array(bytesOf(mesh.faces)) : new Uint16Array(bytesOf(mesh.faces));
-      mesh.geometry = new THREE.BufferGeometry();
-      mesh.geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
-      mesh.geometry.setIndex(new THREE.BufferAttribute(faces, 1));
-      mesh.geometry.computeVertexNormals();
+      mesh.geometry = edged(places, faces);
     }
     return mesh.geometry;
   }
@@ -141,7 +192,7 @@ class ArmScene {
   }
 
   ring(radius, j) {
-    const material = new THREE.MeshStandardMaterial({ color: DAY[0], roughness: 0.5 });
+    const material = new THREE.MeshStandardMaterial({ color: DAY[0], roughness: 0.5, ...MARKED });
     const ring = new THREE.Mesh(new THREE.TorusGeometry(radius, 0.012 * this.arm.length, 12, 48), material);
     ring.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1), new THREE.Vector3(...this.arm.axis[this.arm.own[j]]));
     this.body.frames[this.arm.own[j]].add(ring);
@@ -180,7 +231,14 @@ class ArmScene {
 
   // A translucent arm; it has another colour in the dark.
   addGhost(colour) {
-    const ghost = { ...this.build(themed(colour), 0.35), colour };
+    const materials = this.translucent(themed(colour));
+    const order = 10 * (this.ghosts.length + 1);
+    const ghost = { ...this.build(() => materials, order), material: materials.at(-1), colour };
+    const first = new THREE.Mesh(new THREE.BufferGeometry(), materials[0]);
+    first.frustumCulled = false;
+    first.renderOrder = order - 1;
+    first.onBeforeRender = (renderer) => renderer.clearDepth(); // arms before it hide none of it
+    ghost.root.add(first);
     this.scene.add(ghost.root);
     this.ghosts.push(ghost);
     return ghost;

@@ -51,6 +51,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import (
 )
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import EncoderOffset, Payload
 from limo_driver.recordings.channels import TORQUE, led_by
 
@@ -73,6 +74,7 @@ _REFITTED: Final = 8  # steps
 _LEFT_OUT: Final = 2  # steps of fits that leave a block of motion out
 _NOTHING: Final = 1e-6  # of information on a logarithm
 _REHEARSED: Final = 8  # steps of the fit to an arm that is known
+_POINT: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # inertia of a load about its centre
 
 
 @dataclass(frozen=True)
@@ -248,12 +250,22 @@ def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedAr
     more = tuple(
         EncoderOffset(joint=j, offset=zero) for j, zero in enumerate(change.zero, start=1) if zero
     )
-    if change.mass > 0.0:
+    if change.mass > 0.0 and change.carrier is None:
         more = (*more, Payload(mass=change.mass, com=change.com))
+    elif change.mass > 0.0:
+        improved = _loaded(improved, change)
     improved = replace(improved, effects=(*improved.effects, *more))
     shows = tuple(scaled.tolist()), tuple(moved.tolist())
     identified = DriveIdentification(improved, tuple(fits), own, *shows)
     return StatedArm(identified, change, fit.shared, found.suspects)
+
+
+def _loaded(simulation: Simulation, change: ArmChange) -> Simulation:
+    """Return a simulation of which another link than the last has a load in it."""
+    model, load = simulation.model, Inertial(change.mass, change.com, _POINT)
+    name = model.link_names[-1 if change.carrier is None else change.carrier]
+    heavier = {name: model.inertials[name].joined(load)}
+    return replace(simulation, inertials={**simulation.inertials, **heavier})
 
 
 def with_intervals(simulation: Simulation, found: Searched, ticks: FloatArray) -> StatedArm:

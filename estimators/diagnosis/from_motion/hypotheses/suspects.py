@@ -68,6 +68,7 @@ class Suspect:
     shared: bool = False  # whether these are of the arm
     freed: str = ""  # a stated constant that is another
     other: int | None = None  # the second of two joints, 0-based
+    carrier: int | None = None  # link that carries a body, 0-based; the last, if not given
     shape: tuple[tuple[str, float], ...] = ()  # constants of its law that are not fitted
     bent: tuple[tuple[str, float], ...] = ()  # others, which a fit without it bends: from anew
 
@@ -107,6 +108,8 @@ class Suspect:
             return replace(guess, change=self.counted(guess.change))
         if self.shared:
             change = guess.change
+            if self.effect == "payload":
+                change = replace(change, carrier=self.carrier)
             for name, value in self.start:
                 change = change.with_value(name, value)
             return replace(guess, change=change, shared=(*guess.shared, *self.names))
@@ -155,7 +158,9 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
     """
     mass = sum(own.mass for own in loads.body.inertials.values())
     com = tuple((f"com_{axis}", 0.0) for axis in "xyz")
-    yield Suspect("payload", None, (("mass", _START_MASS * mass), *com), shared=True)
+    start = (("mass", _START_MASS * mass), *com)
+    for link in loads.carriers:
+        yield Suspect("payload", None, start, shared=True, carrier=link)
     if loads.shows_supply:
         yield Suspect("supply_sag", None, (("sag", 0.2),), shared=True)
     # There are many pairs of joints, and a right one is likelier before any constant is fitted.

@@ -142,7 +142,7 @@ def shared_finding(
     return Finding(
         effect=one.effect,
         kind="wrong_parameter" if other else "missing",
-        joints=tuple(j + 1 for j in (one.joint, one.other) if j is not None),
+        joints=tuple(j + 1 for j in (one.joint, one.other, _carrying(one, arm)) if j is not None),
         equivalent=(),
         confidence=confidence,
         parameters=_parameters(one, arm, zero),
@@ -154,6 +154,12 @@ def shared_finding(
             f"with it {rmse.after[worst]:.4f} rad"
         ),
     )
+
+
+def _carrying(one: Suspect, arm: StatedArm) -> int | None:
+    """Return the joint, 0-based, that moves what carries a body; None of the last link's."""
+    own = arm.identified.simulation.model.linkage.own.tolist()
+    return own.index(one.carrier) if one.carrier in own else None
 
 
 def _parameters(one: Suspect, arm: StatedArm, zero: float) -> dict[str, Interval]:

@@ -1,6 +1,6 @@
 """What loads each joint along recorded motion, for an arm that may differ from its description.
 
-Differences that all joints feel: zeros and signs of encoders, and a body at the last link.
+Differences that all joints feel: zeros and signs of encoders, and a body at one of the last links.
 """
 
 from __future__ import annotations
@@ -37,9 +37,10 @@ class ArmChange:
 
     zero: tuple[float, ...]  # (n,) [rad], encoder minus link
     sign: tuple[int, ...]  # (n,), of each encoder
-    mass: float = 0.0  # [kg], at the last link
+    mass: float = 0.0  # [kg], at one link
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m], of that mass, in the link's frame
     order: tuple[int, ...] = ()  # column of each link's recorded joint, 0-based; as told, if empty
+    carrier: int | None = None  # link that carries that mass, 0-based; the last, if not given
     sag: float = 0.0  # resistance of the supply over that of a motor's winding
 
     @classmethod
@@ -94,7 +95,7 @@ class _Loaded(NamedTuple):
 
 
 class _Lever(NamedTuple):
-    """What a body at the last link adds to them, for each of its inertial parameters."""
+    """What a body at a link adds to them, for each of its inertial parameters."""
 
     load: FloatArray  # (n, 10, T)
     inertia: FloatArray  # (n, 10, T)
@@ -102,6 +103,7 @@ class _Lever(NamedTuple):
 
 _Order = tuple[int, ...]
 _Key = tuple[tuple[float, ...], tuple[int, ...], _Order]  # zeros, signs and order
+_Carried = tuple[tuple[float, ...], tuple[int, ...], _Order, int | None]  # and what carries a body
 
 
 @dataclass
@@ -117,7 +119,7 @@ class ArmLoads:
     fastest: float = _FASTEST  # [Hz]; every second row or fewer of faster recordings
     _recorded: dict[_Order, _Recorded] = field(init=False, default_factory=dict)
     _loaded: dict[_Key, _Loaded] = field(init=False, default_factory=dict)
-    _levers: dict[_Key, _Lever] = field(init=False, default_factory=dict)
+    _levers: dict[_Carried, _Lever] = field(init=False, default_factory=dict)
     _drawn: dict[_Order, FloatArray] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -205,11 +207,12 @@ class ArmLoads:
         return self._loaded[key]
 
     def _lever(self, change: ArmChange) -> _Lever:
-        """Return what a body at the last link adds, at the zeros and signs of an arm."""
-        key = (change.zero, change.sign, change.order)
+        """Return what a body at a link adds, at the zeros and signs of an arm."""
+        key = (change.zero, change.sign, change.order, change.carrier)
         if key not in self._levers:
             _forget(self._levers)
-            own = [self._lifted(_linked(motion, change)) for motion in self._motions]
+            link = change.carrier
+            own = [self._lifted(_linked(motion, change), link) for motion in self._motions]
             self._levers[key] = _Lever(*(_in_a_row(x) for x in zip(*own, strict=True)))
         return self._levers[key]
 
@@ -249,21 +252,28 @@ class ArmLoads:
             inertia = np.stack(columns, axis=1)
         return (load - inertia * motion.acceleration).T, inertia.T
 
-    def _lifted(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
-        """Return loads and inertias of each inertial parameter at the last link, (n, 10, T)."""
-        load, still = self._last(self._chain, motion), np.zeros_like(motion.position)
+    def _lifted(self, motion: Motion, link: int | None) -> tuple[FloatArray, FloatArray]:
+        """Return loads and inertias of each inertial parameter at a link, (n, 10, T)."""
+        load, still = self._carried(self._chain, motion, link), np.zeros_like(motion.position)
         inertia = np.empty_like(load)
         for j in range(self.n):
             unit = still.copy()
             unit[:, j] = 1.0
             alone = Motion(motion.time, motion.position, still, unit)
-            inertia[j] = self._last(self._weightless, alone)[j]
+            inertia[j] = self._carried(self._weightless, alone, link)[j]
         return load - inertia * motion.acceleration.T[:, None], inertia
 
     @staticmethod
-    def _last(chain: RegressorChain, motion: Motion) -> FloatArray:
-        """Return the columns of the last link, (n, 10, T)."""
-        return np.moveaxis(chain.regressor(motion)[:, :, -PER_LINK:], 1, 2).copy()
+    def _carried(chain: RegressorChain, motion: Motion, link: int | None) -> FloatArray:
+        """Return the columns of a link, the last if none is given, (n, 10, T)."""
+        first = PER_LINK * (chain.links - 1 if link is None else link)
+        return np.moveaxis(chain.regressor(motion)[:, :, first : first + PER_LINK], 1, 2).copy()
+
+    @property
+    def carriers(self) -> tuple[int | None, ...]:
+        """Links that may carry a body: the last, and that which it moves on, as jaws on a hand."""
+        above = int(self.body.pin_tree.parents[self._chain.links]) - 1
+        return (None,) if above < 0 else (None, above)
 
 
 def loaded_joints(body: RobotModel, recordings: Sequence[Recording]) -> list[list[LoadedJoint]]:
@@ -340,7 +350,7 @@ def _in_a_row(parts: Sequence[FloatArray]) -> FloatArray:
     return np.ascontiguousarray(np.concatenate(parts, axis=-1))
 
 
-def _forget(known: dict[_Key, Any]) -> None:
+def _forget(known: dict[Any, Any]) -> None:
     """Make room for one more; loads as described stay."""
     if len(known) >= _KEPT:
         known.pop(next((key for key in known if any(key[0])), next(iter(known))))

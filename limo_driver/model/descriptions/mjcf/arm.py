@@ -64,10 +64,7 @@ def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
         ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, a mass or the
             like is no finite number, its arm floats, or several trees could be the arm.
     """
-    files = check_includes(path)
-    check_numbers(files)
-    check_assets(files)
-    model = compile_mjcf(path) if is_plain(files) else apart(compile_mjcf, path, ConfigError)
+    model = compiled_mjcf(path)
     if model.njnt > MOST_JOINTS:
         raise ConfigError(f"has {model.njnt} joints, expected at most {MOST_JOINTS}", path=path)
     for name in _PLACED:
@@ -96,6 +93,19 @@ def read_mjcf(path: Path, joints: Sequence[str] = ()) -> RobotDescription:
         widths=(int(model.nq), int(model.nv)),
         loops=loops(model, root),
     )
+
+
+def compiled_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
+    """Compile an MJCF file that somebody gave, in a process apart where it may end that.
+
+    Raises:
+        ConfigError: MuJoCo cannot compile it, it includes files from elsewhere, or a mass or the
+            like is no finite number.
+    """
+    files = check_includes(path)
+    check_numbers(files)
+    check_assets(files)
+    return compile_mjcf(path) if is_plain(files) else apart(compile_mjcf, path, ConfigError)
 
 
 def compile_mjcf(path: Path) -> Any:  # noqa: ANN401  # a MuJoCo model
