@@ -84,7 +84,8 @@ def make(
     model = spec.compile()
     every = 1.0 / rate
     recordings = tuple(
-        play(model, servos, _command(kind, every, random), every) for kind in ("waves", "goals", "waves")
+        play(model, servos, _command(kind, every, random), every)
+        for kind in ("waves", "goals", "waves")
     )
     return Case(seed, tuple(hidden), recordings, _stated(believed), text, servos)
 
