@@ -111,7 +111,6 @@ class FriFaults:
         self.client = FaultyClient(self.robot._link.endpoint, self.now)
         self.client.came = self.arm.socket.came
         self.other = SteppedArm(port=self.arm.port, host=HOST)
-        self.unjudged = set()  # packets whose answers the robot ignores
         # Time goes by on the wire alone.
         names = [name for name in ("robot", "replies") if hasattr(backends.fri, name)]
         clocks = [(module := getattr(backends.fri, name), module.time) for name in names]
@@ -142,7 +141,6 @@ class FriFaults:
         self.client.refusing.clear()
         self.arm.socket.losing.clear()
         self.arm.socket.delay = 0.0
-        self.unjudged.clear()
         self.arm.__dict__.pop("message", None)
         self.arm.__dict__.pop("throw", None)
 
@@ -211,7 +209,7 @@ class FriFaults:
         return 4, 2 * h  # it may show with the next packet only
 
     def fri_mode_flips(self, random):
-        cycles = int(random.choice([1, 1, 5]))
+        cycles = int(random.choice([1, 1, 5, 12, 60]))
         modes = [mode for mode in m.CommandMode if mode is not self.arm.mode]
         mode, state = random.choice(modes), random.choice(list(m.SessionState)[:4])
         off = (m.DriveState.ACTIVE,) * 6 + (m.DriveState.OFF,)
@@ -225,11 +223,15 @@ class FriFaults:
             lambda made: made._replace(robot=made.robot._replace(drive_states=off)),
             lambda made: made._replace(connection=made.connection._replace(session_state=state)
             ),
-        ][which := int(random.integers(5))]  # fmt: skip
-        if which == 4:  # the robot ignores what is answered to a state that it does not have
-            cycles = 1
-            self.unjudged.add((self.arm.sequence + 1) % 2**32)
-        self.change(cycles, change)
+        ][random.choice(5, p=[0.15, 0.15, 0.15, 0.15, 0.4])]  # fmt: skip
+        resumes = random.choice([0, 1, cycles, cycles + 1])  # by an impatient program
+
+        def impatient(made):
+            if self.left == resumes:
+                self.robot.resume()
+            return change(made)
+
+        self.change(cycles, impatient)
         return cycles + 2, self.robot.spec.period
 
     def fri_stalls(self, random):
@@ -241,13 +243,13 @@ class FriFaults:
 
     def change(self, cycles, change):
         """Let the arm's next messages be others."""
-        left = [cycles]
+        self.left = cycles
 
         def message(**changes):
             made = SteppedArm.message(self.arm, **changes)
-            if not left[0]:
+            if not self.left:
                 return made
-            left[0] -= 1
+            self.left -= 1
             return change(made)
 
         self.arm.message = message

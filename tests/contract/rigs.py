@@ -133,8 +133,6 @@ class FriRig(FriFaults, Rig):
     def decoded(self, data, lost):
         message = self.schema.Command.FromString(data)
         said, reflected = message.data, message.header.reflected_sequence_counter
-        if reflected in self.unjudged:
-            return []
         if self.states.get(reflected) is not SessionState.COMMANDING_ACTIVE:
             return [None]
         position = np.array(said.joint_position.value)
