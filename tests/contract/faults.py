@@ -19,8 +19,8 @@ import backends.fri
 from backends.fri.codec import messages as m
 
 FRI_FAULTS = (
-    "send fails", "answers lost", "false replies", "duplicates", "foreign datagrams",
-    "counter flips", "mode flips", "stalls",
+    "send fails", "answers lost", "answers kept", "false replies", "duplicates",
+    "foreign datagrams", "counter flips", "mode flips", "stalls",
 )  # fmt: skip
 CAN_FAULTS = (
     "send fails", "answers lost", "false replies", "duplicates", "foreign frames", "mode flips",
@@ -64,6 +64,7 @@ class FaultyArm:
         self.plain, self.now, self.came = plain, now, {}
         self.heard, self.lost, self.losing = [], 0, deque()  # heard: and how many were lost before
         self.delay, self.on_its_way = 0.0, deque()  # of what it hears [s]
+        self.kept_until = 0.0  # [s]
 
     def __getattr__(self, name):
         return getattr(self.plain, name)
@@ -71,7 +72,8 @@ class FaultyArm:
     def recv(self, size):
         with suppress(BlockingIOError):
             while True:
-                self.on_its_way.append((self.now() + self.delay, self.plain.recv(size)))
+                comes = max(self.now() + self.delay, self.kept_until)
+                self.on_its_way.append((comes, self.plain.recv(size)))
         while True:
             if not self.on_its_way or self.on_its_way[0][0] > self.now() + 1e-9:
                 raise BlockingIOError
@@ -164,6 +166,11 @@ class FriFaults:
         late = int(random.choice([0, 0, 1, 2, 4]))
         self.arm.socket.delay = late * self.robot.spec.period
         return len(self.arm.socket.losing) + 15, held and held + late * self.robot.spec.period
+
+    def fri_answers_kept(self, random):
+        cycles = int(random.choice([2, 5, 9, 11, 12, 15, 19]))
+        self.arm.socket.kept_until = self.now() + cycles * self.robot.spec.period
+        return cycles + 15, UNCONFIRMED if cycles > LOST_STEPS + 1 else None
 
     def fri_false_replies(self, random):
         cycles = int(random.integers(1, 20))

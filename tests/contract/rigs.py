@@ -166,7 +166,7 @@ class FriRig(FriFaults, Rig):
         self.arm.ns = max(self.arm.ns + int(seconds * 1e9), 10**9)
 
     def interrupt(self):
-        # No robot is back within three packets.
+        # No robot is back within three packets of MONITORING.
         for state in [SessionState.MONITORING_READY] * 4 + [SessionState.COMMANDING_WAIT]:
             self.arm.state = state
             self.robot.receive()
