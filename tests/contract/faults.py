@@ -63,8 +63,7 @@ class FaultyArm:
     def __init__(self, plain, now):
         self.plain, self.now, self.came = plain, now, {}
         self.heard, self.lost, self.losing = [], 0, deque()  # heard: and how many were lost before
-        self.delay, self.on_its_way = 0.0, deque()  # of what it hears [s]
-        self.kept_until = 0.0  # [s]
+        self.delay, self.kept_until, self.on_its_way = 0.0, 0.0, deque()  # of what it hears [s]
 
     def __getattr__(self, name):
         return getattr(self.plain, name)
@@ -231,14 +230,7 @@ class FriFaults:
             lambda made: made._replace(connection=made.connection._replace(session_state=state)
             ),
         ][random.choice(5, p=[0.15, 0.15, 0.15, 0.15, 0.4])]  # fmt: skip
-        resumes = random.choice([0, 1, cycles, cycles + 1])  # by an impatient program
-
-        def impatient(made):
-            if self.left == resumes:
-                self.robot.resume()
-            return change(made)
-
-        self.change(cycles, impatient)
+        self.change(cycles, change, resumes=int(random.integers(-1, 2)))
         return cycles + 2, self.robot.spec.period
 
     def fri_stalls(self, random):
@@ -248,15 +240,17 @@ class FriFaults:
         self.late = True
         return 10, 2 * self.robot.spec.period if 1e-3 * stall > 1.2 * EXPIRED else None
 
-    def change(self, cycles, change):
-        """Let the arm's next messages be others."""
-        self.left = cycles
+    def change(self, cycles, change, resumes=-1):
+        """Let the arm's next messages be others; a program resumes when so many are left."""
+        left = [cycles]
 
         def message(**changes):
             made = SteppedArm.message(self.arm, **changes)
-            if not self.left:
+            if not left[0]:
                 return made
-            self.left -= 1
+            left[0] -= 1
+            if left[0] == resumes:
+                self.robot.resume()
             return change(made)
 
         self.arm.message = message
