@@ -7,7 +7,8 @@
 | COMMANDING_WAIT   | the position of the robot's application, mirrored; no torque, no wrench |
 | COMMANDING_ACTIVE | the set-point, or that position with a torque or wrench                 |
 
-In the first packets after COMMANDING_ACTIVE, no other state is answered yet (`Lead.doubts`).
+Just after COMMANDING_ACTIVE, other states are not answered like that yet (`Lead.doubts`): the hold
+goes on in MONITORING_*, and COMMANDING_WAIT has no answer.
 """
 
 from __future__ import annotations
@@ -39,7 +40,10 @@ if TYPE_CHECKING:
 _ACTIVE: Final = SessionState.COMMANDING_ACTIVE
 _POSITION, _TORQUE, _WRENCH = CommandMode.POSITION, CommandMode.TORQUE, CommandMode.WRENCH
 _TAKEN: Final = {_POSITION: PositionCommand, _TORQUE: TorqueCommand, _WRENCH: WrenchCommand}
-FLICKER: Final = 3  # packets in which no robot leaves COMMANDING_ACTIVE and enters it again
+_WAIT: Final = SessionState.COMMANDING_WAIT
+_MONITORING: Final = (SessionState.MONITORING_WAIT, SessionState.MONITORING_READY)
+FLICKER: Final = 3  # packets, in which no robot gets from COMMANDING_ACTIVE to COMMANDING_WAIT
+DOUBTED: Final = 0.1  # [s] without an answer, after which no robot is active any more
 _NEXT: Final = Order.NEXT
 
 
@@ -107,6 +111,8 @@ def answer_to(
     command: JointCommand | None,
     outputs: tuple[IoValue, ...],
     entered: CommandMode,
+    *,
+    leads: bool,
 ) -> Command | None:
     """Return what to answer; None for no answer.
 
@@ -119,10 +125,11 @@ def answer_to(
         command: What the user wants, within the limits; None to hold.
         outputs: To be set.
         entered: Command mode with which COMMANDING_ACTIVE was entered.
+        leads: It may be taken for a command.
     """
     state = SessionState.IDLE if message.connection is None else message.connection.session_state
     mode, header = command_mode(message), Header(sequence, message.header.sequence)
-    if state is _ACTIVE and entered in _TAKEN:
+    if leads and entered in _TAKEN:
         active = _active(message, (entered, mode), wire, setpoint, command, outputs)
         return None if active is None else Command(header, active)
     if state is SessionState.IDLE:
@@ -228,8 +235,6 @@ _SAID_AS: Final[dict[type[JointCommand], tuple[str, str]]] = {
 class _Left(NamedTuple):
     """How an active session was left."""
 
-    effect: Effect
-    mode: CommandMode
     packet: int  # count of the one that said so
     measured: FloatArray  # by the one before, (n,) [rad]
 
@@ -289,12 +294,16 @@ class Lead:
         if before is _ACTIVE:
             self._note_end(message, order, state)
         self._measured = measured
+        if self._goes_on(states, measured):
+            if state is _ACTIVE:
+                self._left = None
+                self._examine(message)
+            return
+        self._left = None
         goes_on = self._joined and order is not Order.RESTARTED
         enters = before is None or before < SessionState.COMMANDING_WAIT
         self._joined = state is _ACTIVE and (enters or goes_on)
-        if before is not state is _ACTIVE and self._flickered(measured):
-            self._go_on()
-        elif state is not _ACTIVE or enters or not self._wire.anchored:
+        if state is not _ACTIVE or enters or not self._wire.anchored:
             self._begin(self._leading(message), numbers(measured))
         elif not self.commanded and self._contract.at_rest:
             # Once commanded, the arm stays where that took it, not where the application would be;
@@ -305,8 +314,6 @@ class Lead:
             if not self.commanded:
                 self.mode = command_mode(message)
             self._examine(message)
-        elif state is SessionState.COMMANDING_WAIT and not self.doubts:
-            self._left = None  # it begins in order
 
     def _examine(self, message: Monitoring) -> None:
         """Hold where an active session says something that does not go with commands."""
@@ -322,8 +329,7 @@ class Lead:
     def _note_end(self, message: Monitoring, order: Order, state: SessionState | None) -> None:
         """Hold where an active session ends, or may have begun anew unseen."""
         if state is not _ACTIVE and state is not None:
-            effect = self._contract.following, self._wire.sent, self.said
-            self._left = _Left(effect, self.mode, self._session.packets, self._measured)
+            self._left = _Left(self._session.packets, self._measured)
             reasons = "".join(f"; {said}" for said in advice(message)[:1])
             self._hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
         elif order is Order.RESTARTED:
@@ -334,34 +340,39 @@ class Lead:
 
     @property
     def doubts(self) -> bool:
-        """Whether the robot may not really have left COMMANDING_ACTIVE, as it says just now.
+        """Whether the robot may not really have left COMMANDING_ACTIVE, as it says."""
+        return self._left is not None
 
-        One that did becomes active again only by answers: without any, it never left. And one that
-        is active takes whatever it is answered for a command.
+    @property
+    def leads(self) -> bool:
+        """Whether answers may be taken for commands, and so are those of the contract.
+
+        In MONITORING, a robot that did leave ignores them.
         """
-        left, session = self._left, self._session
-        lately = left is not None and session.packets - left.packet < FLICKER
-        return lately and session.state is not _ACTIVE
+        state = self._session.state
+        return state is _ACTIVE or (self.doubts and state in _MONITORING)
 
-    def _flickered(self, measured: FloatArray) -> bool:
-        """Say whether a robot that left COMMANDING_ACTIVE cannot have done so.
+    def _goes_on(
+        self, states: tuple[SessionState | None, SessionState | None], measured: FloatArray
+    ) -> bool:
+        """Say whether all stays as it was when the session left COMMANDING_ACTIVE, as it said.
 
-        Nobody can be back at once, without answers in COMMANDING_WAIT, where the arm has not moved:
-        packets that said so were wrong, and the arm has been following commands all the time.
+        One that did becomes active again only by answers in COMMANDING_WAIT, and gets there by
+        MONITORING, not at once: without any, where the arm has not moved, it never left. One that
+        is active takes whatever it is answered for a command; without answers for long, it ends
+        the session.
         """
-        left = self._left
+        left, (before, state) = self._left, states
         if left is None:
             return False
         packets = self._session.packets - left.packet
-        reach = self._plausible.reach(packets)
-        return packets <= FLICKER and bool((np.abs(measured - left.measured) <= reach).all())
-
-    def _go_on(self) -> None:
-        """Go on from what had effect last."""
-        if self._left is not None:
-            effect, self.mode = self._left.effect, self._left.mode
-            self.take_back(effect)
-            self.commanded = True
+        if (np.abs(measured - left.measured) > self._plausible.reach(packets)).any():
+            return False
+        over = packets * self._session.period >= DOUBTED and packets >= FLICKER
+        if state in _MONITORING:  # until the arm stands, which it may do by what is answered
+            return not over or not self._contract.standing
+        in_order = state is _WAIT and before in _MONITORING and packets > FLICKER
+        return not (over or in_order)  # active again, too
 
     def take_back(self, effect: Effect) -> None:
         """Let the next answer follow from an earlier one: those since then had no effect."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from backends.fri.answers import answer_to
-from backends.fri.codec.messages import MAX_IO, IoDirection, IoType, IoValue, SessionState
+from backends.fri.codec.messages import MAX_IO, IoDirection, IoType, IoValue
 from backends.fri.codec.template import CommandTemplate
 from limo_driver.errors import ConfigError
 from limo_driver.robot.realtime import LatencyHistogram
@@ -91,6 +91,7 @@ class Replies:
             command,
             self._outputs.waiting,
             lead.mode,
+            leads=lead.leads,
         )
         if answer is None:
             return False
@@ -110,7 +111,7 @@ class Replies:
     def _awaits(self) -> bool:
         """Whether nothing may be sent before it is known what became of the commands before."""
         session = self._session
-        if session.state is not SessionState.COMMANDING_ACTIVE or self._contract.at_rest:
+        if not self._lead.leads or self._contract.at_rest:
             return False
         return session.overdue and not session.all_overdue
 

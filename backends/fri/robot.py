@@ -279,7 +279,7 @@ class FriRobot(Robot):
         check_taken(self._message or self.monitoring, command, self._lead.trouble)
 
     def _send(self, command: JointCommand) -> JointCommand:
-        if self._missed or self._session.state is not _ACTIVE:
+        if self._missed or not self._lead.leads:
             self._contract.withhold()  # there is no packet that could be answered with it
             return self._sent_as(command, sent=False)
         self._lead.commanded = True
@@ -306,7 +306,7 @@ class FriRobot(Robot):
             self._session.figures.stale += 1
             return None
         self._missed, self._replied, self._asks = 0, False, message
-        if self._session.state is not _ACTIVE:
+        if not self._lead.leads:
             self._asks = None if self._lead.doubts else message
             self._reply(None)
         elif self._session.waits:

@@ -8,9 +8,9 @@ The bar is none in 10^6 cycles of each. Four in ten actions are use and abuse of
 of every kind, several modes a cycle, holds, resumes, expiries, jumps of clocks, motion at the
 limits; see `tests/contract/attacker.py`. Six are faults of the network, the drives and this
 computer under a stream that runs, see `tests/contract/faults.py`: sends that fail, answers that are
-lost one way, false replies, duplicates, foreign datagrams, flips of counters and modes, stalls of 5
-to 500 ms, foreign SYNCs and set-points. Each kind has to fire once in 1000 cycles, and is held
-within the time that docs/safety.md states, or that is a violation, too.
+lost one way or kept, false replies, duplicates, foreign datagrams, flips of counters and modes,
+stalls of 5 to 500 ms, foreign SYNCs and set-points. Each kind has to fire once in 1000 cycles, and
+is held within the time that docs/safety.md states, or that is a violation, too.
 
 What the drives are told is decoded by code of its own (protobuf's generated code, `struct`) and
 judged by `tests/contract/wire_rules.py`, which shares nothing with what limits commands. One core,

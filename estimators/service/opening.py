@@ -38,7 +38,7 @@ PHYSICS: Final = "physics"  # version of estimates without a learned part
 _USUAL_RATE: Final = 1000.0  # [Hz]
 _log = logging.getLogger("limo")
 _LONGEST: Final = 4096  # bytes of a query
-_ASKED, _AT_ONCE = 50.0, 100  # queries of a verb that are answered: in a second, and together
+_ASKED, _AT_ONCE = 50.0, 50  # queries of a verb that are answered: in a second, and together
 _READ, _READ_AT_ONCE = 25_000.0, 4096  # of one whose answer is kept: 20 us each, half a core
 _KEPT: Final = 0.05  # [s] for which that answer stands
 
@@ -170,26 +170,15 @@ class ModelQueries:
             "rollback": lambda asked: server.rollback(_reason(asked)),
             "retrain": lambda asked: server.retrain(_reason(asked)),
         }
-        index = _Kept(server.index)
+        key, index = server.keys.model, _Kept(server.index)
         self._queryables = [
-            PacedQueryable(
-                session,
-                server.keys.model("index"),
-                index.answer,
-                _READ,
-                _READ_AT_ONCE,
-                waiting=_READ_AT_ONCE,
-            )
-        ]
-        self._queryables += [
-            PacedQueryable(
-                session,
-                server.keys.model(verb),
-                lambda query, act=act: _answer(query, act),
-                _ASKED,
-                _AT_ONCE,
-            )
-            for verb, act in verbs.items()
+            PacedQueryable(session, key("index"), index.answer, _READ, _READ_AT_ONCE),
+            *(
+                PacedQueryable(
+                    session, key(verb), lambda q, act=act: _answer(q, act), _ASKED, _AT_ONCE
+                )
+                for verb, act in verbs.items()
+            ),
         ]
 
     def close(self) -> None:

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 LINKING: Final = 0.5  # [s] in which those who are there are linked
 PATIENCE: Final = 5.0  # [s] in which those who are linked tell whom they see
 _MOST_TOKENS: Final = 1000  # that are remembered, and told at once
-_ASKED: Final = 200  # queries that are answered in a second
+_ASKED, _AT_ONCE = 200.0, 50  # queries that are answered: in a second, and together
 _LONGEST: Final = 1 << 18  # bytes of an answer
 _MOST_SESSIONS: Final = 100  # of this process, whose ends are remembered
 _BYSTANDER: Final = "bystander"  # of an answer, what one sees that is no driver or service
@@ -52,7 +52,6 @@ _ANY: Final = "*"
 _ends: Final[dict[str, frozenset[str]]] = {}  # that a session reaches and no others, by Zenoh id
 _IDENTITY: Final = re.compile(r"/[0-9]+-([0-9a-f]+)$")  # of a token: when it was made, and by whom
 _NAME: Final = re.compile(r"[A-Za-z0-9_.-]+")
-WAITING: Final = 32  # queries, if not told else; older ones are dropped rather than answered late
 
 
 class Witness(Closing):
@@ -70,7 +69,7 @@ class Witness(Closing):
         self._subscriber = session.liveliness().declare_subscriber(
             every.alive("*"), self._note, history=True
         )
-        self._queryable = PacedQueryable(session, every.seen(), self._tell, _ASKED, _ASKED)
+        self._queryable = PacedQueryable(session, every.seen(), self._tell, _ASKED, _AT_ONCE)
 
     def close(self) -> None:
         """Tell no more."""
@@ -335,8 +334,7 @@ class PacedQueryable(Closing):
         key: Key expression of the queries.
         answer: Called with each query that is answered, on a thread of its own.
         rate: Queries that are answered in the long run [1/s].
-        burst: Those that may come together.
-        waiting: Queries that wait at most.
+        burst: Those that may come together, and wait; older ones are dropped, not answered late.
     """
 
     def __init__(
@@ -346,11 +344,10 @@ class PacedQueryable(Closing):
         answer: Callable[[zenoh.Query], None],
         rate: float,
         burst: int,
-        waiting: int = WAITING,
     ) -> None:
         self._limit, self._answer = RateLimit(rate, burst), answer
         self._closed = threading.Event()
-        self._queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(waiting))
+        self._queryable = session.declare_queryable(key, zenoh.handlers.RingChannel(burst))
         self._thread = threading.Thread(
             target=self._serve, args=(self._queryable.handler,), name="limo-queries", daemon=True
         )

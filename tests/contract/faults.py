@@ -19,8 +19,8 @@ import backends.fri
 from backends.fri.codec import messages as m
 
 FRI_FAULTS = (
-    "send fails", "answers lost", "false replies", "duplicates", "foreign datagrams",
-    "counter flips", "mode flips", "stalls",
+    "send fails", "answers lost", "answers kept", "false replies", "duplicates",
+    "foreign datagrams", "counter flips", "mode flips", "stalls",
 )  # fmt: skip
 CAN_FAULTS = (
     "send fails", "answers lost", "false replies", "duplicates", "foreign frames", "mode flips",
@@ -63,7 +63,7 @@ class FaultyArm:
     def __init__(self, plain, now):
         self.plain, self.now, self.came = plain, now, {}
         self.heard, self.lost, self.losing = [], 0, deque()  # heard: and how many were lost before
-        self.delay, self.on_its_way = 0.0, deque()  # of what it hears [s]
+        self.delay, self.kept_until, self.on_its_way = 0.0, 0.0, deque()  # of what it hears [s]
 
     def __getattr__(self, name):
         return getattr(self.plain, name)
@@ -71,7 +71,8 @@ class FaultyArm:
     def recv(self, size):
         with suppress(BlockingIOError):
             while True:
-                self.on_its_way.append((self.now() + self.delay, self.plain.recv(size)))
+                comes = max(self.now() + self.delay, self.kept_until)
+                self.on_its_way.append((comes, self.plain.recv(size)))
         while True:
             if not self.on_its_way or self.on_its_way[0][0] > self.now() + 1e-9:
                 raise BlockingIOError
@@ -111,7 +112,6 @@ class FriFaults:
         self.client = FaultyClient(self.robot._link.endpoint, self.now)
         self.client.came = self.arm.socket.came
         self.other = SteppedArm(port=self.arm.port, host=HOST)
-        self.unjudged = set()  # packets whose answers the robot ignores
         # Time goes by on the wire alone.
         names = [name for name in ("robot", "replies") if hasattr(backends.fri, name)]
         clocks = [(module := getattr(backends.fri, name), module.time) for name in names]
@@ -142,7 +142,6 @@ class FriFaults:
         self.client.refusing.clear()
         self.arm.socket.losing.clear()
         self.arm.socket.delay = 0.0
-        self.unjudged.clear()
         self.arm.__dict__.pop("message", None)
         self.arm.__dict__.pop("throw", None)
 
@@ -166,6 +165,11 @@ class FriFaults:
         late = int(random.choice([0, 0, 1, 2, 4]))
         self.arm.socket.delay = late * self.robot.spec.period
         return len(self.arm.socket.losing) + 15, held and held + late * self.robot.spec.period
+
+    def fri_answers_kept(self, random):
+        cycles = int(random.choice([2, 5, 9, 11, 12, 15, 19]))
+        self.arm.socket.kept_until = self.now() + cycles * self.robot.spec.period
+        return cycles + 15, UNCONFIRMED if cycles > LOST_STEPS + 1 else None
 
     def fri_false_replies(self, random):
         cycles = int(random.integers(1, 20))
@@ -211,7 +215,7 @@ class FriFaults:
         return 4, 2 * h  # it may show with the next packet only
 
     def fri_mode_flips(self, random):
-        cycles = int(random.choice([1, 1, 5]))
+        cycles = int(random.choice([1, 1, 5, 12, 60]))
         modes = [mode for mode in m.CommandMode if mode is not self.arm.mode]
         mode, state = random.choice(modes), random.choice(list(m.SessionState)[:4])
         off = (m.DriveState.ACTIVE,) * 6 + (m.DriveState.OFF,)
@@ -225,11 +229,8 @@ class FriFaults:
             lambda made: made._replace(robot=made.robot._replace(drive_states=off)),
             lambda made: made._replace(connection=made.connection._replace(session_state=state)
             ),
-        ][which := int(random.integers(5))]  # fmt: skip
-        if which == 4:  # the robot ignores what is answered to a state that it does not have
-            cycles = 1
-            self.unjudged.add((self.arm.sequence + 1) % 2**32)
-        self.change(cycles, change)
+        ][random.choice(5, p=[0.15, 0.15, 0.15, 0.15, 0.4])]  # fmt: skip
+        self.change(cycles, change, resumes=int(random.integers(-1, 2)))
         return cycles + 2, self.robot.spec.period
 
     def fri_stalls(self, random):
@@ -239,8 +240,8 @@ class FriFaults:
         self.late = True
         return 10, 2 * self.robot.spec.period if 1e-3 * stall > 1.2 * EXPIRED else None
 
-    def change(self, cycles, change):
-        """Let the arm's next messages be others."""
+    def change(self, cycles, change, resumes=-1):
+        """Let the arm's next messages be others; a program resumes when so many are left."""
         left = [cycles]
 
         def message(**changes):
@@ -248,6 +249,8 @@ class FriFaults:
             if not left[0]:
                 return made
             left[0] -= 1
+            if left[0] == resumes:
+                self.robot.resume()
             return change(made)
 
         self.arm.message = message

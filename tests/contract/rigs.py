@@ -133,8 +133,6 @@ class FriRig(FriFaults, Rig):
     def decoded(self, data, lost):
         message = self.schema.Command.FromString(data)
         said, reflected = message.data, message.header.reflected_sequence_counter
-        if reflected in self.unjudged:
-            return []
         if self.states.get(reflected) is not SessionState.COMMANDING_ACTIVE:
             return [None]
         position = np.array(said.joint_position.value)
@@ -168,7 +166,7 @@ class FriRig(FriFaults, Rig):
         self.arm.ns = max(self.arm.ns + int(seconds * 1e9), 10**9)
 
     def interrupt(self):
-        # No robot is back within three packets.
+        # No robot is back within three packets of MONITORING.
         for state in [SessionState.MONITORING_READY] * 4 + [SessionState.COMMANDING_WAIT]:
             self.arm.state = state
             self.robot.receive()

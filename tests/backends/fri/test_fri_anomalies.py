@@ -8,7 +8,7 @@ from lanes import sampled
 from robot_commands import position
 from stepped_arm import SteppedArm, stepped
 
-from backends.fri.answers import FLICKER
+from backends.fri.answers import DOUBTED, FLICKER
 from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
 from backends.fri.codec.version import Generation
 from limo_driver.errors import BackendError, HoldingError
@@ -46,6 +46,7 @@ def of_connection(**changes):
     return lambda message: message._replace(connection=message.connection._replace(**changes))
 
 
+LONGEST = round(1e3 * DOUBTED) - 1  # packets
 LEFT_FOR = [SessionState.IDLE, SessionState.MONITORING_READY, SessionState.COMMANDING_WAIT]
 OFF = (DriveState.ACTIVE,) * 4 + (DriveState.OFF, DriveState.TRANSITIONING, DriveState.ACTIVE)
 ANOMALIES = {
@@ -157,7 +158,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             robot.receive()
             robot.send(position(POSE))
 
-    @pytest.mark.parametrize("packets", [1, FLICKER])
+    @sampled("packets", [LONGEST, 1, FLICKER + 1], "is doubted for as long")
     @pytest.mark.parametrize("state", LEFT_FOR)
     def test_that_it_ended_and_goes_on_at_once_was_never_left(self, packets, state):
         with stepped() as robot:
@@ -173,7 +174,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             path = judged.check()
             assert len(path) > real + 200
 
-    @pytest.mark.parametrize("packets", [1, FLICKER])
+    @sampled("packets", [LONGEST, 1, FLICKER + 1], "is doubted for as long")
     @pytest.mark.parametrize("state", LEFT_FOR)
     def test_that_it_ended_does_not_let_torques_drop(self, packets, state):
         with stepped(mode=CommandMode.TORQUE) as robot:
@@ -198,7 +199,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             judged = moving(robot)
             robot.arm.ipo = np.array(POSE) - 0.5  # where the application would have it
             robot.arm.state = state
-            for _ in range(3 * FLICKER):
+            for _ in range(3 * LONGEST):
                 robot.receive()
             robot.arm.state = ACTIVE
             left = robot.arm.position.copy()
@@ -211,8 +212,19 @@ class TestAnActiveSessionThatSaysSomethingElse:
             judged = moving(robot)
             real = len(judged.commands())
             robot.arm.state = SessionState.COMMANDING_WAIT
-            for _ in range(FLICKER):
+            for _ in range(LONGEST + 1):
                 assert robot.receive().holding
                 assert len(judged.commands()) == real
             robot.receive()
             assert len(judged.commands()) == real + 1
+
+    def test_that_it_ended_and_waits_in_order_is_answered_at_once(self):
+        with stepped() as robot:
+            judged = moving(robot)
+            robot.arm.state = SessionState.MONITORING_READY
+            for _ in range(FLICKER + 1):
+                robot.receive()
+            robot.arm.state = SessionState.COMMANDING_WAIT
+            robot.receive()
+            robot.receive()
+            assert judged.commands()[-1].data.joint_position == tuple(robot.arm.ipo)

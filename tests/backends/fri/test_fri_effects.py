@@ -154,6 +154,24 @@ class TestLostOnTheWayToTheRobot:
             step = np.abs(np.diff(judged.torques(), axis=0))
             assert (step <= robot.spec.limits.torque_rate * 1e-3 * (1 + ROUNDING)).all()
 
+    @pytest.mark.parametrize(("kept", "most"), [(18, 1), (60, 11)])
+    def test_what_the_network_keeps_for_20_ms_comes_beside_one_more_at_most(self, kept, most):
+        with stepped(mode=CommandMode.TORQUE) as robot:
+            judged, wanted = pushing(robot), TorqueCommand(torque=np.full(7, 100.0))
+            robot.arm.listen = lambda: None
+            for _ in range(kept):
+                if not (state := robot.receive()).holding:
+                    robot.send(wanted)
+            assert state.holding
+            del robot.arm.listen
+            for _ in range(100):
+                assert robot.receive().holding
+            torques = judged.torques()
+            steps = np.abs(np.diff(torques, axis=0)) / (robot.spec.limits.torque_rate * 1e-3)
+            assert steps.max() <= most * (1 + ROUNDING)
+            assert (steps > 1 + ROUNDING).any(axis=1).sum() == (most > 1)
+            assert not torques[-1].any()
+
     def test_a_confirmation_that_is_late_all_the_time_is_none_that_is_missing(self):
         with stepped() as robot:
             robot.arm.message = lambda arm=robot.arm, **_: (

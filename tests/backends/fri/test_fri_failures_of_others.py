@@ -9,7 +9,7 @@ from ports import free_port
 from stepped_arm import keep_kernel_time, stepped
 
 from backends.fri import FriRobot
-from backends.fri.answers import FLICKER
+from backends.fri.answers import DOUBTED
 from backends.fri.codec.codec import detect, encode_monitoring
 from backends.fri.codec.messages import CommandMode, Quality, SessionState
 from backends.fri.codec.version import Generation
@@ -176,7 +176,7 @@ def test_commanding_is_not_resumed_without_being_told(left_for):
         by_hand = 0.2 if left_for < SessionState.COMMANDING_WAIT else 0.008  # else it is a jump
         moved = np.array(POSE) + by_hand
         arm.position, arm.ipo, arm.velocity = moved, moved.copy(), np.zeros(7)
-        for _ in range(FLICKER + 1):  # it waits for an answer, at least
+        for _ in range(round(1e3 * DOUBTED) + 1):  # it waits for an answer, at least
             assert robot.receive().holding
         arm.listen()
         arm.answers.clear()

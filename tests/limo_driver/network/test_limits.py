@@ -23,8 +23,8 @@ def test_some_may_come_together_and_then_a_few_a_second():
     assert [limit.take() for _ in range(6)] == pytest.approx([0, 0, 0, 0, 0, 0.1])
 
 
-@pytest.mark.parametrize("waiting", [32, 256])
-def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path, waiting):
+@pytest.mark.parametrize("most", [32, 256])
+def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path, most):
     """While one is answered, many more come: those that still waited then are the last of them."""
     answered, busy, free = [], threading.Event(), threading.Event()
 
@@ -35,10 +35,7 @@ def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path
         answered.append(str(query.parameters))
         query.reply(KEY, b"")
 
-    with (
-        sessions_of_two(tmp_path) as (here, there),
-        PacedQueryable(here, KEY, answer, 1e6, 1000, waiting),
-    ):
+    with sessions_of_two(tmp_path) as (here, there), PacedQueryable(here, KEY, answer, 1e6, most):
         while not busy.is_set():  # until the two know each other
             first = there.get(f"{KEY}?k=first", timeout=60.0)
             busy.wait(0.1)
@@ -51,7 +48,7 @@ def test_what_is_more_than_waits_is_dropped_and_the_latest_are_answered(tmp_path
         free.set()
         got = [len(list(replies)) for replies in asked]
         assert len(list(first)) == 1
-    assert got == [0] * (len(asked) - waiting) + [1] * waiting
+    assert got == [0] * (len(asked) - most) + [1] * most
 
 
 def test_a_second_close_does_nothing(tmp_path):
