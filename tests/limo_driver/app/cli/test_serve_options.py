@@ -109,7 +109,7 @@ def test_a_service_that_compiles_while_it_loads_is_compiling_from_then_on(capsys
     bulletins = Bulletins(["iiwa14"], teller(several=False, as_json=True))
     told = bulletins.of["iiwa14"]
     bulletins.enter(ServicePhase.LOADING, "loading models and physics")
-    with compilation.told(bulletins.tell_compiled):
+    with compilation.report_to(bulletins.tell_compiled):
         assert told.phase is ServicePhase.LOADING
         compilation.tell(Compilation("f", running=True, done=0, most=2, seconds=0.0))
         assert told.phase is ServicePhase.COMPILING
