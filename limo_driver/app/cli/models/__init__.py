@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from limo_driver.app.cli.models import retraining
-from limo_driver.app.cli.models import retraining as comparing
 from limo_driver.app.cli.models.options import (
     MODELS,
     JsonOption,
@@ -313,6 +312,6 @@ command.command(name="load")(load)
 command.command(name="promote")(promote)
 command.command(name="rollback")(rollback)
 command.command(name="retrain")(retraining.retrain)
-command.command(name="compare")(comparing.compare)
+command.command(name="compare")(retraining.compare)
 command.command(name="verify")(verify)
 command.command(name="sign")(sign)

@@ -65,6 +65,7 @@ def test_every_option_exists():
     while waiting:
         command = waiting.pop()
         waiting += getattr(command, "commands", {}).values()
+        assert all(item.help for item in command.params), command.name
         found |= {name for item in command.params for name in (*item.opts, *item.secondary_opts)}
     assert set(OPTIONS.values()) <= found
 
