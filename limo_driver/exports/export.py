@@ -220,8 +220,8 @@ def _gravity(simulation: Simulation, motion: Motion, stated: Sequence[float]) ->
     static = body.gravity_torque(motion.position)
     change = static - body.with_gravity(stated).gravity_torque(motion.position)
     rms = tuple(np.sqrt(np.mean(change**2, axis=0)).tolist())
-    said = ", ".join(f"{x:.3g}" for x in body.gravity)
-    return Remainder(f"gravity ({said}) m/s²", rms, "is not in the file")
+    text = ", ".join(f"{x:.3g}" for x in body.gravity)
+    return Remainder(f"gravity ({text}) m/s²", rms, "is not in the file")
 
 
 def _diff(text: XmlText, place: Path) -> str:

@@ -338,10 +338,10 @@ def _beyond(servos: Sequence[JointDrive], names: Sequence[str]) -> Iterator[str]
     """Yield comments on what of servos is not written."""
     for key in (*_OWN, *BEYOND_ACTUATORS):
         own = [s for s in servos if beyond_default(s, key) is not None]
-        told = [(names[s.joint - 1], beyond_default(s, key)) for s in own]
-        if told:
+        pairs = [(names[s.joint - 1], beyond_default(s, key)) for s in own]
+        if pairs:
             unit = _OWN.get(key) or unit_of(own[0], key)
-            values = ", ".join(f"{name!a}: {value:.4g}" for name, value in told)
+            values = ", ".join(f"{name!a}: {value:.4g}" for name, value in pairs)
             yield f"# not written: {key} [{unit}] of {values}"
 
 

@@ -1,6 +1,7 @@
-"""Batched forward kinematics: joint frames of many configurations at once, compiled by numba.
+"""Batched forward kinematics, compiled by numba, and the wrench on the last frame.
 
-The wrench at the end of an arm that explains external torques best, with its covariance.
+Joint frames of many configurations at once; and the wrench at the end of an arm that explains
+external torques best, with its covariance.
 """
 
 from __future__ import annotations

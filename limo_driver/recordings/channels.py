@@ -150,9 +150,9 @@ def chosen(
 
 
 def _lacking(name: str, joint: int, known: Collection[str]) -> str:
-    told = f"lacks {name}_{joint}: the drive of joint {joint} takes {CHANNELS[name].unit}"
+    text = f"lacks {name}_{joint}: the drive of joint {joint} takes {CHANNELS[name].unit}"
     has = [f"{other}_{joint} [{CHANNELS[other].unit}]" for other in known]
-    return f"{told}, and what was recorded is {', '.join(has)}" if has else told
+    return f"{text}, and what was recorded is {', '.join(has)}" if has else text
 
 
 @dataclass(frozen=True)
@@ -300,5 +300,5 @@ def seconds(values: NDArray[Any], known: NDArray[np.bool_] | None = None) -> tup
     unit = unit_of(step)
     if unit not in _TAKEN:
         return np.where(known, values, np.nan), ""
-    told = f"time holds whole numbers with steps of {step}, which are {unit}: {_SINCE}"
-    return np.where(known, since / _PER_SECOND[unit], np.nan), told
+    text = f"time holds whole numbers with steps of {step}, which are {unit}: {_SINCE}"
+    return np.where(known, since / _PER_SECOND[unit], np.nan), text

@@ -1,6 +1,6 @@
 """Checks of what is to be a recording, and of one that is to be of a certain robot.
 
-Whether a robot that a file names is a given one: by its joints, not by the name of its file.
+A robot that a file names is known by its joints, not by the name of its file.
 """
 
 from __future__ import annotations

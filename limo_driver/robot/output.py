@@ -281,7 +281,7 @@ class OutputStage:
         return gravity if last.gravity is None else self._torques.near(gravity, last.gravity)
 
 
-def told(command: JointCommand, after: Setpoint, hit: int) -> JointCommand:
+def applied_command(command: JointCommand, after: Setpoint, hit: int) -> JointCommand:
     """Return a command as the drives will apply it, with the limits that changed it."""
     if not hit:
         return replace(command, limited_by=()) if command.limited_by else command

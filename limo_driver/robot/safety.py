@@ -23,7 +23,7 @@ import numpy as np
 
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, ShapeError
 from limo_driver.robot.measured import Belief, Measured, Pose
-from limo_driver.robot.output import OutputStage, Setpoint, told
+from limo_driver.robot.output import OutputStage, Setpoint, applied_command
 from limo_driver.robot.setpoints import first_unreadable, names_of
 from limo_driver.types import (
     ImpedanceCommand,
@@ -389,7 +389,7 @@ class SafetyContract:
         """Limit a command against the set-point of this cycle and note the next one."""
         memory = self._memory
         memory.after, hit = self._stage.step(command, memory.now, pose)
-        return told(command, memory.after, hit)
+        return applied_command(command, memory.after, hit)
 
 
 def warm_up(spec: RobotSpec) -> None:

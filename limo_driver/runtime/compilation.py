@@ -40,7 +40,7 @@ def is_running() -> bool:
 
 
 @contextmanager
-def told(callback: Callable[[Compilation], None]) -> Generator[None]:
+def report_to(callback: Callable[[Compilation], None]) -> Generator[None]:
     """Have `callback` called, inside, as compilation begins, goes on (often) and ends.
 
     It is called in the thread that compiles, which waits for it, and may raise to stop it.

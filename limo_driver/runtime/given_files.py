@@ -378,9 +378,9 @@ def main(module: str, name: str, path: str, seconds: str, memory: str) -> NoRetu
     except MemoryError:
         os._exit(_NO_MEMORY)
     except Exception as failure:  # noqa: BLE001  # whatever a library raises for damaged bytes
-        said = " ".join(str(getattr(failure, "message", failure)).split())
+        text = " ".join(str(getattr(failure, "message", failure)).split())
         known = isinstance(failure, LimoError)
-        answer = said if known else f"is damaged: {type(failure).__name__}: {said}", None
+        answer = text if known else f"is damaged: {type(failure).__name__}: {text}", None
     try:
         with answers:
             pickle.dump(answer, answers, protocol=5)

@@ -1,9 +1,8 @@
-"""Plug-ins: classes by name in groups of entry points, of limo itself and of other distributions.
+"""Plug-ins: classes by name in groups of entry points; and packages that may not be installed.
 
 Nothing is looked for until a name is asked for, and then once in a process. A plug-in that cannot
-be used is an error for who asks for its name, and for nobody else.
-
-Packages that limo does without until something asks for them, and its own four.
+be used is an error for who asks for its name, and for nobody else. limo does without some packages
+until something asks for them, and never without its own four.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""Motion of all joints: one sample, and many in order of time.
-
-Arrays of float64, read-only where they are shared, and dataclasses of them.
-"""
+"""Motion of all joints: one sample, and many in order of time; arrays that are read-only."""
 
 from __future__ import annotations
 

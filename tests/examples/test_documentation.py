@@ -30,6 +30,7 @@ from limo_driver.logs.readers import LogMapping
 from limo_driver.physics import CoulombFriction, Payload, Simulation, ViscousFriction
 
 ROOT = Path(__file__).parents[2]
+LIMO = Path(__file__).with_name("short") / "limo"  # for a reader with little time
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 FENCE = re.compile(
     r"(?:^<!-- (?P<note>not run|beside): (?P<said>.+) -->\n)?"
@@ -167,9 +168,15 @@ def test_c_compiles_with_an_exported_header(block, tmp_path):
 
 def environment():
     """Return that of a reader who has installed limo, and has little time."""
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    own = Path(sys.executable).parent
+    path = os.pathsep.join([str(LIMO.parent), str(own), os.environ["PATH"]])
     found = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
-    return os.environ | {"PATH": path, "PYTHONPATH": found, "LIMO_SHORT": "1", "COLUMNS": "100"}
+    return os.environ | {
+        "PATH": path,
+        "PYTHONPATH": found,
+        "LIMO": str(own / "limo"),
+        "COLUMNS": "100",
+    }
 
 
 @pytest.fixture(scope="module")
@@ -344,17 +351,15 @@ def test_a_document_does_what_it_says(document, reader):
         assert "Traceback" not in done.stdout, f"{block}:\n{done.stdout}"
 
 
-def test_what_is_shortened_is_said(monkeypatch, capsys):
-    from limo_driver.app.console.terminal import VARIABLE, shortened
+def test_a_reader_with_little_time_plans_little_and_watches_shortly(tmp_path):
+    real = tmp_path / "limo"
+    real.write_text('#!/bin/sh\necho "$@"\n')
+    real.chmod(0o755)
 
-    monkeypatch.delenv(VARIABLE, raising=False)
-    assert shortened("--duration", None, 5.0) is None
-    assert capsys.readouterr().err == ""
-    monkeypatch.setenv(VARIABLE, "1")
-    assert [shortened("--scaffolds", n, 2) for n in (1, 2, 12)] == [1, 2, 2]
-    assert shortened("--duration", None, 5.0) == 5.0
-    told = capsys.readouterr().err
-    assert told == (
-        "limo: LIMO_SHORT is set: --scaffolds 2 instead of 12\n"
-        "limo: LIMO_SHORT is set: --duration 5 instead of no end\n"
-    )
+    def asked(*words):
+        return subprocess.check_output([LIMO, *words], env={"LIMO": str(real)}, text=True).split()
+
+    assert asked("plan", "--out", "a") == ["plan", "--out", "a", "--scaffolds", "1"]
+    assert asked("watch", "--web") == ["watch", "--web", "--duration", "5"]
+    assert asked("watch", "--until", "serving") == ["watch", "--until", "serving"]
+    assert asked("run", "--record", "plan") == ["run", "--record", "plan"]

@@ -109,8 +109,8 @@ def command(
             ends = {"from": controller.address, "to": str(settings.client)}
             typer.echo(json.dumps({"ready": True, "fri": fri, **ends}))
         else:
-            told = f"FRI {fri} from {controller.address} to {settings.client}, {settings.note}"
-            say(f"ready: {told}; end it with Ctrl-C")
+            words = f"FRI {fri} from {controller.address} to {settings.client}, {settings.note}"
+            say(f"ready: {words}; end it with Ctrl-C")
         with interrupts(controller.stop):
             report = controller.run()
     say(json.dumps(report.as_json()) if as_json else report.as_text())

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.console.arguments import RobotOption, describe_options
-from limo_driver.app.console.terminal import progress, shortened, terminal
+from limo_driver.app.console.terminal import progress, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import page_of, require_file, require_parquet
 
@@ -92,7 +92,7 @@ def command(
 
     page = require_writable(out, picture, robot)
     request = PlanRequest(
-        scaffolds=shortened("--scaffolds", scaffolds, 1) or scaffolds,
+        scaffolds=scaffolds,
         rate=rate,
         workspace=Workspace(radius=workspace_radius),
         surroundings=distances.surroundings,

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, get_args, get_origin
 
 import typer
 
+from limo_driver.errors import ConfigError
 from limo_driver.runtime.parameters import ARGS, arguments_of
 
 if TYPE_CHECKING:
@@ -116,11 +117,11 @@ def _described(function: Callable[..., Any]) -> Generator[Parameter]:
             continue
         if get_origin(kind) is Annotated:
             kind, info = get_args(kind)
-        elif item.name in helps:
+        elif kind is not typer.Context:
             info = _plain_option(item)
         if info is not None and info.help is None:
             info = copy(info)
-            info.help = helps[item.name]
+            info.help = helps.get(item.name)  # none where Python leaves docstrings out
         annotation = kind if info is None else Annotated[kind, info]
         yield item.replace(kind=Parameter.KEYWORD_ONLY, annotation=annotation)
 
@@ -165,8 +166,6 @@ def refuse_options(context: typer.Context, known: Container[str], why: str) -> N
     Raises:
         ConfigError: Names one.
     """
-    from limo_driver.errors import ConfigError
-
     for name in context.params:
         source = context.get_parameter_source(name)
         if name not in known and source is not None and source.name == "COMMANDLINE":

@@ -25,7 +25,7 @@ from typer.core import TyperGroup
 from typer.main import get_command, get_group
 
 from limo_driver.app.console.arguments import without_args
-from limo_driver.runtime.compilation import Compilation, told
+from limo_driver.runtime.compilation import Compilation, report_to
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -162,7 +162,7 @@ def compilation_line(*, silent: bool = False) -> Generator[None]:
         silent: Show nothing.
     """
     line = _Line(silent=silent)
-    with told(line.follow):
+    with report_to(line.follow):
         try:
             yield
         finally:

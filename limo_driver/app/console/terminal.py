@@ -1,14 +1,7 @@
-"""What a command prints: on a terminal or not, progress, and things side by side.
-
-Shorten documented commands where `LIMO_SHORT` is set, so that they can be tried quickly.
-
-Whoever sets it is told of every cut: a result must not pass for that of the command as it stands.
-"""
+"""What a command prints: on a terminal or not, progress, and things side by side."""
 
 from __future__ import annotations
 
-import os
-import sys
 from contextlib import contextmanager
 from enum import StrEnum
 from functools import cache
@@ -21,7 +14,6 @@ from limo_driver.quoting import on_terminal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
-    from typing import TypeVar
 
     from rich.console import Console
     from rich.progress import Progress, ProgressColumn
@@ -30,9 +22,6 @@ if TYPE_CHECKING:
 
     from limo_driver.recordings.recording import Recording
 
-    _Number = TypeVar("_Number", int, float)
-
-VARIABLE: Final = "LIMO_SHORT"
 QUIET: Final = 60.0  # [s] between two lines of progress in a file
 
 
@@ -202,18 +191,3 @@ def pace(done: int, left: int, seconds: float) -> str:
     minutes, rest = divmod(round(left / rate), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{60 * rate:.3g} per minute, {hours}:{minutes:02}:{rest:02} left"
-
-
-def shortened(option: str, given: _Number | None, most: _Number) -> _Number | None:
-    """Return what was given for an option, or less where `LIMO_SHORT` is set.
-
-    Args:
-        option: Such as --duration.
-        given: None for no end.
-        most: Where the variable is set.
-    """
-    if not os.environ.get(VARIABLE) or (given is not None and given <= most):
-        return given
-    instead = "no end" if given is None else f"{given:g}"
-    sys.stderr.write(f"limo: {VARIABLE} is set: {option} {most:g} instead of {instead}\n")
-    return most

@@ -22,7 +22,7 @@ from limo_driver.recordings.gate.rows import inspect
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from limo_driver.logs.readers.mapping import LogMapping
@@ -72,15 +72,23 @@ def convert_log(
         pieces = iter([columns])
     else:
         used, pieces, model = _mapped(blocks, model, mapping_of(mapping), log)
-    about = {
-        "joints": used.joints,
-        "provenance": {"logs": [log.name], "limo": version("limo")},
-    }
     judged = _Judged(log, model, is_whole=blocks is None)
+    return _write(pieces, out, judged, used.joints, logs=[log.name])
+
+
+def _write(
+    pieces: Iterable[Columns],
+    out: Path,
+    judged: _Judged,
+    joints: tuple[str, ...],
+    **provenance: object,
+) -> Converted:
+    """Write rows as they are judged, and where they are from."""
+    about = {"joints": joints, "provenance": {**provenance, "limo": version("limo")}}
     with columns_writer(out, about) as write:
         for columns in pieces:
             write(judged.taken(columns))
-    return judged.converted(used.joints)
+    return judged.converted(joints)
 
 
 @dataclass(frozen=True)
@@ -129,19 +137,13 @@ def convert_bags(
     own = table.kind.rpartition(" ")[2]
     if table.spread and _is_plain(proposal.mapping, names):  # of which the table has not every row
         return _streamed(bags, out, model, tuple(names), own, progress, (said(proposal),))
-    about = {
-        "joints": model.joint_names,
-        "provenance": {
-            "logs": [path.name for path in bags],
-            "topic": own,
-            "start_ns": int(table.columns["time"][0]),
-            "limo": version("limo"),
-        },
-    }
-    judged = _Judged(bags[0], model, is_whole=True)
-    with columns_writer(out, about) as write:
-        write(judged.taken(replace(columns, warnings=(said(proposal), *columns.warnings))))
-    return ConvertedBags(judged.converted(model.joint_names), own)
+    columns = replace(columns, warnings=(said(proposal), *columns.warnings))
+    judged, start_ns = _Judged(bags[0], model, is_whole=True), int(table.columns["time"][0])
+    logs = [path.name for path in bags]
+    whole = _write(
+        [columns], out, judged, model.joint_names, logs=logs, topic=own, start_ns=start_ns
+    )
+    return ConvertedBags(whole, own)
 
 
 def _is_plain(mapping: LogMapping, names: Sequence[str]) -> bool:
@@ -169,21 +171,15 @@ def _streamed(
     blocks = joint_state_blocks(bags, joints, topic, "" if model is None else model.name, progress)
     first, second = next(blocks), next(blocks, None)
     named = first.joints if model is None else model.joint_names
-    about = {
-        "joints": named,
-        "provenance": {
-            "logs": [path.name for path in bags],
-            "topic": first.topic,
-            "start_ns": first.start_ns,
-            "limo": version("limo"),
-        },
-    }
     judged, last = _Judged(bags[0], model, is_whole=second is None), first
-    with columns_writer(out, about) as write:
-        for log in chain([first], [] if second is None else [second], blocks):
-            write(judged.taken(log.columns))
-            last = log
-    whole = judged.converted(named)
+
+    def pieces() -> Iterator[Columns]:
+        nonlocal last
+        for last in chain([first], [] if second is None else [second], blocks):
+            yield last.columns
+
+    source = {"topic": first.topic, "start_ns": first.start_ns}
+    whole = _write(pieces(), out, judged, named, logs=[path.name for path in bags], **source)
     beside = (f"left out: {', '.join(last.beside)}",) if last.beside else ()
     whole = replace(whole, notes=(*told, *beside, *whole.notes))
     counts = (last.duplicates, last.reordered, last.malformed, last.elsewhere)

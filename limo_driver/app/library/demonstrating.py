@@ -83,8 +83,8 @@ class Demonstration:
         return tuple(effect for effect in self.true.effects if effect not in self.believed.effects)
 
     def __str__(self) -> str:
-        said = [_said(effect) for effect in self.concealed]
-        return f"concealed: {'; '.join(said)}\nfound:     {self.found.headline()}"
+        notes = [_describe(effect) for effect in self.concealed]
+        return f"concealed: {'; '.join(notes)}\nfound:     {self.found.headline()}"
 
 
 def demonstrate(progress: Callable[[str, float], None] | None = None) -> Demonstration:
@@ -119,7 +119,7 @@ def demonstrate(progress: Callable[[str, float], None] | None = None) -> Demonst
 _PLANNED, _RECORDED = 0.05, 0.25  # of the work
 
 
-def _said(effect: object) -> str:
+def _describe(effect: object) -> str:
     if isinstance(effect, Payload):
         return f"payload of {effect.mass:g} kg at the flange"
     name, joints = spoken(getattr(effect, "name", "")), getattr(effect, "joints", ())

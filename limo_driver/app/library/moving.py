@@ -1,6 +1,6 @@
-"""Move an arm and record it, and stream what it measures meanwhile.
+"""Plan motions, move an arm along them and record it, and stream what it measures meanwhile.
 
-Motions to record: locally isotropic ones, and those that identify a robot best.
+Motions are locally isotropic, or those that identify a robot best.
 """
 
 from __future__ import annotations

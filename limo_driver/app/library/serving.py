@@ -113,7 +113,7 @@ def serve(
         from limo_driver.logs.mcap_log import McapLog
 
         chosen = expected("settings", settings or ServiceSettings(), ServiceSettings)
-        with compilation.told(bulletins.tell_compiled):  # loading compiles, too
+        with compilation.report_to(bulletins.tell_compiled):  # loading compiles, too
             served = {
                 name: _models(own, model, simulation, trusted, key) for name, own in stores.items()
             }

@@ -111,8 +111,8 @@ def live_page(arm: str, model: RobotModel) -> Page:
     """Return the page that draws an arm as its values come."""
     limits = model.limits
     pose = np.clip(np.zeros(model.n), limits.position_min, limits.position_max)
-    said = '<p id="said" class="sources">waiting for the arm …</p>'
-    body = f"<header><h1>{in_html(arm)}</h1>{said}</header>{_PLACES}{paragraph(_LEAD, 'lead')}"
+    text = '<p id="said" class="sources">waiting for the arm …</p>'
+    body = f"<header><h1>{in_html(arm)}</h1>{text}</header>{_PLACES}{paragraph(_LEAD, 'lead')}"
     return Page(f"{arm}, live", body, arm=arm_view(model, pose), player="live.js")
 
 

@@ -1,11 +1,9 @@
-"""Bodies: how the inertia of a link is shared by the bodies of a file that move with it.
+"""Bodies of a file: how they share the inertia of a link, and those that an earlier export added.
 
-Loads: bodies that an earlier export added to a file, and which of them an export puts anew.
-
-A comment at the end of the file lists them: `<!-- limo added: {"payload": {"on": "link7", "mass":
-0.9, "com": [0, 0, 0.1], "inertia": [...]}} -->`. A body that somebody has changed since is the
-user's, and stays. So does one that the simulation counts to the link: who goes on with the exported
-file as robot has the load in it.
+A comment at the end of the file lists the loads among them: `<!-- limo added: {"payload": {"on":
+"link7", "mass": 0.9, "com": [0, 0, 0.1], "inertia": [...]}} -->`. A body that somebody has changed
+since is the user's, and stays. So does one that the simulation counts to the link: who goes on with
+the exported file as robot has the load in it.
 """
 
 from __future__ import annotations

@@ -202,16 +202,16 @@ def write_comment(text: XmlText, title: str, entries: Mapping[str, Any]) -> None
         title: With which the comment begins.
         entries: What it says; of none there is no comment.
     """
-    said = json.dumps(entries).replace("--", "-\\u002d")  # which no comment may hold
+    entry = json.dumps(entries).replace("--", "-\\u002d")  # which no comment may hold
     found = _found(text, title)
     if found is not None:
         if not entries:
             text.cut(found.start(), found.end())
-        elif found[1].decode() != said:
-            text.cut(found.start(1), found.end(1), said)
+        elif found[1].decode() != entry:
+            text.cut(found.start(1), found.end(1), entry)
     elif entries:
         end = len(text.data[: text.root.end].rstrip())
-        text.cut(end, end, f"\n  <!-- {title}: {said} -->")
+        text.cut(end, end, f"\n  <!-- {title}: {entry} -->")
 
 
 def _found(text: XmlText, title: str) -> re.Match[bytes] | None:

@@ -249,7 +249,7 @@ def kept_lines(effects: Iterable[Effect], joint_names: Sequence[str]) -> tuple[s
     """
     lines = list[str]()
     for joint, own in groupby(effects, lambda effect: effect.joints[0]):
-        *others, last = map(_said, own)
+        *others, last = map(_describe, own)
         both = f"{', '.join(others)} and {last}" if others else last
         lines.append(
             f"joint {joint_names[joint - 1]}: the file's own {both} "
@@ -272,8 +272,8 @@ def dropped_lines(
     said = {(joint, _kind(effect)) for effect in simulation.effects for joint in effect.joints}
     names = simulation.model.joint_names
     return tuple(
-        f"joint {names[effect.joints[0] - 1]}: {_said(effect)}, which an earlier export wrote; the "
-        "simulation has it no longer"
+        f"joint {names[effect.joints[0] - 1]}: {_describe(effect)}, which an earlier export wrote; "
+        "the simulation has it no longer"
         for effect in stated
         if effect not in users and (effect.joints[0], _kind(effect)) not in said
     )
@@ -283,7 +283,7 @@ def _kind(effect: Effect) -> type[Effect]:
     return Friction if isinstance(effect, Friction | PreslidingHysteresis) else type(effect)
 
 
-def _said(effect: Effect) -> str:
+def _describe(effect: Effect) -> str:
     match effect:
         case CoulombFriction():
             return f"dry friction {effect.tau_c:g} N m"

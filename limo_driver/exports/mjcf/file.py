@@ -255,8 +255,8 @@ def _write_payloads(texts: Sequence[XmlText], target: Target, into: Path) -> Non
         if name not in target.replaced:
             text, element = _found(texts, "body", target.last, into)
             values = _inertial_values(body)
-            said = " ".join(f'{key}="{value}"' for key, value in values.items())
-            text.insert(element, f'<body name="{name}"><inertial {said}/></body>')
+            words = " ".join(f'{key}="{value}"' for key, value in values.items())
+            text.insert(element, f'<body name="{name}"><inertial {words}/></body>')
     write_added(texts[0], target.added_by_now(written))
 
 

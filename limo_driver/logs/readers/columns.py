@@ -220,15 +220,15 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
         joint, words = _joint_in(words_of(_AXIS.sub(" axis ", rest)), ())
     if not unit:
         unit, words = _unit_at_end(words)
-    said = [word for word in words if word in _QUANTITY]
-    quantity = _QUANTITY[said[-1]] if said else NOTHING
-    if quantity == CURRENT and any(_QUANTITY[word] == TORQUE for word in said):
+    quantities = [word for word in words if word in _QUANTITY]
+    quantity = _QUANTITY[quantities[-1]] if quantities else NOTHING
+    if quantity == CURRENT and any(_QUANTITY[word] == TORQUE for word in quantities):
         quantity = TORQUE  # computed of a current, as `torque_current` is
-    if not said and unit in SECONDS and joint is None:
+    if not quantities and unit in SECONDS and joint is None:
         quantity = TIME  # if it runs evenly, which no name says
-    if not said and isinstance(joint, str) and any(known <= {*words} for known in _LEROBOT):
+    if not quantities and isinstance(joint, str) and any(known <= {*words} for known in _LEROBOT):
         quantity = POSITION
-    if not said and unit and joint is not None:
+    if not quantities and unit and joint is not None:
         quantity = CURRENT if stated in CURRENTS else _of_unit(unit)
     if quantity == VELOCITY:
         unit = _SPEED.get(unit, unit)
@@ -258,8 +258,8 @@ def strange_words(name: Name, own: Iterable[str]) -> tuple[str, ...]:
         own: Words of the robot: where the name has one of them, no word is strange.
     """
     known = _QUANTITY.keys() | _RANK.keys() | _USUAL | WRITTEN.keys()
-    said = [word for word in name.family if len(word) > 1 and word.isalpha() and word not in known]
-    return () if name.joint is None or set(own) & set(said) else tuple(said)
+    parts = [word for word in name.family if len(word) > 1 and word.isalpha() and word not in known]
+    return () if name.joint is None or set(own) & set(parts) else tuple(parts)
 
 
 def own_word(name: Name, others: Iterable[Name]) -> str:

@@ -72,16 +72,16 @@ class Inspection(Displayed):
 
     def notes(self) -> tuple[str, ...]:
         """Say what is left out, what is strange about the rows, and of the robot."""
-        told = list(self.table.notes)
+        notes = list(self.table.notes)
         if self.mapping.left_out:
-            told.append(f"left out: {shortened(list(self.mapping.left_out), 24)}")
-        told += [f"not read: {name} holds {what}" for name, what in self.table.unread.items()]
+            notes.append(f"left out: {shortened(list(self.mapping.left_out), 24)}")
+        notes += [f"not read: {name} holds {what}" for name, what in self.table.unread.items()]
         if self.refused and self.recording is None:  # else it is one of the questions
-            told.append(f"read as proposed it is refused: {self.refused}")
+            notes.append(f"read as proposed it is refused: {self.refused}")
         if self.recording is not None:
-            told += [*self.recording.warnings, *map(str, self.recording.left_out)]
-        told += self.robot
-        return tuple(dict.fromkeys(told))
+            notes += [*self.recording.warnings, *map(str, self.recording.left_out)]
+        notes += self.robot
+        return tuple(dict.fromkeys(notes))
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def settle(found: Inspection, out: Path, log: str) -> Settled:
     Raises:
         ConfigError: Both files are there, and neither is of this log; or it cannot be written.
     """
-    told: list[str] = []
+    notes: list[str] = []
     text = _marked(found.mapping.as_file)
     for path in (out, out.with_name(f"{log}.{out.stem}.yaml")):
         there = None if path.exists() else found.mapping
@@ -117,18 +117,18 @@ def settle(found: Inspection, out: Path, log: str) -> Settled:
             _check_of(there, found)
         except LimoError as error:
             reason = str(error).removeprefix(f"{path}: ").removeprefix(f"{path}, ")
-            told.append(f"kept {path}, which is no mapping of this log: {reason}")
+            notes.append(f"kept {path}, which is no mapping of this log: {reason}")
             continue
         if not path.exists() or _is_open_still(path, there) or path.read_bytes() == text.encode():
             with whole(path) as draft:
                 draft.write_text(text, encoding="utf-8")
-            return Settled(path, found.mapping, False, (*told, f"wrote {path}"))
-        told.append(
+            return Settled(path, found.mapping, False, (*notes, f"wrote {path}"))
+        notes.append(
             f"kept {path}, which is there and reads otherwise{_difference(there, found.mapping)}; "
             "to see what is proposed now, name another file by `out`"
         )
-        return Settled(path, there, True, tuple(told))
-    raise ConfigError(f"{'; '.join(told)}; name another file by `out`")
+        return Settled(path, there, True, tuple(notes))
+    raise ConfigError(f"{'; '.join(notes)}; name another file by `out`")
 
 
 def _marked(text: str) -> str:
@@ -161,20 +161,20 @@ def _check_of(mapping: LogMapping, found: Inspection) -> None:
 
 def _difference(there: LogMapping, proposed: LogMapping) -> str:
     """Say in which quantities two mappings differ; nothing where they read alike."""
-    told: list[str] = []
+    notes: list[str] = []
     for quantity in _PARTS:
         one, other = getattr(there, quantity), getattr(proposed, quantity)
         if one == other:
             continue
         if one is None or other is None:
-            told.append(f"{'no ' if one is None else ''}{quantity}")
+            notes.append(f"{'no ' if one is None else ''}{quantity}")
             continue
-        told += [
+        notes += [
             f"{quantity} has {item.name} {_said(one, item.name)}, not {_said(other, item.name)}"
             for item in fields(one)
             if getattr(one, item.name) != getattr(other, item.name)
         ]
-    return f" ({shortened(told, _LISTED)})" if told else ""
+    return f" ({shortened(notes, _LISTED)})" if notes else ""
 
 
 def _said(part: Channels | TimeColumns, name: str) -> str:

@@ -1,12 +1,11 @@
-"""One bag of ROS 1 (`.bag`), its messages as those of a ROS 2 log.
+"""Bags of ROS 1 (`.bag`) and SQLite files of ROS 2 (`.db3`): their messages as those of a log.
 
-The package rosbags reads chunks and their index. Messages are rewritten in CDR field by field, by
-the definition that a bag of ROS 1 always has, so that all that reads ROS 2 reads them. rosbags can
-do that with code that it makes of the definition; none is run here of what a stranger's file says.
+The package rosbags reads chunks of a `.bag` and their index. Messages are rewritten in CDR field by
+field, by the definition that a bag of ROS 1 always has, so that all that reads ROS 2 reads them.
+rosbags can do that with code that it makes of the definition; none is run here of what a stranger's
+file says.
 
-One SQLite file of a ROS 2 bag (`.db3`), read even where the recorder was killed.
-
-The file holds two plain tables, topics and messages. A bag that was never closed lacks the
+A `.db3` holds two plain tables, topics and messages. A bag that was never closed lacks the
 metadata.yaml beside it, without which readers of whole bags refuse it; the tables need none.
 """
 

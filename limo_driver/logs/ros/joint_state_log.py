@@ -119,13 +119,13 @@ def _messages(
 ) -> Iterator[LoggedMessage]:
     files, messages = bag_files(paths), 0
     for k, path in enumerate(files):
-        told: list[str] = []
-        for message in read_bag(path, told.append):
+        notes: list[str] = []
+        for message in read_bag(path, notes.append):
             yield message
             messages += 1
             if progress is not None and messages % _REPORTED == 0:
                 progress(k, messages)
-        warnings += [f"{path} {text}" for text in told]
+        warnings += [f"{path} {text}" for text in notes]
 
 
 def bag_files(paths: Sequence[Path]) -> list[Path]:

@@ -1,10 +1,8 @@
-"""What a service says on the wire: estimates of torque, and events.
+"""What a service says on the wire: estimates of torque, wrenches, and events.
 
-Events as rcl_interfaces/msg/Log in CDR, so that whatever shows a ROS log shows them too.
-
-The field `name` holds the kind of event and `msg` a JSON object `{"text": ..., "facts": {...}}`.
-
-Wrenches on the wire, and their covariance, for which ROS 2 has no message of its own.
+Events are rcl_interfaces/msg/Log in CDR, so that whatever shows a ROS log shows them too. The field
+`name` holds the kind of event and `msg` a JSON object `{"text": ..., "facts": {...}}`. Wrenches go
+with their covariance, for which ROS 2 has no message of its own.
 """
 
 from __future__ import annotations

@@ -122,18 +122,18 @@ class StoredLog:
                 self._rows += piece.batch.num_rows
                 yield piece.batch
 
-    def told(self) -> str:
+    def describe_losses(self) -> str:
         """Say what is lost, once all is read; nothing for a log that is whole."""
-        said = list[str]()
+        notes = list[str]()
         if places := self._places:
             many = "one place" if len(places) == 1 else f"{len(places)} places, first"
-            said.append(
+            notes.append(
                 f"is damaged in {many} at byte {places[0]} of {self._size}, and the rows there are "
                 "left out"
             )
         if not self._ended:
-            said.append(f"lacks its end: whatever came after its {self._rows} rows is lost")
-        return "; it ".join(said)
+            notes.append(f"lacks its end: whatever came after its {self._rows} rows is lost")
+        return "; it ".join(notes)
 
     def _pieces(self) -> Iterator[_Piece]:
         """Yield batches, one after the other; after damage, from the next one on."""

@@ -229,8 +229,8 @@ def read_log(path: Path | str, tell: Callable[[str], None] | None = None) -> pa.
         raise RecordingError(f"is no log of limo's: {error}", path=path) from None
     log = StoredLog(path)
     table = pa.Table.from_batches(log.batches(), log.schema)
-    if tell is not None and (said := log.told()):
-        tell(said)
+    if tell is not None and (losses := log.describe_losses()):
+        tell(losses)
     return table
 
 
@@ -270,6 +270,6 @@ def _to_parquet(partial: Path, path: Path) -> None:
         with pq.ParquetWriter(draft, log.schema, use_dictionary=False) as writer:
             for table in blocks_of(log.batches(), log.schema, _ROWS_OF_GROUP):
                 writer.write_table(table)
-        if said := log.told():
-            raise pa.ArrowInvalid(f"its log {said}")
+        if losses := log.describe_losses():
+            raise pa.ArrowInvalid(f"its log {losses}")
     partial.unlink()

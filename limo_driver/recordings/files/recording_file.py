@@ -196,9 +196,9 @@ def _read_format(path: Path) -> Kept:
     if path.suffix == LOG_SUFFIX:
         from limo_driver.recordings.files.recorder import read_log
 
-        told = list[str]()
-        table = read_log(path, told.append)
-        return Kept(table, note="; ".join(f"{path.name} {text}" for text in told))
+        notes = list[str]()
+        table = read_log(path, notes.append)
+        return Kept(table, note="; ".join(f"{path.name} {text}" for text in notes))
     if path.suffix.lower() in {".csv", ".txt"}:
         text = DelimitedText(path)
         kept = text.kept()
@@ -213,13 +213,13 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
     for name in table.column_names:
         if match := _JOINT_COLUMN.fullmatch(name):
             joints.setdefault(match["quantity"], set()).add(int(match["joint"]))
-    told = [] if "torque" in joints else [name for name in CHANNELS if name in joints]
-    needed = ("position", *(told or ("torque",)))
+    notes = [] if "torque" in joints else [name for name in CHANNELS if name in joints]
+    needed = ("position", *(notes or ("torque",)))
     n = max((max(joints[quantity]) for quantity in needed if quantity in joints), default=1)
     expected = ["time", *(f"position_{j}" for j in range(1, n + 1))]
     for j in range(1, n + 1):
-        if told:
-            expected.append(f"{recorded_channel(j, table.column_names) or told[0]}_{j}")
+        if notes:
+            expected.append(f"{recorded_channel(j, table.column_names) or notes[0]}_{j}")
         elif "torque" not in joints:  # some drives may tell no torque
             expected.append(f"torque_{j}")
     if missing := [name for name in expected if name not in table.column_names]:

@@ -1,6 +1,4 @@
-"""What is odd about a recording's rows, what was left out of it, and torques that are silent.
-
-The clock of a recording: rows in the order of their stamps, and cuts where the clock was set.
+"""The clock of a recording, what is odd about its rows, and what was left out of it.
 
 A stamp that is late by a few periods belongs to a message that was overtaken on its way. A clock
 that is set goes on from another time, while the arm moves on as if nothing had happened: there the

@@ -135,7 +135,7 @@ def inspect_by_joint(columns: Columns) -> tuple[Columns, UsableRows, Mask] | Non
         return None
     gate.leave_out("no torque is a measurement", np.asarray(none[gate.rows].all(axis=1)))
     gate.check_rest()
-    told = [
+    notes = [
         f"torque_{j + 1} is missing, saturated or held in {many} rows; nothing is said of that "
         "joint there"
         for j, many in enumerate(none[gate.rows].sum(axis=0).tolist())
@@ -144,7 +144,7 @@ def inspect_by_joint(columns: Columns) -> tuple[Columns, UsableRows, Mask] | Non
     return (
         columns,
         UsableRows(
-            gate.rows, gate.left_out(), (*doubts_about_rows(gate.columns, gate.rows), *told)
+            gate.rows, gate.left_out(), (*doubts_about_rows(gate.columns, gate.rows), *notes)
         ),
         none,
     )

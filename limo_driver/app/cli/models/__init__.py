@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from limo_driver.app.cli.models import retraining
-from limo_driver.app.cli.models import retraining as comparing
 from limo_driver.app.cli.models.options import (
     MODELS,
     JsonOption,
@@ -22,6 +20,7 @@ from limo_driver.app.cli.models.options import (
     opened,
     print_found,
 )
+from limo_driver.app.cli.models.retraining import compare, retrain
 from limo_driver.app.console.arguments import MappingOption, Network, describe_options
 from limo_driver.app.console.terminal import terminal
 
@@ -307,12 +306,5 @@ def models() -> None:
 
 
 command.command(name="list")(list_versions)
-command.command(name="show")(show)
-command.command(name="add")(add)
-command.command(name="load")(load)
-command.command(name="promote")(promote)
-command.command(name="rollback")(rollback)
-command.command(name="retrain")(retraining.retrain)
-command.command(name="compare")(comparing.compare)
-command.command(name="verify")(verify)
-command.command(name="sign")(sign)
+for _other in (show, add, load, promote, rollback, retrain, compare, verify, sign):
+    command.command()(_other)

@@ -76,7 +76,7 @@ def retrain(
         return
     assert log is not None  # noqa: S101  # checked above
     found = _trained(place.opened(), log, name, seconds, kind, delay, sign)
-    print_found(found, _told(found), as_json=as_json)
+    print_found(found, _describe(found), as_json=as_json)
 
 
 def _refuse_options_of_logs(name: str | None, sign: Path | None, kind: str) -> None:
@@ -118,12 +118,12 @@ def _only_arm(folder: Path) -> str:
     """
     found = sorted({m[1] for path in folder.glob("*.mcap") if (m := _NAME.fullmatch(path.stem))})
     if len(found) != 1:
-        told = f"of {', '.join(found)}; say which with --name" if found else "of no arm"
-        raise ConfigError(f"holds logs {told}", path=folder)
+        text = f"of {', '.join(found)}; say which with --name" if found else "of no arm"
+        raise ConfigError(f"holds logs {text}", path=folder)
     return found[0]
 
 
-def _told(found: dict[str, Any]) -> str:
+def _describe(found: dict[str, Any]) -> str:
     against = found["metrics"]["against_champion"]
     return (
         f"version {found['version']}, trained on {found['data']['samples']} states: "

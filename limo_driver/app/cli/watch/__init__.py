@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.console.arguments import Network, describe_options
-from limo_driver.app.console.terminal import say, shortened
+from limo_driver.app.console.terminal import say
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -91,14 +91,13 @@ def command(
             follow_history(session, keys.event, watched.take_event),
         ]
         with suppress(KeyboardInterrupt):
-            seconds = shortened("--duration", duration, 5.0)
             if web:
                 page = _PORT if port is None else port
-                _serve(watched, session, keys, robot, page, seconds)
+                _serve(watched, session, keys, robot, page, duration)
             elif rerun is not None:
-                _log_to_rerun(watched, session, keys, robot, rerun, seconds)
+                _log_to_rerun(watched, session, keys, robot, rerun, duration)
             else:
-                show(watched, seconds)
+                show(watched, duration)
         for subscriber in followed:
             subscriber.undeclare()
 

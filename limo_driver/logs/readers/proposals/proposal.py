@@ -120,11 +120,11 @@ class _Draft:
         self, quantity: str, family: ColumnFamily, unit: tuple[str, ...], why: str
     ) -> Channels:
         """Note what is taken, and return it."""
-        told = ", ".join(dict.fromkeys(unit))
+        text = ", ".join(dict.fromkeys(unit))
         every = zip(self.model.joint_names, family.columns, strict=True)
         if lacking := [joint for joint, column in every if column == NO_COLUMN]:
             why += f"; the log has none of {shortened(lacking)}"
-        self.taken.append(Taken(quantity, str(family), told, why))
+        self.taken.append(Taken(quantity, str(family), text, why))
         if family.by_order and self.model.n > 1:
             self.questions.append(
                 f"{quantity}: the columns {shortened(list(family.columns))} do not name joints of "
@@ -231,9 +231,9 @@ def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | No
     if rank > worst:
         if quantity not in {POSITION, TORQUE}:
             return None
-        said = "commanded" if rank == COMMANDED else "derived"
+        text = "commanded" if rank == COMMANDED else "derived"
         draft.questions.append(
-            f"{quantity}: only {said} values are named ({first}): are they to stand for measured "
+            f"{quantity}: only {text} values are named ({first}): are they to stand for measured "
             f"ones?{_OF_DRIVES if quantity == TORQUE and rank == COMMANDED else ''}"
         )
     if (whole := whole_of_mujoco(first, draft.model)) is not None:
@@ -406,10 +406,10 @@ def _by_gravity(draft: _Draft, currents: ColumnFamily, position: Channels) -> st
     motion = position.read(draft.table, POSITION)
     factors = current_factors(motion, draft.values(currents), draft.model)
     every = zip(draft.model.joint_names, factors.tolist(), strict=True)
-    said = [f"{factor:.3g} at {joint}" for joint, factor in every if math.isfinite(factor)]
-    if not said:
+    parts = [f"{factor:.3g} at {joint}" for joint, factor in every if math.isfinite(factor)]
+    if not parts:
         return ""
-    return f" If the arm carries nothing, the weight of its bodies says {', '.join(said)}"
+    return f" If the arm carries nothing, the weight of its bodies says {', '.join(parts)}"
 
 
 def _velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channels | None:
@@ -475,8 +475,8 @@ def _commands(draft: _Draft, position: Channels, torque: Channels | None) -> Cha
 
 def _require_all_joints(draft: _Draft) -> None:
     """Refuse set-points of some joints, where no torque stands in for the others'."""
-    told = [f for f in draft.families if f.quantity == POSITION and f.rank == COMMANDED]
-    for family in told:
+    commanded = [f for f in draft.families if f.quantity == POSITION and f.rank == COMMANDED]
+    for family in commanded:
         if family.missing:
             raise RecordingError(
                 f"has neither a measured torque nor the set-points of all joints: {family} lacks "

@@ -90,11 +90,11 @@ def recorded_part(table: LogTable, model: RobotModel) -> RecordedPart:
             questions.append(question)
     stated = [part for part in model.chosen if "=" in part]
     part = model.with_joints((*taken, *stated, *(f"{k}={v:.6g}" for k, v in places.items())))
-    told = (
+    text = (
         f"of the {model.n} joints of {model.urdf.name} those that the log names are taken: "
         f"{shortened(taken)}; locked: {_where(part, missing)}"
     )
-    return RecordedPart(part, told, tuple(questions))
+    return RecordedPart(part, text, tuple(questions))
 
 
 def with_places(model: RobotModel, chosen: Sequence[str]) -> RobotModel:
@@ -136,8 +136,8 @@ def _placed(
     if not places:
         return RecordedPart(model, questions=tuple(questions))
     part = with_places(model, [f"{name}={at:.6g}" for name, at in places.items()])
-    told = f"locked where the log has them: {_where(part, [*places])}"
-    return RecordedPart(part, told, tuple(questions))
+    text = f"locked where the log has them: {_where(part, [*places])}"
+    return RecordedPart(part, text, tuple(questions))
 
 
 def _places(

@@ -154,49 +154,41 @@ def test_an_import_that_goes_on_regardless_is_stopped_at_the_next(tmp_path):
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", f"{SAID}\n")
 
 
-def test_an_interrupt_that_nobody_can_raise_is_raised_again():
-    code = (
-        "import os, signal\n"
-        "from limo_driver.app.console.stopping import Stopping\n"
-        "class Deaf:\n def __del__(self): os.kill(os.getpid(), signal.SIGINT)\n"
-        "with Stopping(130):\n Deaf()\n signal.pause()\n"
-    )
-    ended = program(code)
-    assert (ended.returncode, ended.stderr) == (130, f"{SAID}\n")
+BEGIN = "import atexit, os, signal, sys\nfrom limo_driver.app.console.stopping import Stopping\n"
 
 
-def test_an_interrupt_that_a_compiled_module_prints_and_forgets_is_raised_again():
-    code = (
-        "import os, signal, sys\n"
-        "from limo_driver.app.console.stopping import Stopping\n"
-        "with Stopping(130):\n"
-        " try: os.kill(os.getpid(), signal.SIGINT)\n"
-        " except KeyboardInterrupt: sys.excepthook(*sys.exc_info())  # as PyErr_Print does\n"
-        " signal.pause()\n"
-    )
-    ended = program(code)
-    assert (ended.returncode, ended.stderr) == (130, f"{SAID}\n")
-
-
-def test_an_interrupt_while_the_interpreter_ends_is_answered_at_once():
-    code = (
-        "import atexit, os, signal\n"
-        "from limo_driver.app.console.stopping import Stopping\n"
-        "atexit.register(signal.raise_signal, signal.SIGINT)\n"
-        "with Stopping(130): pass\n"
-    )
-    ended = program(code)
+@pytest.mark.parametrize(
+    "code",
+    [
+        pytest.param(
+            "class Deaf:\n def __del__(self): os.kill(os.getpid(), signal.SIGINT)\n"
+            "with Stopping(130):\n Deaf()\n signal.pause()\n",
+            id="that nobody can raise",
+        ),
+        pytest.param(
+            "with Stopping(130):\n"
+            " try: os.kill(os.getpid(), signal.SIGINT)\n"
+            " except KeyboardInterrupt: sys.excepthook(*sys.exc_info())  # as PyErr_Print does\n"
+            " signal.pause()\n",
+            id="that a compiled module prints and forgets",
+        ),
+        pytest.param(
+            "atexit.register(signal.raise_signal, signal.SIGINT)\nwith Stopping(130): pass\n",
+            id="while the interpreter ends",
+        ),
+    ],
+)
+def test_an_interrupt_is_answered(code):
+    ended = program(BEGIN + code)
     assert (ended.returncode, ended.stderr) == (130, f"{SAID}\n")
 
 
 def test_a_command_that_ends_well_by_an_interrupt_says_nothing():
     code = (
-        "import os, signal\n"
-        "from limo_driver.app.console.stopping import Stopping\n"
         "with Stopping(130):\n try: os.kill(os.getpid(), signal.SIGINT)\n"
         " except KeyboardInterrupt: pass\n"
     )
-    ended = program(code)
+    ended = program(BEGIN + code)
     assert (ended.returncode, ended.stderr) == (0, "")
 
 

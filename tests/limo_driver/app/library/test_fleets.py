@@ -1,4 +1,7 @@
-"""A fleet's table survives kills, full disks and bad files, and says each by name."""
+"""A fleet's table survives kills, full disks and bad files, and says each by name.
+
+Patterns find each file once, and come to an end where links lead round and round.
+"""
 
 import errno
 import os
@@ -20,7 +23,7 @@ from estimators.fleet.page import write_table
 from estimators.fleet.result import FleetDiagnosis, FleetStore, digest_of, key_of
 from estimators.fleet.row import FleetOutcome, FleetRow
 from limo_driver.app.library.executors import run_all
-from limo_driver.app.library.fleets import FleetJob, matched, rows_of
+from limo_driver.app.library.fleets import FleetJob, files_of, matched, rows_of
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.logs.readers.mapping import Channels, LogMapping, TimeColumns
 
@@ -315,3 +318,51 @@ def test_a_simulation_that_fits_no_recording_is_named_before_any_worker(
     limo.Simulation("iiwa14").save(tmp_path / "iiwa.yaml")
     with pytest.raises(ConfigError, match=r"iiwa.yaml: fits none of 2 recordings; .*has 2 joints"):
         limo.diagnose_fleet(f"{fleet}/a/*", tmp_path / "iiwa.yaml", tmp_path / "out", workers=1)
+
+
+@pytest.fixture
+def tree(tmp_path, monkeypatch):
+    """Two arms, a folder elsewhere that is linked, and links that lead back."""
+    for name in ("arms/a/1.csv", "arms/a/old/2.csv", "arms/b/3.csv", "arms/.hidden/4.csv"):
+        place = tmp_path / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.touch()
+    (tmp_path / "store").mkdir()
+    (tmp_path / "store" / "5.csv").touch()
+    (tmp_path / "arms" / "again").symlink_to(tmp_path / "arms")
+    (tmp_path / "arms" / "a" / "up").symlink_to(tmp_path)
+    (tmp_path / "arms" / "0_same").symlink_to("b")
+    (tmp_path / "arms" / "b" / "lost.csv").symlink_to("nowhere")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def names(pattern):
+    return [str(path) for path in files_of(pattern)]
+
+
+def test_any_depth_ends_where_links_lead_back(tree):
+    assert names("arms/**/*.csv") == [
+        "arms/a/1.csv",
+        "arms/a/old/2.csv",
+        "arms/a/up/store/5.csv",
+        "arms/b/3.csv",
+        "arms/b/lost.csv",
+    ]
+    assert names(f"{tree}/arms/**/old/*.csv") == [f"{tree}/arms/a/old/2.csv"]
+    assert names("**/old/**/2.csv") == ["arms/a/old/2.csv"]
+    assert names("**/3.csv") == ["arms/b/3.csv"]
+
+
+def test_a_link_that_is_given_is_followed(tree):
+    assert names("arms/0_same/*.csv") == ["arms/0_same/3.csv", "arms/0_same/lost.csv"]
+    (tree / "arms" / "c").symlink_to(tree / "store")
+    (tree / "arms" / "a" / "up").unlink()
+    assert names("arms/**/5.csv") == ["arms/c/5.csv"]
+
+
+@pytest.mark.usefixtures("tree")
+def test_folders_and_nothing_are_no_files():
+    assert names("none/**") == []
+    assert names("arms/*") == []
+    assert "arms/b/3.csv" in names("arms/**")

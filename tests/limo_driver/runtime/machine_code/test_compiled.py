@@ -344,7 +344,7 @@ def wait(state):
         print("compiling", flush=True)
         sys.stdin.readline()
 
-with Stopping(130), compilation.told(wait):
+with Stopping(130), compilation.report_to(wait):
     import outer
     print(outer.answer())
     print(sum(outer.total.stats.cache_misses.values()))
@@ -405,7 +405,7 @@ def test_ctrl_c_while_compiling_is_one_line_and_130(folder):
 
 def test_compilation_is_told(folder):
     states = []
-    with compilation.told(states.append):
+    with compilation.report_to(states.append):
         ask(folder)
     assert states[0].running
     assert compilation.current() is states[-1]
@@ -415,7 +415,7 @@ def test_compilation_is_told(folder):
     assert all(s.done <= s.most for s in states)
     assert [s.seconds for s in states] == sorted(s.seconds for s in states)
     states.clear()
-    with compilation.told(states.append):
+    with compilation.report_to(states.append):
         ask(folder)
     assert not states
 
