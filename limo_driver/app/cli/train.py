@@ -333,7 +333,7 @@ def run_sweep(
 
     from rich.table import Table
 
-    from estimators.sweep.saving import BEST, PAGE, TABLE
+    from estimators.studies.sweep import BEST, PAGE, TABLE
     from limo_driver.app.console.terminal import terminal, told_progress
     from limo_driver.app.library.sweeping import sweep
 

@@ -18,9 +18,9 @@ from lanes import sampled
 from one_file import check_page, drawn, title_of
 from table_data import write_data
 
-from estimators.reproduction import data as r
-from estimators.reproduction.claims import CLAIMS, best, judge, write
-from estimators.reproduction.data import (
+from estimators.studies import table1_data as r
+from estimators.studies.table1_claims import CLAIMS, best, judge, write
+from estimators.studies.table1_data import (
     PARTS,
     ROWS,
     TOPOLOGIES,
@@ -29,8 +29,8 @@ from estimators.reproduction.data import (
     physics_digest,
     rigid_body,
 )
-from estimators.reproduction.page import draw, table_page
-from estimators.reproduction.results import (
+from estimators.studies.table1_page import draw, table_page
+from estimators.studies.table1_results import (
     SCAFFOLDS,
     SEQUENCES,
     Protocol,

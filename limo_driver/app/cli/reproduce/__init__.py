@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from estimators.reproduction.results import Protocol, Table, Trial, TrialStore
-    from estimators.reproduction.workers import TrialRunner
+    from estimators.studies.table1_results import Protocol, Table, Trial, TrialStore
+    from estimators.studies.table1_trials import TrialRunner
 
 OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
 DATA, QUICK_DATA = "data", "data_quick"  # simulated, in OUT; the quick one is far less motion
@@ -82,7 +82,7 @@ def table1(
     """
     from dataclasses import replace
 
-    from estimators.reproduction.results import Protocol
+    from estimators.studies.table1_results import Protocol
     from limo_driver.app.console.terminal import terminal
     from limo_driver.runtime.outputs import only_writer, require_folder
 
@@ -106,11 +106,11 @@ def _compute(
     folder: Path, out: Path, protocol: Protocol, where: tuple[str, int | None, str], notes: Console
 ) -> int:
     """Run the trials that are not finished yet, write the table, and return the exit status."""
-    from estimators.reproduction.claims import write
-    from estimators.reproduction.data import TableData, physics_digest, rigid_body
-    from estimators.reproduction.page import PAGE, PICTURE, draw, table_page
-    from estimators.reproduction.results import Table, TrialStore
-    from estimators.reproduction.workers import TrialRunner
+    from estimators.studies.table1_claims import write
+    from estimators.studies.table1_data import TableData, physics_digest, rigid_body
+    from estimators.studies.table1_page import PAGE, PICTURE, draw, table_page
+    from estimators.studies.table1_results import Table, TrialStore
+    from estimators.studies.table1_trials import TrialRunner
     from limo_driver.physics import Simulation
     from limo_driver.runtime.outputs import require_folder
 
@@ -143,7 +143,7 @@ def _processes(jobs: int | None, device: str, on: Machines) -> int | None:
     Those of a cluster are as many as it has cores.
     """
     from estimators.hybrid.training.fit import find_device
-    from estimators.reproduction.workers import physical_cores
+    from estimators.studies.table1_trials import physical_cores
     from limo_driver.errors import ConfigError
 
     gpu = find_device(device).type == "cuda"
@@ -185,7 +185,7 @@ def _run(
     notes: Console,
 ) -> int:
     """Run what is not finished yet, update the files after each, and return the exit status."""
-    from estimators.reproduction.workers import Failed
+    from estimators.studies.table1_trials import Failed
     from limo_driver.app.cli.reproduce.simulated_data import TrialProgress
     from limo_driver.app.library.demonstrating import run_trials
 
@@ -215,9 +215,9 @@ def _print(table: Table, out: Path) -> None:
     """Print the joint averages; all joints are in the files."""
     from rich.table import Table as Grid
 
-    from estimators.reproduction.claims import cell, done
-    from estimators.reproduction.data import PARTS, ROWS
-    from estimators.reproduction.results import SPLIT_NAMES, SPLITS
+    from estimators.studies.table1_claims import cell, done
+    from estimators.studies.table1_data import PARTS, ROWS
+    from estimators.studies.table1_results import SPLIT_NAMES, SPLITS
     from limo_driver.app.console.terminal import terminal
 
     console = terminal()
