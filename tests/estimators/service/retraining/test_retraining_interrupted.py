@@ -154,34 +154,22 @@ class TestProbation:
 
 class TestTraining:
     @pytest.mark.usefixtures("training_fails")
-    def test_of_a_drift_is_tried_again_but_not_for_ever(
-        self, store: ModelStore, serve: Serve
+    @pytest.mark.parametrize(
+        ("stage", "tries", "seconds", "told"),
+        [
+            (GATHERING, 3, 12.0, "ended with status -9"),  # a drift, which is told but once
+            (TRAINING, 1, 3.0, "ended with status -9"),
+            (TRAINING, 0, 3.0, "not tried again: drift on joint 1"),
+        ],
+    )
+    def test_is_begun_again_after_it_failed_or_ended_with_the_service_but_not_for_ever(
+        self, store: ModelStore, serve: Serve, stage: str, tries: int, seconds: float, told: str
     ) -> None:
-        left(store, Unfinished(GATHERING, "drift on joint 1", tries=3))
-        with serve(12.0) as run:
+        left(store, Unfinished(stage, "drift on joint 1", tries=tries))
+        with serve(seconds) as run:
             assert run.stage == "idle"
-        assert run.kinds.count("training") == 3
-        assert "drift on joint 1" in run.event("training").text
-        assert left(store).read() is None
-
-    @pytest.mark.usefixtures("training_fails")
-    def test_that_ended_with_the_service_is_begun_again(
-        self, store: ModelStore, serve: Serve
-    ) -> None:
-        left(store, Unfinished(TRAINING, "drift on joint 1", tries=1))
-        with serve(3.0) as run:
-            pass
-        assert run.kinds.count("training") == 1
-
-    @pytest.mark.usefixtures("training_fails")
-    def test_that_ended_the_service_each_time_is_given_up(
-        self, store: ModelStore, serve: Serve
-    ) -> None:
-        left(store, Unfinished(TRAINING, "drift on joint 1", tries=0))
-        with serve(3.0) as run:
-            pass
-        assert "training" not in run.kinds
-        assert "not tried again: drift on joint 1" in run.event("refused").text
+        assert run.kinds.count("training") == tries
+        assert told in run.event("refused").text
         assert left(store).read() is None
 
     def test_is_noted_before_it_begins(
