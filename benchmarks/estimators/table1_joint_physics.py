@@ -23,7 +23,7 @@ import typer
 from estimators.evaluation import evaluate
 from estimators.hybrid.training.data import HELD_OUT, split_recordings
 from estimators.joint_physics import JointPhysics
-from estimators.reproduction.data import RBD, TableData, rigid_body
+from estimators.studies.table1_data import RBD, TableData, rigid_body
 from limo_driver.physics import Simulation
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ from acquisition import Instruments
 from world import COULOMB, VISCOUS, World
 
 if TYPE_CHECKING:
-    from estimators.fleet import FleetDiagnosis
+    from estimators.studies import FleetDiagnosis
 
 # Of a unit, at a part of its dates: 0 is the first, 1 the last.
 Change = Callable[[World, float], World]

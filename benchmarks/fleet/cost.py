@@ -30,13 +30,13 @@ import numpy as np
 from concealed_fleet import make
 
 import limo_driver as limo
-from estimators.fleet.page import save_fleet
-from estimators.fleet.result import ROW, FleetDiagnosis, FleetStore
-from estimators.fleet.row import FleetOutcome
+from estimators.studies.fleet import ROW, FleetDiagnosis, FleetStore
+from estimators.studies.fleet_page import save_fleet
+from estimators.studies.fleet_row import FleetOutcome
 from limo_driver.app.library.fleets import FleetJob, rows_of
 
 if TYPE_CHECKING:
-    from estimators.fleet.row import FleetRow
+    from estimators.studies.fleet_row import FleetRow
 
 SECONDS = (20.0, 60.0, 120.0, 240.0)  # of a recording, at 250 Hz
 KEPT = 100  # rows, each brought to the disk before the next

@@ -24,8 +24,8 @@ import numpy as np
 import limo_driver as limo
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import VERDICT
-from estimators.fleet import FleetDiagnosis, FleetRow
-from estimators.fleet.row import arm_of, date_of
+from estimators.studies import FleetDiagnosis, FleetRow
+from estimators.studies.fleet_row import arm_of, date_of
 
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray

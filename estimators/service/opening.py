@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from estimators.service.inference.arm_service import Outlet
+    from estimators.service.inference.inbox import NetworkOutlet
     from estimators.service.settings import ServiceSettings
     from estimators.service.store.served_models import ServedModels
     from limo_driver.network.streaming import Keys
@@ -54,7 +54,7 @@ class Opening:
     """
 
     def __init__(
-        self, arm: str, models: ServedModels, settings: ServiceSettings, outlet: Outlet
+        self, arm: str, models: ServedModels, settings: ServiceSettings, outlet: NetworkOutlet
     ) -> None:
         self._arm, self._models, self._settings, self._outlet = arm, models, settings, outlet
         self._finder = RateFinder()

@@ -25,7 +25,7 @@ import limo_driver as limo
 from backends.can.config import ArmConfig
 from backends.can.simulator.scenario import BusScenario
 from backends.fri.simulator.scenario import ControllerScenario
-from estimators.sweep.trial import SweepSpace
+from estimators.studies.sweep_trial import SweepSpace
 from limo_driver.logs.readers import LogMapping
 from limo_driver.physics import CoulombFriction, Payload, Simulation, ViscousFriction
 

@@ -35,9 +35,9 @@ PUBLIC = (
     "estimators.hybrid",
     "estimators.diagnosis",
     "estimators.diagnosis.from_motion",
-    "estimators.fleet",
+    "estimators.studies",
     "estimators.service",
-    "estimators.sweep",
+    "estimators.studies",
     "limo_driver.app.library.simulating",
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})

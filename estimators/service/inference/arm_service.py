@@ -6,7 +6,7 @@ import threading
 import time
 from collections import Counter, deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from limo_driver.robot.realtime import LatencyHistogram
 
 if TYPE_CHECKING:
     from estimators.service.inference.contact import Contact, ContactWatchdog
+    from estimators.service.inference.inbox import NetworkOutlet
     from estimators.service.inference.live_model import Answer, LiveModel
     from limo_driver.network.messages import JointStateMessage
     from limo_driver.types import FloatArray
@@ -39,27 +40,6 @@ _NANOSECONDS: Final = 1e-9
 _RESET_PAUSE: Final = 1.0  # [s] between events that memory began anew
 _FARTHEST: Final = 1e3  # [rad] that no joint has turned by
 _STRONGEST: Final = 1e5  # [N m] that no joint has felt
-
-
-class Outlet(Protocol):
-    """Receiver of results; none of its methods may block."""
-
-    external_wanted: bool  # whether anyone listens to external torques, which estimates hold, too
-
-    def estimate(self, payload: bytes, attachment: bytes, stamp_ns: int) -> None:
-        """Publish a torque estimate."""
-
-    def external(self, payload: bytes, attachment: bytes) -> None:
-        """Publish an external torque, -Jᵀ F of the wrench that the environment exerts."""
-
-    def contact(self, state: ContactState) -> None:
-        """Publish what is known of contacts."""
-
-    def state(self, payload: bytes, stamp_ns: int, sequence: int) -> None:
-        """Keep a joint state as it came."""
-
-    def event(self, kind: str, text: str, level: Level = Level.INFO, **facts: object) -> None:
-        """Tell what happened."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +67,7 @@ class ArmService:
     """
 
     def __init__(
-        self, arm: ServedArm, fallback: LiveModel, watchdog: ContactWatchdog, outlet: Outlet
+        self, arm: ServedArm, fallback: LiveModel, watchdog: ContactWatchdog, outlet: NetworkOutlet
     ) -> None:
         self.arm, self.watchdog = arm, watchdog
         self._outlet = outlet

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     import zenoh
     import zenoh.ext
 
-    from estimators.service.inference.arm_service import Outlet
     from limo_driver.logs.mcap_log import McapLog
     from limo_driver.network.contact_state import ContactState
     from limo_driver.network.readiness import ServicePhase
@@ -139,6 +138,8 @@ class StateSilence:
 class NetworkOutlet:
     """Publishes estimates, external torque, events and status of one arm, and logs them.
 
+    None of its methods blocks; `external_wanted` says whether anyone listens to external torques.
+
     Args:
         session: Open Zenoh session.
         bulletin: Of the arm, which joins the session here at the latest.
@@ -203,7 +204,7 @@ class LogWatch:
         outlet: Told when it does, and when it goes on.
     """
 
-    def __init__(self, log: McapLog, outlet: Outlet) -> None:
+    def __init__(self, log: McapLog, outlet: NetworkOutlet) -> None:
         self._log, self._outlet = log, outlet
         self._stopped = False  # and that was told
         self._written = 0  # when it stopped

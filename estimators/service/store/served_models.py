@@ -10,7 +10,7 @@ import threading
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from estimators.model_folder import load_model
 from estimators.service.store.aliases import NAMES, Aliases, parsed_aliases
@@ -26,48 +26,6 @@ if TYPE_CHECKING:
     from estimators.service.store.store import ModelStore
     from limo_driver.network.model_client import ModelClient
     from limo_driver.physics import Simulation
-
-
-class ServedModels(Protocol):
-    """Source of models; versions are called by their numbers or names."""
-
-    @property
-    def physics(self) -> Simulation:
-        """Simulation that serves where no model does."""
-        ...
-
-    @property
-    def candidates(self) -> Sequence[str]:
-        """Versions that should serve, the champion first, then those it came after."""
-        ...
-
-    def number(self, which: str) -> str:
-        """Return the name of the version that an alias stands for."""
-        ...
-
-    def load(self, version: str) -> ResidualModel[Any]:
-        """Load a version."""
-        ...
-
-    def vet(self, version: str, demand: Demand) -> None:
-        """Raise if a version must not serve."""
-        ...
-
-    def promote(self, version: str, reason: str, instead_of: str | None) -> None:
-        """Note that a version is the champion from now on, instead of the one named, if any."""
-        ...
-
-    def rollback(self, reason: str, instead_of: str | None) -> None:
-        """Note that the champion before is the champion again, instead of the one named, if any."""
-        ...
-
-    def index(self) -> dict[str, Any]:
-        """Return versions and aliases, as JSON values."""
-        ...
-
-    def close(self) -> None:
-        """End what is under way."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -229,6 +187,10 @@ class StoreModels:
     def close(self) -> None:
         """End a vetting that is under way."""
         self._stopped.set()
+
+
+# Versions are called by their numbers or names; the champion comes first among candidates.
+ServedModels: TypeAlias = OneFolder | StoreModels
 
 
 def _numbered(version: str | None) -> int | None:

@@ -49,7 +49,7 @@ def diagnose(
         limo fleet diagnose "*/*.csv" --sim arm.xml --mapping map.yaml --out fleet
         limo fleet diagnose "s3://logs/**" --sim sim.yaml --out fleet --on ray
     """
-    from estimators.fleet.page import PAGE, TABLE
+    from estimators.studies.fleet_page import PAGE, TABLE
     from limo_driver.app.library.fleets import diagnose_fleet
 
     notes = terminal(stderr=True, soft_wrap=True)

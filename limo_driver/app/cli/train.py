@@ -287,7 +287,7 @@ def run_sweep(
     """
     from rich.table import Table
 
-    from estimators.sweep.saving import BEST, PAGE, TABLE
+    from estimators.studies.sweep import BEST, PAGE, TABLE
     from limo_driver.app.library.sweeping import sweep
 
     notes, console = terminal(stderr=True, soft_wrap=True), terminal()

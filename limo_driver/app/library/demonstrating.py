@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from estimators.diagnosis.from_torque.pipeline import Diagnosis
-    from estimators.reproduction.results import Trial, TrialResult, TrialStore
-    from estimators.reproduction.workers import Failed, TrialRunner
+    from estimators.studies.table1_results import Trial, TrialResult, TrialStore
+    from estimators.studies.table1_trials import Failed, TrialRunner
     from limo_driver.physics import Effect
     from limo_driver.recordings.recording import Recording
 
@@ -141,7 +141,7 @@ class TrialJob:
             trial: The row, the split and the run.
             tell: Told each epoch that it has gone through.
         """
-        from estimators.reproduction.workers import Failed
+        from estimators.studies.table1_trials import Failed
 
         return attempted(
             lambda: self.runner.run(trial, lambda epoch: tell(epoch.number)),
@@ -176,7 +176,7 @@ def run_trials(
     Raises:
         ConfigError: The cluster cannot be used.
     """
-    from estimators.reproduction.workers import Failed
+    from estimators.studies.table1_trials import Failed
     from limo_driver.app.library.executors import executor_of, run_all
 
     for trial, outcome in run_all(executor_of(TrialJob(runner), *where, advanced), trials):

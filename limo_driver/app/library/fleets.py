@@ -20,8 +20,8 @@ from limo_driver.errors import ConfigError, LimoError
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 
-    from estimators.fleet.result import FleetDiagnosis, FleetStore
-    from estimators.fleet.row import FleetOutcome, FleetRow
+    from estimators.studies.fleet import FleetDiagnosis, FleetStore
+    from estimators.studies.fleet_row import FleetOutcome, FleetRow
     from limo_driver.logs.readers.mapping import LogMapping
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
@@ -79,8 +79,8 @@ def diagnose_fleet(
         >>> fleet = limo.diagnose_fleet("recordings/**/*.parquet", "sim.yaml", "fleet/")
         >>> print(fleet)
     """
-    from estimators.fleet.page import save_fleet
-    from estimators.fleet.result import FleetDiagnosis, FleetStore, digest_of
+    from estimators.studies.fleet import FleetDiagnosis, FleetStore, digest_of
+    from estimators.studies.fleet_page import save_fleet
     from limo_driver.app.library.executors import check_place
     from limo_driver.app.library.reading import mapping_of
     from limo_driver.runtime.outputs import only_writer, require_folder
@@ -168,7 +168,7 @@ class FleetJob:
         Returns:
             How it ended; or, if it was the machine or limo itself that failed, why.
         """
-        from estimators.fleet.row import FleetOutcome
+        from estimators.studies.fleet_row import FleetOutcome
 
         start = perf_counter()
         return attempted(
@@ -182,7 +182,7 @@ class FleetJob:
 
     def refused(self, row: FleetRow) -> FleetOutcome | None:
         """Return how a recording ended that cannot be read as one of this arm; None, if it can."""
-        from estimators.fleet.row import FleetOutcome
+        from estimators.studies.fleet_row import FleetOutcome
 
         start = perf_counter()
         found = attempted(
@@ -191,7 +191,7 @@ class FleetJob:
         return found if isinstance(found, FleetOutcome) else None
 
     def _diagnosed(self, row: FleetRow, start: float) -> FleetOutcome:
-        from estimators.fleet.row import outcome_of
+        from estimators.studies.fleet_row import outcome_of
         from limo_driver.app.library.diagnosing import diagnose
 
         found = diagnose(self.simulation, self._read(row), bandwidth=self.bandwidth)
@@ -238,7 +238,7 @@ def rows_of(recordings: Iterable[Path | str], simulation: str) -> list[FleetRow]
         recordings: Files and URLs.
         simulation: Digest of the simulation and how it is used.
     """
-    from estimators.fleet.row import FleetRow, arm_of, date_of
+    from estimators.studies.fleet_row import FleetRow, arm_of, date_of
 
     rows: list[FleetRow] = []
     first: dict[str, Path | str] = {}
@@ -266,7 +266,7 @@ def key_and_size(place: Path | str, shared: str) -> tuple[str, int]:
     Raises:
         OSError: It cannot be read.
     """
-    from estimators.fleet.result import key_of, key_of_object
+    from estimators.studies.fleet import key_of, key_of_object
 
     if isinstance(place, Path):
         about = place.stat()

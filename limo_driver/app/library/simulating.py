@@ -262,7 +262,7 @@ def _runs(
     trajectories: Sequence[Path | str], seeds: Sequence[int], simulation: Simulation, rate: object
 ) -> list[DatasetRun]:
     """Return all runs; those of a trajectory that cannot be read have an error."""
-    from estimators.fleet.result import digest_of
+    from estimators.studies.fleet import digest_of
     from limo_driver.app.library.fleets import key_and_size
 
     if not seeds:

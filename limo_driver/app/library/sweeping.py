@@ -15,8 +15,8 @@ from limo_driver.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from estimators.sweep import Sweep, SweepSpace, SweepTrial
-    from estimators.sweep.trial import SweepOutcome, SweepStore
+    from estimators.studies import Sweep, SweepSpace, SweepTrial
+    from estimators.studies.sweep_trial import SweepOutcome, SweepStore
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -38,7 +38,7 @@ class SweepJob:
         Args:
             trial: Its settings.
         """
-        from estimators.sweep.trial import SweepOutcome
+        from estimators.studies.sweep_trial import SweepOutcome
 
         start = perf_counter()
         return attempted(
@@ -55,7 +55,7 @@ class SweepJob:
 
         from estimators.hybrid import HybridModel
         from estimators.hybrid.model import train
-        from estimators.sweep.trial import SweepOutcome, error_left, judged
+        from estimators.studies.sweep_trial import SweepOutcome, error_left, judged
         from limo_driver.app.library.learning import evaluate
 
         settings = trial.settings
@@ -109,9 +109,9 @@ def sweep(
         >>> limo.sweep("sim.yaml", "run.parquet", "space.yaml", "sweep/").best.settings
     """
     from estimators.base import check_recordings
-    from estimators.sweep import Sweep
-    from estimators.sweep.saving import save_sweep
-    from estimators.sweep.trial import SweepStore
+    from estimators.studies import Sweep
+    from estimators.studies.sweep import save_sweep
+    from estimators.studies.sweep_trial import SweepStore
     from limo_driver.app.library.executors import check_place
     from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.runtime.outputs import only_writer, require_folder
@@ -167,7 +167,7 @@ def _silent(_trial: SweepTrial | None, _done: int, _all: int) -> None:
 
 
 def _space_of(space: SweepSpace | Path | str) -> SweepSpace:
-    from estimators.sweep import SweepSpace
+    from estimators.studies import SweepSpace
 
     if isinstance(space, (Path, str)):
         return SweepSpace.load(Path(space))
@@ -176,9 +176,9 @@ def _space_of(space: SweepSpace | Path | str) -> SweepSpace:
 
 def _trials(space: SweepSpace, job: SweepJob, bandwidth: float) -> tuple[SweepTrial, ...]:
     """Return the trials of a space, each once, with keys that change with data and settings."""
-    from estimators.fleet.result import digest_of
-    from estimators.sweep import SweepTrial
-    from estimators.sweep.trial import key_of_trial
+    from estimators.studies import SweepTrial
+    from estimators.studies.fleet import digest_of
+    from estimators.studies.sweep_trial import key_of_trial
 
     digest = sha256(digest_of(job.simulation).encode())
     for recording in (*job.recordings, *job.tests):

@@ -22,9 +22,9 @@ from estimators.diagnosis.verdict import (
     Verdict,
     Where,
 )
-from estimators.fleet import FleetDiagnosis, FleetRow
-from estimators.fleet.page import fleet_page
-from estimators.fleet.row import arm_of, date_of
+from estimators.studies import FleetDiagnosis, FleetRow
+from estimators.studies.fleet_page import fleet_page
+from estimators.studies.fleet_row import arm_of, date_of
 
 START = datetime(2026, 3, 1)
 

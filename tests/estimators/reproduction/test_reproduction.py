@@ -14,8 +14,8 @@ import pytest
 from lanes import sampled
 from table_data import RATE, robot, write_data
 
-from estimators.reproduction import data as r
-from estimators.reproduction.data import (
+from estimators.studies import table1_data as r
+from estimators.studies.table1_data import (
     PARTS,
     RECORDINGS,
     ROWS,
@@ -26,7 +26,7 @@ from estimators.reproduction.data import (
     physics_digest,
     rigid_body,
 )
-from estimators.reproduction.results import (
+from estimators.studies.table1_results import (
     SCAFFOLDS,
     SEQUENCES,
     Protocol,
@@ -34,7 +34,7 @@ from estimators.reproduction.results import (
     TrialResult,
     TrialStore,
 )
-from estimators.reproduction.workers import (
+from estimators.studies.table1_trials import (
     Failed,
     ScoringMotion,
     TrialRunner,

@@ -18,9 +18,9 @@ from lanes import sampled
 from one_file import check_page, drawn, title_of
 from table_data import write_data
 
-from estimators.reproduction import data as r
-from estimators.reproduction.claims import CLAIMS, best, judge, write
-from estimators.reproduction.data import (
+from estimators.studies import table1_data as r
+from estimators.studies.table1_claims import CLAIMS, best, judge, write
+from estimators.studies.table1_data import (
     PARTS,
     ROWS,
     TOPOLOGIES,
@@ -29,8 +29,8 @@ from estimators.reproduction.data import (
     physics_digest,
     rigid_body,
 )
-from estimators.reproduction.page import draw, table_page
-from estimators.reproduction.results import (
+from estimators.studies.table1_page import draw, table_page
+from estimators.studies.table1_results import (
     SCAFFOLDS,
     SEQUENCES,
     Protocol,
@@ -41,6 +41,7 @@ from estimators.reproduction.results import (
 )
 from limo_driver.app.cli import main
 from limo_driver.model import RobotModel
+from limo_driver.quoting import in_markdown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -242,7 +243,8 @@ def test_beside_another_arm_stand_only_the_papers_factors(
     assert f"| architecture | runs | {joints} | average |" in text
     assert f"| RBD | 1 |{' 2.0000 |' * (n + 1)}" in text
     assert "in brackets" not in text
-    assert f"samples of {name} at 100 Hz, 40 s with 5 scaffolds; validation 12 s." in text
+    told = f"samples of {name} at 100 Hz, 40 s with 5 scaffolds; validation 12 s."
+    assert in_markdown(told) in text
     with (out / "table1.csv").open() as file:
         lines = list(csv.DictReader(file))
     assert {line[f"joint_{n}_paper"] for line in lines} == {""}

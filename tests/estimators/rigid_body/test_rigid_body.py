@@ -173,16 +173,6 @@ def test_estimator_reaches_the_noise_on_other_motion():
     assert np.sqrt(np.mean(error[inside] ** 2, axis=0)).max() < 0.5 * NOISE
 
 
-def test_step_by_step_equals_predict():
-    simulation = Simulation("iiwa14", FRICTION)
-    model = RigidBodyModel("iiwa14", PAPER).fit([record(simulation, T=1500)])
-    motion = sinusoids(7, 20, 9)
-    state = model.init()
-    for t, expected in enumerate(model.torque(motion)):
-        torque, state = model.step(state, motion.sample(t))
-        np.testing.assert_allclose(torque, expected, atol=1e-12)
-
-
 def test_estimator_says_what_is_missing():
     model = RigidBodyModel("iiwa14")
     with pytest.raises(NotFittedError, match="RigidBodyModel is not fitted"):

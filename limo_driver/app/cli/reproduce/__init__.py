@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from estimators.reproduction.results import Protocol, Table, Trial, TrialStore
-    from estimators.reproduction.workers import TrialRunner
+    from estimators.studies.table1_results import Protocol, Table, Trial, TrialStore
+    from estimators.studies.table1_trials import TrialRunner
 
 OUT, QUICK_OUT = Path("out/table1"), Path("out/table1_quick")
 DATA, QUICK_DATA = "data", "data_quick"  # simulated, in OUT; the quick one is far less motion
@@ -73,7 +73,7 @@ def table1(
     """
     from dataclasses import replace
 
-    from estimators.reproduction.results import Protocol
+    from estimators.studies.table1_results import Protocol
 
     notes = terminal(stderr=True, soft_wrap=True)
     protocol = Protocol(runs=1, epochs=2, batch=5) if quick else Protocol()
@@ -95,11 +95,11 @@ def _compute(
     folder: Path, out: Path, protocol: Protocol, where: tuple[str, int | None, str], notes: Console
 ) -> int:
     """Run the trials that are not finished yet, write the table, and return the exit status."""
-    from estimators.reproduction.claims import write
-    from estimators.reproduction.data import TableData, physics_digest, rigid_body
-    from estimators.reproduction.page import PAGE, PICTURE, draw, table_page
-    from estimators.reproduction.results import Table, TrialStore
-    from estimators.reproduction.workers import TrialRunner
+    from estimators.studies.table1_claims import write
+    from estimators.studies.table1_data import TableData, physics_digest, rigid_body
+    from estimators.studies.table1_page import PAGE, PICTURE, draw, table_page
+    from estimators.studies.table1_results import Table, TrialStore
+    from estimators.studies.table1_trials import TrialRunner
     from limo_driver.physics import Simulation
 
     read = TableData.load(folder)
@@ -131,7 +131,7 @@ def _processes(jobs: int | None, device: str, on: Machines) -> int | None:
     Those of a cluster are as many as it has cores.
     """
     from estimators.hybrid.training.fit import find_device
-    from estimators.reproduction.workers import physical_cores
+    from estimators.studies.table1_trials import physical_cores
 
     gpu = find_device(device).type == "cuda"
     if jobs is not None and jobs < 1:
@@ -170,7 +170,7 @@ def _run(
     notes: Console,
 ) -> int:
     """Run what is not finished yet, update the files after each, and return the exit status."""
-    from estimators.reproduction.workers import Failed
+    from estimators.studies.table1_trials import Failed
     from limo_driver.app.cli.reproduce.simulated_data import TrialProgress
     from limo_driver.app.library.demonstrating import run_trials
 
@@ -200,9 +200,9 @@ def _print(table: Table, out: Path) -> None:
     """Print the joint averages; all joints are in the files."""
     from rich.table import Table as Grid
 
-    from estimators.reproduction.claims import cell, done
-    from estimators.reproduction.data import PARTS, ROWS
-    from estimators.reproduction.results import SPLIT_NAMES, SPLITS
+    from estimators.studies.table1_claims import cell, done
+    from estimators.studies.table1_data import PARTS, ROWS
+    from estimators.studies.table1_results import SPLIT_NAMES, SPLITS
 
     console = terminal()
     console.print(table.headline())

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final, Self
 import numpy as np
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from estimators.reproduction.data import DESCRIPTION, RBD, RECORDINGS, SCHEMA
 from estimators.rigid_body.base_parameters import Conditioning
+from estimators.studies.table1_data import DESCRIPTION, RBD, RECORDINGS, SCHEMA
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
     CoulombFriction,
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import TaskID
 
-    from estimators.reproduction.results import Trial, TrialResult
+    from estimators.studies.table1_results import Trial, TrialResult
     from limo_driver.physics import Effect
     from limo_driver.trajectory import Trajectory
 

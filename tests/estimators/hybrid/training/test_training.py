@@ -16,7 +16,6 @@ from estimators.hybrid.training.fit import carry_over, device_for
 from estimators.hybrid.training.settings import TrainingSettings, paper_settings, usual_settings
 from estimators.neural import NETWORKS, Mlp, Network
 from limo_driver.errors import ConfigError, DivergedError, RecordingError
-from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 
     from estimators.hybrid.fitted_network import FittedNetwork
     from estimators.hybrid.training.fit import Epoch
+    from limo_driver.physics import Simulation
 
 QUICK = TrainingSettings(features="own-joint", epochs=2, rate=100.0, hidden=8)
 
@@ -310,11 +310,6 @@ def test_recordings_of_different_rates_are_refused(
     slower = training_recording[::2]
     with pytest.raises(RecordingError, match="50 Hz, but seed 1 at 100 Hz"):
         train(rigid, [training_recording, slower], QUICK)
-
-
-def test_a_recording_of_another_robot_is_refused(training_recording: Recording) -> None:
-    with pytest.raises(RecordingError, match="2 joints"):
-        train(Simulation("iiwa14"), [training_recording], QUICK)
 
 
 def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Recording) -> None:

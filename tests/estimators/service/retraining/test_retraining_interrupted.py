@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import shutil
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
@@ -22,10 +23,17 @@ from limo_driver.errors import LimoError, ModelStoreError
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
     from pathlib import Path
+    from typing import TypeAlias
+
+    from served_arm import Served
 
     from estimators.service.store.store import ModelStore
     from limo_driver.physics import Simulation
+
+    Serve: TypeAlias = Callable[..., AbstractContextManager[Served]]
 
 pytestmark = pytest.mark.waits
 
@@ -50,6 +58,22 @@ class FailingTraining:
 @pytest.fixture
 def training_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("estimators.service.retraining.retraining.TrainingProcess", FailingTraining)
+
+
+@pytest.fixture
+def serve(store: ModelStore, tmp_path: Path, true_arm: Simulation) -> Serve:
+    """Serve the store, and feed the service so many seconds of an arm's states."""
+
+    @contextmanager
+    def serve(
+        seconds: float, physics: Simulation = true_arm, settings: RetrainingSettings = SETTINGS
+    ) -> Iterator[Served]:
+        arm = Arm(100.0)
+        with served(store, tmp_path, settings, arm, physics) as run:
+            run.feed(arm.states(physics, seconds))
+            yield run
+
+    return serve
 
 
 def left(store: ModelStore, what: Unfinished | None = None) -> RetrainingFile:
@@ -82,25 +106,22 @@ class TestProbation:
         assert left(store).read() is None
 
     def test_is_over_where_somebody_made_another_one_the_champion(
-        self, store: ModelStore, tmp_path: Path, true_arm: Simulation
+        self, store: ModelStore, serve: Serve
     ) -> None:
         left(store, Unfinished(PROBATION, "drift", 0, champion=2, before=1))
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 2.0))
+        with serve(2.0) as run:
             assert run.stage == "idle"
         assert "probation of 2 is over: 1 is the champion" in run.event("probation_ended").text
         assert left(store).read() is None
 
     def test_a_champion_that_cannot_be_loaded_is_sent_back(
-        self, store: ModelStore, tmp_path: Path, true_arm: Simulation
+        self, store: ModelStore, serve: Serve
     ) -> None:
         store.promote(2, "better")
         left(store, Unfinished(PROBATION, "drift", 0, champion=2, before=1))
         (store.home / "2" / "model.safetensors").write_bytes(b"")
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 2.0))
+        with serve(2.0) as run:
+            pass
         assert "version 2 could not be served" in run.event("rollback").text
         assert store.aliases.champion == 1
 
@@ -133,55 +154,33 @@ class TestProbation:
 
 class TestTraining:
     @pytest.mark.usefixtures("training_fails")
-    def test_of_a_drift_is_tried_again_but_not_for_ever(
-        self, store: ModelStore, tmp_path: Path, true_arm: Simulation
+    @pytest.mark.parametrize(
+        ("stage", "tries", "seconds", "told"),
+        [
+            (GATHERING, 3, 12.0, "ended with status -9"),  # a drift, which is told but once
+            (TRAINING, 1, 3.0, "ended with status -9"),
+            (TRAINING, 0, 3.0, "not tried again: drift on joint 1"),
+        ],
+    )
+    def test_is_begun_again_after_it_failed_or_ended_with_the_service_but_not_for_ever(
+        self, store: ModelStore, serve: Serve, stage: str, tries: int, seconds: float, told: str
     ) -> None:
-        left(store, Unfinished(GATHERING, "drift on joint 1", tries=3))
-        arm = Arm(20.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 12.0))
+        left(store, Unfinished(stage, "drift on joint 1", tries=tries))
+        with serve(seconds) as run:
             assert run.stage == "idle"
-        assert run.kinds.count("training") == 3
-        assert "drift on joint 1" in run.event("training").text
-        assert left(store).read() is None
-
-    @pytest.mark.usefixtures("training_fails")
-    def test_that_ended_with_the_service_is_begun_again(
-        self, store: ModelStore, tmp_path: Path, true_arm: Simulation
-    ) -> None:
-        left(store, Unfinished(TRAINING, "drift on joint 1", tries=1))
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 3.0))
-        assert run.kinds.count("training") == 1
-
-    @pytest.mark.usefixtures("training_fails")
-    def test_that_ended_the_service_each_time_is_given_up(
-        self, store: ModelStore, tmp_path: Path, true_arm: Simulation
-    ) -> None:
-        left(store, Unfinished(TRAINING, "drift on joint 1", tries=0))
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 3.0))
-        assert "training" not in run.kinds
-        assert "not tried again: drift on joint 1" in run.event("refused").text
+        assert run.kinds.count("training") == tries
+        assert told in run.event("refused").text
         assert left(store).read() is None
 
     def test_is_noted_before_it_begins(
-        self,
-        store: ModelStore,
-        tmp_path: Path,
-        true_arm: Simulation,
-        monkeypatch: pytest.MonkeyPatch,
+        self, store: ModelStore, monkeypatch: pytest.MonkeyPatch, serve: Serve
     ) -> None:
         monkeypatch.setattr(
             "estimators.service.retraining.retraining.TrainingProcess", FailingTraining
         )
         monkeypatch.setattr(FailingTraining, "result", lambda _: None)  # goes on for ever
         left(store, Unfinished(GATHERING, "drift on joint 1", tries=3))
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 4.0))
+        with serve(4.0) as run:
             assert run.stage == "training"
         assert left(store).read() == Unfinished(TRAINING, "drift on joint 1", tries=2)
 
@@ -218,23 +217,17 @@ class TestByHand:
         assert (store.aliases.champion, store.aliases.challenger) == (3, None)
 
     def test_a_challenger_that_was_deleted_is_dropped(
-        self, store: ModelStore, tmp_path: Path, true_arm: Simulation
+        self, store: ModelStore, serve: Serve
     ) -> None:
         store.challenge(2, "left over")
         shutil.rmtree(store.home / "2")
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 3.0))
+        with serve(3.0) as run:
             assert run.stage == "idle"
         assert "challenger 2 is dropped" in run.event("refused").text
         assert store.aliases.challenger is None
 
-    def test_asking_is_refused_where_the_champion_does_not_serve(
-        self, store: ModelStore, tmp_path: Path, true_arm: Simulation
-    ) -> None:
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 1.0))
+    def test_asking_is_refused_where_the_champion_does_not_serve(self, serve: Serve) -> None:
+        with serve(1.0) as run:
             run.server.load("2")
             with pytest.raises(LimoError, match="2 serves, but the champion is 1"):
                 run.server.retrain("to see")
@@ -290,7 +283,7 @@ class TestFile:
         ],
     )
     def test_that_cannot_be_understood_is_told_and_forgotten(
-        self, store: ModelStore, tmp_path: Path, true_arm: Simulation, content: str, why: str
+        self, store: ModelStore, content: str, why: str, serve: Serve
     ) -> None:
         path = store.home / "retraining-arm.json"
         path.write_text(content)
@@ -298,29 +291,21 @@ class TestFile:
             RetrainingFile(store.home, "arm").read()
         if why != "no JSON":
             return
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 2.0))
+        with serve(2.0) as run:
             assert run.stage == "idle"
         assert "no JSON" in run.event("refused").text
         assert not path.exists()
 
     @pytest.mark.usefixtures("training_fails")
     def test_that_a_full_disk_does_not_take_is_told_and_retraining_goes_on(
-        self,
-        store: ModelStore,
-        tmp_path: Path,
-        true_arm: Simulation,
-        monkeypatch: pytest.MonkeyPatch,
+        self, store: ModelStore, monkeypatch: pytest.MonkeyPatch, serve: Serve
     ) -> None:
         def full(*_: object) -> None:
             raise OSError(errno.ENOSPC, "No space left on device")
 
         left(store, Unfinished(GATHERING, "drift on joint 1", tries=1))
         monkeypatch.setattr(judge, "replace", full)
-        arm = Arm(10.0)
-        with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
-            run.feed(arm.states(true_arm, 4.0))
+        with serve(4.0) as run:
             assert run.stage == "idle"
         assert "No space left on device" in run.event("failure").text
         assert run.kinds.count("training") == 1

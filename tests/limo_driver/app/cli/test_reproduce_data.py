@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.reproduction.data import TableData
+from estimators.studies.table1_data import TableData
 from limo_driver.app.cli.reproduce.simulated_data import (
     Size,
     make,

@@ -19,9 +19,9 @@ from fleet_recordings import record_swing
 
 import limo_driver as limo
 from estimators.diagnosis.verdict import Fit, RowCount, StatedValue, Unexplained, Verdict
-from estimators.fleet.page import write_table
-from estimators.fleet.result import FleetDiagnosis, FleetStore, digest_of, key_of
-from estimators.fleet.row import FleetOutcome, FleetRow
+from estimators.studies.fleet import FleetDiagnosis, FleetStore, digest_of, key_of
+from estimators.studies.fleet_page import write_table
+from estimators.studies.fleet_row import FleetOutcome, FleetRow
 from limo_driver.app.library.executors import run_all
 from limo_driver.app.library.fleets import FleetJob, files_of, matched, rows_of
 from limo_driver.errors import ConfigError, RecordingError
@@ -152,7 +152,7 @@ def test_what_the_machine_failed_is_no_finished_row(fleet, monkeypatch, failure)
 
 def test_rows_of_other_versions_are_set_aside_and_told(tmp_path, monkeypatch):
     store = FleetStore(tmp_path)
-    monkeypatch.setattr("estimators.fleet.result.version", lambda _: "0.0.9")
+    monkeypatch.setattr("estimators.studies.fleet.version", lambda _: "0.0.9")
     store.keep("of-before", FleetOutcome(1.0))
     monkeypatch.undo()
     store.keep("of-now", FleetOutcome(1.0))

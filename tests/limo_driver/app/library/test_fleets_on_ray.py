@@ -160,10 +160,10 @@ EVERYTHING = """
 import sys
 from pathlib import Path
 import limo_driver as limo
-from estimators.reproduction.data import TableData
-from estimators.reproduction.data import rigid_body
-from estimators.reproduction.results import Protocol, TrialStore
-from estimators.reproduction.workers import TrialRunner
+from estimators.studies.table1_data import TableData
+from estimators.studies.table1_data import rigid_body
+from estimators.studies.table1_results import Protocol, TrialStore
+from estimators.studies.table1_trials import TrialRunner
 from limo_driver.app.library.demonstrating import run_trials
 
 if __name__ == "__main__":

@@ -12,9 +12,9 @@ from fleet_recordings import record_swing
 from here import Here
 
 import limo_driver as limo
-from estimators.sweep import SweepSpace, SweepTrial
-from estimators.sweep.result import Sweep
-from estimators.sweep.trial import SweptRange
+from estimators.studies import SweepSpace, SweepTrial
+from estimators.studies.sweep import Sweep
+from estimators.studies.sweep_trial import SweptRange
 from limo_driver.errors import ConfigError
 from limo_driver.pages.markup import prose
 from limo_driver.physics import CoulombFriction

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from estimators.reproduction.claims import CLAIMS, NOTHING, cell, done, factor, judge
-from estimators.reproduction.data import PARTS, RBD, ROWS, paper_table
-from estimators.reproduction.results import (
+from estimators.studies.table1_claims import CLAIMS, NOTHING, cell, done, factor, judge
+from estimators.studies.table1_data import PARTS, RBD, ROWS, paper_table
+from estimators.studies.table1_results import (
     SCAFFOLDS,
     SEQUENCES,
     SPLIT_NAMES,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from estimators.reproduction.results import Table
+    from estimators.studies.table1_results import Table
     from limo_driver.pages.markup import Figure as Chart
 
 PAGE: Final = "report.html"

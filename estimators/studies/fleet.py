@@ -23,15 +23,15 @@ import yaml
 
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import IMPROVED
-from estimators.fleet.row import FLEET
-from estimators.fleet.standing import drifts_of, series_of, spreads_of, standings_of
+from estimators.studies.fleet_row import FLEET
+from estimators.studies.fleet_standing import drifts_of, series_of, spreads_of, standings_of
 from limo_driver.runtime.outputs import KeptResults
 
 if TYPE_CHECKING:
     from collections.abc import Container, Mapping
 
-    from estimators.fleet.row import FleetOutcome, FleetRow
-    from estimators.fleet.standing import ArmStanding, FleetDrift, Series, UnitSpread
+    from estimators.studies.fleet_row import FleetOutcome, FleetRow
+    from estimators.studies.fleet_standing import ArmStanding, FleetDrift, Series, UnitSpread
     from limo_driver.physics import Simulation
 
 _NAMED: Final = 4  # arms in a headline

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.reproduction.data import (
+from estimators.studies.table1_data import (
     PAPER_JOINTS,
     PARTS,
     PERCEPTRON,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.hybrid.training.settings import TrainingSettings
-    from estimators.reproduction.data import TableData
+    from estimators.studies.table1_data import TableData
     from limo_driver.types import FloatArray
 
 SCHEMA: Final = 1

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2, kendalltau, linregress, norm, t, theilslopes
 
 from estimators.diagnosis.differences import AMOUNTS, joint_called
-from estimators.fleet.row import FLEET
+from estimators.studies.fleet_row import FLEET
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.verdict import Verdict
-    from estimators.fleet.row import FleetRow
+    from estimators.studies.fleet_row import FleetRow
     from limo_driver.types import FloatArray
 
 _NORMAL: Final = float(1 / norm.ppf(0.75))  # standard deviation over median absolute deviation

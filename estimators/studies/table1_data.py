@@ -255,7 +255,7 @@ def paper_table() -> dict[tuple[str, str], FloatArray]:
 
     Source: Çallar and Böttger, RA-L 2022, Table I.
     """
-    text = (files("estimators.reproduction") / "paper_table1.csv").read_text(encoding="utf-8")
+    text = (files("estimators.studies") / "paper_table1.csv").read_text(encoding="utf-8")
     lines = (line for line in text.splitlines() if not line.startswith("#"))
     return {
         (row["split"], row["architecture"]): np.array([float(row[name]) for name in _COLUMNS])

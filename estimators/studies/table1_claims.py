@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.stats import t as student
 
-from estimators.reproduction import data as r
-from estimators.reproduction.data import PARTS, ROWS, TOPOLOGIES, Row
-from estimators.reproduction.results import (
+from estimators.studies import table1_data as r
+from estimators.studies.table1_data import PARTS, ROWS, TOPOLOGIES, Row
+from estimators.studies.table1_results import (
     SCAFFOLDS,
     SCHEMA,
     SEQUENCES,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from estimators.reproduction.results import Figures, Table
+    from estimators.studies.table1_results import Figures, Table
 
 _CONFIDENCE: Final = 0.95
 JSON, CSV, MARKDOWN, CLAIMS_FILE = "table1.json", "table1.csv", "table1.md", "claims.md"

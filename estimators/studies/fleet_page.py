@@ -14,9 +14,9 @@ from estimators.diagnosis.differences import name_of_value
 from estimators.diagnosis.headline import headline
 from estimators.diagnosis.quantities import of_joints
 from estimators.diagnosis.verdict import REPORT
-from estimators.fleet.result import changed
-from estimators.fleet.row import FLEET
-from estimators.fleet.standing import dates_of
+from estimators.studies.fleet import changed
+from estimators.studies.fleet_row import FLEET
+from estimators.studies.fleet_standing import dates_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, layout, numbers
 from limo_driver.pages.markup import (
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.diagnosis.verdict import Finding, Identified, StatedValue, Verdict
-    from estimators.fleet.result import FleetDiagnosis
-    from estimators.fleet.row import FleetRow
-    from estimators.fleet.standing import ArmStanding, FleetDrift, UnitSpread
+    from estimators.studies.fleet import FleetDiagnosis
+    from estimators.studies.fleet_row import FleetRow
+    from estimators.studies.fleet_standing import ArmStanding, FleetDrift, UnitSpread
     from limo_driver.pages.markup import Figure
 
 _ODD, _ALIKE = BEFORE, AFTER

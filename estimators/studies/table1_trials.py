@@ -14,8 +14,8 @@ import numpy as np
 
 from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING, inputs_and_torque, prepare
 from estimators.hybrid.training.fit import fit_prepared
-from estimators.reproduction.data import PARTS
-from estimators.reproduction.results import SCAFFOLDS, Trial, TrialResult
+from estimators.studies.table1_data import PARTS
+from estimators.studies.table1_results import SCAFFOLDS, Trial, TrialResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.neural import Network
-    from estimators.reproduction.data import TableData
+    from estimators.studies.table1_data import TableData
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

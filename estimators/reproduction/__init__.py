@@ -1,1 +1,0 @@
-"""Table I of Çallar and Böttger 2022, on any data of the same kind."""
