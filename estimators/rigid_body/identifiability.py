@@ -55,7 +55,7 @@ def shown_by(found: Identification, recording: Recording) -> tuple[ShownParamete
     tell = _Information(found)
     before = tell.of(motion[::step], len(motion))
     least = tell.deviation(before)
-    # What lasts in the errors is in the fit's deviations, and would be in those of more motion.
+    # Errors that are correlated are in the fit's deviations, and would be in those of more motion.
     ratios = (found.fit.deviation / least)[np.isfinite(known)]
     larger = max(float(np.median(ratios)), 1.0) if ratios.size else 1.0
     tried = list(_tried(found.model, np.median(motion.position, axis=0)))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.pages.figures import JOINTS, layout
-from limo_driver.quoting import in_html, in_line
+from limo_driver.quoting import in_line
 from limo_driver.recordings.gate import contiguous
 
 if TYPE_CHECKING:
@@ -84,9 +84,9 @@ class Curves:
             for values in (bins.extremes(curve.values[self.rows]), curve.values[others]):
                 with np.errstate(over="ignore", invalid="ignore"):  # of what is no measurement
                     packed.append((values - offset).astype("<f4"))
-            said = {key: getattr(curve, key) for key in ("axis", "colour", "dash")}
+            look = {key: getattr(curve, key) for key in ("axis", "colour", "dash")}
             texts = {key: in_line(getattr(curve, key)) for key in ("name", "column", "read")}
-            curves.append(said | texts | {"drawn": curve.is_drawn, "offset": offset})
+            curves.append(look | texts | {"drawn": curve.is_drawn, "offset": offset})
         cuts = [[*self._around(row), text] for row, text in self.cuts]
         bytes_ = gzip.compress(b"".join(values.tobytes() for values in packed), mtime=0)
         return {
@@ -166,7 +166,7 @@ def _few(rows: NDArray[np.int64]) -> list[int]:
 
 
 def curves_section(curves: Curves, stage: str = "") -> str:
-    """Return the place in which the script of a page draws curves, and the arm beside them.
+    """Return the place in which the script of a page draws curves, and the arm with them.
 
     Args:
         curves: What is drawn.
@@ -175,8 +175,8 @@ def curves_section(curves: Curves, stage: str = "") -> str:
     arm = f'<section id="arm" class="arm" aria-label="The arm">{stage}</section>' if stage else ""
     kinds = {"gap": curves.gaps, "swap": curves.cuts, "flagged": curves.left_out}
     texts = {"gap": "nothing recorded", "swap": "clock was set", "flagged": "row left out"}
-    said = "".join(f'<i class="{k}"></i>{in_html(texts[k])}' for k, known in kinds.items() if known)
-    key = f'<p class="key small">{said}<span id="finest"></span></p>'
+    marks = "".join(f'<i class="{k}"></i>{texts[k]}' for k, known in kinds.items() if known)
+    key = f'<p class="key small">{marks}<span id="finest"></span></p>'
     return _PLACES.format(arm=arm, key=key, kind="look" if stage else "look armless")
 
 
@@ -190,7 +190,7 @@ _PLACES: Final = (
     '</output><button id="in" aria-label="Zoom in at the cursor">+</button>'
     '<button id="out" aria-label="Zoom out">\N{MINUS SIGN}</button>'
     '<button id="whole">Whole</button></div>'
-    '<div id="plot" class="chart" role="img" aria-label="The chosen columns over time"></div>{key}'
+    '<div id="plot" role="img" aria-label="The chosen columns over time"></div>{key}'
     '</section><section class="facts" aria-label="Columns"><div class="controls">'
     '<input id="filter" type="search" aria-label="Filter columns by words of their names" '
     'placeholder="filter: torque 2"><button id="only">Draw only these</button>'

@@ -30,7 +30,7 @@ class Page:
     title: str
     body: str  # HTML
     charts: Charts = field(default_factory=Charts)
-    arm: ArmView | None = None  # drawn in the place of `arm_section`, or beside curves
+    arm: ArmView | None = None  # drawn in the place of `arm_section`, or with curves
     curves: Curves | None = None  # drawn in the place of `curves_section`
     footer: str = FOOTER  # HTML
     player: str = "player.js"  # the script that moves the arm

@@ -55,11 +55,11 @@ _SHOWS: Final = (
     "one standard deviation over its size. Up to 10 % it is identifiable, up to 100 % weak. m is "
     "the mass of a link, mx, my, mz mass times centre, Ixx to Izz its inertia; of a joint, f_v is "
     "viscous and tau_c dry friction, inertia the drive's. Behind each motion stands what the "
-    "parameter would be known to after 20 s of it besides; `limo excite` keeps to all limits."
+    "parameter would be known to after another 20 s of it; `limo excite` keeps to all limits."
 )
 _USE: Final = (
     "Drag over the curves or turn the wheel to zoom; with shift, the wheel moves along; a double "
-    "click shows all. A click sets the cursor, which the arm follows; the numbers beside the names "
+    "click shows all. A click sets the cursor, which the arm follows; numbers at the names "
     "are the values there. Enter in the filter draws what it lists."
 )
 _ROUNDING: Final = 1e-9  # [s] of times, between rows
@@ -96,15 +96,15 @@ def inspection_page(found: Inspection) -> Page:
 def _summary(found: Inspection) -> str:
     """Say in a line how much of the log is used, what is open, and what its motion shows."""
     recording, questions = found.recording, len(found.questions)
-    said = ["not read as a recording" if recording is None else f"{len(recording)} samples"]
+    parts = ["not read as a recording" if recording is None else f"{len(recording)} samples"]
     if recording is not None and (out := recording.rows_total - len(recording)):
-        said.append(f"{out} rows left out")
+        parts.append(f"{out} rows left out")
     if questions:
-        said.append(f"{questions} question{'s' * (questions > 1)} open")
+        parts.append(f"{questions} question{'s' * (questions > 1)} open")
     many = Counter(item.verdict for item in found.parameters)
     shown = ", ".join(f"{many[verdict]} {verdict}" for verdict in _VERDICTS if many[verdict])
-    said += [f"{len(found.parameters)} parameters of the arm: {shown}"] if shown else []
-    return "; ".join(said)
+    parts += [f"{len(found.parameters)} parameters of the arm: {shown}"] if shown else []
+    return "; ".join(parts)
 
 
 def _shown(found: Inspection) -> str:
@@ -120,7 +120,7 @@ def _shown(found: Inspection) -> str:
     open_ones = [item for item in rows if item.remedy]
     known = [item for item in rows if not item.remedy]
     lists = [_parameters(part) for part in (open_ones, known)]
-    body = paragraph("To record besides, and how many of them it shows:") if plans else ""
+    body = paragraph("To record as well, and how many of them it shows:") if plans else ""
     body += listed(plans)
     body += lists[0] + (folded(f"{len(known)} that are identifiable", lists[1]) if known else "")
     return section("What this motion shows of the arm", body, "shows", _SHOWS)
@@ -157,9 +157,9 @@ def columns_page(table: LogTable, recording: Recording | None = None) -> Page:
         axis=axis,
     )
     title = f"{PurePath(table.source).name}: {table.kind}, {table.rows} rows"
-    said = "Columns as logged: `--robot` says what they mean, and shows the arm move with them."
+    why = "Columns as logged: `--robot` says what they mean, and shows the arm move with them."
     notes = (*table.notes, *(recording.warnings if recording else ()), *_not_drawn(table, drawn))
-    body = header(table.kind, title, said) + curves_section(curves) + paragraph(_USE, "small")
+    body = header(table.kind, title, why) + curves_section(curves) + paragraph(_USE, "small")
     return Page(title, body + section("Notes", listed(notes), "notes"), curves=curves)
 
 
@@ -267,12 +267,12 @@ def _as_logged(table: LogTable, used: Iterable[str], *, is_own: bool = False) ->
         words = " ".join((*name.family, name.quantity)[: len(name.family) or 1])
         known = name.unit or (si_unit(name.quantity) if is_own and name.quantity in UNITS else "")
         unit = f" [{known}]" if known else ", unit unknown"
-        said = f"named like a {name.quantity}, not read" if name.quantity else "not understood"
-        said = "" if is_own and known else said
+        read = f"named like a {name.quantity}, not read" if name.quantity else "not understood"
+        read = "" if is_own and known else read
         number = name.joint if isinstance(name.joint, int) else k
         axis = f"{words or column}{'' if is_own else ', as logged'}{unit}"
         colour = JOINTS[(number - 1) % len(JOINTS)]
-        yield Curve(column, column, axis, said, values.astype(float), colour)
+        yield Curve(column, column, axis, read, values.astype(float), colour)
 
 
 def _not_drawn(table: LogTable, drawn: list[Curve]) -> Iterator[str]:

@@ -39,12 +39,12 @@ function thinned({ time, values, offset }, a, b) {
 }
 
 async function look() {
-  const said = JSON.parse(el("curves-data").textContent);
-  const bytes = await unpacked(said.packed).arrayBuffer();
-  const points = said.points, flags = said.flags.length;
+  const given = JSON.parse(el("curves-data").textContent);
+  const bytes = await unpacked(given.packed).arrayBuffer();
+  const points = given.points, flags = given.flags.length;
   const time = new Float64Array(bytes, 0, points), flagged = new Float64Array(bytes, 8 * points, flags);
   let at = 8 * (points + flags);
-  const curves = said.curves.map((curve) => {
+  const curves = given.curves.map((curve) => {
     const own = { ...curve, time, values: new Float32Array(bytes, at, points), odd: new Float32Array(bytes, at + 4 * points, flags) };
     at += 4 * (points + flags);
     return own;
@@ -53,7 +53,7 @@ async function look() {
   if (!(whole[1] > whole[0])) whole[1] = whole[0] + 1;
   let range = [...whole], now = whole[0], asked = false;
   const plot = el("plot"), when = el("when");
-  if (said.rows > 1) el("finest").textContent = ` Long: the least and the most of each ${said.rows} rows are drawn.`;
+  if (given.rows > 1) el("finest").textContent = ` Long: the least and the most of each ${given.rows} rows are drawn.`;
   await library("plotly");
 
   const list = () => curves.filter((curve) => curve.box.checked);
@@ -61,7 +61,7 @@ async function look() {
   function figure() {
     const drawn = list(), axes = [...new Set(drawn.map((curve) => curve.axis))];
     const [a, b] = [Math.max(0, indexAt(time, range[0]) - 1), Math.min(points, indexAt(time, range[1]) + 2)];
-    const { xaxis, yaxis, ...layout } = structuredClone(said.layout);
+    const { xaxis, yaxis, ...layout } = structuredClone(given.layout);
     const room = plot.parentElement.clientHeight - el("when").parentElement.offsetHeight - 40;
     const height = Math.max(room > 260 ? room : 420, HIGH * axes.length + 60), data = [];
     const bound = axes.map(() => [Infinity, -Infinity]);
@@ -78,7 +78,7 @@ async function look() {
       const odd = [...flagged.keys()].filter((i) => flagged[i] >= range[0] && flagged[i] <= range[1]);
       if (odd.length) data.push({ x: odd.map((i) => flagged[i]), y: odd.map((i) => (Number.isNaN(curve.odd[i]) ? null : curve.odd[i] + curve.offset)),
         yaxis: y, mode: "markers", marker: { color: LEFT_OUT, size: 3 },
-        text: odd.map((i) => said.flags[i]), hovertemplate: `${name}: %{y}, left out: %{text}<extra></extra>` });
+        text: odd.map((i) => given.flags[i]), hovertemplate: `${name}: %{y}, left out: %{text}<extra></extra>` });
     });
     axes.forEach((axis, k) => {
       const part = 1 / axes.length, [low, high] = bound[k], pad = 0.06 * (high - low) || 0.5 * (Math.abs(high) || 1);
@@ -93,7 +93,7 @@ async function look() {
       .map((t) => Math.round(400 * (t - range[0]) / (range[1] - range[0]))))]
       .map((k) => range[0] + k * (range[1] - range[0]) / 400)
       .map((x) => ({ type: "line", x0: x, x1: x, y0: 0, y1: 0.025, yref: "paper", line: { color: LEFT_OUT, width: 1.5 } }));
-    layout.shapes = [...said.gaps.filter(wide).map(box), ...said.cuts.filter(wide).flatMap((c) => [box(c), cut(c)]), ...rug];
+    layout.shapes = [...given.gaps.filter(wide).map(box), ...given.cuts.filter(wide).flatMap((c) => [box(c), cut(c)]), ...rug];
     layout.xaxis = { ...xaxis, range: [...range], anchor: axes.length > 1 ? `y${axes.length}` : "y" };
     Object.assign(layout, { height, width: plot.clientWidth, showlegend: false, dragmode: touch ? false : "zoom" });
     Object.assign(layout.font, { family: font });
@@ -129,7 +129,7 @@ async function look() {
     now = Math.min(Math.max(t, whole[0]), whole[1]);
     const k = Math.max(0, Math.min(indexAt(time, now + 1e-9) - 1, points - 1));
     when.value = now;
-    el("at").textContent = said.layout.xaxis.title.text.endsWith("[s]") ? `${now.toFixed(3)} s` : `row ${Math.round(now)}`;
+    el("at").textContent = given.layout.xaxis.title.text.endsWith("[s]") ? `${now.toFixed(3)} s` : `row ${Math.round(now)}`;
     curves.forEach((curve) => { curve.value.textContent = rounded(curve.values[k] + curve.offset); });
     const axis = plot._fullLayout?.xaxis;
     if (axis) {
@@ -139,7 +139,7 @@ async function look() {
       Object.assign(line.style, { left: `${axis._offset + axis.l2p(now)}px`, top: `${t}px`, height: `${h}px` });
     }
     if (!scene) return;
-    const q = said.pose.map((c) => curves[c].values[k] + curves[c].offset);
+    const q = given.pose.map((c) => curves[c].values[k] + curves[c].offset);
     if (q.every(Number.isFinite)) { scene.pose(q); scene.render(); }
   }
 
@@ -232,7 +232,7 @@ async function look() {
     scene = new ArmScene(section.querySelector(".stage"), arm);
     const every = Math.max(1, Math.floor(points / 60)); // all poses stay in sight
     for (let k = 0; k < points; k += every) {
-      const q = said.pose.map((c) => curves[c].values[k] + curves[c].offset);
+      const q = given.pose.map((c) => curves[c].values[k] + curves[c].offset);
       if (q.every(Number.isFinite)) scene.hold(scene.pose(q));
     }
     show(now);
