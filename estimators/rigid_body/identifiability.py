@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.rigid_body.base_parameters import regressor_of
-from estimators.rigid_body.regressor import RegressorChain
+from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from estimators.rigid_body.tables import base_estimates, sizes_of
 from limo_driver.logs.readers.inspection import WELL, ShownParameter
 from limo_driver.types import Motion
@@ -37,6 +37,7 @@ _POSES: Final = 6  # of the other joints
 _USED: Final = 0.8  # of a joint's range and half of its limits of speed, that a motion takes
 _FARTHEST, _FASTEST, _STRONGEST = 1.5, 2.0, 10.0  # [rad, rad/s, rad/s²] where limits are wider
 _WIDEST: Final = 100.0  # standard deviation of any base parameter before the data [SI]
+_MATTERS: Final = 0.01  # of a joint's torque, by its terms at 1 rad/s and 1 rad/s²
 _SINES: Final = 3  # of each joint, where all move
 
 
@@ -48,7 +49,7 @@ def shown_by(found: Identification, recording: Recording) -> tuple[ShownParamete
         recording: T samples of n joints.
     """
     estimates = base_estimates(found)
-    size = _sizes(estimates)
+    size = _sizes(found, recording, estimates)
     known = np.array([item.deviation for item in estimates]) / size
     motion = recording.motion(found.rows.bandwidth)
     step = -(-len(motion) // _ROWS)
@@ -69,25 +70,36 @@ def shown_by(found: Identification, recording: Recording) -> tuple[ShownParamete
     return tuple(ShownParameter(x.combination, x.unit, x.value, k, how) for x, k, how in every)
 
 
-def _sizes(estimates: Sequence[BaseEstimate]) -> FloatArray:
-    """Return what each parameter is as large as, (b,); one that is not identified, as its like."""
+def _sizes(
+    found: Identification, recording: Recording, estimates: Sequence[BaseEstimate]
+) -> FloatArray:
+    """Return what each parameter is as large as, (b,).
+
+    One that is not identified is as large as its like; a joint's friction, offset or inertia at
+    least what makes a torque that matters there, since one of zero is never known to its size.
+    """
     size = sizes_of(estimates)
     kind = [item.name.rpartition("_")[0] for item in estimates]
     known = [(k, size[x.name]) for k, x in zip(kind, estimates, strict=True) if x.is_identified]
     usual = {own: float(np.median([s for k, s in known if k == own])) for own, _ in known}
-    return np.array(
-        [
-            size[x.name] if x.is_identified else max(size[x.name], usual.get(k, 0.0))
-            for k, x in zip(kind, estimates, strict=True)
-        ]
+    links, torque = (
+        PER_LINK * found.model.linkage.links,
+        np.sqrt((recording.torque**2).mean(axis=0)),
     )
+    joint = (found.base.independent - links) % torque.size
+    matters = np.where(found.base.independent >= links, _MATTERS * torque[joint], 0.0)
+    own = [
+        size[x.name] if x.is_identified else max(size[x.name], usual.get(k, 0.0))
+        for k, x in zip(kind, estimates, strict=True)
+    ]
+    return np.maximum(own, matters)
 
 
 def _remedy(known: list[float], names: list[str]) -> str:
     """Say the first motion that makes a parameter well known, else the one that does most."""
     best = int(np.argmin(known))
     if known[best] > 1.0:
-        return f"no {_SECONDS:g} s within the limits of the joints; state it, or take it for small"
+        return f"no motion that was tried, in {_SECONDS:g} s: state it, or take it for small"
     first = next((k for k, value in enumerate(known) if value <= WELL), best)
     return f"{names[first]} (then to {known[first]:.0%})"
 

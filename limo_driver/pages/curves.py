@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from limo_driver.types import FloatArray
 
-VALUES: Final = 450_000  # of all curves together, so that a page stays below 5 MB
+VALUES: Final = 650_000  # of all curves together, so that a page stays below 5 MB
 _FEWEST: Final = 400  # points of each, however many there are
 _LEFT_OUT: Final = 2000  # rows that are drawn one by one, of all that were left out
 _MARKS: Final = 1000  # gaps at most, the longest

@@ -115,7 +115,8 @@ def _shown(found: Inspection) -> str:
     rows = sorted(found.parameters, key=lambda item: -_VERDICTS.index(item.verdict))
     if not rows:
         return ""
-    wanted = Counter(item.remedy.partition(" (then")[0] for item in rows if item.remedy)
+    motions = (item.remedy.partition(" (then") for item in rows)
+    wanted = Counter(motion for motion, then, _ in motions if then)
     plans = [f"{motion}: {many}" for motion, many in wanted.most_common(_PLANS)]
     open_ones = [item for item in rows if item.remedy]
     known = [item for item in rows if not item.remedy]
@@ -131,7 +132,10 @@ def _parameters(rows: Sequence[ShownParameter]) -> str:
         return ""
     table = {
         "parameter": [f"{item.name} [{item.unit}]" for item in rows],
-        "known to": [f"{percent(item.known_to)}, {item.verdict}" for item in rows],
+        "known to": [
+            f"{percent(item.known_to)}, {item.verdict}" if item.known_to <= 1 else item.verdict
+            for item in rows
+        ],
         "what would show it": [item.remedy or UNSAID for item in rows],
     }
     return columns(table, len(rows))  # none is set as a number
