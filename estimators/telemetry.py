@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError, LimoError
+from limo_driver.logs.readers.inspection import WELL
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.rigid_body.identification import Identification
+    from limo_driver.logs.readers.inspection import ShownParameter
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
@@ -41,7 +43,6 @@ _COARSE: Final = 0.02  # of a torque's standard deviation, above which its steps
 # UR10e, currents: 0.077; LWR4+ and Panda, sensors behind the gear: 0.005 and 0.006.
 MOTOR_SIDE: Final = 0.03
 _LINK_SIDE: Final = 0.015
-_KNOWN: Final = 0.1  # relative deviation of a parameter that is known well enough
 _LONGEST: Final = 600.0  # [s], beyond which more of the same motion is no advice
 _LEGEND: Final = (
     "m is the mass of that link, mx, my, mz mass times centre, Ixx to Izz its inertia, inertia the "
@@ -72,6 +73,7 @@ class Telemetry:
     channels: tuple[str, ...]
     side: str
     excitation: tuple[str, ...]
+    parameters: tuple[ShownParameter, ...] = ()  # of the arm, where torques tell them
 
     def lines(self) -> tuple[str, ...]:
         """Return all sentences."""
@@ -86,11 +88,13 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
         recording: T samples of n joints.
         model: The robot.
     """
-    side, excitation = "", list[str]()
+    side, excitation, shown = "", list[str](), tuple["ShownParameter", ...]()
     if not recording.has_torque:
         told = "no torque: commands and positions identify and diagnose the drives instead"
         channels = tuple(channels_of(recording, model.sliding))
         return Telemetry(tuple(sampling_of(recording)), channels, "", (told,))
+    from estimators.rigid_body.identifiability import shown_by
+
     try:
         found = _identified(recording, model)
     except LimoError as error:
@@ -98,8 +102,9 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
     else:
         side = gear_side(friction_share(found.simulation, recording, found.rows.bandwidth))
         excitation = _excitation(found, recording)
+        shown = shown_by(found, recording)
     channels = tuple(channels_of(recording, model.sliding))
-    return Telemetry(tuple(sampling_of(recording)), channels, side, tuple(excitation))
+    return Telemetry(tuple(sampling_of(recording)), channels, side, tuple(excitation), shown)
 
 
 def telemetry_in(simulation: Simulation, recording: Recording) -> tuple[str, ...]:
@@ -315,14 +320,14 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
         told.append(f"this motion says nothing about {names}{more}; {_LEGEND}")
     known = (x.deviation / size[x.name] for x in estimates if x not in unknown)
     worst = max(known, default=0.0)
-    if worst > _KNOWN:
-        needed = recording.duration * (worst / _KNOWN) ** 2
+    if worst > WELL:
+        needed = recording.duration * (worst / WELL) ** 2
         advice = (
             f"about {needed:.0f} s of such motion"
             if needed < _LONGEST
             else f"another motion ({_planner(found.simulation.model)}) rather than more of this one"
         )
-        told.append(f"to know all the others to {_KNOWN:.0%} takes {advice}")
+        told.append(f"to know all the others to {WELL:.0%} takes {advice}")
     return told
 
 

@@ -222,15 +222,33 @@ class Conditioning:
 
     def regressor(self, motion: Motion, width: float = SIGN_WIDTH) -> FloatArray:
         """Return K, (n, T, b); `width` is that of the sign of Coulomb friction [rad/s]."""
-        n, T, links = self.chain.n, len(motion), self.chain.width
-        K = np.zeros((n, T, links + 2 * n))
-        self.chain.fill(motion, K)
-        own = self.terms.columns(
-            motion.velocity, motion.acceleration, np.tanh(motion.velocity / width)
-        )
-        for j in range(n):
-            K[j, :, links + j :: n] = own[:, j]
-        return K[:, :, self.base.independent]
+        sign = np.tanh(motion.velocity / width)
+        return regressor_of(self.chain, self.terms, self.base, motion, sign)
+
+
+def regressor_of(
+    chain: RegressorChain,
+    terms: JointTerms,
+    base: BaseParameters,
+    motion: Motion,
+    sign: FloatArray | None = None,
+) -> FloatArray:
+    """Return the regressor of the base parameters, (n, T, b).
+
+    Args:
+        chain: The arm.
+        terms: Of its joints.
+        base: Which parameters stand for the others.
+        motion: T samples of n joints.
+        sign: Of Coulomb friction, (T, n), where it is not that of the terms.
+    """
+    n, links = chain.n, chain.width
+    own = terms.columns(motion.velocity, motion.acceleration, sign)
+    K = np.zeros((n, len(motion), links + n * own.shape[2]))
+    chain.fill(motion, K)
+    for j in range(n):
+        K[j, :, links + j :: n] = own[:, j]
+    return K[:, :, base.independent]
 
 
 def _ratio(gram: FloatArray) -> float:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.pages.arm import ArmView
+    from limo_driver.pages.curves import Curves
 
 FOOTER = "Torque in N m, angles in rad, joints counted from 1."
 
@@ -29,17 +30,21 @@ class Page:
     title: str
     body: str  # HTML
     charts: Charts = field(default_factory=Charts)
-    arm: ArmView | None = None  # drawn in the place of `arm_section`
+    arm: ArmView | None = None  # drawn in the place of `arm_section`, or with curves
+    curves: Curves | None = None  # drawn in the place of `curves_section`
     footer: str = FOOTER  # HTML
     player: str = "player.js"  # the script that moves the arm
 
     def html(self) -> str:
         """Return the page as HTML."""
-        libraries = [("plotly", "plotly-cartesian.min.js")] if self.charts.figures else []
+        has_charts = self.charts.figures or self.curves
+        libraries = [("plotly", "plotly-cartesian.min.js")] if has_charts else []
         scripts = ["page.js", "charts.js"]
         if self.arm is not None:
             libraries.append(("three", "three.min.js"))
-            scripts += ["arm.js", self.player]
+            scripts += ["arm.js", *([] if self.curves else [self.player])]
+        if self.curves is not None:
+            scripts.append("curves.js")
         return Template(asset("page.html")).substitute(
             title=escape(self.title),
             style=asset("style.css"),
@@ -47,6 +52,7 @@ class Page:
             footer=self.footer,
             figures=self.charts.as_json(),
             arm=script_json(self.arm.as_values() if self.arm else None),
+            curves=script_json(self.curves.as_values() if self.curves else None),
             libraries="\n".join(
                 f'<script type="text/plain" id="library-{name}">{_packed(file)}</script>'
                 for name, file in libraries

@@ -68,10 +68,16 @@ def test_friction_counts_whatever_its_law(arm):
 
 
 def test_a_joint_that_rests_is_named_and_its_parameters_are_unknown(arm):
-    said = telemetry_of(recorded(arm, 1.0, still=(6,)), arm).excitation
+    found = telemetry_of(recorded(arm, 1.0, still=(6,)), arm)
+    said = found.excitation
     assert any("joint 7 never moves" in line for line in said)
     unknown = next(line for line in said if "says nothing about" in line)
     assert "tau_c_7" in unknown or "_7" in unknown
+    friction = next(item for item in found.parameters if item.name == "tau_c_7")
+    assert friction.verdict == "not from this motion"
+    assert re.fullmatch(r"joint 7 slowly over its range.* \(then to \d+%\)", friction.remedy)
+    assert {item.verdict for item in found.parameters} >= {"identifiable", friction.verdict}
+    assert all(bool(item.remedy) == (item.known_to > 0.1) for item in found.parameters)
     known, rank = map(int, re.match(r"(\d+) of (\d+) base parameters are known", said[0]).groups())
     listed = unknown.partition(";")[0].removeprefix("this motion says nothing about ").split(", ")
     *first, last = listed

@@ -20,7 +20,10 @@ _MAPPING = Path("mapping.yaml")
 
 def command(
     log: Annotated[Path, typer.Argument(help="The log: a file, or the folder of a bag.")],
-    robot: Annotated[str, typer.Option(help=f"The arm: {ROBOTS}.")],
+    robot: Annotated[
+        str | None,
+        typer.Option(help=f"The arm: {ROBOTS}. Without one, --page shows the columns as logged."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Where to write the mapping.")] = _MAPPING,
     topic: Annotated[
         str | None, typer.Option(help="Topic of the joint states of a bag, if there are several.")
@@ -38,6 +41,13 @@ def command(
     mapping: Annotated[
         Path | None,
         typer.Option(help="Say what the log is worth as this mapping reads it, and write none."),
+    ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a page (.html) with every column over time, the arm that moves with them, "
+            "and which parameters the motion shows."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
@@ -57,28 +67,54 @@ def command(
 
     Examples:
         limo inspect log.csv --robot iiwa14
-        limo inspect log.csv --robot iiwa14 --mapping mapping.yaml
+        limo inspect log.csv --page log.html
+        limo inspect log.csv --robot iiwa14 --mapping mapping.yaml --page log.html
         limo convert log.csv --mapping mapping.yaml --out run.parquet
     """
-    from limo_driver.app.library.inspecting import inspect
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.library.inspecting import inspect, save_page
     from limo_driver.logs.readers.inspection import Settled, settle
     from limo_driver.logs.readers.proposals.proposal import NothingProposedError
     from limo_driver.runtime.outputs import require_file
 
+    inputs = [item for item in (log, mapping) if item is not None and item.is_file()]
+    if page is not None:
+        require_file(page, inputs)
+    if robot is None:
+        _show_columns(log, page, topic, episode)
+        return
     require_file(out, [log] if log.is_file() else [])
     try:
         found = inspect(log, robot, topic=topic, episode=episode, columns=columns, mapping=mapping)
     except NothingProposedError as error:
+        if page is not None:
+            _show_columns(log, page, topic, episode)
         raise _with_template(error, out) from None
     if mapping is not None:
         settled = Settled(mapping, found.mapping, True, (f"read as {mapping} says",))
     else:
         settled = settle(found, out, log.name.partition(".")[0])
+    if page is not None:
+        save_page(found, page)
     if as_json:
         _print_json(found, settled)
     else:
         _show(found, settled)
         _show_next(found, log, robot, settled)
+        if page is not None:
+            terminal().print(f"wrote {page}")
+
+
+def _show_columns(log: Path, page: Path | None, topic: str | None, episode: int | None) -> None:
+    """Write the page of a log of which no robot is known."""
+    from limo_driver.app.console.terminal import terminal
+    from limo_driver.app.library.inspecting import save_columns
+    from limo_driver.errors import ConfigError
+
+    if page is None:
+        raise ConfigError("--robot: is needed to read a log; without one, --page shows its columns")
+    save_columns(log, page, topic=topic, episode=episode)
+    terminal().print(f"wrote {page}: columns as logged")
 
 
 def _with_template(error: NothingProposedError, out: Path) -> RecordingError:

@@ -171,6 +171,13 @@ _SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn
 _SAID = {MEASURED: "measured", PLAIN: "", COMMANDED: "commanded", DERIVED: "derived"}
 
 
+def si_unit(quantity: str, *, is_sliding: bool = False) -> str:
+    """Return the SI unit of a quantity of a joint that turns, or slides."""
+    slides = {"rad": "m", "rad/s": "m/s", "N m": "N"}
+    unit = next(iter(UNITS[quantity]))
+    return slides.get(unit, unit) if is_sliding else unit
+
+
 def quantity_of(unit: str) -> str:
     """Return the quantity that is measured in a unit; `time` for seconds, or nothing."""
     if unit in SECONDS:

@@ -20,10 +20,29 @@ if TYPE_CHECKING:
     from limo_driver.logs.readers.table import LogTable
     from limo_driver.recordings.recording import Recording
 
+WELL: Final = 0.1  # relative deviation of a parameter that is known well enough
 _PARTS: Final = ("time", *QUANTITIES)
 _LISTED: Final = 8
 _MARK: Final = "# as proposed: "
 _DIGITS: Final = 16
+
+
+@dataclass(frozen=True)
+class ShownParameter:
+    """How well a motion shows one base parameter of the arm, and what would show it better."""
+
+    name: str  # with those that are identifiable only in sum with it
+    unit: str
+    value: float
+    known_to: float  # standard deviation over its size; infinite where the motion says nothing
+    remedy: str  # a motion that would show it; empty where it is known well
+
+    @property
+    def verdict(self) -> str:
+        """Say whether it can be identified from the motion."""
+        if self.known_to <= WELL:
+            return "identifiable"
+        return "weak" if self.known_to <= 1.0 else "not from this motion"
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,6 +55,7 @@ class Inspection(Displayed):
     refused: str  # why not
     telemetry: tuple[str, ...] = ()  # what the recording is worth, one sentence each
     robot: tuple[str, ...] = ()  # what was locked of the robot, slides, or is not represented
+    parameters: tuple[ShownParameter, ...] = ()  # of the arm, where its torques tell them
 
     @property
     def mapping(self) -> LogMapping:

@@ -1,12 +1,13 @@
 // Libraries are packed into the page; unpack one when it is needed first.
-const unpacked = {};
+const loaded = {};
+function unpacked(packed) {
+  const bytes = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip")));
+}
 function library(name) {
-  return (unpacked[name] ??= (async () => {
-    const packed = document.getElementById(`library-${name}`).textContent;
-    const bytes = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return (loaded[name] ??= (async () => {
     const script = document.createElement("script");
-    script.textContent = await new Response(stream).text();
+    script.textContent = await unpacked(document.getElementById(`library-${name}`).textContent).text();
     document.head.append(script);
   })());
 }

@@ -12,6 +12,7 @@ from firefox import program as firefox_program
 from limo_driver.model import RobotModel
 from limo_driver.pages import Charts, Ghost, Page, Pin, PlayedMotion, PushArrow, arm_view
 from limo_driver.pages.arm_section import arm_section
+from limo_driver.pages.curves import Curve, Curves, LeftOutRows, curves_section
 from limo_driver.pages.markup import paragraph, table
 
 pytestmark = [
@@ -161,3 +162,61 @@ def test_it_draws_in_firefox_too(address, width):
         shown = ".stage canvas" if fox.value("document.body.dataset.arm") == "drawn" else ".still"
         assert fox.value(f"document.querySelector('{shown}').getBoundingClientRect().height") > 100
         assert [said for said in fox.errors if "WebGL" not in said] == []
+
+
+@pytest.fixture(scope="module")
+def looked_at(tmp_path_factory):
+    """Return the address of a page of curves that the arm follows."""
+    time = np.linspace(0.0, 20.0, 5000)
+    curves = tuple(
+        Curve(
+            f"joint {j + 1}", f"q{j}", "position [rad]", "q [rad]", np.sin(time + j), is_drawn=True
+        )
+        for j in range(N)
+    )
+    odd = Curve("load <b>", "load <b>", "load", "not understood", time**2)
+    left_out = (LeftOutRows("held", np.arange(900, 905)),)
+    rows = np.delete(np.arange(time.size), left_out[0].rows)
+    drawn = Curves(time, rows, (*curves, odd), left_out, pose=tuple(range(N)))
+    view = arm_view(RobotModel.load("iiwa14"), np.zeros(N))
+    stage = '<div class="stage"><svg class="leaders" aria-hidden="true"></svg></div>'
+    body = "<h1>Curves</h1>" + curves_section(drawn, stage)
+    path = tmp_path_factory.mktemp("look") / "look.html"
+    Page("Curves", body, arm=view, curves=drawn).save(path)
+    return path.as_uri()
+
+
+CURVES = "document.body.dataset.arm === 'drawn' && document.body.dataset.curves === 'drawn'"
+SPAN = "plot._fullLayout.xaxis.range.map((t) => Math.round(100 * t) / 100)"  # `plot` is an id
+NAMES = "plot.data.map((line) => line.hovertemplate.split(':')[0])"
+PUT = "el('{0}').value = '{1}'; el('{0}').dispatchEvent(new Event('input'))"
+CLICK = "el('{}').click()"
+
+
+def test_columns_are_chosen_zoomed_and_followed_by_the_arm(tab, looked_at):
+    tab.look(looked_at, 1400, 900)
+    tab.wait(CURVES)
+    picture = "document.querySelector('#arm canvas').toDataURL()"
+    before = tab.value(picture)
+    tab.value(PUT.format("when", 5))
+    assert tab.value("el('at').textContent") == "5.000 s"
+    value = tab.value("document.querySelector('#columns td.n').textContent")
+    assert value.startswith("\N{MINUS SIGN}0.95")  # sin 5
+    assert tab.value(picture) != before
+    tab.value(CLICK.format("in"))
+    tab.wait(f"{SPAN}[1] < 20")
+    low, high = tab.value(SPAN)
+    assert low < 5 < high
+    tab.value(CLICK.format("whole"))
+    tab.wait(f"{SPAN}[1] === 20")
+    tab.value(PUT.format("filter", "load"))
+    tab.value(CLICK.format("only"))
+    tab.wait(f"{NAMES}.length === 2")  # the curve, and its rows that were left out
+    assert tab.value(NAMES)[0] == "load &lt;b> (load &lt;b>)"
+    assert tab.errors == []
+
+
+@pytest.mark.parametrize(("width", "dark"), [(1400, False), (390, True)])
+def test_everybody_can_look_at_columns(tab, looked_at, width, dark):
+    assert violations(tab, looked_at, width, dark=dark, ready=CURVES) == []
+    assert tab.value("performance.getEntriesByType('resource').length") == 0
