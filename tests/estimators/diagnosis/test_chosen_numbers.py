@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from estimators.diagnosis.settings import setting
+from estimators.diagnosis import settings
 
-ROOT = Path(setting.__file__).parents[1]
+ROOT = Path(settings.__file__).parents[1]
 FILES = [
     file
     for file in sorted(ROOT.rglob("*.py"))

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from estimators.diagnosis.settings import settings_of
 from estimators.diagnosis.settings.residuals import NOISE
-from estimators.diagnosis.settings.setting import settings_of
 from estimators.diagnosis.settings.table import groups, table
 
 PAGE = Path(__file__).parents[3] / "docs" / "diagnosis_settings.md"
