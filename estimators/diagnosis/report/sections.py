@@ -372,7 +372,10 @@ def stated_values(verdict: Verdict) -> str:
         "alone, the RMS torque that they make is compared."
     )
     return section(
-        "Stated, and what fits", table(list(columns), _told(columns), numeric=2), "values", lead
+        "Stated, and what fits",
+        table(list(columns), _prose_rows(columns), numeric=2),
+        "values",
+        lead,
     )
 
 
@@ -393,11 +396,11 @@ def identified(verdict: Verdict, lead: str = "", title: str = "Identified fricti
         "intervals. What most of them have is ordinary; what is unlike its siblings is a finding."
     )
     headings = [typeset(" ".join(heading).strip()) for heading in columns]
-    body = table(headings, _told(columns), numeric=1)
+    body = table(headings, _prose_rows(columns), numeric=1)
     return section(title, body, "identified", lead)
 
 
-def _told(columns: Mapping[Any, Sequence[str]]) -> list[list[str]]:
+def _prose_rows(columns: Mapping[Any, Sequence[str]]) -> list[list[str]]:
     """Return columns of texts as the rows of a table."""
     rows = zip(*columns.values(), strict=True)
     return [[prose(cell) or UNSAID for cell in row] for row in rows]
