@@ -41,7 +41,6 @@ import mujoco
 import numpy as np
 
 from estimators.diagnosis.from_motion import diagnose_drives, free_run, identify_drives
-from estimators.diagnosis.from_motion.fitting.identification import with_rows
 from estimators.diagnosis.from_motion.fitting.joint import errors
 from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
@@ -52,7 +51,7 @@ from estimators.diagnosis.from_motion.simulation.constants import (
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording

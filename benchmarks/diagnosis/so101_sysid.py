@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.identification import with_rows
 from estimators.diagnosis.from_motion.simulation.constants import COULOMB, DAMPING, with_values
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -19,34 +19,16 @@ from limo_driver.physics.effect import (
     SensorEffect,
     TorqueEffect,
 )
-from limo_driver.physics.effects.arm import ExternalContact, JointCoupling, SpringLoad
-from limo_driver.physics.effects.body import GravityDirection, Payload
-from limo_driver.physics.effects.changing_friction import (
-    LoadDependentFriction,
-    PositionDependentFriction,
-    TemperatureDependentFriction,
-)
-from limo_driver.physics.effects.delay import TimeDelay
-from limo_driver.physics.effects.friction import (
-    AsymmetricFriction,
-    CoulombFriction,
-    QuadraticDrag,
-    StribeckFriction,
-    ViscousFriction,
-)
-from limo_driver.physics.effects.hysteresis import PreslidingHysteresis
-from limo_driver.physics.effects.play import Backlash
-from limo_driver.physics.effects.sensing import (
-    EncoderOffset,
-    TorqueCrosstalk,
-    TorqueDrift,
-    TorqueGain,
-    TorqueOffset,
-)
-from limo_driver.physics.effects.transmission import (
-    Armature,
-    JointElasticity,
-    TorqueRipple,
+from limo_driver.physics.effects import (
+    arm,
+    body,
+    changing_friction,
+    delay,
+    friction,
+    hysteresis,
+    play,
+    sensing,
+    transmission,
 )
 from limo_driver.runtime.plugins import EFFECTS, names, plug_in
 
@@ -59,30 +41,30 @@ if TYPE_CHECKING:
 CATALOGUE: dict[str, type[Effect]] = {
     effect.name: effect
     for effect in (
-        CoulombFriction,
-        ViscousFriction,
-        AsymmetricFriction,
-        StribeckFriction,
-        QuadraticDrag,
-        LoadDependentFriction,
-        PositionDependentFriction,
-        TemperatureDependentFriction,
-        PreslidingHysteresis,
-        Armature,
-        EncoderOffset,
-        Backlash,
-        JointElasticity,
-        TorqueOffset,
-        TorqueGain,
-        TimeDelay,
-        TorqueCrosstalk,
-        TorqueDrift,
-        SpringLoad,
-        JointCoupling,
-        TorqueRipple,
-        GravityDirection,
-        Payload,
-        ExternalContact,
+        friction.CoulombFriction,
+        friction.ViscousFriction,
+        friction.AsymmetricFriction,
+        friction.StribeckFriction,
+        friction.QuadraticDrag,
+        changing_friction.LoadDependentFriction,
+        changing_friction.PositionDependentFriction,
+        changing_friction.TemperatureDependentFriction,
+        hysteresis.PreslidingHysteresis,
+        transmission.Armature,
+        sensing.EncoderOffset,
+        play.Backlash,
+        transmission.JointElasticity,
+        sensing.TorqueOffset,
+        sensing.TorqueGain,
+        delay.TimeDelay,
+        sensing.TorqueCrosstalk,
+        sensing.TorqueDrift,
+        arm.SpringLoad,
+        arm.JointCoupling,
+        transmission.TorqueRipple,
+        body.GravityDirection,
+        body.Payload,
+        arm.ExternalContact,
     )
 }
 _KINDS = (BodyEffect, ArmEffect, TorqueEffect, MotionEffect, SensorEffect)

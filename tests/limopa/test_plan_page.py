@@ -1,18 +1,21 @@
-"""The pages of motions: what is said of them, and where they are written."""
+"""The command that plans, its page and its picture."""
 
 from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
+from lanes import sampled
+from matplotlib.image import imread
 from one_file import check_page, title_of
 
 from limo_driver.app.cli.excite import command as excite
-from limo_driver.app.cli.plan import command as plan
+from limo_driver.app.cli.plan import command
 from limo_driver.errors import ConfigError, InfeasiblePathError, LimoError
 from limo_driver.trajectory import Trajectory
-from limopa import summarise
+from limopa import Exploring, PlanRequest, draw, plan, summarise
 from limopa.page import plan_page, span
 
 
@@ -35,13 +38,6 @@ def test_a_duration_is_said_in_the_unit_that_fits(seconds, said):
     assert span(seconds) == said
 
 
-def test_plan_writes_it_beside_the_motion(commanded, tmp_path):
-    out = tmp_path / "a.traj.parquet"
-    result = commanded(plan)("--scaffolds", 1, "--rate", 50, "--out", out, "--json")
-    assert result.exit_code == 0, result.output
-    check_page((tmp_path / "a.traj.html").read_text())
-
-
 def test_excite_writes_it_beside_the_motion(commanded, tmp_path):
     out = tmp_path / "a.parquet"
     few = ("--duration", 10, "--harmonics", 2, "--starts", 1, "--iterations", 0, "--rate", 50)
@@ -53,17 +49,26 @@ def test_excite_writes_it_beside_the_motion(commanded, tmp_path):
     assert f"condition number {condition}," in title_of(text)
 
 
-def test_a_page_that_cannot_be_written_is_told_before_the_work(commanded, tmp_path):
+def test_a_page_that_cannot_be_written_is_told_before_the_work(run, tmp_path):
     (tmp_path / "a.traj.html").mkdir()
-    result = commanded(plan)("--scaffolds", 1, "--out", tmp_path / "a.traj.parquet")
+    result = run("--scaffolds", 1, "--out", tmp_path / "a.traj.parquet")
     assert isinstance(result.exception, ConfigError)
     assert "a.traj.html: cannot be written: it is a folder" in str(result.exception)
     assert not (tmp_path / "a.traj.parquet").exists()
 
 
+@sampled("scaffolds", [1, 3], "draws a picture each")
+def test_picture_is_drawn(iiwa, tmp_path, scaffolds):
+    request = replace(PlanRequest(scaffolds=scaffolds), exploring=Exploring(waypoints=(200, 250)))
+    draw(plan(iiwa, request), iiwa, tmp_path / "plan.png")
+    image = imread(tmp_path / "plan.png")
+    assert image.shape[0] > 1000
+    assert image[..., :3].std() > 0.05
+
+
 @pytest.fixture
 def run(commanded):
-    return commanded(plan)
+    return commanded(command)
 
 
 def test_plan_writes_trajectory_and_statistics(run, tmp_path):
@@ -75,6 +80,7 @@ def test_plan_writes_trajectory_and_statistics(run, tmp_path):
     assert statistics["samples"] == len(trajectory)
     assert statistics["duration"] == pytest.approx(trajectory.duration)
     assert [s.kind for s in trajectory.segments] == ["exploring", "reaching", "exploring"]
+    check_page((tmp_path / "a.traj.html").read_text())
 
 
 def test_plan_prints_a_table(run, tmp_path):

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from backends.can import port as frames
-from backends.can.simulator.drive import Actuation, JointPort, SimulatedDrive
-from backends.can.simulator.drive_state import (
+from backends.can.simulator.drive import (
     FAULTY,
     POWERED,
+    Actuation,
+    JointPort,
     SetpointStream,
+    SimulatedDrive,
     StatuswordState,
     commanded,
     enables,

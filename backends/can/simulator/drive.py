@@ -1,10 +1,15 @@
-"""What every simulated drive is, and the joint that it moves."""
+"""What every simulated drive is, the joint that it moves, and the states of one of CiA 402.
+
+Source: IEC 61800-7-201 (CiA 402), "Finite state automaton".
+"""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from enum import Enum
+from enum import Enum, IntEnum
+from typing import Final
 
 AMBIENT = 25.0  # [°C]
 
@@ -81,3 +86,153 @@ class JointPort:
     measured_velocity: float = 0.0  # [rad/s]
     measured_torque: float = 0.0  # [N m]
     temperature: float = AMBIENT  # of the winding [°C]
+
+
+STREAM: Final = 3  # set-points in a row that make a stream
+BRIDGED: Final = 1  # periods without set-point in which the joint goes on as it moves
+RETURN_RATE: Final = 20.0  # [rad/s], of the critically damped way back to the stream
+NEGLIGIBLE: Final = 1e-9  # [rad]
+
+
+class StatuswordState(IntEnum):
+    """States; each value is the statusword's bits that say so."""
+
+    SWITCH_ON_DISABLED = 0x40
+    READY = 0x21
+    SWITCHED_ON = 0x23
+    ENABLED = 0x27
+    QUICK_STOP = 0x07
+    FAULT_REACTION = 0x0F
+    FAULT = 0x08
+
+
+POWERED: Final = {
+    StatuswordState.ENABLED,
+    StatuswordState.QUICK_STOP,
+    StatuswordState.FAULT_REACTION,
+}
+FAULTY: Final = {StatuswordState.FAULT_REACTION, StatuswordState.FAULT}
+FAULT_RESET: Final = 0x80
+
+# Bits of the controlword: switch on, enable voltage, quick stop (active low), enable operation.
+_DISABLE_VOLTAGE = (0x02, 0x00)  # mask and value of each command
+_QUICK_STOP = (0x06, 0x02)
+_SHUTDOWN = (0x07, 0x06)
+_SWITCH_ON = (0x0F, 0x07)
+_ENABLE = (0x0F, 0x0F)
+
+_S = StatuswordState
+_OFF = {
+    _S.READY: _S.SWITCH_ON_DISABLED,
+    _S.SWITCHED_ON: _S.SWITCH_ON_DISABLED,
+}
+_TRANSITIONS: Final[dict[tuple[int, int], dict[StatuswordState, StatuswordState]]] = {
+    _DISABLE_VOLTAGE: {
+        **_OFF,
+        _S.ENABLED: _S.SWITCH_ON_DISABLED,
+        _S.QUICK_STOP: _S.SWITCH_ON_DISABLED,
+    },
+    _QUICK_STOP: {**_OFF, _S.ENABLED: _S.QUICK_STOP},
+    _SHUTDOWN: {
+        _S.SWITCH_ON_DISABLED: _S.READY,
+        _S.SWITCHED_ON: _S.READY,
+        _S.ENABLED: _S.READY,
+    },
+    _SWITCH_ON: {_S.READY: _S.SWITCHED_ON, _S.ENABLED: _S.SWITCHED_ON},
+    # Enabling from `ready` passes `switched on`, as the standard allows.
+    _ENABLE: {_S.READY: _S.ENABLED, _S.SWITCHED_ON: _S.ENABLED},
+}
+
+
+def commanded(state: StatuswordState, controlword: int, before: int) -> StatuswordState:
+    """Return the state that a controlword leads to.
+
+    Args:
+        state: The state it meets.
+        controlword: Object 6040 as written now.
+        before: The controlword before it: a fault is reset by the rise of bit 7 alone.
+    """
+    if state is StatuswordState.FAULT:
+        rises = controlword & FAULT_RESET and not before & FAULT_RESET
+        return StatuswordState.SWITCH_ON_DISABLED if rises else state
+    if controlword & FAULT_RESET:
+        return state  # the other bits mean nothing then
+    for (mask, value), moves in _TRANSITIONS.items():
+        if controlword & mask == value:
+            return moves.get(state, state)
+    return state
+
+
+def enables(controlword: int) -> bool:
+    """Say whether a controlword enables operation."""
+    mask, value = _ENABLE
+    return controlword & (mask | FAULT_RESET) == value
+
+
+class SetpointStream:
+    """Positions that come once a period [rad].
+
+    A set-point that is missing from a stream is bridged with the velocity that the joint has; where
+    more are missing, the joint slows down. Once the stream goes on, the joint returns to it without
+    a jolt. A single position that is written, and no stream, is just gone to.
+    """
+
+    def __init__(self) -> None:
+        self.position = 0.0  # that is demanded now [rad]
+        self.velocity = 0.0  # while set-points are missing [rad/s]
+        self.start(0.0)
+
+    def start(self, position: float, velocity: float = 0.0) -> None:
+        """Begin where the joint is [rad], as it moves [rad/s]."""
+        self.position, self.velocity = position, velocity
+        self._target, self._rate = position, 0.0  # of the stream [rad], [rad/s]
+        self._off, self._off_rate = 0.0, 0.0  # from the stream [rad], [rad/s]
+        self._length = self._missing = 0
+
+    def take(self, target: float, period: float) -> None:
+        """Take the set-point of a period [s]."""
+        if self._missing:
+            self._off = self.position - (target - period * self._rate)
+            self._off_rate = self.velocity - self._rate
+        else:
+            self._rate = (target - self._target) / period
+        self._target, self._missing, self._length = target, 0, self._length + 1
+        self._return(period)
+        self.position = target + self._off
+
+    def miss(self, target: float, velocity: float, period: float, deceleration: float) -> None:
+        """Go on without a set-point for a period [s].
+
+        Args:
+            target: The last one [rad].
+            velocity: Of the joint [rad/s].
+            period: [s].
+            deceleration: With which a stream that ended slows down [rad/s^2].
+        """
+        if self._length < STREAM:
+            self.start(target)
+            return
+        self._missing += 1
+        if self._missing <= BRIDGED:
+            self.velocity = velocity
+            self.position += period * velocity
+        else:
+            self.slow_down(period, deceleration)
+
+    def slow_down(self, period: float, deceleration: float) -> bool:
+        """Go on for a period [s] along a ramp [rad/s^2]; say whether it has come to rest."""
+        slower = max(abs(self.velocity) - deceleration * period, 0.0)
+        self.velocity = math.copysign(slower, self.velocity)
+        self.position += period * self.velocity
+        return slower == 0.0
+
+    def _return(self, period: float) -> None:
+        """Come closer to the stream: x'' + 2 w x' + w^2 x = 0, solved over a period [s]."""
+        if not self._off:
+            return
+        w, fading = RETURN_RATE, math.exp(-RETURN_RATE * period)
+        slope = self._off_rate + w * self._off
+        self._off_rate = (self._off_rate - w * slope * period) * fading
+        self._off = (self._off + slope * period) * fading
+        if abs(self._off) < NEGLIGIBLE and abs(self._off_rate) < NEGLIGIBLE:
+            self._off = self._off_rate = 0.0

@@ -91,9 +91,9 @@ def identify_drives(
             set-points of its joints in rad.
     """
     odd = check_commanded(simulation, recordings)
-    given, led = with_servos(simulation, recordings)
+    given, commanded = with_servos(simulation, recordings)
     zero = zeros_of(given)
-    told = [from_zeros(recording, zero) for recording in led]
+    told = [from_zeros(recording, zero) for recording in commanded]
     found = fit_drives(without_zeros(given), told, intervals=intervals)
     return replace(found, simulation=with_zeros(found.simulation, zero), warnings=odd)
 
@@ -120,9 +120,9 @@ def diagnose_drives(
     progress("reading motion", 0.0)
     odd = check_commanded(simulation, recordings)
     simulation = simulation.with_motors(recordings[0].channels)
-    given, led = with_servos(simulation, recordings)
+    given, commanded = with_servos(simulation, recordings)
     zero, given = zeros_of(given), without_zeros(given)
-    recordings = [from_zeros(recording, zero) for recording in led]
+    recordings = [from_zeros(recording, zero) for recording in commanded]
     seen, unseen = split(recordings)
     progress("fitting drives and friction", 0.05)
     stated = is_stated(simulation, seen)
@@ -156,7 +156,7 @@ def diagnose_drives(
         verdict,
         simulation,
         with_zeros(final.simulation, np.array(evidence.zeros)),
-        tuple(led),
+        tuple(commanded),
         held_out_error=(
             tuple(np.abs(before).mean(axis=0).tolist()),
             tuple(np.abs(after).mean(axis=0).tolist()),

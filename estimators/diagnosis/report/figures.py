@@ -161,74 +161,47 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
 
 def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
     """Torque beyond the rigid body over position: measured, and of all simulations."""
-    q, load = traces.position[:, j], traces.load[:, j]
-    curves = _torques(traces, j, tuple(_SIDES))
-    rows = _thin(stretch.rows)
-    moving = traces.moving[rows, j]
-    data = [
-        curve
-        for name, torque, colour, width in curves
-        for curve in _faded(q[rows], (torque - load)[rows], moving, name, colour, width)
-    ]
-    axes = layout(_LABELS["position"], "torque beyond the rigid body [N m]")
-    return {"data": data, "layout": axes, "height": 320}
+    return _beyond_body(traces, j, stretch, traces.position[:, j], _LABELS["position"])
 
 
 def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
     """Torque beyond the rigid body over time: measured, and of all simulations."""
-    rows = _thin(stretch.rows)
-    load = traces.load[rows, j]
-    moving = traces.moving[rows, j]
+    return _beyond_body(traces, j, stretch, traces.time, "time [s]")
+
+
+def _beyond_body(traces: Traces, j: int, stretch: Stretch, x: FloatArray, label: str) -> Figure:
+    rows, load = _thin(stretch.rows), traces.load[:, j]
     data = [
-        curve
+        drawn
         for name, torque, colour, width in _torques(traces, j, tuple(_SIDES))
-        for curve in _faded(traces.time[rows], torque[rows] - load, moving, name, colour, width)
+        for drawn in _faded(
+            x[rows], (torque - load)[rows], traces.moving[rows, j], name, colour, width
+        )
     ]
-    axes = layout("time [s]", "torque beyond the rigid body [N m]")
-    return {"data": data, "layout": axes, "height": 320}
+    return {"data": data, "layout": layout(label, "torque beyond the rigid body [N m]"),
+            "height": 320}  # fmt: skip
 
 
 def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
     """Recorded less simulated torque of a joint over one recording, before and after."""
     rows = np.flatnonzero(traces.recording == recording)
     rows = rows[:: max(1, len(rows) // DRAWN)]
-    gaps = _gaps(traces, rows)
-    data = [
-        curve
-        for side in _BOTH
-        for curve in _faded(
-            np.insert(traces.time[rows], gaps, np.nan),
-            np.insert(_residual(traces, side, j)[rows], gaps, np.nan),
-            np.insert(traces.moving[rows, j], gaps, values=False),
-            *_SIDES[side],
-        )
-    ]
-    axes = layout("time [s]", "torque error [N m]")
-    return {"data": data, "layout": axes | {"showlegend": True}, "height": 240}
+    data = [drawn for side in _BOTH for drawn in _broken(traces, rows, side, j, *_SIDES[side])]
+    return _over_time(data, "torque error [N m]", 240)
 
 
 def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
     """Residual of the improved simulation on every joint around a push (in time of a recording)."""
     near = (traces.time > window[0] - _AROUND) & (traces.time < window[1] + _AROUND)
     rows = np.flatnonzero(near & (traces.recording == recording))
-    gaps = _gaps(traces, rows)
     data = [
-        curve
+        drawn
         for j, colour in zip(range(traces.measured.shape[1]), cycle(JOINTS))
-        for curve in _faded(
-            np.insert(traces.time[rows], gaps, np.nan),
-            np.insert(_residual(traces, "after", j)[rows], gaps, np.nan),
-            np.insert(traces.moving[rows, j], gaps, values=False),
-            f"joint {j + 1}",
-            colour,
-        )
+        for drawn in _broken(traces, rows, "after", j, f"joint {j + 1}", colour)
     ]
-    axes = layout("time [s]", "residual [N m]")
-    axes["shapes"] = [
-        {"type": "rect", "x0": window[0], "x1": window[1], "y0": 0, "y1": 1, "yref": "paper",
-         "layer": "below", "fillcolor": "rgba(138,147,156,0.16)", "line": {"width": 0}}
-    ]  # fmt: skip
-    return {"data": data, "layout": axes | {"showlegend": True}, "height": 280}
+    figure = _over_time(data, "residual [N m]", 280)
+    figure["layout"]["shapes"] = [_shaded(*window, "rgba(138,147,156,0.16)")]
+    return figure
 
 
 def explanations(
@@ -264,37 +237,53 @@ def shifts(moved: Sequence[Shift]) -> Figure:
     axes["yaxis"] |= {"autorange": "reversed", "automargin": True}
     reach = max(2.5, 1.1 * max((abs(item.sigmas) for item in moved), default=0.0))
     axes["xaxis"] |= {"range": [-reach, reach], "zeroline": True}
-    axes["shapes"] = [
-        {"type": "rect", "x0": -1, "x1": 1, "y0": 0, "y1": 1, "yref": "paper", "layer": "below",
-         "fillcolor": "rgba(11,85,159,0.07)", "line": {"width": 0}}
-    ]  # fmt: skip
+    axes["shapes"] = [_shaded(-1, 1, "rgba(11,85,159,0.07)")]
     return {"data": [dots], "layout": axes, "height": 80 + 24 * len(moved)}
 
 
 def replayed(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint beside both free runs of the simulated robot."""
-    rows = slice(None, None, max(1, len(replay.time) // DRAWN))
-    time, moving = replay.time[rows], replay.moving[rows, j]
-    data = [
-        curve
-        for name, torque, colour, width in _torques(replay, j)
-        for curve in _faded(time, torque[rows], moving, name, colour, width)
-    ]
-    axes = layout("time [s]", "torque [N m]")
-    return {"data": data, "layout": axes | {"showlegend": True}, "height": 290}
+    return _of_replay(replay, j, _torques(replay, j), "torque [N m]")
 
 
 def replay_error(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint less that of both free runs."""
+    sides = [(side, *_SIDES[side]) for side in _BOTH]
+    curves = [(name, _residual(replay, side, j), colour, 1.8) for side, name, colour in sides]
+    return _of_replay(replay, j, curves, "torque error [N m]")
+
+
+def _of_replay(
+    replay: Replay, j: int, curves: Sequence[tuple[str, FloatArray, str, float]], label: str
+) -> Figure:
     rows = slice(None, None, max(1, len(replay.time) // DRAWN))
     time, moving = replay.time[rows], replay.moving[rows, j]
     data = [
-        curve
-        for side in _BOTH
-        for curve in _faded(time, _residual(replay, side, j)[rows], moving, *_SIDES[side])
+        drawn
+        for name, torque, colour, width in curves
+        for drawn in _faded(time, torque[rows], moving, name, colour, width)
     ]
-    axes = layout("time [s]", "torque error [N m]")
-    return {"data": data, "layout": axes | {"showlegend": True}, "height": 290}
+    return _over_time(data, label, 290)
+
+
+def _over_time(data: Sequence[Figure], label: str, height: int) -> Figure:
+    axes = layout("time [s]", label)
+    return {"data": data, "layout": axes | {"showlegend": True}, "height": height}
+
+
+def _broken(
+    traces: Traces, rows: NDArray[np.intp], side: str, j: int, name: str, colour: str
+) -> list[Figure]:
+    """Return the residual of a joint over some rows (R,), broken where time leaps."""
+    starts = [run.start for run in contiguous_runs(traces)]
+    gaps = np.flatnonzero(np.isin(rows[1:], starts)) + 1
+    return _faded(
+        np.insert(traces.time[rows], gaps, np.nan),
+        np.insert(_residual(traces, side, j)[rows], gaps, np.nan),
+        np.insert(traces.moving[rows, j], gaps, values=False),
+        name,
+        colour,
+    )
 
 
 def _residual(traces: Traces | Replay, side: str, j: int) -> FloatArray:
@@ -365,16 +354,17 @@ def _band(found: Profile, colour: str) -> Figure:
     }  # fmt: skip
 
 
-def _gaps(traces: Traces, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return where among some rows (R,) time leaps: no curve leads across."""
-    starts = [run.start for run in contiguous_runs(traces)]
-    return np.flatnonzero(np.isin(rows[1:], starts)) + 1
-
-
 def _level(y: float) -> Figure:
     return {
         "type": "line", "x0": 0, "x1": 1, "xref": "paper", "y0": y, "y1": y,
         "line": {"color": FLOOR, "width": 1, "dash": "dot"},
+    }  # fmt: skip
+
+
+def _shaded(start: float, stop: float, colour: str) -> Figure:
+    return {
+        "type": "rect", "x0": start, "x1": stop, "y0": 0, "y1": 1, "yref": "paper",
+        "layer": "below", "fillcolor": colour, "line": {"width": 0},
     }  # fmt: skip
 
 

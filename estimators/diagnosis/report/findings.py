@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.result import DiagnosisResult
     from estimators.diagnosis.verdict import Fit, Verdict
     from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
 
 
 def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> str:
@@ -50,10 +51,11 @@ def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> s
     verdict = diagnosis.verdict
     names = names_of(diagnosis.recordings)
     head = header(
-        f"Diagnosis of a simulation of {_robot(diagnosis)}",
+        f"Diagnosis of a simulation of {PurePath(diagnosis.before.robot).stem}",
         headline(verdict),
         removed(verdict.fit),
-        _sources(diagnosis, names),
+        f"{compared_with(diagnosis.recordings)} Motion and torque pass the same zero-phase filter "
+        f"of {diagnosis.bandwidth:g} Hz.",
         badge=badge(verdict),
     )
     to_do = put(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
@@ -125,19 +127,13 @@ def notes(said: Sequence[str]) -> str:
     return f'<section id="notes"><h2>Before you use the values</h2>{listed(said)}</section>'
 
 
-def _sources(diagnosis: DiagnosisResult, names: Sequence[str]) -> str:
+def compared_with(recordings: Sequence[Recording]) -> str:
+    """Say which recordings a simulation was compared with."""
     said = [
         f"{name} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
-        for name, item in zip(names, diagnosis.recordings, strict=True)
+        for name, item in zip(names_of(recordings), recordings, strict=True)
     ]
-    return (
-        f"Compared with {'; '.join(said)}. Motion and torque pass the same zero-phase filter of "
-        f"{diagnosis.bandwidth:g} Hz."
-    )
-
-
-def _robot(diagnosis: DiagnosisResult) -> str:
-    return PurePath(diagnosis.before.robot).stem
+    return f"Compared with {'; '.join(said)}."
 
 
 def _errors(verdict: Verdict) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from limo_driver.physics import spoken
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from estimators.diagnosis.result import DiagnosisResult, Explanation, Replay
     from estimators.diagnosis.verdict import Finding, Verdict
@@ -364,7 +364,6 @@ def stated_values(verdict: Verdict) -> str:
     columns = value_columns(verdict)
     if not columns["value"]:
         return ""
-    rows = [[prose(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
     lead = (
         "What the given simulation states, and what fits the recordings, with "
         "95\N{NO-BREAK SPACE}% intervals. A tolerance says how surprising a change is, as one "
@@ -372,7 +371,12 @@ def stated_values(verdict: Verdict) -> str:
         "one in `tolerances`, it is limo's guess. Of a family of values, which are known together "
         "alone, the RMS torque that they make is compared."
     )
-    return section("Stated, and what fits", table(list(columns), rows, numeric=2), "values", lead)
+    return section(
+        "Stated, and what fits",
+        table(list(columns), _prose_rows(columns), numeric=2),
+        "values",
+        lead,
+    )
 
 
 def identified(verdict: Verdict, lead: str = "", title: str = "Identified friction") -> str:
@@ -386,11 +390,17 @@ def identified(verdict: Verdict, lead: str = "", title: str = "Identified fricti
     columns = identified_columns(verdict)
     if not verdict.identified:
         return ""
-    rows = [[prose(cell) or UNSAID for cell in row] for row in zip(*columns.values(), strict=True)]
     lead = lead or (
         "What the given simulation does not state of these joints, or less precisely than the "
         "recordings tell, estimated together with everything else; with 95\N{NO-BREAK SPACE}% "
         "intervals. What most of them have is ordinary; what is unlike its siblings is a finding."
     )
-    body = table([typeset(" ".join(heading).strip()) for heading in columns], rows, numeric=1)
+    headings = [typeset(" ".join(heading).strip()) for heading in columns]
+    body = table(headings, _prose_rows(columns), numeric=1)
     return section(title, body, "identified", lead)
+
+
+def _prose_rows(columns: Mapping[Any, Sequence[str]]) -> list[list[str]]:
+    """Return columns of texts as the rows of a table."""
+    rows = zip(*columns.values(), strict=True)
+    return [[prose(cell) or UNSAID for cell in row] for row in rows]

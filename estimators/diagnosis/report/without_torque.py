@@ -10,7 +10,7 @@ import numpy as np
 from estimators.diagnosis.headline import headline, names_of
 from estimators.diagnosis.quantities import of_several, rounded
 from estimators.diagnosis.report import findings as told
-from estimators.diagnosis.report.arm import pins
+from estimators.diagnosis.report.arm import GIVEN, IMPROVED, pins
 from estimators.diagnosis.report.cards import cards
 from estimators.diagnosis.report.page import unobservable
 from estimators.diagnosis.report.sections import identified, stated_values
@@ -26,7 +26,14 @@ from limo_driver.pages.figures import (
     curve,
     layout,
 )
-from limo_driver.pages.markup import columns, folded, grid, header, paragraph, section
+from limo_driver.pages.markup import (
+    columns,
+    folded,
+    grid,
+    header,
+    paragraph,
+    section,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +43,6 @@ if TYPE_CHECKING:
     from limo_driver.pages.arm import ArmView
     from limo_driver.pages.markup import Figure
 
-GIVEN, IMPROVED = "given simulation", "improved simulation"
 _OPEN: Final = 3  # joints whose motion is seen at once
 _ROWS: Final = 1500  # of the motion that is played
 _IDENTIFIED: Final = (
@@ -66,16 +72,12 @@ def drive_report(found: DriveResult) -> Page:
         found: What was found.
     """
     charts, verdict, names = Charts(), found.verdict, names_of(found.recordings)
-    recorded = "; ".join(
-        f"{name} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
-        for name, item in zip(names, found.recordings, strict=True)
-    )
     head = header(
         f"Diagnosis of drives of {PurePath(found.before.model.name).stem}, without torque",
         headline(verdict),
         told.removed(verdict.fit),
-        f"Compared with {recorded}. No torque was recorded: errors are of positions, simulated "
-        "forward from the commands.",
+        f"{told.compared_with(found.recordings)} No torque was recorded: errors are of positions, "
+        "simulated forward from the commands.",
         badge=told.badge(verdict),
     )
     view, drawn = _arm(found, found.replay) if found.replay else (None, "")

@@ -5,3 +5,59 @@ them; whoever changes one writes it anew:
 
     python -m estimators.diagnosis.settings.table docs/diagnosis_settings.md
 """
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Final, TypeVar, dataclass_transform
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_Group = TypeVar("_Group")
+BY_JUDGEMENT: Final = "by judgement"  # nobody measured another value, or nothing of it was kept
+
+
+@dataclass(frozen=True)
+class ChosenNumber:
+    """Documentation of a setting."""
+
+    name: str
+    value: Any
+    unit: str
+    meaning: str
+    trades: str
+    chosen: str
+
+
+def setting(
+    value: Any,  # noqa: ANN401  # a number, or several
+    unit: str,
+    meaning: str,
+    trades: str,
+    *,
+    chosen: str = BY_JUDGEMENT,
+) -> Any:  # noqa: ANN401  # a dataclass field, whose type is the annotation's
+    """Declare a setting as a dataclass field.
+
+    Args:
+        value: Its value.
+        unit: Its unit, in full where it is no SI unit; empty for a count.
+        meaning: What it is, in a few words.
+        trades: What a larger and a smaller one would do.
+        chosen: How it was chosen.
+    """
+    known = {"unit": unit, "meaning": meaning, "trades": trades, "chosen": chosen}
+    return field(default=value, metadata=known)
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(setting,))
+def settings(group: type[_Group]) -> _Group:
+    """Declare a group of settings: the one instance of a frozen dataclass, under its name."""
+    return dataclass(frozen=True)(group)()
+
+
+def settings_of(group: Any) -> Iterator[ChosenNumber]:  # noqa: ANN401  # a dataclass of settings
+    """Yield the settings of a group, in order."""
+    for item in fields(group):
+        yield ChosenNumber(item.name, getattr(group, item.name), **item.metadata)

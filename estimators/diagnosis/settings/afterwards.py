@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from estimators.diagnosis.settings.setting import setting
+from estimators.diagnosis.settings import setting, settings
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
 
 
-@dataclass(frozen=True)
-class SeparationSettings:
+@settings
+class SEPARATION:
     """The motion in which two explanations differ (limo_driver.app.library.diagnosing)."""
 
     start_poses: int = setting(6, "poses", "of each recording, around which it is planned",
         "more cost time; fewer find worse motions, or none")
 
 
-SEPARATION = SeparationSettings()
-
-
-@dataclass(frozen=True)
-class ReplaySettings:
+@settings
+class REPLAY:
     """Recorded motion on the simulated robot (limo_driver.app.library.diagnosing)."""
 
     duration: float = setting(12.0, "s", "of motion that is replayed, where it differs most",
@@ -35,11 +30,8 @@ class ReplaySettings:
         "more make the report larger; fewer blur what is quick")
 
 
-REPLAY = ReplaySettings()
-
-
-@dataclass(frozen=True)
-class BinSettings:
+@settings
+class BINS:
     """Bins and cells in which the report averages a residual (report.binning)."""
 
     rows: float = setting(10.0, "rows", "of a bin in the mean, where there are not enough for all",
@@ -66,11 +58,8 @@ class BinSettings:
         "higher leaves the map pale; lower shows differences of large cells no more")
 
 
-BINS = BinSettings()
-
-
-@dataclass(frozen=True)
-class LoopSettings:
+@settings
+class LOOPS:
     """Loops of torque over position that the report shows (report.stretch)."""
 
     duration: float = setting(8.0, "s", "of motion drawn as loops",
@@ -79,11 +68,8 @@ class LoopSettings:
         "larger shows long reaches, on which a loop is a line; smaller next to no motion")
 
 
-LOOPS = LoopSettings()
-
-
-@dataclass(frozen=True)
-class WordingSettings:
+@settings
+class WORDING:
     """What is worth a word (headline, wording, verdict, report)."""
 
     sure: float = setting(0.5, "", "confidence of a name that stands in the headline beside others",
@@ -105,6 +91,3 @@ class WordingSettings:
         "that goes by values within their tolerances, if that is said", "only wording")
     explanations: int = setting(12, "sets", "of effects that are listed as having competed",
         "more make the report longer; fewer hide how near others came")
-
-
-WORDING = WordingSettings()

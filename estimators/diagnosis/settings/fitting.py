@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from estimators.diagnosis.settings.setting import setting
+from estimators.diagnosis.settings import setting, settings
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
 
 
-@dataclass(frozen=True)
-class SolvingSettings:
+@settings
+class SOLVING:
     """Noise and search in turn (fitting.solving)."""
 
     least_left: float = setting(0.05, "of the errors' mean square",
@@ -35,11 +33,8 @@ class SolvingSettings:
         "higher keeps fits that are not what is simulated; lower searches again too often")
 
 
-SOLVING = SolvingSettings()
-
-
-@dataclass(frozen=True)
-class LatenessSettings:
+@settings
+class LATENESS:
     """Torque that is late as a whole (fitting.lateness)."""
 
     times: tuple[float, ...] = setting(
@@ -55,11 +50,8 @@ class LatenessSettings:
         "more cost time; fewer miss what begins to help late")
 
 
-LATENESS = LatenessSettings()
-
-
-@dataclass(frozen=True)
-class NewtonSettings:
+@settings
+class NEWTON:
     """Gauss-Newton of all that was found (fitting.linearised)."""
 
     block: float = setting(2.0, "s", "over which scores are summed for intervals",
@@ -78,11 +70,8 @@ class NewtonSettings:
         "higher trusts joints that disagree; lower widens intervals by chance")
 
 
-NEWTON = NewtonSettings()
-
-
-@dataclass(frozen=True)
-class ContributionSettings:
+@settings
+class CONTRIBUTION:
     """Error that a finding has to remove (fitting.contribution)."""
 
     material: float = setting(0.5, "errors left",
@@ -109,11 +98,8 @@ class ContributionSettings:
         "higher keeps what does not carry over; lower drops rare events")
 
 
-CONTRIBUTION = ContributionSettings()
-
-
-@dataclass(frozen=True)
-class LawSettings:
+@settings
+class LAWS:
     """Laws of one effect (fitting.laws)."""
 
     refinable: float = setting(100.0, "nat",
@@ -126,11 +112,8 @@ class LawSettings:
                 "a gap between two that are tried has 0.63 in common with the nearer one"))
 
 
-LAWS = LawSettings()
-
-
-@dataclass(frozen=True)
-class RefinementSettings:
+@settings
+class REFINEMENT:
     """Settings that the torque is not linear in (fitting.refinement)."""
 
     evaluations: int = setting(60, "", "of the evidence, at most",
@@ -146,6 +129,3 @@ class RefinementSettings:
     gained: float = setting(0.05, "nat", "by which it differs then", "as above")
     rejected: float = setting(1e6, "", "objective where no column comes out",
         "numerical: worse than any")
-
-
-REFINEMENT = RefinementSettings()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from estimators.diagnosis.settings.setting import setting
+from estimators.diagnosis.settings import setting, settings
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
 
 
-@dataclass(frozen=True)
-class RippleSettings:
+@settings
+class RIPPLE:
     """Lines over the angle of a joint (hypotheses.ripple)."""
 
     lines: int = setting(12, "", "at one joint, at most",
@@ -70,11 +68,8 @@ class RippleSettings:
         "more let a burst look like all lines; fewer clip lines")
 
 
-RIPPLE = RippleSettings()
-
-
-@dataclass(frozen=True)
-class RevisionSettings:
+@settings
+class REVISION:
     """Steps in which a stated value moves (hypotheses.revision, improvement)."""
 
     step: float = setting(0.05, "relative", "of derivatives by a parameter",
@@ -99,6 +94,3 @@ class RevisionSettings:
     shorter: int = setting(6, "halvings",
         "of a change after which no body that can be is where the arm is, until it is dropped",
         "more keep small parts of what cannot be; fewer drop more")
-
-
-REVISION = RevisionSettings()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from estimators.diagnosis.settings.setting import setting
+from estimators.diagnosis.settings import setting, settings
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
 
 
-@dataclass(frozen=True)
-class JudgementSettings:
+@settings
+class JUDGEMENT:
     """Abstention (judgement.judgement)."""
 
     predictable: float = setting(0.45, "noise floors",
@@ -41,11 +39,8 @@ class JudgementSettings:
         "higher abstains more often; lower overlooks small unknown physics")
 
 
-JUDGEMENT = JudgementSettings()
-
-
-@dataclass(frozen=True)
-class OrdinarySettings:
+@settings
+class ORDINARY:
     """Friction that is ordinary where none is stated (judgement.ordinary)."""
 
     part: float = setting(0.5, "of the joints of unknown friction",
@@ -61,11 +56,8 @@ class OrdinarySettings:
         chosen="the UR10e's joints differ by 3 in all, the Panda's two kinds of gears by 10")
 
 
-ORDINARY = OrdinarySettings()
-
-
-@dataclass(frozen=True)
-class BlackBoxSettings:
+@settings
+class BLACK_BOX:
     """The black box that looks for unknown physics (judgement.surrogate)."""
 
     widths: tuple[float, ...] = setting((3e-4, 1e-3, 4e-3, 0.015, 0.06), "rad", "of its stops",
@@ -91,11 +83,8 @@ class BlackBoxSettings:
         "wider is viscous friction; narrower a step at reversals")
 
 
-BLACK_BOX = BlackBoxSettings()
-
-
-@dataclass(frozen=True)
-class QuestionSettings:
+@settings
+class QUESTIONS:
     """Questions asked of a residual (judgement.questions)."""
 
     affected: float = setting(1.15, "noise floors", "of error, from which a joint is looked into",
@@ -114,11 +103,8 @@ class QuestionSettings:
         "lower gives shares of noise; higher understates")
 
 
-QUESTIONS = QuestionSettings()
-
-
-@dataclass(frozen=True)
-class RegionSettings:
+@settings
+class REGION:
     """Region in which a finding acts (judgement.region)."""
 
     narrow: float = setting(0.5, "ratio of medians", "below which a region is worth a word",
@@ -134,11 +120,8 @@ class RegionSettings:
         "higher says a time where there is none in particular")
 
 
-REGION = RegionSettings()
-
-
-@dataclass(frozen=True)
-class ObservableSettings:
+@settings
+class OBSERVABLE:
     """Effects that the motion does not excite (judgement.conclusion)."""
 
     price: float = setting(10.0, "nat", "that an effect would have to bring", "lower lists less",
@@ -147,11 +130,8 @@ class ObservableSettings:
         "lower lists more; higher less")
 
 
-OBSERVABLE = ObservableSettings()
-
-
-@dataclass(frozen=True)
-class ConfidenceSettings:
+@settings
+class CONFIDENCE:
     """Confidence of a name (judgement.findings)."""
 
     weights: tuple[float, float, float] = setting((0.7, 0.25, 1.6), "logit", "of 1, lead and size",
@@ -171,11 +151,8 @@ class ConfidenceSettings:
                 "recordings of a UR10, a UR10e and an LWR4+, to which 73 of them were added"))
 
 
-CONFIDENCE = ConfidenceSettings()
-
-
-@dataclass(frozen=True)
-class HoldingSettings:
+@settings
+class HOLDING:
     """Motion on which a verdict stands (judgement.holding)."""
 
     open: float = setting(0.9, "of its tolerance",
@@ -183,11 +160,8 @@ class HoldingSettings:
         "lower says it of values that are known better; higher says it of few")
 
 
-HOLDING = HoldingSettings()
-
-
-@dataclass(frozen=True)
-class ValueSettings:
+@settings
+class VALUES:
     """Stated values that are reported (judgement.stated_values)."""
 
     sure: float = setting(3.0, "standard deviations",
@@ -201,11 +175,8 @@ class ValueSettings:
         "lower tells what hardly matters; higher leaves unsaid what moved")
 
 
-VALUES = ValueSettings()
-
-
-@dataclass(frozen=True)
-class GuessSettings:
+@settings
+class GUESSES:
     """Tolerances that nobody stated (judgement.guesses)."""
 
     gain: float = setting(0.1, "relative", "deviation of the scale of torques that are currents",
@@ -216,6 +187,3 @@ class GuessSettings:
     times: tuple[float, ...] = setting((0.5, 2.0), "times a guessed tolerance", "that are tried",
         "more cost time; fewer say less of what a guess decides")
     listed: int = setting(3, "effects", "that another tolerance would bring, named", "only wording")
-
-
-GUESSES = GuessSettings()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from estimators.diagnosis.settings.setting import setting
+from estimators.diagnosis.settings import setting, settings
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
 
 
-@dataclass(frozen=True)
-class PushSettings:
+@settings
+class PUSHES:
     """The scan for pushes (contact)."""
 
     strongest: float = setting(100.0, "N or N m", "1 sigma of a wrench that is estimated",
@@ -110,11 +108,8 @@ class PushSettings:
         "longer leaves out motion; shorter fits what is pushed")
 
 
-PUSHES = PushSettings()
-
-
-@dataclass(frozen=True)
-class JoltSettings:
+@settings
+class JOLTS:
     """Jolts, which ring beyond what slow physics reaches (residuals.jolts)."""
 
     outstanding: float = setting(5.0, "usual errors", "beyond which an error is no slow physics",
@@ -132,11 +127,8 @@ class JoltSettings:
     said: int = setting(5, "jolts", "of a recording whose times a note names", "only wording")
 
 
-JOLTS = JoltSettings()
-
-
-@dataclass(frozen=True)
-class ImpactSettings:
+@settings
+class IMPACTS:
     """Impacts as play is passed, which are neither pushes nor jolts (residuals.impacts)."""
 
     explained: float = setting(0.9, "of squared errors in and around an event",
@@ -156,11 +148,8 @@ class ImpactSettings:
         chosen="1.3 s in a concealed gear whose play of 29 mrad is damped")
 
 
-IMPACTS = ImpactSettings()
-
-
-@dataclass(frozen=True)
-class RoundSettings:
+@settings
+class ROUNDS:
     """Events and effects in turn (events), and other sets around one (reconsidering)."""
 
     several: int = setting(3, "effects",
@@ -168,6 +157,3 @@ class RoundSettings:
         "fewer search again more often, which costs time")
     more: int = setting(2, "rounds", "of events and effects in turn",
         "more cost time; fewer leave one in the other")
-
-
-ROUNDS = RoundSettings()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from estimators.diagnosis.settings.setting import setting
+from estimators.diagnosis.settings import setting, settings
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
 
 
-@dataclass(frozen=True)
-class RowSettings:
+@settings
+class ROWS:
     """Rows of recordings that count (residuals.observations)."""
 
     per_bandwidth: float = setting(2.5, "rows/(s Hz)", "rows of the slow grid",
@@ -48,11 +46,8 @@ class RowSettings:
         "larger is less exact; smaller loses digits")
 
 
-ROWS = RowSettings()
-
-
-@dataclass(frozen=True)
-class MotionSettings:
+@settings
+class MOTION:
     """Noise of positions, twice differentiated (residuals.motion_noise)."""
 
     noise: float = setting(4.0, "",
@@ -77,11 +72,8 @@ class MotionSettings:
         "more leaves out small motion; less asks joints at rest, whose torque is all noise")
 
 
-MOTION = MotionSettings()
-
-
-@dataclass(frozen=True)
-class NoiseSettings:
+@settings
+class NOISE:
     """Errors that are alike in time (residuals.noise)."""
 
     order: int = setting(3, "rows", "before, from which an error is predicted",
@@ -98,11 +90,8 @@ class NoiseSettings:
         chosen="so that errors forget within some fifty rows")
 
 
-NOISE = NoiseSettings()
-
-
-@dataclass(frozen=True)
-class HeldOutSettings:
+@settings
+class HELD_OUT:
     """Motion that nothing is fitted to (residuals.held_out)."""
 
     blocks: int = setting(8, "", "of each recording, in time",
@@ -138,11 +127,8 @@ class HeldOutSettings:
         "numerical")
 
 
-HELD_OUT = HeldOutSettings()
-
-
-@dataclass(frozen=True)
-class ElsewhereSettings:
+@settings
+class ELSEWHERE:
     """Motion of another kind, that proves what may be written (judgement.writing)."""
 
     turns: int = setting(4, "", "in which it is left out, as a part of all each",
@@ -156,11 +142,8 @@ class ElsewhereSettings:
         chosen="by judgement: half a second of half a minute")
 
 
-ELSEWHERE = ElsewhereSettings()
-
-
-@dataclass(frozen=True)
-class RepeatSettings:
+@settings
+class REPEATS:
     """Motion recorded again (residuals.repeats)."""
 
     alike: float = setting(0.05, "of a joint's RMS speed",
@@ -176,11 +159,8 @@ class RepeatSettings:
         "more overlook short repeats; fewer cannot be compared")
 
 
-REPEATS = RepeatSettings()
-
-
-@dataclass(frozen=True)
-class PlausibilitySettings:
+@settings
+class PLAUSIBILITY:
     """Torques that cannot be of that motion (residuals.plausibility)."""
 
     better: float = setting(3.0, "times", "that undoing a mistake has to lower the misfit",
@@ -243,11 +223,8 @@ class PlausibilitySettings:
         "numerical: rounding")
 
 
-PLAUSIBILITY = PlausibilitySettings()
-
-
-@dataclass(frozen=True)
-class MistakeSettings:
+@settings
+class MISTAKES:
     """Mistakes of a log that are tried (residuals.mistakes)."""
 
     least_moving: int = setting(20, "rows", "on which a joint has to move to be judged",
@@ -264,11 +241,8 @@ class MistakeSettings:
         "more cost time; fewer miss the zero")
 
 
-MISTAKES = MistakeSettings()
-
-
-@dataclass(frozen=True)
-class MountingSettings:
+@settings
+class MOUNTING:
     """An arm whose base is turned far (residuals.mounting)."""
 
     least: float = setting(15.0, "degrees", "that its base is turned by",
@@ -289,6 +263,3 @@ class MountingSettings:
         "higher turns arms by noise; lower judges no arm whose motion is narrow")
     confidence: float = setting(0.99, "", "of a base that is turned",
         "what is turned so far, and explains so much, is beyond doubt")
-
-
-MOUNTING = MountingSettings()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from estimators.diagnosis.settings.setting import setting
+from estimators.diagnosis.settings import setting, settings
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
 
 
-@dataclass(frozen=True)
-class SearchSettings:
+@settings
+class SEARCH:
     """The beam of sets (selection.search)."""
 
     width: int = setting(6, "sets", "that are grown further",
@@ -22,11 +20,8 @@ class SearchSettings:
                 "real arm lacks some at every joint"))
 
 
-SEARCH = SearchSettings()
-
-
-@dataclass(frozen=True)
-class CandidateSettings:
+@settings
+class CANDIDATES:
     """Priors of what competes (selection.candidates)."""
 
     missing: float = setting(10.0, "nat", "that missing physics has to bring",
@@ -67,11 +62,8 @@ class CandidateSettings:
         chosen="0.1 m on the iiwa 14")
 
 
-CANDIDATES = CandidateSettings()
-
-
-@dataclass(frozen=True)
-class ToleratedSettings:
+@settings
+class TOLERATED:
     """Nuisance parameters: values that may differ within their tolerances (selection.nuisance)."""
 
     sensor_lag: float = setting(3e-4, "s",
@@ -83,11 +75,8 @@ class ToleratedSettings:
         "larger hides friction laws; smaller takes widths for physics")
 
 
-TOLERATED = ToleratedSettings()
-
-
-@dataclass(frozen=True)
-class BaseFrictionSettings:
+@settings
+class BASE_FRICTION:
     """Friction that a bare description lacks (selection.base_friction)."""
 
     turns: int = setting(2, "", "of noise and widths in turn",
@@ -97,6 +86,3 @@ class BaseFrictionSettings:
     widest: float = setting(8e-3, "rad/s", "width of a sign that is tried",
         "wider is viscous friction by another name")
     widths: int = setting(6, "", "that are tried, evenly in their logarithm", "more cost time")
-
-
-BASE_FRICTION = BaseFrictionSettings()

@@ -14,8 +14,8 @@ from estimators.diagnosis.settings import (
     pushes,
     residuals,
     selection,
+    settings_of,
 )
-from estimators.diagnosis.settings.setting import settings_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,13 +1,17 @@
-"""A number that somebody chose stands in the settings, and nowhere else in the diagnosis."""
+"""Settings: each says what it trades, the page has them all, and no number stands beside them."""
 
 import ast
+from dataclasses import FrozenInstanceError
 from pathlib import Path
 
 import pytest
 
-from estimators.diagnosis.settings import setting
+from estimators.diagnosis import settings
+from estimators.diagnosis.settings import settings_of
+from estimators.diagnosis.settings.residuals import NOISE
+from estimators.diagnosis.settings.table import groups, table
 
-ROOT = Path(setting.__file__).parents[1]
+ROOT = Path(settings.__file__).parents[1]
 FILES = [
     file
     for file in sorted(ROOT.rglob("*.py"))
@@ -100,3 +104,30 @@ def test_such_a_number_would_be_noticed(line):
 @pytest.mark.parametrize("line", ["progress('searching', 0.4)", "x = max(x, 1e-12)", "x = a[4:]"])
 def test_others_are_left_alone(line):
     assert not numbers_in(line)
+
+
+PAGE = Path(__file__).parents[3] / "docs" / "diagnosis_settings.md"
+GROUPS = list(groups())
+NAMES = [name for name, _ in GROUPS]
+
+
+def test_the_page_is_the_table():
+    assert PAGE.read_text(encoding="utf-8") == table()
+
+
+@pytest.mark.parametrize(("name", "group"), GROUPS, ids=NAMES)
+def test_each_says_what_it_is_what_it_trades_and_why(name, group):
+    for item in settings_of(group):
+        assert item.meaning, name
+        assert item.trades, name
+        assert item.chosen, name
+        assert item.value == getattr(group, item.name)
+
+
+def test_names_of_groups_are_unique():
+    assert len(set(NAMES)) == len(NAMES) > 20
+
+
+def test_nothing_changes_them():
+    with pytest.raises(FrozenInstanceError):
+        NOISE.order = 4

@@ -22,7 +22,7 @@ from limo_driver.types import Motion
 from limopa import ExcitationRequest, Feasibility, Surroundings, Workspace, excite
 
 PAPER = 68
-QUICK = ExcitationRequest(duration=30.0, harmonics=4, starts=2, iterations=30)
+QUICK = ExcitationRequest(duration=30.0, harmonics=4, starts=2, iterations=12)
 SMALL = ExcitationRequest(
     duration=10.0, harmonics=3, starts=2, iterations=20, surroundings=Surroundings(
         self_collision=False, table_height=-1.0

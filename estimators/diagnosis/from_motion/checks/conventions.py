@@ -28,6 +28,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.headline import likelier
+from estimators.diagnosis.quantities import of_joints
 from limo_driver.physics import EncoderOffset
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -94,11 +95,12 @@ class Conventions:
         if told:
             least = min(self.odds[self.joints.index(j)] for j in told)
             said.append(
-                f"Signs and zeros of {_named(told)} are those of the description "
+                f"Signs and zeros of {of_joints(told)} are those of the description "
                 f"({likelier(least)} than others)."
             )
         if open_:
-            said.append(f"Gravity does not decide how {_named(open_)} {_counts(open_)} counted.")
+            verb = "are" if len(open_) > 1 else "is"
+            said.append(f"Gravity does not decide how {of_joints(open_)} {verb} counted.")
         return " ".join(said)
 
     @property
@@ -115,14 +117,6 @@ class Conventions:
             for j, s, z in zip(range(1, 99), self.best.sign, self.best.zero, strict=False)
             if s < 0 or z
         )
-
-
-def _named(joints: Sequence[int]) -> str:
-    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
-
-
-def _counts(joints: Sequence[int]) -> str:
-    return "are" if len(joints) > 1 else "is"
 
 
 @dataclass(frozen=True)

@@ -70,10 +70,10 @@ def check_commanded(simulation: Simulation, recordings: Sequence[Recording]) -> 
     for recording in recordings:
         recording.check_robot(simulation.model)
     check_different(recordings)
-    given, led = with_servos(simulation, recordings)
-    for recording in led:
+    given, commanded = with_servos(simulation, recordings)
+    for recording in commanded:
         check_torques(given, recording)
-    return (*check_commands(led), *check_timing(given, led))
+    return (*check_commands(commanded), *check_timing(given, commanded))
 
 
 def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:

@@ -190,6 +190,8 @@ def fit_arm(
     steps: int,
     joints: Sequence[int] | None = None,
     errors: Sequence[FloatArray] | None = None,
+    *,
+    deviations: bool = False,
 ) -> ArmFit:
     """Fit constants of joints and what they share.
 
@@ -199,32 +201,21 @@ def fit_arm(
         steps: At most.
         joints: That are fitted, 0-based; all if not given. What is shared needs all of them.
         errors: Of the start, if they are known.
+        deviations: Whether to say how sure values are, which takes as long as a step.
     """
     own = tuple(range(problem.loads.n)) if joints is None else tuple(joints)
     fit, hessian = _descended(problem, start, steps, own, errors)
+    if not deviations:
+        return fit
     if hessian is None:
         hessian, _ = _normal(problem, fit.guess, fit.errors, own)
-    deviation = SymmetricSpectrum.of(hessian).deviation()
-    at, by_joint = 0, list[dict[str, float]]()
-    for j in range(problem.loads.n):
-        names = fit.guess.names[j] if j in own else ()
-        values = deviation[at : at + len(names)].tolist()
-        by_joint.append(dict(zip(names, values, strict=True)))
-        at += len(names)
-    shared = dict(zip(fit.guess.shared, deviation[at:].tolist(), strict=True))
+    deviation = iter(SymmetricSpectrum.of(hessian).deviation().tolist())
+    by_joint = [
+        {name: next(deviation) for name in names} if j in own else {}
+        for j, names in enumerate(fit.guess.names)
+    ]
+    shared = {name: next(deviation) for name in fit.guess.shared}
     return replace(fit, own=tuple(by_joint), shared=shared)
-
-
-def glance_at(
-    problem: ArmProblem,
-    start: ArmGuess,
-    steps: int,
-    joints: Sequence[int] | None = None,
-    errors: Sequence[FloatArray] | None = None,
-) -> ArmFit:
-    """Do as `fit_arm` does, but say not how sure values are: that takes as long as a step."""
-    own = tuple(range(problem.loads.n)) if joints is None else tuple(joints)
-    return _descended(problem, start, steps, own, errors)[0]
 
 
 def _descended(

@@ -236,21 +236,6 @@ def of_a_kind(
     return OfAKind(kept, (*found, PROFILE.effect), ratio)
 
 
-def every_joint(
-    parts: Sequence[Sequence[LoadedJoint]],
-    rows: FloatArray,
-    names: tuple[str, ...],
-    priors: Sequence[Mapping[str, BelievedValue]],
-    *,
-    intervals: bool,
-) -> list[tuple[JointFit, tuple[str, ...]]]:
-    """Fit several joints side by side; the compiled loops let each other run."""
-    with ThreadPoolExecutor() as pool:
-        return list(
-            pool.map(partial(grown, intervals=intervals), parts, rows, [names] * len(parts), priors)
-        )
-
-
 def apart(
     parts: Sequence[LoadedJoint],
 ) -> tuple[list[LoadedJoint], list[LoadedJoint]]:

@@ -8,7 +8,7 @@ Where gravity hardly loads a joint, only their ratios are known.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,7 +19,7 @@ from estimators.diagnosis.from_motion.fitting.extras import (
     GAIN,
     PROFILE,
     OfAKind,
-    every_joint,
+    grown,
     of_a_kind,
 )
 from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors
@@ -30,7 +30,6 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     with_gain,
 )
 from estimators.diagnosis.from_motion.simulation.constants import (
-    COLUMNS,
     COULOMB,
     DAMPING,
     GAINS,
@@ -39,26 +38,16 @@ from estimators.diagnosis.from_motion.simulation.constants import (
     base_of,
     constant_of,
     gain_of,
-    geared,
     value_in,
     with_values,
 )
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
 from limo_driver.physics import (
-    Armature,
-    AsymmetricFriction,
-    CoulombFriction,
-    DcMotor,
-    LoadDependentFriction,
     PositionServo,
-    SpringLoad,
-    StribeckFriction,
     TorqueDrive,
-    TorqueOffset,
     VelocityServo,
-    ViscousFriction,
 )
 from limo_driver.recordings.channels import POSITION, TORQUE, VELOCITY
 from limo_driver.runtime.display import Displayed
@@ -70,7 +59,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Effect, JointDrive, Simulation
+    from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -90,16 +79,6 @@ _TYPICAL_DRIVES: Final = {  # by what a joint is told
     VELOCITY.name: partial(VelocityServo, kv=TYPICAL["kv"]["kv"]),
     TORQUE.name: partial(TorqueDrive, gain=TYPICAL["gain"]["gain"]),
 }
-_FITTED: Final = (
-    Armature,
-    AsymmetricFriction,
-    CoulombFriction,
-    LoadDependentFriction,
-    SpringLoad,
-    StribeckFriction,
-    TorqueOffset,
-    ViscousFriction,
-)
 
 
 @dataclass(frozen=True, repr=False)
@@ -259,7 +238,9 @@ def _fitted(
     if not joints:
         return {}
     own, names = [parts[j] for j in joints], base_of(rows[joints[0]])[0 if scaled else 1 :]
-    done = every_joint(own, rows[list(joints)], names, believed, intervals=intervals)
+    fit = partial(grown, intervals=intervals)
+    with ThreadPoolExecutor() as pool:  # the compiled loops let each other run
+        done = list(pool.map(fit, own, rows[list(joints)], [names] * len(joints), believed))
     return dict(zip(joints, done, strict=True))
 
 
@@ -369,89 +350,10 @@ def with_servos(
     Raises:
         RecordingError: What a drive takes was not recorded.
     """
-    led = [recording.led(simulation.channels) for recording in recordings]
-    kinds = led[0].channels if led else (POSITION.name,) * simulation.model.n
+    commanded = [recording.led(simulation.channels) for recording in recordings]
+    kinds = commanded[0].channels if commanded else (POSITION.name,) * simulation.model.n
     simulation = simulation.with_motors(kinds)
     every = enumerate(zip(kinds, simulation.channels, strict=True), start=1)
     more = [_TYPICAL_DRIVES[kind](joint=j) for j, (kind, own) in every if own is None]
     given = replace(simulation, drives=(*simulation.drives, *more)) if more else simulation
-    return given, [recording.led(given.channels) for recording in led]
-
-
-def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
-    """Return a simulation with the constants that were fitted, as seen at the joints.
-
-    Damping of the servo and viscous friction of the joint act alike but at a torque limit: what
-    fits do not place within that is viscous friction.
-    """
-    rows, given = [geared(row) for row in rows], rows
-    kept = tuple(effect for effect in simulation.effects if not isinstance(effect, _FITTED))
-    effects = tuple(effect for j, row in enumerate(rows, start=1) for effect in _effects(j, row))
-    drives = tuple(
-        _driven(drive, rows[drive.joint - 1], value_in(given[drive.joint - 1], "gear"))
-        for drive in simulation.drives
-    )
-    turned = {drive.joint for drive in drives if isinstance(drive, DcMotor)}
-    motors = tuple(
-        DcMotor.of_limits(j, value_in(row, "stall"), value_in(row, "free_speed"))
-        for j, row in enumerate(rows, start=1)
-        if j not in turned and np.isfinite(value_in(row, "stall"))
-    )
-    return replace(simulation, effects=(*effects, *kept), drives=(*drives, *motors))
-
-
-def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
-    if isinstance(drive, DcMotor):
-        limits = value_in(row, "stall"), value_in(row, "free_speed")
-        return replace(drive, gear=ratio * drive.gear).limited(*limits)
-    values = {
-        item.name: _finite(value_in(row, item.name))
-        for item in fields(drive)
-        if item.name in COLUMNS
-    }
-    if "kd" in values:
-        values["kd"] = value_in(row, "kd") + value_in(row, "inside") * value_in(row, DAMPING)
-    if not value_in(row, "derating"):
-        values.pop("heating", None)
-    known = {name: own for name, own in drive.tolerances.items() if values.get(name)}
-    # values by name: numbers alone, of which a checker cannot tell that no one is `tolerances`
-    return replace(drive, tolerances=known, **values)  # pyright: ignore[reportArgumentType]
-
-
-def _finite(value: float) -> float | None:
-    """Return a limit as it is declared."""
-    return value if np.isfinite(value) else None
-
-
-def _effects(joint: int, row: FloatArray) -> list[Effect]:
-    def value(name: str) -> float:
-        return value_in(row, name)
-
-    plus, minus = value("plus"), value("minus")
-    found: list[Effect] = [
-        CoulombFriction(joint=joint, tau_c=plus)
-        if plus == minus
-        else AsymmetricFriction(joint=joint, tau_plus=plus, tau_minus=minus),
-        ViscousFriction(joint=joint, f_v=(1.0 - value("inside")) * value(DAMPING)),
-        Armature(joint=joint, inertia=value("inertia")),
-        TorqueOffset(joint=joint, offset=value("offset")),
-    ]
-    if value("stribeck") > 0.0:
-        tau_s, v_s, delta = value("stribeck"), value("v_s"), value("delta")
-        found.append(StribeckFriction(joint=joint, tau_s=tau_s, v_s=v_s, delta=delta))
-    if value("by_load") > 0.0:
-        resisted, assisted = (value("by_load") * value(own) for own in ("resisted", "assisted"))
-        parts = {
-            "absolute": min(resisted, assisted),
-            "positive": max(resisted - assisted, 0.0),
-            "negative": max(assisted - resisted, 0.0),
-        }
-        found += [
-            LoadDependentFriction(joint=joint, coefficient=size, variant=variant)
-            for variant, size in parts.items()
-            if size > 0.0
-        ]
-    if value("spring") != 0.0 or value("cubic") != 0.0:
-        stiffness, rest, cubic = value("spring"), value("rest"), value("cubic")
-        found.append(SpringLoad(joint=joint, stiffness=stiffness, rest=rest, cubic=cubic))
-    return found
+    return given, [recording.led(given.channels) for recording in commanded]

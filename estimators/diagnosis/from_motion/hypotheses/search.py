@@ -19,7 +19,6 @@ from estimators.diagnosis.from_motion.fitting.arm import (
     Weights,
     at_bound,
     fit_arm,
-    glance_at,
 )
 from estimators.diagnosis.from_motion.hypotheses.suspects import (
     COUNTED,
@@ -161,16 +160,16 @@ def search(
     }
     weights = _weights(loads, guess, tick)
     problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=FOUND)
-    fit = glance_at(problem, guess, _FIRST)
+    fit = fit_arm(problem, guess, _FIRST)
     other = _limited(guess, stated)
     if not _alike(problem, guess, other):
-        fit = min(fit, glance_at(problem, other, _FIRST), key=lambda own: own.cost)
+        fit = min(fit, fit_arm(problem, other, _FIRST), key=lambda own: own.cost)
     found = _searched(problem, fit, guess.rows, tick)
     other = _limited(found.fit.guess, stated)
     if not _alike(found.problem, found.fit.guess, other):
-        moved = glance_at(found.problem, other, _THEN)
+        moved = fit_arm(found.problem, other, _THEN)
         if moved.cost < found.fit.cost - _WORTH:
-            again = glance_at(problem, _limited(fit.guess, stated), _FIRST)
+            again = fit_arm(problem, _limited(fit.guess, stated), _FIRST)
             return _searched(problem, again, guess.rows, tick)
     return found
 
@@ -233,10 +232,10 @@ def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float)
         if best.one.effect in COUNTED:
             problem, fit = reweighted(best.problem, best.fit, tick)
             break  # all else is better looked for where joints count as described
-        problem, fit = _settled(best.problem, best.fit, tick)
+        problem, fit = _converge(best.problem, best.fit, tick)
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
     problem = replace(problem, within=np.inf, over=_FINE)
-    problem, fit = reweighted(problem, glance_at(problem, fit.guess, _LAST), tick)
+    problem, fit = reweighted(problem, fit_arm(problem, fit.guess, _LAST), tick)
     return Searched(problem, fit, tuple(kept))
 
 
@@ -269,7 +268,7 @@ def leaving_out(found: Searched, one: Suspect, tick: float) -> Searched:
         one: The suspect.
         tick: Step of the encoders [rad].
     """
-    less = glance_at(found.problem, one.removed(found.fit.guess), _THEN)
+    less = fit_arm(found.problem, one.removed(found.fit.guess), _THEN)
     problem, fit = reweighted(found.problem, less, tick)
     return Searched(problem, fit, tuple(other for other in found.suspects if other != one))
 
@@ -284,7 +283,7 @@ def _weights(loads: ArmLoads, guess: ArmGuess, tick: float) -> Weights:
     even = Weights(np.ones(loads.n), np.ones(loads.n))
     start = ArmProblem(loads, even, [{} for _ in range(loads.n)])
     problem = replace(start, weights=Weights.of(start.errors(guess), tick))
-    fit = glance_at(problem, replace(guess, free=free), _FIRST)
+    fit = fit_arm(problem, replace(guess, free=free), _FIRST)
     return Weights.of(fit.errors, tick)
 
 
@@ -294,7 +293,7 @@ def _still_worth(
     """Leave out what others that joined later explain."""
     kept = list(chosen)
     for one in chosen[:-1]:
-        less = glance_at(problem, one.removed(fit.guess), _THEN)
+        less = fit_arm(problem, one.removed(fit.guess), _THEN)
         if less.cost - fit.cost < _WORTH + _EACH * len(one.names):
             kept.remove(one)
             problem, fit = reweighted(problem, less, tick)
@@ -304,10 +303,11 @@ def _still_worth(
 def reweighted(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
     """Return problem and fit with weights that the errors of the fit ask for."""
     problem = replace(problem, weights=Weights.of(fit.errors, tick))
-    return problem, fit_arm(problem, fit.guess, _TRY, errors=fit.errors)
+    fit = fit_arm(problem, fit.guess, _TRY, errors=fit.errors, deviations=True)
+    return problem, fit
 
 
-def _settled(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
+def _converge(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
     """Return a fit that has come to its end, along valleys too: what it leaves is asked about next.
 
     Args:
@@ -316,14 +316,14 @@ def _settled(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem,
         tick: Step of the encoders [rad].
     """
     problem, fit = reweighted(problem, fit, tick)
-    fine = glance_at(replace(problem, over=_FINE), fit.guess, _LAST, errors=fit.errors)
+    fine = fit_arm(replace(problem, over=_FINE), fit.guess, _LAST, errors=fit.errors)
     return reweighted(problem, fine, tick)
 
 
 def _tried(problem: ArmProblem, fit: ArmFit, one: Suspect, steps: int) -> ArmFit:
     """Return a short fit that has a suspect."""
     begun = one.added(fit.guess)
-    return glance_at(problem, begun, steps, one.affects)
+    return fit_arm(problem, begun, steps, one.affects)
 
 
 @dataclass(frozen=True)
@@ -343,10 +343,10 @@ class _Look:
     def at(
         cls, problem: ArmProblem, fit: ArmFit, one: Suspect, glance: ArmFit, tick: float
     ) -> _Look:
-        new = glance_at(problem, glance.guess, _TRY, one.affects, glance.errors)
+        new = fit_arm(problem, glance.guess, _TRY, one.affects, glance.errors)
         problem = replace(problem, weights=Weights.of(new.errors, tick))
-        new = glance_at(problem, new.guess, _THEN, errors=new.errors)
-        old = glance_at(problem, fit.guess, _THEN, errors=fit.errors)
+        new = fit_arm(problem, new.guess, _THEN, errors=new.errors)
+        old = fit_arm(problem, fit.guess, _THEN, errors=fit.errors)
         worth = _worth(problem, old, replace(one, shared=True), new)
         return cls(one, problem, new, worth)
 

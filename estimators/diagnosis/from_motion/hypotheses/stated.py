@@ -16,15 +16,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_motion.checks.conventions import conventions_of, likeliest_order
-from estimators.diagnosis.from_motion.fitting.arm import ArmFit, glance_at
+from estimators.diagnosis.from_motion.fitting.arm import ArmFit, fit_arm
 from estimators.diagnosis.from_motion.fitting.identification import (
     ASKED,
     SURE,
     DriveIdentification,
     gives_scale,
     largest_load,
-    typical_start,
-    with_rows,
 )
 from estimators.diagnosis.from_motion.fitting.joint import (
     NORMAL,
@@ -33,6 +31,7 @@ from estimators.diagnosis.from_motion.fitting.joint import (
     blocks,
     fit_joint,
 )
+from estimators.diagnosis.from_motion.fitting.starts import typical_start
 from estimators.diagnosis.from_motion.hypotheses.search import FOUND, Searched, reweighted
 from estimators.diagnosis.from_motion.hypotheses.suspects import COUNTED, Suspect
 from estimators.diagnosis.from_motion.simulation.constants import (
@@ -50,7 +49,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import (
     free_run,
 )
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import EncoderOffset, Payload
 from limo_driver.recordings.channels import TORQUE, led_by
@@ -193,7 +192,7 @@ def proven(
         found.problem, loads=ArmLoads(simulation.body, recordings, rows_of(simulation))
     )
     guess = _holding(found) if held else found.fit.guess
-    fit = glance_at(problem, guess, _REFITTED)
+    fit = fit_arm(problem, guess, _REFITTED)
     return stated_arm(simulation, found, reweighted(problem, fit, tick)[1])
 
 
@@ -298,7 +297,7 @@ def _between(found: Searched) -> FloatArray:
     many = int(block.max()) + 1
     values = np.array(
         [
-            _values(glance_at(replace(problem, kept=block != k), fit.guess, _LEFT_OUT))
+            _values(fit_arm(replace(problem, kept=block != k), fit.guess, _LEFT_OUT))
             for k in range(many)
         ]
     )
@@ -327,7 +326,7 @@ def _rehearsed(simulation: Simulation, found: Searched, ticks: FloatArray) -> Fl
     straight = replace(change, sign=(1,) * len(change.sign), order=())
     loads = ArmLoads(simulation.body, played, problem.loads.stated)
     guess = replace(known.guess, change=straight)
-    return _values(glance_at(replace(problem, loads=loads), guess, _REHEARSED)) - _values(known)
+    return _values(fit_arm(replace(problem, loads=loads), guess, _REHEARSED)) - _values(known)
 
 
 def _not_shown(found: Searched, j: int) -> dict[str, float]:

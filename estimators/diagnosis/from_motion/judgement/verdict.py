@@ -29,6 +29,7 @@ from estimators.diagnosis.from_motion.simulation.constants import (
 )
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, most_torque, rows_of
+from estimators.diagnosis.quantities import of_joints
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import (
     Fit,
@@ -179,7 +180,7 @@ def _unit(given: Simulation) -> str:
     joints = drifting(given.channels)
     if not joints:
         return "rad"
-    where = "" if len(joints) == given.model.n else f" at {joints_named(joints)}"
+    where = "" if len(joints) == given.model.n else f" at {of_joints(joints)}"
     return f"rad in {DRIFTS:g} s{where}"
 
 
@@ -225,17 +226,17 @@ def undecided(found: DriveIdentification, rate: float) -> Iterator[tuple[str, st
         if joints := [j for j, own in found.undecided if own == name]:
             yield (
                 constant_of(name).effect,
-                f"{name} of {joints_named(joints)} is not decidable at this rate ({rate:.0f} Hz): "
+                f"{name} of {of_joints(joints)} is not decidable at this rate ({rate:.0f} Hz): "
                 f"{other} explains the motion as well",
             )
     for drive, light in _by_drive(found, _weightless(found)):
         yield (
             drive,
-            f"gravity never loads {joints_named(light)}: {_gains(found, light)} is known there in "
+            f"gravity never loads {of_joints(light)}: {_gains(found, light)} is known there in "
             "ratio to friction, damping and inertia alone",
         )
     for drive, still in _by_drive(found, _still(found)):
-        yield drive, f"no command moves {joints_named(still)}: its drive does not show"
+        yield drive, f"no command moves {of_joints(still)}: its drive does not show"
 
 
 def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterator[tuple[str, str]]:
@@ -246,11 +247,11 @@ def not_shown(given: Simulation, told: Sequence[int], *, stated: bool) -> Iterat
         told: Joints whose sign gravity tells, 1-based.
         stated: Whether the drives are those that the arm has.
     """
-    untold = [str(j) for j in range(1, given.model.n + 1) if j not in told]
+    untold = [j for j in range(1, given.model.n + 1) if j not in told]
     if untold:
         yield (
             "joint_sign",
-            f"gravity hardly loads joint{'s' * (len(untold) > 1)} {', '.join(untold)}: whether "
+            f"gravity hardly loads {of_joints(untold)}: whether "
             "positions and commands count against the description is not decidable there",
         )
     if stated and drifting(given.channels):
@@ -274,7 +275,7 @@ def about_drift(given: Simulation) -> tuple[str, ...]:
         for what, kind in (("Velocities", VELOCITY), ("Torques", TORQUE))
     }
     return tuple(
-        f"{what} are commanded at {joints_named(joints)}, and where these lead drifts from "
+        f"{what} are commanded at {of_joints(joints)}, and where these lead drifts from "
         f"where the joint was: each {DRIFTS:g} s it is put back there, and its errors are of the "
         "position until then."
         for what, joints in told.items()
@@ -292,7 +293,7 @@ def about_motors(stated: Simulation) -> tuple[str, ...]:
     if not joints:
         return ()
     return (
-        f"Of the motor of {joints_named(joints)}, motion shows the torque at rest and the speed "
+        f"Of the motor of {of_joints(joints)}, motion shows the torque at rest and the speed "
         "without load alone: kt, resistance, supply and gear are believed, fitted and told as far "
         "as these two go.",
     )
@@ -329,13 +330,13 @@ def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
             else f"{_gains(final, light)} is that of a usual servo, which nothing speaks for"
         )
         told.append(
-            f"Gravity never loads {joints_named(light)}: of {_gains(final, light)}, friction, "
+            f"Gravity never loads {of_joints(light)}: of {_gains(final, light)}, friction, "
             f"damping and inertia only the ratios are known there; {scale}."
         )
     if still := _still(final):
         taken = "the stated values are kept" if stated else "the mean of the other joints is taken"
         told.append(
-            f"No command moves {joints_named(still)}: nothing is known of the drives there, and "
+            f"No command moves {of_joints(still)}: nothing is known of the drives there, and "
             f"{taken}."
         )
     return tuple(told)
@@ -362,12 +363,3 @@ def _weightless(found: DriveIdentification) -> list[int]:
 def _still(found: DriveIdentification) -> list[int]:
     """Return joints that no command moves, 1-based."""
     return [j for j, moved in enumerate(found.moved, start=1) if not moved]
-
-
-def joints_named(numbers: Sequence[int]) -> str:
-    """Return joints in words.
-
-    Args:
-        numbers: 1-based.
-    """
-    return f"joint{'s' * (len(numbers) > 1)} {', '.join(map(str, numbers))}"

@@ -61,8 +61,8 @@ def free_run(simulation: Simulation, recording: Recording) -> FloatArray:
     """
     recording.check_robot(simulation.model)
     simulation = simulation.with_motors(recording.channels)
-    led = recording.led(simulation.channels)
-    return run_forward(ServoArm.of(simulation).without_restarts(), led)
+    commanded = recording.led(simulation.channels)
+    return run_forward(ServoArm.of(simulation).without_restarts(), commanded)
 
 
 def restarted_run(simulation: Simulation, recording: Recording) -> FloatArray:
@@ -136,7 +136,7 @@ def follow(
         ConfigError: A step does not settle.
     """
     chain = arm.chain
-    position, settled = _advance(
+    position, converged = _advance(
         chain.rotation,
         chain.translation,
         chain.axis,
@@ -149,7 +149,7 @@ def follow(
         np.ascontiguousarray(velocity),
         min(step.longest_step(row, LONGEST_STEP) for row in arm.rows),
     )
-    if not settled:
+    if not converged:
         raise ConfigError(
             f"the velocities of the joints did not agree within {_CONVERGED:g} rad/s after "
             f"{_SWEEPS} sweeps of a step; is the armature of a joint far below the inertia "
@@ -220,7 +220,7 @@ def _inertia(
 
 
 @compiled(nogil=True)
-def _settled(
+def _solve_velocities(
     rows: FloatArray,
     position: FloatArray,
     v: FloatArray,
@@ -270,7 +270,7 @@ def _advance(
     velocity: FloatArray,
     longest: float,
 ) -> tuple[FloatArray, bool]:
-    """Return the positions (T, n) [rad] of one stretch without a gap, and whether all settled."""
+    """Return the positions (T, n) [rad] of one stretch, and whether all steps converged."""
     # to set rows of arrays whole would compile the message of its error, as long as all of this
     T, n = command.shape
     result = np.empty((T, n))
@@ -319,7 +319,9 @@ def _advance(
                 error[j] = step.error_of(rows[j], target[j], place[j])
                 integral[j] = step.integrated(rows[j], integral[j], error[j], h)
             _drive(rows, volts, heat, error, v, h)
-            if not _settled(rows, place, v, error, integral, M, bias, volts, h, after, mean):
+            if not _solve_velocities(
+                rows, place, v, error, integral, M, bias, volts, h, after, mean
+            ):
                 return result, False
             for j in range(n):
                 integral[j] = step.caught_up(rows[j], integral[j], error[j], mean[j], h)

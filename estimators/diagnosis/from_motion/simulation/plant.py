@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,7 +11,9 @@ from estimators.diagnosis.from_motion.simulation.constants import (
     ABSENT,
     ASSISTED,
     BY_LOAD,
+    COLUMNS,
     CONSTANTS,
+    DAMPING,
     KD,
     RESISTED,
     RESTART,
@@ -19,9 +21,11 @@ from estimators.diagnosis.from_motion.simulation.constants import (
     TORQUE_LIMIT,
     VISCOUS_MINUS,
     VISCOUS_PLUS,
+    geared,
     value_in,
     with_values,
 )
+from estimators.diagnosis.quantities import of_joints
 from estimators.rigid_body.regressor import RegressorChain, link_parameters
 from limo_driver.errors import ConfigError
 from limo_driver.physics import (
@@ -43,7 +47,7 @@ from limo_driver.physics import (
 from limo_driver.physics.drives import DRIVES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, JointDrive, Simulation
@@ -55,6 +59,16 @@ _LED: Final = tuple(name for name, kind in DRIVES.items() if kind.channel is not
 DRIFTS: Final = 1.0  # [s] of a run, after which what is told no positions is put back where it was
 # Load-dependent friction that can be run forward: its factors as the load resists and as it drives.
 PRESSED: Final = {"absolute": (1.0, 1.0), "positive": (1.0, 0.0), "negative": (0.0, 1.0)}
+_FITTED: Final = (
+    Armature,
+    AsymmetricFriction,
+    CoulombFriction,
+    LoadDependentFriction,
+    SpringLoad,
+    StribeckFriction,
+    TorqueOffset,
+    ViscousFriction,
+)
 
 
 @dataclass(frozen=True)
@@ -97,8 +111,8 @@ def rows_of(simulation: Simulation) -> FloatArray:
     if missing:
         raise ConfigError(
             f"`drives:` has no {', '.join(_LED[:-1])} or {_LED[-1]} for "
-            f"joint{'s' * (len(missing) > 1)} {', '.join(map(str, missing))} of "
-            f"{simulation.model.name}; without one, nothing says what a command does there"
+            f"{of_joints(missing)} of {simulation.model.name}; without one, nothing says what a "
+            "command does there"
         )
     rows = np.tile(ABSENT, (n, 1))
     for drive in simulation.drives:
@@ -188,3 +202,82 @@ _FORWARD: Final[dict[type[Effect], Callable[[Any], _Values]]] = {
     SpringLoad: lambda x: {"spring": x.stiffness, "rest": x.rest, "cubic": x.cubic},
     EncoderOffset: lambda x: {"zero": x.offset},
 }
+
+
+def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
+    """Return a simulation with the constants that were fitted, as seen at the joints.
+
+    Damping of the servo and viscous friction of the joint act alike but at a torque limit: what
+    fits do not place within that is viscous friction.
+    """
+    rows, given = [geared(row) for row in rows], rows
+    kept = tuple(effect for effect in simulation.effects if not isinstance(effect, _FITTED))
+    effects = tuple(effect for j, row in enumerate(rows, start=1) for effect in _effects(j, row))
+    drives = tuple(
+        _driven(drive, rows[drive.joint - 1], value_in(given[drive.joint - 1], "gear"))
+        for drive in simulation.drives
+    )
+    turned = {drive.joint for drive in drives if isinstance(drive, DcMotor)}
+    motors = tuple(
+        DcMotor.of_limits(j, value_in(row, "stall"), value_in(row, "free_speed"))
+        for j, row in enumerate(rows, start=1)
+        if j not in turned and np.isfinite(value_in(row, "stall"))
+    )
+    return replace(simulation, effects=(*effects, *kept), drives=(*drives, *motors))
+
+
+def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
+    if isinstance(drive, DcMotor):
+        limits = value_in(row, "stall"), value_in(row, "free_speed")
+        return replace(drive, gear=ratio * drive.gear).limited(*limits)
+    values = {
+        item.name: _finite(value_in(row, item.name))
+        for item in fields(drive)
+        if item.name in COLUMNS
+    }
+    if "kd" in values:
+        values["kd"] = value_in(row, "kd") + value_in(row, "inside") * value_in(row, DAMPING)
+    if not value_in(row, "derating"):
+        values.pop("heating", None)
+    known = {name: own for name, own in drive.tolerances.items() if values.get(name)}
+    # values by name: numbers alone, of which a checker cannot tell that no one is `tolerances`
+    return replace(drive, tolerances=known, **values)  # pyright: ignore[reportArgumentType]
+
+
+def _finite(value: float) -> float | None:
+    """Return a limit as it is declared."""
+    return value if np.isfinite(value) else None
+
+
+def _effects(joint: int, row: FloatArray) -> list[Effect]:
+    def value(name: str) -> float:
+        return value_in(row, name)
+
+    plus, minus = value("plus"), value("minus")
+    found: list[Effect] = [
+        CoulombFriction(joint=joint, tau_c=plus)
+        if plus == minus
+        else AsymmetricFriction(joint=joint, tau_plus=plus, tau_minus=minus),
+        ViscousFriction(joint=joint, f_v=(1.0 - value("inside")) * value(DAMPING)),
+        Armature(joint=joint, inertia=value("inertia")),
+        TorqueOffset(joint=joint, offset=value("offset")),
+    ]
+    if value("stribeck") > 0.0:
+        tau_s, v_s, delta = value("stribeck"), value("v_s"), value("delta")
+        found.append(StribeckFriction(joint=joint, tau_s=tau_s, v_s=v_s, delta=delta))
+    if value("by_load") > 0.0:
+        resisted, assisted = (value("by_load") * value(own) for own in ("resisted", "assisted"))
+        parts = {
+            "absolute": min(resisted, assisted),
+            "positive": max(resisted - assisted, 0.0),
+            "negative": max(assisted - resisted, 0.0),
+        }
+        found += [
+            LoadDependentFriction(joint=joint, coefficient=size, variant=variant)
+            for variant, size in parts.items()
+            if size > 0.0
+        ]
+    if value("spring") != 0.0 or value("cubic") != 0.0:
+        stiffness, rest, cubic = value("spring"), value("rest"), value("cubic")
+        found.append(SpringLoad(joint=joint, stiffness=stiffness, rest=rest, cubic=cubic))
+    return found

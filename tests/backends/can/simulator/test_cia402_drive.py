@@ -5,7 +5,7 @@ import struct
 import pytest
 from bus_master import enable, words
 
-from backends.can.simulator.drive_state import StatuswordState, commanded
+from backends.can.simulator.drive import StatuswordState, commanded
 
 NODE, OTHER = 11, 12
 COUNTS = 65536 * 160 / 6.283185307179586  # per rad, of node 11

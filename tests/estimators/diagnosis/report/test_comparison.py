@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from math import nan
 
@@ -11,7 +12,7 @@ from audit import violations
 from browser import browser, program
 
 from estimators.diagnosis.reading import verdict_in
-from estimators.diagnosis.report.truth import comparison
+from estimators.diagnosis.report.truth import beside_the_truth, comparison, recovered
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,
@@ -27,6 +28,7 @@ from estimators.diagnosis.verdict import (
 )
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
+from limo_driver.physics import Payload, PreslidingHysteresis, QuadraticDrag
 
 N = 7
 FIT = Fit((1.0,) * N, (0.1,) * N, (0.1,) * N, nan, (nan, nan))
@@ -126,3 +128,42 @@ def test_values_are_json(tmp_path):
         json.loads((tmp_path / "verdict.json").read_text())["fit"]["reducible_error_removed"]
         is None
     )
+
+
+PAYLOAD = Payload(mass=0.8, com=(0.0, 0.0, 0.1))
+DRAG = QuadraticDrag(joint=4, coefficient=6.0)
+HYSTERESIS = PreslidingHysteresis(joint=2, law="maxwell_slip", stiffness=(120.0,), width=(0.004,))
+
+
+MASS = found("payload", (6,), mass=Interval(0.776, "kg", (0.675, 0.878)))
+ELSEWHERE = found("quadratic_drag", (5,), coefficient=Interval(5.0, "N m s^2/rad^2", (4.0, 6.0)))
+
+
+def cells(page):
+    rows = re.findall(r"<tr>(<td.*?)</tr>", page)
+    return [
+        re.findall(r"<td[^>]*>(.*?)</td>", row.replace("\N{NO-BREAK SPACE}", " ")) for row in rows
+    ]
+
+
+def test_a_payload_is_the_same_whichever_joint_feels_it():
+    assert recovered([PAYLOAD], [MASS], N) == (
+        "Payload of 0.8 kg at the flange was concealed, 0.78 kg [0.68, 0.88] was found."
+    )
+    assert cells(beside_the_truth([PAYLOAD], [MASS], N)) == [
+        ["payload of 0.8 kg at the flange", "payload: 0.78 kg [0.68, 0.88]", "90 %"]
+    ]
+
+
+def test_the_right_effect_at_another_joint_is_not_what_was_concealed():
+    assert recovered([DRAG], [ELSEWHERE], N).endswith("was concealed and not found.")
+    assert [row[:2] for row in cells(beside_the_truth([DRAG], [ELSEWHERE], N))] == [
+        ["quadratic drag of 6 N m s²/rad² at joint 4", "not found"],
+        ["nothing", "quadratic drag: 5.0 N m s²/rad² [4.0, 6.0]"],
+    ]
+
+
+def test_an_effect_without_one_size_is_said_to_be_found():
+    same = found("presliding_hysteresis", (2,))
+    said = recovered([HYSTERESIS], [same], N)
+    assert said == "Presliding hysteresis at joint 2 was concealed, it was found."

@@ -1,11 +1,22 @@
+"""Presliding hysteresis and play."""
+
+from __future__ import annotations
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from limo_driver.physics import PreslidingHysteresis
-from limo_driver.physics.effect import JointMotion
+from limo_driver.physics import (
+    AsymmetricFriction,
+    Backlash,
+    CoulombFriction,
+    PreslidingHysteresis,
+    ViscousFriction,
+)
+from limo_driver.physics.effect import JointMotion, Recorded
 from limo_driver.physics.effects.laws import STEP, dahl
+from limo_driver.physics.effects.play import DRAGGED_GAPS, MOST_DRAG
 
 LAW = PreslidingHysteresis(joint=1, stiffness=(900.0, 120.0), width=(5e-4, 4e-3))
 SLIDING = 900.0 * 5e-4 + 120.0 * 4e-3
@@ -183,3 +194,44 @@ def test_settings_of_a_law_are_sought_as_far_as_a_simulation_may_have_them(hypot
             settings[k] = end
             (found,) = hypothesis.family(*settings).realise(np.ones(1))
             assert found.law == hypothesis.terms[0].law
+
+
+DRY = CoulombFriction(joint=2, tau_c=3.0, v_eps=0.01)
+
+
+def recorded(*effects):
+    return Recorded(
+        position=np.zeros((10, 2)),
+        temperature=None,
+        start=0.0,
+        end=1.0,
+        longest=1.0,
+        gravity=np.array([0.0, 0.0, -9.81]),
+        effects=effects,
+    )
+
+
+def drags_at(joint, *effects):
+    every = Backlash.at_joint(joint, recorded(*effects))
+    return [item for item in every if not item.terms[0].displaces]
+
+
+@pytest.mark.parametrize(
+    ("effects", "dry"),
+    [
+        ((DRY,), 3.0),
+        ((AsymmetricFriction(joint=2, tau_plus=4.0, tau_minus=2.5),), 2.5),
+        ((DRY, CoulombFriction(joint=1, tau_c=9.0), ViscousFriction(joint=2, f_v=5.0)), 3.0),
+    ],
+)
+def test_a_drag_is_part_of_the_dry_friction_of_its_joint(effects, dry):
+    found = drags_at(2, *effects)
+    assert [item.settings for item in found] == [(gap,) for gap in DRAGGED_GAPS]
+    assert [item.most for item in found] == [MOST_DRAG * dry] * len(found)
+    refined = found[0].family(2e-4)
+    assert (refined.most, refined.settings) == (MOST_DRAG * dry, (2e-4,))
+
+
+def test_no_drag_is_looked_for_where_nothing_rubs():
+    assert drags_at(1, DRY) == []
+    assert len(drags_at(2, DRY)) == len(DRAGGED_GAPS)

@@ -1,4 +1,4 @@
-"""How sure values are beside stated drives, and of which joints nothing is said."""
+"""How sure values are beside stated drives, and what parts of the motion prove."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from estimators.diagnosis.from_motion.hypotheses.search import (
     search,
     stated_guess,
 )
-from estimators.diagnosis.from_motion.hypotheses.stated import stated_arm, with_intervals
-from estimators.diagnosis.from_motion.simulation.constants import inner, value_in
+from estimators.diagnosis.from_motion.hypotheses.stated import proven, stated_arm, with_intervals
+from estimators.diagnosis.from_motion.hypotheses.suspects import Suspect
+from estimators.diagnosis.from_motion.simulation.constants import DAMPING, inner, value_in
 from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
-from limo_driver.physics import GravityDirection, Simulation
+from limo_driver.physics import GravityDirection, Simulation, StribeckFriction
 
 NO_STEP = np.zeros(2)  # of encoders that are as fine as numbers
 
@@ -37,7 +38,7 @@ def found_in(simulation, recordings, steps):
     loads = ArmLoads(simulation.body, recordings, rows)
     guess = stated_guess(rows)
     problem = ArmProblem(loads, Weights(np.full(2, 1e-4), np.full(2, 0.1)), beliefs(rows, 0.1))
-    return Searched(problem, fit_arm(problem, guess, steps), ())
+    return Searched(problem, fit_arm(problem, guess, steps, deviations=True), ())
 
 
 def test_intervals_hold_what_fits_to_filtered_motion_are_off_by(stated):
@@ -109,7 +110,49 @@ def test_a_gain_that_the_motion_leaves_undecided_is_said_to_be(stated):
     blind = replace(found.problem, weights=Weights(np.full(2, 1e3), np.full(2, 0.1)))
 
     arm = with_intervals(
-        stated, replace(found, problem=blind, fit=fit_arm(blind, found.fit.guess, 0)), NO_STEP
+        stated,
+        replace(found, problem=blind, fit=fit_arm(blind, found.fit.guess, 0, deviations=True)),
+        NO_STEP,
     )
 
     assert {(1, "kp"), (2, "kp")} <= set(arm.identified.undecided)
+
+
+TICK = 1e-4  # [rad]
+
+
+@pytest.fixture(scope="module")
+def sticky_recording(stated):
+    sticky = replace(
+        stated, effects=(*stated.effects, StribeckFriction(joint=2, tau_s=0.4, v_s=0.03))
+    )
+    time, command = commands(20.0, 100.0, 0.5)
+    return recorded(time, command, free_run(sticky, recorded(time, command, command)))
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_values_of_what_was_found_are_held_and_all_else_is_fitted(stated, sticky_recording, held):
+    rows = rows_of(stated)
+    loads = ArmLoads(stated.body, [sticky_recording], rows)
+    suspects = (
+        Suspect("stribeck_friction", 1, (("stribeck", 0.5), ("v_s", 0.05))),
+        Suspect("payload", None, (("mass", 0.01), ("com_x", 0.1)), shared=True),
+        Suspect("position_servo", 0, (), freed="kp"),
+    )
+    guess = stated_guess(rows)
+    for one in suspects:
+        guess = one.added(guess)
+    problem = ArmProblem(loads, Weights(np.full(2, 1e-3), np.full(2, 0.1)), beliefs(rows, 0.1))
+    found = Searched(problem, fit_arm(problem, guess, 0, deviations=True), suspects)
+
+    arm = proven(stated, [sticky_recording[:1000]], found, TICK, held=held)
+
+    shoulder, elbow = (fit.row for fit in arm.identified.fits)
+    kept = (
+        value_in(elbow, "stribeck") == 0.5,
+        value_in(elbow, "v_s") == 0.05,
+        arm.change.mass == 0.01,
+        value_in(shoulder, "kp") == value_in(rows[0], "kp"),
+    )
+    assert kept == (held,) * 4
+    assert value_in(elbow, DAMPING) != value_in(guess.rows[1], DAMPING)

@@ -9,12 +9,19 @@ import pytest
 from servo_arms import ARMATURE, DAMPING, KD, KP, commands, recorded, simulated, write_arm
 
 from estimators.diagnosis.from_motion import diagnose_drives, free_run
-from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fit_arm, glance_at
+from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fit_arm
 from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
-from estimators.diagnosis.from_motion.fitting.joint import JointFit, value_in, with_values
+from estimators.diagnosis.from_motion.fitting.joint import JointFit
+from estimators.diagnosis.from_motion.fitting.starts import away
 from estimators.diagnosis.from_motion.hypotheses.search import FOUND, beliefs, stated_guess
 from estimators.diagnosis.from_motion.hypotheses.stated import StatedArm
-from estimators.diagnosis.from_motion.hypotheses.suspects import Suspect, suspects_of
+from estimators.diagnosis.from_motion.hypotheses.suspects import (
+    SHAPES,
+    Suspect,
+    stiction_begun_at,
+    suspects_of,
+)
+from estimators.diagnosis.from_motion.simulation.constants import COULOMB, value_in, with_values
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import (
@@ -134,9 +141,9 @@ def test_values_stay_within_their_tolerance_until_one_is_suspected(stated, recor
         within=FOUND,
     )
 
-    kept = fit_arm(problem, guess, 8).guess
+    kept = fit_arm(problem, guess, 8, deviations=True).guess
     one = fit_arm(problem, Suspect("position_servo", 1, (), freed="kp").added(kept), 8).guess
-    all_of = fit_arm(replace(problem, within=np.inf), kept, 8).guess
+    all_of = fit_arm(replace(problem, within=np.inf), kept, 8, deviations=True).guess
 
     least = 2.0 * np.array(KP) * np.exp(-0.1 * FOUND)
     assert [value_in(row, "kp") for row in kept.rows] == pytest.approx(least)
@@ -153,7 +160,10 @@ def test_a_glance_ends_where_a_fit_does_and_says_not_how_sure_it_is(stated, reco
     problem = ArmProblem(ArmLoads(stated.body, recordings[:1]), weights, beliefs(guess.rows, 0.1))
 
     for steps in (1, 8):
-        fit, glance = fit_arm(problem, guess, steps), glance_at(problem, guess, steps)
+        fit, glance = (
+            fit_arm(problem, guess, steps, deviations=True),
+            fit_arm(problem, guess, steps),
+        )
 
         np.testing.assert_array_equal(glance.guess.rows, fit.guess.rows)
         assert glance.cost == fit.cost
@@ -226,3 +236,53 @@ def test_stiction_that_is_stated_is_still_a_suspect(stated, recordings):
     found = list(suspects_of(loads, guess, guess.rows))
 
     assert [x.joint for x in found if "stribeck" in x.names] == [0, 0, 1, 1]
+
+
+DRY, STICTION, FADES = 0.4, 0.6, 0.03  # [N m], [N m], [rad/s]
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory):
+    path = write_arm(tmp_path_factory.mktemp("arm") / "arm.xml", friction=DRY)
+    return Simulation.load(path)
+
+
+def sticking(rubbing, shape):
+    """Return a slow motion of an arm whose elbow has stiction of that shape."""
+    sticky = StribeckFriction(joint=2, tau_s=STICTION, v_s=FADES, delta=shape)
+    time, command = commands(30.0, 200.0, 0.3)
+    start = recorded(time, command, command)
+    moved = free_run(replace(rubbing, effects=(*rubbing.effects, sticky)), start)
+    return recorded(time, command, moved)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_nearest_of_the_grid_is_near_what_is_there(rubbing, shape):
+    loads = ArmLoads(rubbing.body, [sticking(rubbing, shape)], rows_of(rubbing))
+    parts, row = loads.parts(ArmChange.none(2))[1], rows_of(rubbing)[1]
+
+    found = stiction_begun_at(parts, row, shape)
+
+    assert found["stribeck"] == pytest.approx(STICTION, rel=0.2)
+    assert found["v_s"] == pytest.approx(FADES, rel=0.4)
+    assert away(parts, with_values(row, {**found, "delta": shape})) < 0.5 * away(parts, row)
+
+
+def test_a_joint_without_dry_friction_is_tried_with_little_stiction(rubbing):
+    loads = ArmLoads(rubbing.body, [sticking(rubbing, 1.0)], rows_of(rubbing))
+    parts = loads.parts(ArmChange.none(2))[1]
+    bare = with_values(rows_of(rubbing)[1], {COULOMB: 0.0})
+
+    found = stiction_begun_at(parts, bare, 1.0)
+
+    assert found["stribeck"] > 0.0
+
+
+def test_dry_friction_that_was_raised_in_its_place_is_lowered(rubbing):
+    loads = ArmLoads(rubbing.body, [sticking(rubbing, 2.0)], rows_of(rubbing))
+    parts = loads.parts(ArmChange.none(2))[1]
+    raised = with_values(rows_of(rubbing)[1], {COULOMB: 1.2 * DRY})
+
+    found = stiction_begun_at(parts, raised, 2.0)
+
+    assert found[COULOMB] == pytest.approx(DRY, rel=0.03)

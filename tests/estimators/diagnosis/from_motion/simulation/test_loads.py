@@ -1,4 +1,4 @@
-"""Loads of an arm that differs from its description, against the same arm described so."""
+"""Loads of an arm that differs from its description, and single joints that are moved by them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from servo_arms import commands, recorded, write_arm
+from servo_arms import KP, commands, recorded, simulated, write_arm
 
 from estimators.diagnosis.from_motion import free_run
-from estimators.diagnosis.from_motion.fitting.identification import with_rows
+from estimators.diagnosis.from_motion.judgement.held_out import row_errors
 from estimators.diagnosis.from_motion.simulation.constants import with_values
 from estimators.diagnosis.from_motion.simulation.loads import (
     ArmChange,
@@ -17,7 +17,8 @@ from estimators.diagnosis.from_motion.simulation.loads import (
     as_described,
     loaded_joints,
 )
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
+from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
 from limo_driver.physics import Payload, Simulation
 
 NONE = ArmChange.none(2)
@@ -130,3 +131,55 @@ def test_another_gear_is_constants_as_seen_at_the_joint(tmp_path, recording):
     np.testing.assert_allclose(
         part.simulate(with_values(row, {"gear": 0.5})), part.simulate(rows_of(improved)[1])
     )
+
+
+def test_joined_stretches_move_as_each_of_them_does(tmp_path):
+    path = write_arm(tmp_path / "arm.xml")
+    simulation = Simulation.load(path)
+    time, command = commands(4.0, 100.0)
+    recording = recorded(time, command, simulated(path, time, command))
+    ((whole,), _) = loaded_joints(simulation.body, [recording])
+    row = rows_of(simulation)[0]
+    parts = [whole.between(150, 300), whole.between(0, 150), whole.between(20, 400)]
+
+    each = np.concatenate([part.simulate(row) for part in parts])
+    joined = LoadedJoint.joined([LoadedJoint.joined(parts[:2]), parts[2]])
+
+    np.testing.assert_array_equal(joined.simulate(row), each)
+    np.testing.assert_array_equal(joined.begins, [0, 150, 300])
+    # as in one stretch it would not: each begins anew where the recorded joint was
+    run_on = LoadedJoint(*(getattr(joined, name) for name in LoadedJoint.__match_args__))
+    assert np.abs(run_on.simulate(row) - each).max() > 0.01
+
+
+@pytest.fixture(scope="module")
+def moved(tmp_path_factory):
+    path = write_arm(tmp_path_factory.mktemp("arm") / "arm.xml")
+    time, command = commands(8.0, 200.0)
+    simulation = Simulation.load(path)
+    recording = recorded(time, command, simulated(path, time, command))
+    (shoulder, _) = loaded_joints(simulation.body, [recording])
+    return shoulder, rows_of(simulation)[0]
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(values[100:-100] ** 2)))  # smoothed velocities end roughly
+
+
+def test_the_arm_itself_errs_little(moved):
+    parts, row = moved
+    errors = row_errors(parts, row)
+
+    driven = KP[0] * np.abs(parts[0].command - parts[0].position).max()
+    assert errors.step.shape == (len(parts[0].time) - 1,)
+    assert rms(errors.step) < 2e-5
+    assert rms(errors.torque) < 0.02 * driven
+
+
+def test_a_wrong_gain_pushes_wrongly_by_its_share_of_the_lag(moved):
+    parts, row = moved
+    errors = row_errors(parts, with_values(row, {"kp": 1.3 * KP[0]}))
+
+    lag = (parts[0].command - parts[0].position)[:-1]
+    assert rms(errors.torque) == pytest.approx(rms(0.3 * KP[0] * lag), rel=0.1)
+    assert rms(errors.step) > 3 * rms(row_errors(parts, row).step)
