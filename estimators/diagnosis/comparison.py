@@ -316,6 +316,7 @@ class ComparedPart:
     joints: tuple[int, ...]  # 1-based, at which it acts; empty if on the whole arm
     without: Simulation  # the improved one, with this part as given
     domain: Domain | None = None  # in which it was learned
+    place: str = ""  # of its effects, as a simulation names it
 
 
 def parts_of(improved: Simulation, given: Simulation) -> Iterator[ComparedPart]:
@@ -332,7 +333,7 @@ def parts_of(improved: Simulation, given: Simulation) -> Iterator[ComparedPart]:
             trial = replace(improved, effects=(*before, *other, *after))
             domains = (effect.domain for effect in own if isinstance(effect, TorqueEffect))
             joints = (own or other)[0].joints
-            yield ComparedPart(place.replace("_", " "), joints, trial, next(domains, None))
+            yield ComparedPart(place.replace("_", " "), joints, trial, next(domains, None), place)
     if improved.inertials != given.inertials:
         yield ComparedPart(BODIES, (), replace(improved, inertials=given.inertials))
 

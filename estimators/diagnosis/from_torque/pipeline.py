@@ -25,7 +25,7 @@ from estimators.diagnosis.from_torque.judgement.guesses import guessed_notes, wi
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
 from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
 from estimators.diagnosis.from_torque.judgement.stated_values import stated_values
-from estimators.diagnosis.from_torque.judgement.writing import Written, written
+from estimators.diagnosis.from_torque.judgement.writing import Written, as_told, written
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible
@@ -157,18 +157,24 @@ def _concluded(
             contact,
         )
     say = partial(_verdict, given, judged, fit, contact, attempts)
-    verdict = say(judged.named)
+    named = list(judged.named)
+    verdict = say(named)
     if doubtful := unsure(verdict.findings, simulation):
         dropped = [i for i in judged.named if _said(problem, i) in doubtful]
         # which law of its friction a joint follows is doubtful, and not that it has some
         if not harmful and (plain := judged.with_plain_friction(dropped)) is not judged:
             return _concluded(given, plain, events, budget, harmful=harmful)
-        verdict = say([i for i in judged.named if i not in dropped])
+        named = [i for i in named if i not in dropped]
+        verdict = say(named)
     values = attempts.at(
         "values that differ from the stated ones",
         lambda: stated_values(whole, fit, mounted, verdict.findings),
         (),
     )
+    told = as_told(keep, replace(verdict, values=values))
+    if told is not keep:
+        judged, improved = told.judged, told.improved
+        verdict = _verdict(given, judged, fit, contact, attempts, named)
     shifts = shifts_of(problem, solution)
     said = remarks(
         shifts,

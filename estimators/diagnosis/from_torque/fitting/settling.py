@@ -31,6 +31,7 @@ from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.definite import ranked
 from estimators.regression.evidence import REACH, joined, posterior
+from limo_driver.physics.effect import MotionEffect
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -216,11 +217,46 @@ def refined(
 def settled(
     problem: RegressionProblem, solution: Solution, progress: Progress
 ) -> tuple[RegressionProblem, Solution]:
-    """Prune, refine and simplify a set; return it with the problem that has its candidates."""
+    """Prune, refine and simplify a set; return it with the problem that has its candidates.
+
+    Where that has impacts which were not recorded, another is sought without their play.
+    """
     problem, solution = refined(problem, pruned(problem, solution), progress)
     simple = simplified(problem, pruned(problem, solution))
     problem, simple = _of_one_width(problem, simple, progress)
-    return problem, pruned(problem, loaded(problem, simple))
+    simple = pruned(problem, loaded(problem, simple))
+    if not (silent := _not_recorded(problem, simple)):
+        return problem, simple
+    return settled(*solve(problem.without_places(silent), progress), progress)
+
+
+def _not_recorded(
+    problem: RegressionProblem, solution: Solution
+) -> set[tuple[str, tuple[int, ...]]]:
+    """Return the members whose impacts were not recorded, as effects and joints (0-based).
+
+    What is sharper than the filter is compared behind it, where a law of impacts bends to much that
+    is slow. What its impacts have above the filter's bandwidth was recorded there, beside noise:
+    where less was, there were none.
+    """
+    fit, found = problem.beside(solution), set[tuple[str, tuple[int, ...]]]()
+    sharp = [
+        effect
+        for effect in fit.simulation.effects
+        if isinstance(effect, MotionEffect) and effect.displaces and effect.agility > 1.0
+    ]
+    whole = fit.predict(fit.simulation) if sharp else fit.recorded
+    for effect in sharp:
+        others = tuple(other for other in fit.simulation.effects if other is not effect)
+        bare = fit.predict(replace(fit.simulation, effects=others))
+        own = [j - 1 for j in effect.joints]
+        of_law, recorded = (
+            np.nansum(fit.above(torque[:, own]) ** 2)
+            for torque in (whole - bare, fit.recorded - bare)
+        )
+        if of_law > recorded:
+            found.add((effect.name, tuple(own)))
+    return found & {problem.candidates[member].place for member in solution.members}
 
 
 def _of_one_width(

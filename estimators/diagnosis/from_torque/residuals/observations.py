@@ -22,7 +22,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.physics.effects.friction import SIGN_WIDTH
-from limo_driver.recordings.filters.differentiation import FilteredStretch, stretch_of
+from limo_driver.recordings.filters.differentiation import FilteredStretch, smooth, stretch_of
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _OF_MOTION = (
-    "chain", "in_time", "recording", "segment", "since_reversal", "sign_width", "_filters"
+    "chain", "in_time", "recorded", "recording", "segment", "since_reversal", "sign_width",
+    "_filters",
 )  # fmt: skip
 _OF_REFERENCE = ("load", "arms", "_of_joints", "predicted", "regressor", "stiffness", "inertia")
 
@@ -290,6 +291,22 @@ class Observations:
         """Torque of the given simulation, filtered, (K, n) [N m]."""
         given = self.predicted if self.around is None else self.predict(self.simulation)
         return self.filter(given)
+
+    @cached_property
+    def recorded(self) -> FloatArray:
+        """Recorded torque of every sample, unfiltered, (T, n) [N m]."""
+        result = np.empty_like(self.motion.position)
+        for k, recording in enumerate(self.recordings):
+            own = self.recording_of_sample == k
+            time = self.motion.time[own]
+            result[own] = np.stack(
+                [np.interp(time, recording.time, torque) for torque in recording.torque.T], axis=1
+            )
+        return result
+
+    def above(self, values: FloatArray) -> FloatArray:
+        """Return what samples (T, k) have above the bandwidth."""
+        return values - smooth(self.motion.time, values, self.bandwidth, self.segments)
 
     @property
     def residual(self) -> FloatArray:

@@ -15,6 +15,7 @@ from estimators.diagnosis.from_torque.fitting.contribution import material
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted, simulated
 from estimators.diagnosis.from_torque.fitting.settling import (
     _in_errors,
+    _not_recorded,
     _of_one_width,
     _runaway,
     pruned,
@@ -28,6 +29,7 @@ from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
+    Backlash,
     CoulombFriction,
     JointElasticity,
     LoadDependentFriction,
@@ -365,3 +367,17 @@ def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(
     problem, noise = laid_out(recorded.beside(given))
     found = suspects(problem, fitted(problem, (), noise), joints=())
     assert found == ({("viscous_friction", (1,))} if suspicious else set())
+
+
+@pytest.mark.parametrize("has_play", [True, False])
+def test_impacts_of_play_have_to_be_in_what_was_recorded_above_the_bandwidth(seen, has_play):
+    play = replace(seen().simulation, effects=(Backlash(joint=2, gap=0.01),))
+    fit = seen().beside(play)
+    vars(fit)["recorded"] = fit.predict(play if has_play else seen().simulation)
+    problem = SimpleNamespace(
+        beside=lambda _: fit, candidates=[SimpleNamespace(place=("backlash", (1,)))]
+    )
+
+    silent = _not_recorded(problem, SimpleNamespace(members=(0,)))
+
+    assert silent == (set() if has_play else {("backlash", (1,))})
