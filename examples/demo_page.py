@@ -92,14 +92,15 @@ class Drawn:
 
 def headline(out: Path, _drawn: Drawn) -> str:
     """Return what was concealed and what was found of it, in a sentence."""
-    return recovered(CONCEALED, verdict_in(out / "diagnosis").findings, RobotModel.load(ROBOT).n)
+    joints = RobotModel.load(ROBOT).joint_names
+    return recovered(CONCEALED, verdict_in(out / "diagnosis").findings, joints)
 
 
 def diagnosis(out: Path, _drawn: Drawn) -> str:
     """Return what was concealed beside what was found."""
     found = verdict_in(out / "diagnosis").findings
     link = '<p><a href="diagnosis/report.html">The whole report of the diagnosis</a></p>'
-    return beside_the_truth(CONCEALED, found, RobotModel.load(ROBOT).n) + link
+    return beside_the_truth(CONCEALED, found, RobotModel.load(ROBOT).joint_names) + link
 
 
 def errors(out: Path, drawn: Drawn) -> str:

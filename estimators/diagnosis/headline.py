@@ -67,7 +67,7 @@ def headline(verdict: Verdict) -> str:
     left out first, and then what explains least, but each state that holds has a part.
     Names that are rather wrong than right are left to the list of findings, if there are others.
     """
-    n = len(verdict.fit.noise_floor)
+    names = verdict.names
     if verdict.rows.usable and not any(verdict.rows.usable) and not verdict.findings:
         return "The arm holds still, and nothing pushes it; nothing else can be said."
     if verdict.states == ("agrees",):
@@ -75,7 +75,7 @@ def headline(verdict: Verdict) -> str:
             "Recording and simulation agree: the given simulation errs by no more than noise at "
             "any joint."
         )
-    states = [_differing(verdict, n), _missing(verdict, n), _unknown(verdict, n)]
+    states = [_differing(verdict, names), _missing(verdict, names), _unknown(verdict, names)]
     parts = [part for state in states for part in state]
     firsts = [state[0] for state in states if state]
     order = [*firsts, *(part for part in parts if part not in firsts)]
@@ -97,34 +97,36 @@ def _chosen(
     return [*texts, *([f"{left} more below"] if left else [])]
 
 
-def _differing(verdict: Verdict, n: int) -> list[tuple[str, str]]:
+def _differing(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
     """Return the stated values that differ, long and short, those that take most first."""
     groups: dict[tuple[str, str], list[StatedValue]] = {}
     for item in sorted(verdict.values, key=lambda item: -item.share):
         if item.reported:
             groups.setdefault((item.effect, item.name), []).append(item)
-    texts = [(from_to(group), differs(group, n)) for group in groups.values()]
+    texts = [(from_to(group), differs(group, names)) for group in groups.values()]
     others = [
         group
         for group in _groups(verdict)
         if group[0].kind == "wrong_parameter" and not any(map(verdict.values_of, group))
     ]
     return texts + [
-        (_said(group, n, values=True), _said(group, n, values=False)) for group in others
+        (_said(group, names, values=True), _said(group, names, values=False)) for group in others
     ]
 
 
-def _missing(verdict: Verdict, n: int) -> list[tuple[str, str]]:
+def _missing(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
     """Return what the simulation lacks, long and short; pushes last."""
     groups = [[item for item in group if verdict.is_missing(item)] for group in _groups(verdict)]
     texts = [
-        (_said(group, n, values=True), _said(group, n, values=False)) for group in groups if group
+        (_said(group, names, values=True), _said(group, names, values=False))
+        for group in groups
+        if group
     ]
     if verdict.not_stated:
         joints = {*verdict.not_stated}
         effects = {item.effect for item in verdict.identified if item.joint in joints}
         what = "friction" if effects <= _FRICTION else "what is ordinary"
-        text = f"{what} of {of_several(sorted(joints), n)} is not stated, and was identified"
+        text = f"{what} of {of_several(sorted(joints), names)} is not stated, and was identified"
         texts.append((text, text))
     return texts
 
@@ -135,15 +137,27 @@ def named(item: Finding) -> str:
     return amount or spoken(item.effect)
 
 
-def place_of(item: Finding, n: int) -> str:
-    """Say where an effect acts on an arm of n joints; a payload is felt elsewhere than it is."""
+def place_of(item: Finding, names: Sequence[str]) -> str:
+    """Say where an effect acts; a payload is felt elsewhere than it is.
+
+    Args:
+        item: The finding.
+        names: Of all joints of the arm.
+    """
     if item.effect == Payload.name:
-        return "at the flange"
+        carrier = carrier_of(item, len(names))
+        return f"on the link of {of_joints((carrier,), names)}" if carrier else "at the flange"
     if item.effect == GravityDirection.name:
         return "whole arm"
     if item.effect == LINK_INERTIA:
         return f"link {', '.join(map(str, item.joints))}"
-    return of_several(item.joints, n)
+    return of_several(item.joints, names)
+
+
+def carrier_of(item: Finding, n: int) -> int | None:
+    """Return the joint, 1-based, whose link carries a payload; None where it is at the flange."""
+    one = len(item.joints) == 1 and item.joints[0] < n
+    return item.joints[0] if item.effect == Payload.name and one else None
 
 
 def values_of(item: Finding) -> str:
@@ -186,19 +200,19 @@ def _is_friction(item: Finding) -> bool:
     return item.kind == "missing" and item.effect in _FRICTION
 
 
-def _said(group: Sequence[Finding], n: int, *, values: bool) -> str:
+def _said(group: Sequence[Finding], names: Sequence[str], *, values: bool) -> str:
     first = group[0]
     joints = sorted({j for item in group for j in item.joints})
     if first.effect == CONTACT:
         return _pushed(first)
     if _is_friction(first) and len({item.effect for item in group}) > 1:
-        return f"friction of {of_several(joints, n)} was not in the simulation"
+        return f"friction of {of_several(joints, names)} was not in the simulation"
     name = named(first)
-    if values and (differ := _against_stated(group, n)):
+    if values and (differ := _against_stated(group, names)):
         return f"{name} of {differ}"
     if len(group) > 1:
-        return f"{_wrong(first)}{name} of {of_several(joints, n)}"
-    place = place_of(first, n)
+        return f"{_wrong(first)}{name} of {of_several(joints, names)}"
+    place = place_of(first, names)
     at = place if first.effect == Payload.name else f"at {place}"
     if first.effect == LINK_INERTIA:
         name, at = "inertia", f"of {place}"
@@ -217,7 +231,7 @@ def _size(known: Interval) -> str:
     return quantity(known)
 
 
-def _against_stated(group: Sequence[Finding], n: int) -> str:
+def _against_stated(group: Sequence[Finding], names: Sequence[str]) -> str:
     """Say which values fit joints, and which are stated; nothing where one is not known."""
     pairs = [(known, known.stated) for item in group if (known := _main(item))]
     stated = [f"{value:.4g}" for _, value in pairs if value is not None]
@@ -229,7 +243,7 @@ def _against_stated(group: Sequence[Finding], n: int) -> str:
     else:
         values = listed([f"{known.value:.3g}" for known, _ in pairs])
         fits = values + unit_of(pairs[0][0].unit)
-    of = of_several(joints, n) if joints == sorted(joints) else of_joints(joints)
+    of = of_several(joints, names) if joints == sorted(joints) else of_joints(joints, names)
     return f"{of} is {fits}, not the stated {listed(once(stated))}"
 
 
@@ -253,7 +267,7 @@ def _pushed(item: Finding) -> str:
     return f"something pushed the arm at {' and '.join(f'{a:.1f} s' for a, _ in windows)}"
 
 
-def _unknown(verdict: Verdict, n: int) -> list[tuple[str, str]]:
+def _unknown(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
     """Say where nothing in the catalogue explains what is left, how much, and in which motion."""
     items = [item for item in verdict.findings if item.effect == UNKNOWN]
     joints = verdict.unexplained_joints
@@ -262,7 +276,7 @@ def _unknown(verdict: Verdict, n: int) -> list[tuple[str, str]]:
     region = (items[0].where.region if items else "") or verdict.unexplained.where.region
     # such a region reads: joint 4: at high speed (half of it above 0.4 rad/s), and so on
     half = re.search(r"\((half of it [^)]+)\)", region) if len(joints) == 1 else None
-    short = f"{of_several(joints, n)}: something unknown"
+    short = f"{of_several(joints, names)}: something unknown"
     fit = verdict.fit
     pairs = [(fit.heldout_rmse_after[j - 1], fit.noise_floor[j - 1]) for j in joints]
     floors = max((error / floor for error, floor in pairs if floor > 0), default=0.0)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final, cast
 
+from limo_driver.runtime.display import joint_called
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -64,11 +66,28 @@ def unit_of(unit: str) -> str:
     return f" {unit}" if unit not in {"", "1", *UNNUMBERED} else ""
 
 
-def of_joints(joints: Sequence[int]) -> str:
-    """Return which joints (1-based), in words; none are the whole arm."""
+def of_joints(joints: Sequence[int], names: Sequence[str] = ()) -> str:
+    """Return which joints (1-based), in words; none are the whole arm.
+
+    Args:
+        joints: Their numbers.
+        names: Of all joints of the arm, where they are known.
+    """
     if not joints:
         return "whole arm"
-    return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
+    called = [joint_called(j, names[j - 1] if j <= len(names) else "") for j in joints]
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(called)}"
+
+
+def heading_of(joint: int, names: Sequence[str]) -> str:
+    """Return how a heading calls a joint (1-based): "Joint 3 (elbow)".
+
+    Args:
+        joint: Its number.
+        names: Of all joints of the arm.
+    """
+    text = of_joints((joint,), names)
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def listed(texts: Sequence[str]) -> str:
@@ -83,14 +102,19 @@ def rounded(error: float, digits: int = 4) -> str:
     return f"{error:.{max(0, decimals)}f}"
 
 
-def of_several(joints: Sequence[int], n: int) -> str:
-    """Return joints (1-based) of an arm of n in few words: "joints 1 to 4", "all joints"."""
-    known = sorted({*joints})
+def of_several(joints: Sequence[int], names: Sequence[str]) -> str:
+    """Return joints in few words: "joints 1 to 4", "all joints", "joint 3 (elbow)".
+
+    Args:
+        joints: Their numbers, 1-based.
+        names: Of all joints of the arm; empty where they are not known.
+    """
+    known, n = sorted({*joints}), len(names)
     if not known or (known == list(range(1, n + 1)) and n > 1):
         return "all joints"
     if len(known) > 2 and known[-1] - known[0] == len(known) - 1:  # noqa: PLR2004  # a range
         return f"joints {known[0]} to {known[-1]}"
-    return of_joints(known)
+    return of_joints(known, names)
 
 
 def once(texts: Sequence[str]) -> Sequence[str]:

@@ -29,8 +29,7 @@ WORSE = (
 
 def lines_of(verdict: Verdict) -> list[str]:
     """Return the verdict, what makes it doubtful, findings, errors of each joint, and notes."""
-    n = len(verdict.fit.noise_floor)
-    findings = [line for item in verdict.findings for line in _said(item, n)]
+    findings = [line for item in verdict.findings for line in _said(item, verdict.names)]
     doubts = (f"doubtful: {doubt}" for doubt in verdict.doubts)
     notes = (f"note: {note}" for note in verdict.notes if note not in verdict.doubts)
     table = [*_table(verdict), *_seen(verdict)]
@@ -57,7 +56,8 @@ def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]
     of one parameter (the elements of a law) alone; what a joint has none of is empty.
     """
     joints = sorted({item.joint for item in verdict.identified})
-    columns = {("", "", "joint"): [str(joint) for joint in joints]}
+    called = dict(enumerate(verdict.labels, start=1))
+    columns = {("", "", "joint"): [called.get(joint, str(joint)) for joint in joints]}
     for item in verdict.identified:
         for name, known in item.parameters.items():
             if known.ci95:
@@ -144,14 +144,14 @@ def coverage(verdict: Verdict) -> str:
     )
 
 
-def _said(item: Finding, n: int) -> list[str]:
+def _said(item: Finding, names: Sequence[str]) -> list[str]:
     """Return name and place, values, evidence and confidence of a finding."""
     name = "something unknown" if item.effect == UNKNOWN else named(item)
     values = values_of(item) if item.effect != CONTACT else ""
     same = ", ".join(spoken(other) for other in item.equivalent)
     sure = f"confidence {100 * item.confidence:.0f} %"
     return [
-        f"{name} ({place_of(item, n)}){f': {values}' if values else ''}",
+        f"{name} ({place_of(item, names)}){f': {values}' if values else ''}",
         f"  {item.evidence}",
         f"  {sure}{f'; cannot be told from {same}' if same else ''}",
     ]
@@ -191,7 +191,7 @@ def _percent(part: float) -> str:
 
 def _table(verdict: Verdict) -> list[str]:
     """Return the errors as lines of one width, and what has to be known to read them."""
-    joints = [str(j + 1) for j in range(len(verdict.fit.noise_floor))]
+    joints = verdict.labels
     worse = verdict.fit.worse_within_tolerances
     cells = [["", "joint", *joints]]
     for heading, values in columns_of(verdict).items():

@@ -11,6 +11,7 @@ from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import HOLDING
 from limo_driver.physics import ArmEffect, BodyEffect, spoken
 from limo_driver.physics.catalogue import known_as
+from limo_driver.runtime.display import joint_called
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -256,6 +257,17 @@ class Verdict:
     withheld: tuple[str, ...] = ()  # parts of the fit that are not in the improved simulation
     doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
     values: tuple[StatedValue, ...] = ()  # stated ones, and those that fit
+    joint_names: tuple[str, ...] = ()  # (n,), as the description has them
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all joints, (n,); empty texts where nobody has written them down."""
+        return self.joint_names or ("",) * len(self.fit.noise_floor)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Joints as tables call them, (n,): `3 (stick)`, or `3` alone where names say no more."""
+        return tuple(joint_called(j, name) for j, name in enumerate(self.names, start=1))
 
     @property
     def states(self) -> tuple[State, ...]:

@@ -241,8 +241,11 @@ def _named(verdict: Verdict) -> list[str]:
     """Return what a recording has: findings, and stated values that differ."""
     values = (item for item in verdict.values if item.reported)
     return [
-        *(f"{spoken(x.effect)}, {of_joints(x.joints)}" for x in verdict.findings),
-        *(f"{name_of_value(x)}, {of_joints(x.joints)}: not as stated" for x in values),
+        *(f"{spoken(x.effect)}, {of_joints(x.joints, verdict.names)}" for x in verdict.findings),
+        *(
+            f"{name_of_value(x)}, {of_joints(x.joints, verdict.names)}: not as stated"
+            for x in values
+        ),
     ]
 
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.stats import chi2, kendalltau, linregress, norm, t, theilslopes
 
-from estimators.diagnosis.differences import AMOUNTS, joint_called
+from estimators.diagnosis.differences import AMOUNTS
 from estimators.studies.fleet_row import FLEET
+from limo_driver.runtime.display import joint_called
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

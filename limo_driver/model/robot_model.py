@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
@@ -43,8 +44,11 @@ from limo_driver.types import FloatArray, as_numbers
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from limo_driver.types import Motion
+
 BUILT_IN = ("iiwa14",)
 _MOST_NEGATIVE = 0.5  # of the largest principal moment, that a negative one may still be a slip
+_ROOM = 1.5  # times a motion that was made, up to which a faster one is allowed
 _GRAIN = 1e-6  # [m], extent below which a moment of inertia is rounding
 _MORE = ", of which one is above the sum of the others"
 
@@ -133,6 +137,9 @@ class RobotModel(ArmDynamics, Displayed):
         self.sliding: tuple[bool, ...] = chain.sliding
         self.jerk = self.description.jerk_of(self.joint_names)  # (n,) [rad/s^3], or None
         self.limits = joint_limits(chain, self.jerk, self.urdf, assumed=assumed)
+        # joints whose speed the file does not limit; what `limits` has of it is chosen for plans
+        stated = np.array(chain.tree.upperVelocityLimit)[chain.linkage.own]
+        self.unlimited_speed = assumed & (stated <= 0.0)
         self._data = self.pin_model.createData()
         self._flange = last_frame(self.pin_tree, self.linkage.links)
         locked = (
@@ -220,6 +227,27 @@ class RobotModel(ArmDynamics, Displayed):
             ConfigError: There is no joint of these names.
         """
         return RobotModel(self.urdf, gravity=self.gravity, joints=joints)
+
+    def allowing(self, motion: Motion) -> RobotModel:
+        """Return this robot, as fast as a motion where its file does not say how fast it is.
+
+        Args:
+            motion: That an arm has made, T samples.
+        """
+        if not self.unlimited_speed.any():
+            return self
+        other, limits = copy(self), self.limits
+        jerk = np.gradient(motion.acceleration, motion.time, axis=0)
+        made = {"velocity": motion.velocity, "acceleration": motion.acceleration, "jerk": jerk}
+        other.limits = replace(limits, **{
+            name: np.where(
+                self.unlimited_speed,
+                np.maximum(getattr(limits, name), _ROOM * np.abs(values).max(axis=0)),
+                getattr(limits, name),
+            )
+            for name, values in made.items()
+        })  # fmt: skip
+        return other
 
     def _changed(self, inertials: Mapping[str, Inertial], gravity: Sequence[float]) -> RobotModel:
         """Return a copy: reading the file again takes longer than what the copy is made for."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import isnan
 from typing import TYPE_CHECKING
 
@@ -74,3 +75,9 @@ def shortened(names: Sequence[str], most: int = 8) -> str:
     """List names, the first few of many."""
     listed = ", ".join(names[:most]) or "none"
     return listed + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def joint_called(joint: int, name: str) -> str:
+    """Return a joint by its number, and by its name where that says more than the number."""
+    plain = re.sub(r"[^a-z0-9]", "", name.lower())
+    return str(joint) if not plain or plain.endswith(f"joint{joint}") else f"{joint} ({name})"

@@ -17,7 +17,7 @@ SECONDS = 20.0  # of each recording
 PERIOD = 0.5e-3  # [s] of a step
 LOOK = 2  # steps between two looks of a servo
 TOLERANCE = 0.1
-BODIES = {"gripper": 5, "moving_jaw_so101_v1": 6}  # and the joint that moves each
+BODIES = {"gripper": (5,), "moving_jaw_so101_v1": ()}  # and how a finding says where: at the flange
 GRIPPED = {"gripper": (-0.008, 0.0, -0.07), "moving_jaw_so101_v1": (0.0, -0.06, 0.02)}  # [m]
 CENTRE = np.array([0.0, 0.1, 0.2, 0.2, 0.0, 0.6])  # [rad]
 REACH = np.array([0.8, 0.9, 0.9, 0.9, 1.0, 0.5])  # [rad] to either side
@@ -67,7 +67,7 @@ def make(
     for effect in effects:
         kind, _, body = effect.partition(":")
         if kind == "load":
-            size, joints = float(random.uniform(0.05, 0.25)), (BODIES[body],)
+            size, joints = float(random.uniform(0.05, 0.25)), BODIES[body]
             at = np.array(GRIPPED[body]) + random.uniform(-0.01, 0.01, 3)
             load = spec.body(body).add_body(name="load", pos=at)
             load.mass, load.inertia, load.explicitinertial = size, [2e-5 * size / 0.1] * 3, True
@@ -94,6 +94,8 @@ def play(model: mujoco.MjModel, servos: np.ndarray, command: np.ndarray, every: 
     """Let the arm follow commands (K, n) [rad] from rest, each in force until the next [s]."""
     model.opt.timestep, model.opt.integrator = PERIOD, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     model.dof_frictionloss[:N], model.dof_armature[:N] = servos["dry"], servos["rotor"]
+    # friction that holds: MuJoCo's own creeps under a load that is below it
+    model.dof_solref[:N], model.dof_solimp[:N, :2] = (4 * PERIOD, 1.0), (0.99, 0.9999)
     model.dof_damping[:N] = servos["wet"] + servos["brake"]
     data = mujoco.MjData(model)
     data.qpos[:N] = command[0]

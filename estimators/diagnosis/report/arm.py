@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.headline import is_of_bodies, named, names_of, quantity_of
+from estimators.diagnosis.headline import carrier_of, is_of_bodies, named, names_of, quantity_of
+from estimators.diagnosis.quantities import heading_of, of_joints
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from limo_driver.pages.arm import Ghost, Pin, PlayedMotion, PushArrow, arm_view
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.result import DiagnosisResult, Replay
-    from estimators.diagnosis.verdict import Finding
+    from estimators.diagnosis.verdict import Finding, Verdict
     from limo_driver.pages.arm import ArmView
     from limo_driver.pages.markup import Charts
     from limo_driver.types import FloatArray
@@ -42,12 +43,12 @@ def arm(diagnosis: DiagnosisResult, charts: Charts) -> tuple[ArmView, str]:
             ("noise floor", fit.noise_floor),
         ),
         floor=fit.noise_floor,
-        pins=pins(diagnosis.verdict.findings),
+        pins=pins(diagnosis.verdict),
         motion=motion,
     )
     excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
     j = int(np.argmax(np.nan_to_num(excess)))
-    caption = f"Joint {j + 1}: recorded minus simulated torque"
+    caption = f"{heading_of(j + 1, diagnosis.verdict.names)}: recorded minus simulated torque"
     drawn = charts.place(
         figures.error_over_time(traces, j, recording),
         caption,
@@ -137,28 +138,31 @@ def _worst(diagnosis: DiagnosisResult, time: FloatArray, recording: int) -> int:
     return int(np.argmin(np.abs(time - worst)))
 
 
-def pins(findings: Sequence[Finding]) -> tuple[Pin, ...]:
+def pins(verdict: Verdict) -> tuple[Pin, ...]:
     """Return one text for each joint that has findings, and one for the flange."""
     at: dict[int | None, list[tuple[str, str, int]]] = {}
-    for number, item in enumerate(findings, start=1):
+    for number, item in enumerate(verdict.findings, start=1):
         name = "something unknown" if item.effect == UNKNOWN else named(item)
         name = "pushes" if item.effect == CONTACT else name
-        for place in _places(item):
+        for place in _places(item, len(verdict.names)):
             at.setdefault(place, []).append((name, quantity_of(item), number))
     return tuple(
-        Pin(_together(said, joint), joint, f"#finding-{said[0][2]}") for joint, said in at.items()
+        Pin(_together(said, joint, verdict.names), joint, f"#finding-{said[0][2]}")
+        for joint, said in at.items()
     )
 
 
-def _places(item: Finding) -> tuple[int | None, ...]:
+def _places(item: Finding, n: int) -> tuple[int | None, ...]:
+    if (carrier := carrier_of(item, n)) is not None:
+        return (carrier - 1,)
     if item.effect in {Payload.name, CONTACT}:
         return (None,)
     joints = item.joints[:1] if is_of_bodies(item.effect) else item.joints
     return tuple(j - 1 for j in joints) or (0,)
 
 
-def _together(said: Sequence[tuple[str, str, int]], joint: int | None) -> str:
-    where = "flange" if joint is None else f"joint {joint + 1}"
+def _together(said: Sequence[tuple[str, str, int]], joint: int | None, names: Sequence[str]) -> str:
+    where = "flange" if joint is None else of_joints((joint + 1,), names)
     if len(said) == 1:
         name, value, _ = said[0]
         return f"{where}: {name} {value}".rstrip()

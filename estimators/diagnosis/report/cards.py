@@ -2,29 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from estimators.diagnosis.headline import is_of_bodies, named, place_of, quantity_of
-from estimators.diagnosis.quantities import rounded, to_interval
+from estimators.diagnosis.quantities import of_joints, rounded, to_interval
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
+from limo_driver.pages.figures import AFTER, curve, layout
 from limo_driver.pages.markup import (
     UNSAID,
     folded,
     meter,
     number,
     paragraph,
+    significant,
     table,
     typeset,
 )
-from limo_driver.physics import spoken
+from limo_driver.physics import PreslidingHysteresis, spoken
+from limo_driver.physics.domain import JointMotion
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from estimators.diagnosis.verdict import Finding, Fit, Value, Verdict
+    from estimators.diagnosis.verdict import Finding, Value, Verdict
+    from limo_driver.pages.markup import Charts
+    from limo_driver.physics.effect import Effect
+    from limo_driver.types import FloatArray
 
 _KINDS = {
     "missing": "missing from the simulation",
@@ -39,18 +45,24 @@ _AT_ONCE = 4  # findings that are open; more begin with a table, and open one by
 _LISTED = 6  # values of a parameter that are shown before they are folded
 _AXES = {"com": ("x", "y", "z"), "inertia": ("xx", "xy", "xz", "yy", "yz", "zz")}  # of bodies
 _DIGITS = 3  # of an error
+REST = 0.05  # of the height of a loop, that is left where it counts as turned
+_POINTS = 400  # of a loop, one way
+_PACE = 0.05  # [rad/s]
 
 
-def cards(verdict: Verdict, names: Sequence[str]) -> str:
+def cards(verdict: Verdict, names: Sequence[str], effects: Sequence[Effect], charts: Charts) -> str:
     """Return the section of the findings; empty if there are none.
 
     Args:
         verdict: What was found.
         names: Of the recordings.
+        effects: Of the improved simulation, of which those with memory are drawn as loops.
+        charts: Of the page.
     """
+    drawn = {x.joints: x for x in effects if isinstance(x, PreslidingHysteresis) and x.stops()}
     many = len(verdict.findings) > _AT_ONCE
     items = "".join(
-        _card(number, item, verdict.fit, names, closed=many)
+        _card(number, item, verdict, names, _values(item, drawn, charts), closed=many)
         for number, item in enumerate(verdict.findings, start=1)
     )
     title = "Findings" if len(verdict.findings) > 1 else "Finding"
@@ -60,11 +72,10 @@ def cards(verdict: Verdict, names: Sequence[str]) -> str:
 
 def _at_a_glance(verdict: Verdict) -> str:
     """Return the findings as a table, a line each, that leads to what is said of them."""
-    fit = verdict.fit
     rows = [
         [
             f'<a href="#finding-{number}">{escape(typeset(_named(item)))}</a>',
-            escape(_title_place(item, fit)),
+            escape(_title_place(item, verdict.names)),
             escape(typeset(quantity_of(item))) or UNSAID,
             meter(item.confidence),
             meter(item.share) if item.share > 0 else UNSAID,
@@ -83,16 +94,23 @@ def _named(item: Finding) -> str:
 
 
 def _card(
-    order: int, item: Finding, fit: Fit, recordings: Sequence[str], *, closed: bool = False
+    order: int,
+    item: Finding,
+    verdict: Verdict,
+    recordings: Sequence[str],
+    values: str,
+    *,
+    closed: bool = False,
 ) -> str:
-    unknown = item.effect == UNKNOWN
+    unknown, fit = item.effect == UNKNOWN, verdict.fit
     means = _NO_EFFECT_OF_THE_ARM.get(item.effect) or _KINDS[item.kind]
-    title = f"{escape(typeset(_named(item)))} <span>{escape(_title_place(item, fit))}</span>"
+    title = f"{escape(typeset(_named(item)))} "
+    title += f"<span>{escape(_title_place(item, verdict.names))}</span>"
     head = f'<p class="kind">{escape(means)}</p>{paragraph(_sentence(item.evidence), "evidence")}'
     facts = [
         ("confidence", meter(item.confidence)),
     ]
-    if drop := _drop(item, fit.unit):
+    if drop := _drop(item, fit.unit, verdict.names):
         facts.append(("held-out RMSE, fitted without → with it", drop))
     beside = " that tolerances leave" if fit.heldout_rmse_tolerances else ""
     if item.share > 0:  # of a push nothing is: its rows are not scored
@@ -101,11 +119,10 @@ def _card(
     if item.equivalent:
         names = ", ".join(spoken(e) for e in item.equivalent)
         facts.append(("cannot be told from", escape(typeset(names))))
-    if where := _where(item, fit, recordings):
+    if where := _where(item, verdict.names, recordings):
         facts.append(("where", where))
     listed = "".join(f"<dt>{k}</dt><dd>{v}</dd>" for k, v in facts)
     kind = "card unknown" if unknown else "card"
-    values = _parameters(item) if item.effect != CONTACT else ""
     body = f"{head}<dl>{listed}</dl>{values}"
     if closed:
         body = f"<details><summary><h3>{title}</h3></summary>{body}</details>"
@@ -118,16 +135,20 @@ def _sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}" if text else ""
 
 
-def _title_place(item: Finding, fit: Fit) -> str:
+def _title_place(item: Finding, names: Sequence[str]) -> str:
     """Say where an effect is, and at which joint it shows where that is another one."""
-    place = place_of(item, len(fit.noise_floor))
+    place = place_of(item, names)
     shows = item.where.figure.removeprefix("joint-")
     if not shows.isdigit() or (int(shows),) == item.joints:
         return place
-    return f"{place}, most of all at joint {shows}" if item.effect != CONTACT else place
+    return (
+        f"{place}, most of all at {of_joints((int(shows),), names)}"
+        if item.effect != CONTACT
+        else place
+    )
 
 
-def _drop(item: Finding, unit: str) -> str:
+def _drop(item: Finding, unit: str, names: Sequence[str]) -> str:
     pairs = item.heldout_rmse
     if pairs.before == pairs.after:  # nothing is taken off
         return ""
@@ -136,12 +157,13 @@ def _drop(item: Finding, unit: str) -> str:
     joints = [j for j in own if j in everywhere] or everywhere
     shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
     return "; ".join(
-        f"joint {j}: {error_of(pairs.before[j - 1])} → {error_of(pairs.after[j - 1])} {unit}"
+        f"{of_joints((j,), names)}: {error_of(pairs.before[j - 1])} → "
+        f"{error_of(pairs.after[j - 1])} {unit}"
         for j in shown
     )
 
 
-def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
+def _where(item: Finding, names: Sequence[str], recordings: Sequence[str]) -> str:
     said = [item.where.region] if item.where.region else []
     of = [f" of {recordings[k - 1]}" for k in item.where.recording if len(recordings) > 1]
     stretches = [f"{a:.1f} to {b:.1f} s" for a, b in item.where.time[:_LISTED]]
@@ -150,8 +172,8 @@ def _where(item: Finding, fit: Fit, recordings: Sequence[str]) -> str:
         return escape("; ".join(said)) + ' (<a href="#pushes">courses</a>)'
     shows = item.where.figure.removeprefix("joint-")
     joints = (int(shows),) if is_of_bodies(item.effect) and shows.isdigit() else item.joints
-    joints = [j for j in joints if j <= len(fit.noise_floor)]
-    links = ", ".join(f'<a href="#joint-{j}">joint {j}</a>' for j in joints)
+    joints = [j for j in joints if j <= len(names)]
+    links = ", ".join(f'<a href="#joint-{j}">{escape(of_joints((j,), names))}</a>' for j in joints)
     if not said:
         return links
     return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
@@ -165,6 +187,49 @@ def _parameters(item: Finding) -> str:
         for part, one in _components(name, known)
     ]
     return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
+
+
+def _values(
+    item: Finding, drawn: Mapping[tuple[int, ...], PreslidingHysteresis], charts: Charts
+) -> str:
+    """Return the parameters of a finding; of hysteresis the loop, and its parameters on demand."""
+    effect = drawn.get(item.joints) if item.effect == PreslidingHysteresis.name else None
+    if effect is None:
+        return _parameters(item) if item.effect != CONTACT else ""
+    loop = loop_of(effect)
+    note = (
+        f"{significant(loop.height)} N m high; {significant(loop.width)} rad after a reversal all "
+        f"but {100 * REST:.0f} % of it has turned; {significant(loop.area)} J lost each time around"
+    )
+    axes = layout("distance [rad]", "torque [N m]")
+    figure = {"data": [curve(loop.position, loop.torque, "loop", AFTER)], "layout": axes}
+    shown = charts.place(figure | {"height": 240}, "Torque of the hysteresis, to and fro", note)
+    return shown + folded("Parameters of its law", _parameters(item))
+
+
+class Loop(NamedTuple):
+    """Torque of hysteresis along a way to and fro, once around."""
+
+    position: FloatArray  # (K,) [rad]
+    torque: FloatArray  # (K,) [N m]
+    height: float  # [N m], from the lowest to the highest
+    width: float  # [rad] after a reversal, in which nearly all of that has turned
+    area: float  # [J]
+
+
+def loop_of(effect: PreslidingHysteresis) -> Loop:
+    """Return the loop of a law with memory, between reversals as far apart as it remembers."""
+    reach = 4.0 * max(width for _, width in effect.stops())
+    one = np.linspace(0.0, reach, _POINTS)
+    way = np.concatenate([one, one[-2::-1], one[1:], one[-2::-1]])
+    speed = np.sign(np.gradient(way)) * _PACE
+    time, still = np.cumsum(np.abs(np.gradient(way))) / _PACE, np.zeros_like(way)
+    torque, _ = effect.advance(effect.initial_state(), JointMotion(time, way, speed, still, still))
+    position, around = way[-2 * _POINTS + 1 :], torque[-2 * _POINTS + 1 :]
+    height, back = float(np.ptp(around)), around[_POINTS - 1 :]
+    turned = int(np.argmax(back <= around.min() + REST * height))
+    area = float(np.trapezoid(around, position))
+    return Loop(position, around, height, float(reach - position[_POINTS - 1 + turned]), area)
 
 
 def _is_left_out(known: Interval) -> bool:

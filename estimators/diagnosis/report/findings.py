@@ -60,7 +60,11 @@ def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> s
     )
     to_do = put(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
     rest = [note for note in verdict.notes if note not in verdict.doubts]
-    told = errors(verdict, charts) + cards(verdict, names) + notes(rest)
+    told = (
+        errors(verdict, charts)
+        + cards(verdict, names, diagnosis.after.effects, charts)
+        + notes(rest)
+    )
     return f"{head}{doubted(verdict.doubts)}{to_do}{between}{told}"
 
 
@@ -144,8 +148,10 @@ def _errors(verdict: Verdict) -> str:
     ratio = after / np.maximum(floor, 1e-12)
     columns[_RATIO] = ratio.tolist()
     rows = [
-        [str(j), *(_cell(name, value, marked=j in worse) for name, value in errors.items())]
-        for j, errors in enumerate(_by_joint(columns), start=1)
+        [escape(called), *(_cell(x, value, marked=j in worse) for x, value in errors.items())]
+        for j, (called, errors) in enumerate(
+            zip(verdict.labels, _by_joint(columns), strict=True), start=1
+        )
     ]
     headings = (
         "joint",

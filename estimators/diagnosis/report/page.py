@@ -74,8 +74,8 @@ def render(diagnosis: DiagnosisResult) -> str:
 
 def report(diagnosis: DiagnosisResult, concealed: Sequence[Effect] | None = None) -> Page:
     """Return the page of a diagnosis, as `write_report` writes it."""
-    charts, n = Charts(), diagnosis.before.model.n
-    known = beside_the_truth(concealed, diagnosis.verdict.findings, n) if concealed else ""
+    charts, names = Charts(), diagnosis.before.model.joint_names
+    known = beside_the_truth(concealed, diagnosis.verdict.findings, names) if concealed else ""
     view, on_the_arm = arm(diagnosis, charts)
     worth, worth_in_full = telemetry(diagnosis)
     body = (
@@ -244,8 +244,8 @@ def _held(verdict: Verdict) -> str:
         return ""
     columns = (verdict.holds.position, verdict.holds.speed, verdict.holds.load)
     rows = [
-        [str(j), *(f"{rounded(low, 2)} to {rounded(high, 2)}" for low, high in ranges)]
-        for j, ranges in enumerate(zip(*columns, strict=True), start=1)
+        [escape(joint), *(f"{rounded(low, 2)} to {rounded(high, 2)}" for low, high in ranges)]
+        for joint, *ranges in zip(verdict.labels, *columns, strict=True)
     ]
     said = (
         "What was found was seen on this motion. On faster motion, in other poses and under other "

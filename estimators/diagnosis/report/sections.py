@@ -9,7 +9,7 @@ import numpy as np
 from estimators.diagnosis.differences import value_columns
 from estimators.diagnosis.headline import is_of_bodies, likelier, names_of
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.quantities import of_joints, rounded
+from estimators.diagnosis.quantities import heading_of, of_joints, rounded
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.binning import loop_stretch
@@ -72,7 +72,7 @@ _KEY = {
     "Torque curves": f"{LOOPS.duration:g} s in which the error is large and the joint moves "
     "little; the torque of the rigid body is taken off.",
 }
-_LABEL = 44  # characters of an explanation beside its bar
+_FEW = 2  # effects in which an explanation differs, that are named beside its bar
 
 
 def where(diagnosis: DiagnosisResult, charts: Charts) -> str:
@@ -85,7 +85,9 @@ def where(diagnosis: DiagnosisResult, charts: Charts) -> str:
         j: _joint(diagnosis, charts, j) + (_beyond(diagnosis, charts, j) if j in closer else "")
         for j in (*shown, *(j for j in range(len(order)) if j not in shown))
     }
-    opened = "".join(_anchored(j, f"<h3>Joint {j + 1}</h3>{drawn[j]}") for j in shown)
+    opened = "".join(
+        _anchored(j, f"<h3>{escape(_called(diagnosis, j))}</h3>{drawn[j]}") for j in shown
+    )
     rest = "".join(
         _anchored(j, folded(_title(diagnosis, j), body))
         for j, body in drawn.items()
@@ -144,8 +146,13 @@ def _beyond(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
         "added. The findings are what explains the difference to blue, the improved simulation."
     )
     body = f"{paragraph(said, 'small')}{grid(drawn, 'three')}{grid(maps)}"
-    title = f"Joint {j + 1}: what is left when values move within their tolerances"
+    title = f"{_called(diagnosis, j)}: what is left when values move within their tolerances"
     return f'<div id="beyond-{j + 1}">{folded(title, body)}</div>'
+
+
+def _called(diagnosis: DiagnosisResult, j: int) -> str:
+    """Return how a heading calls a joint (0-based): `Joint 3 (stick)`."""
+    return heading_of(j + 1, diagnosis.verdict.names)
 
 
 def _anchored(j: int, body: str) -> str:
@@ -155,7 +162,7 @@ def _anchored(j: int, body: str) -> str:
 def _title(diagnosis: DiagnosisResult, j: int) -> str:
     fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
     return (
-        f"Joint {j + 1}: held-out RMSE {rounded(fit.heldout_rmse_before[j], 3)} → "
+        f"{_called(diagnosis, j)}: held-out RMSE {rounded(fit.heldout_rmse_before[j], 3)} → "
         f"{rounded(fit.heldout_rmse_after[j], 3)} N m, noise floor "
         f"{rounded(fit.noise_floor[j], 3)} N m"
         + (f", on {percent(judged[j])} of the rows held out" if judged else "")
@@ -196,11 +203,12 @@ def competing(diagnosis: DiagnosisResult, charts: Charts) -> str:
     top, body = chosen.log_evidence, ""
     twins = [item for item in best if _looks_like(item, chosen, diagnosis.verdict.findings)]
     if _tells_apart(best, chosen):
-        names = [f"{k}. {_short(item)}" for k, item in enumerate(best, start=1)]
+        names = [f"{k}. {_against(item, chosen)}" for k, item in enumerate(best, start=1)]
         drawn = figures.explanations(best, names, chosen, np.log10(WORDING.beyond_doubt))
-        body = charts.place(drawn, "How much less likely the others are", _BEYOND)
+        body = charts.place(drawn, "How much less likely others are: by what they differ", _BEYOND)
     rows = [
-        [escape(typeset(_name(item))), _compared_to(item.log_evidence - top), _removes(item.share),
+        [escape(typeset(_name(item, diagnosis.verdict.names))),
+         _compared_to(item.log_evidence - top), _removes(item.share),
          escape(_note(item, top) or (_TWIN if item in twins else ""))]
         for item in diagnosis.explanations
     ]  # fmt: skip
@@ -258,21 +266,38 @@ def _compared_to(lead: float) -> str:
     return said if lead > 0 else said.replace("likelier", "less likely")
 
 
-def _name(item: Explanation) -> str:
+def _name(item: Explanation, names: Sequence[str] = ()) -> str:
     joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
-    said = [f"{spoken(e)} ({of_joints(j)})" for e, j in zip(item.effects, joints, strict=False)]
+    said = [
+        f"{spoken(e)} ({of_joints(j, names)})" for e, j in zip(item.effects, joints, strict=False)
+    ]
     return " + ".join(said) or "no effect"
 
 
-def _short(item: Explanation) -> str:
-    """Return a name that leaves room for its bar: `payload, presliding hysteresis 2`."""
+def _against(item: Explanation, chosen: Explanation) -> str:
+    """Say in what an explanation differs from the chosen one: `spring 2, not gear ratio 2`.
+
+    What all share would fill the room beside a bar, and tell none of them apart.
+    """
+    if item is chosen:
+        return "chosen"
+    own, best = _each(item), _each(chosen)
+    more, less = [x for x in own if x not in best], [x for x in best if x not in own]
+    parts = [_few(more) if less else f"also {_few(more)}"] if more else []
+    if less:
+        parts.append(f"{'not' if more else 'without'} {_few(less)}")
+    return ", ".join(parts) or "another law of the same"
+
+
+def _each(item: Explanation) -> list[str]:
     joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
-    said = [
-        f"{spoken(e)} {' '.join(map(str, j))}".strip()
-        for e, j in zip(item.effects, joints, strict=False)
-    ]
-    text = ", ".join(said) or "no effect"
-    return text if len(text) <= _LABEL else text[: _LABEL - 1] + "\N{HORIZONTAL ELLIPSIS}"
+    pairs = zip(item.effects, joints, strict=False)
+    return [f"{spoken(e)} {' '.join(map(str, j))}".strip() for e, j in pairs]
+
+
+def _few(names: Sequence[str]) -> str:
+    """Join names; of many, the first, and how many follow."""
+    return " + ".join(names) if len(names) <= _FEW else f"{names[0]} + {len(names) - 1} more"
 
 
 def _note(item: Explanation, top: float) -> str:
@@ -323,10 +348,13 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
         for j in order[:OPEN]
         for chart in (
             charts.place(
-                figures.replayed(item, j), f"Joint {j + 1}: torque", span, follows=follows
+                figures.replayed(item, j), f"{_called(diagnosis, j)}: torque", span, follows=follows
             ),
             charts.place(
-                figures.replay_error(item, j), f"Joint {j + 1}: difference", span, follows=follows
+                figures.replay_error(item, j),
+                f"{_called(diagnosis, j)}: difference",
+                span,
+                follows=follows,
             ),
         )
     ]

@@ -40,25 +40,31 @@ _LEAD = (
 )
 
 
-def recovered(concealed: Sequence[Effect], findings: Sequence[Finding], n: int) -> str:
-    """Say in a sentence what was concealed in an arm of n joints, and what was found of it."""
-    said = "; ".join(_pair(effect, _found(effect, findings), n) for effect in concealed)
+def recovered(
+    concealed: Sequence[Effect], findings: Sequence[Finding], joints: Sequence[str]
+) -> str:
+    """Say in a sentence what was concealed in an arm, and what was found of it."""
+    said = "; ".join(_pair(effect, _found(effect, findings), joints) for effect in concealed)
     return f"{said[:1].upper()}{said[1:]}."
 
 
-def beside_the_truth(concealed: Sequence[Effect], findings: Sequence[Finding], n: int) -> str:
+def beside_the_truth(
+    concealed: Sequence[Effect], findings: Sequence[Finding], joints: Sequence[str]
+) -> str:
     """Return the section of a page with what was concealed and what was found.
 
     Args:
         concealed: Effects of the arm that the diagnosis was not told of.
         findings: What it found.
-        n: Joints of the arm.
+        joints: Names of the joints of the arm.
     """
     found = [_found(effect, findings) for effect in concealed]
     others = [item for item in findings if not any(item is one for one in found)]
     nothing = "nothing" if others else ""
     rows: dict[str, list[object]] = {
-        "concealed": [*(_concealed(effect, n) for effect in concealed), *[nothing] * len(others)],
+        "concealed": [
+            *(_concealed(effect, joints) for effect in concealed), *[nothing] * len(others)
+        ],
         "found": [
             _values(item) if item else "not found" for item in (*found, *others)
         ],
@@ -71,11 +77,11 @@ def beside_the_truth(concealed: Sequence[Effect], findings: Sequence[Finding], n
     )
 
 
-def _pair(effect: Effect, found: Finding | None, n: int) -> str:
+def _pair(effect: Effect, found: Finding | None, joints: Sequence[str]) -> str:
     if found is None:
-        return f"{_concealed(effect, n)} was concealed and not found"
+        return f"{_concealed(effect, joints)} was concealed and not found"
     value = quantity_of(found)
-    return f"{_concealed(effect, n)} was concealed, {value or 'it'} was found"
+    return f"{_concealed(effect, joints)} was concealed, {value or 'it'} was found"
 
 
 def _found(effect: Effect, findings: Sequence[Finding]) -> Finding | None:
@@ -91,7 +97,7 @@ def _found(effect: Effect, findings: Sequence[Finding]) -> Finding | None:
     )
 
 
-def _concealed(effect: Effect, n: int) -> str:
+def _concealed(effect: Effect, joints: Sequence[str]) -> str:
     """Say what an effect is, how large, and where."""
     sizes = [
         f" of {value:g} {item.unit}"
@@ -99,7 +105,7 @@ def _concealed(effect: Effect, n: int) -> str:
         if item.is_size and (value := getattr(effect, item.name)) is not None
     ]
     value = sizes[0] if sizes else ""
-    where = "the flange" if isinstance(effect, Payload) else of_several(effect.joints, n)
+    where = "the flange" if isinstance(effect, Payload) else of_several(effect.joints, joints)
     return f"{spoken(effect.name)}{value} at {where}"
 
 
@@ -127,7 +133,7 @@ def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdi
         f"<div><h2>{escape(name)}</h2>{paragraph(typeset(headline(verdict)))}</div>"
         for name, verdict in zip(names, verdicts, strict=True)
     )
-    title = _title(names, pairs, changed, model.n)
+    title = _title(names, pairs, changed, model.joint_names)
     view = arm_view(
         model,
         np.clip(0.5 * np.ones(model.n), model.limits.position_min, model.limits.position_max),
@@ -136,14 +142,14 @@ def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdi
             for name, verdict in zip(names, verdicts, strict=True)
         ),
         floor=tuple(max(pair) for pair in zip(*(v.fit.noise_floor for v in verdicts), strict=True)),
-        pins=tuple(_pin(key, pairs[key], model.n) for key in changed),
+        pins=tuple(_pin(key, pairs[key], model.joint_names) for key in changed),
     )
     lead = "Rings: error of the given simulation in each diagnosis. Labels: what differs."
     body = (
         header(f"Two diagnoses of {PurePath(model.name).stem}", title)
         + f'<div class="grid two">{heads}</div>'
         + arm_section(view, "Where on the arm", lead)
-        + section("Findings", _findings(pairs, names, model.n), "findings", _FINDINGS)
+        + section("Findings", _findings(pairs, names, model.joint_names), "findings", _FINDINGS)
         + section("Errors", _errors(names, verdicts), "errors", _ERRORS)
     )
     return Page(title, body, Charts(), view)
@@ -189,7 +195,7 @@ def _title(
     names: Sequence[str],
     pairs: dict[tuple[str, tuple[int, ...]], _Pair],
     changed: Sequence[tuple[str, tuple[int, ...]]],
-    n: int,
+    joints: Sequence[str],
 ) -> str:
     if not changed:
         return f"{names[0]} and {names[1]} agree: the same findings, with intervals that overlap."
@@ -201,7 +207,7 @@ def _title(
         strict=True,
     ):
         own = [key for key in changed if _kind(pairs[key]) == of]
-        said = [f"{_name(key[0])} {_at(_place(pairs[key], n))}" for key in own[:_NAMED]]
+        said = [f"{_name(key[0])} {_at(_place(pairs[key], joints))}" for key in own[:_NAMED]]
         more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
         if own:
             parts.append(f"{', '.join(said)}{more} {where}")
@@ -217,29 +223,31 @@ def _kind(pair: _Pair) -> str:
 
 
 def _at(place: str) -> str:
-    return place if place.startswith(("at ", "whole")) else f"at {place}"
+    return place if place.startswith(("at ", "on ", "whole")) else f"at {place}"
 
 
 def _name(effect: str) -> str:
     return "something unknown" if effect == UNKNOWN else spoken(effect)
 
 
-def _place(pair: _Pair, n: int) -> str:
+def _place(pair: _Pair, joints: Sequence[str]) -> str:
     item = pair[0] or pair[1]
-    return place_of(item, n) if item else ""
+    return place_of(item, joints) if item else ""
 
 
-def _pin(key: tuple[str, tuple[int, ...]], pair: _Pair, n: int) -> Pin:
-    effect, joints = key
+def _pin(key: tuple[str, tuple[int, ...]], pair: _Pair, joints: Sequence[str]) -> Pin:
+    effect, on = key
     what = _kind(pair)
-    joint = None if effect == Payload.name or not joints else joints[0] - 1
-    return Pin(f"{_place(pair, n)}: {_name(effect)} {what}", joint, "#findings")
+    joint = None if effect == Payload.name or not on else on[0] - 1
+    return Pin(f"{_place(pair, joints)}: {_name(effect)} {what}", joint, "#findings")
 
 
-def _findings(pairs: dict[tuple[str, tuple[int, ...]], _Pair], names: Sequence[str], n: int) -> str:
+def _findings(
+    pairs: dict[tuple[str, tuple[int, ...]], _Pair], names: Sequence[str], joints: Sequence[str]
+) -> str:
     rows: list[list[str]] = []
     for (effect, _), pair in pairs.items():
-        what = f"{_name(effect)}, {_place(pair, n)}"
+        what = f"{_name(effect)}, {_place(pair, joints)}"
         keys = [
             key
             for item in pair

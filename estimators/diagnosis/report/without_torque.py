@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.headline import headline, names_of
-from estimators.diagnosis.quantities import of_several, rounded
+from estimators.diagnosis.quantities import heading_of, of_joints, of_several, rounded
 from estimators.diagnosis.report import findings as told
 from estimators.diagnosis.report.arm import GIVEN, IMPROVED, pins
 from estimators.diagnosis.report.cards import cards
@@ -87,7 +87,7 @@ def drive_report(found: DriveResult) -> Page:
         + drawn
         + told.errors(verdict, charts)
         + _from_rows(verdict)
-        + cards(verdict, names)
+        + cards(verdict, names, found.after.effects, charts)
         + _left(verdict)
         + told.notes(verdict.notes)
         + stated_values(verdict)
@@ -113,7 +113,7 @@ def _arm(found: DriveResult, replay: DriveReplay) -> tuple[ArmView, str]:
     view = arm_view(
         found.before.model, position[worst],
         errors=((GIVEN, fit.heldout_rmse_before), (IMPROVED, fit.heldout_rmse_after)),
-        floor=fit.noise_floor, pins=pins(found.verdict.findings),
+        floor=fit.noise_floor, pins=pins(found.verdict),
         motion=PlayedMotion(replay.recording.time[rows], position, ghosts, caption=caption),
     )  # fmt: skip
     lead = (
@@ -126,7 +126,7 @@ def _arm(found: DriveResult, replay: DriveReplay) -> tuple[ArmView, str]:
 def _from_rows(verdict: Verdict) -> str:
     """Return the errors that start anew at each recorded row, beside those of the free run."""
     fit = verdict.fit
-    values: dict[str, Sequence[object]] = {"joint": range(1, len(fit.noise_floor) + 1)}
+    values: dict[str, Sequence[object]] = {"joint": verdict.labels}
     for name, unit, before, after in (
         ("free run", "rad", fit.heldout_rmse_before, fit.heldout_rmse_after),
         ("one step", "rad", fit.one_step_rmse_before, fit.one_step_rmse_after),
@@ -146,8 +146,8 @@ def _left(verdict: Verdict) -> str:
         return ""
     worst = max(joints, key=lambda j: fit.heldout_rmse_after[j - 1] / fit.noise_floor[j - 1])
     said = (
-        f"At {of_several(joints, len(fit.noise_floor))} held-out motion is still predicted worse "
-        f"than the encoder resolves it, most of all at joint {worst}: "
+        f"At {of_several(joints, verdict.names)} held-out motion is still predicted worse "
+        f"than the encoder resolves it, most of all at {of_joints((worst,), verdict.names)}: "
         f"{rounded(fit.heldout_rmse_after[worst - 1], 2)} rad RMSE, where its steps alone make "
         f"{rounded(fit.noise_floor[worst - 1], 2)} rad. Nothing that was tried removes this: "
         "unknown loads, flexible links or an unmodelled servo law would."
@@ -160,15 +160,16 @@ def _motion(replay: DriveReplay, verdict: Verdict, charts: Charts) -> str:
     fit = verdict.fit
     excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
     order = [int(j) for j in np.argsort(-excess, kind="stable")]
-    drawn = {j: _joint(replay, j, charts) for j in order}
+    called = [heading_of(j + 1, verdict.names) for j in range(len(order))]
+    drawn = {j: _joint(replay, j, called[j], charts) for j in order}
     rest = "".join(
-        f'<div id="joint-{j + 1}">{folded(f"Joint {j + 1}", drawn[j])}</div>' for j in order[_OPEN:]
+        f'<div id="joint-{j + 1}">{folded(called[j], drawn[j])}</div>' for j in order[_OPEN:]
     )
     opened = "".join(f'<div id="joint-{j + 1}">{drawn[j]}</div>' for j in order[:_OPEN])
     return section("Held-out motion", opened + rest, "where", _MOTION)
 
 
-def _joint(replay: DriveReplay, j: int, charts: Charts) -> str:
+def _joint(replay: DriveReplay, j: int, called: str, charts: Charts) -> str:
     recording = replay.recording
     rows = slice(None, None, max(1, len(recording) // DRAWN))
     time, position = recording.time[rows], recording.position[rows, j]
@@ -178,8 +179,8 @@ def _joint(replay: DriveReplay, j: int, charts: Charts) -> str:
     errors = [curve(time, position - run[rows, j], name, colour) for name, run, colour in runs]
     figures: list[tuple[Figure, str]] = [
         ({"data": moved, "layout": layout("time [s]", "position [rad]"), "height": 280},
-         f"Joint {j + 1}: position"),
+         f"{called}: position"),
         ({"data": errors, "layout": layout("time [s]", "position error [rad]"), "height": 280},
-         f"Joint {j + 1}: recorded minus simulated position"),
+         f"{called}: recorded minus simulated position"),
     ]  # fmt: skip
     return grid(charts.place(figure, caption, follows=True) for figure, caption in figures)

@@ -126,3 +126,16 @@ def test_friction_by_temperature_takes_the_temperature_that_was_measured(recordi
     moving = np.abs(np.gradient(runs[0].position[:, 0], runs[0].time)) > 0.03
     added = (runs[1].torque - runs[0].torque)[moving, 0]
     assert np.allclose(np.abs(added), 1.0, atol=0.1)
+
+
+def test_a_file_that_limits_no_speed_is_replayed_as_fast_as_the_arm_was(tmp_path):
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><worldbody><body name="arm"><joint name="lift" axis="0 1 0"/>'
+        '<geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.04"/></body></worldbody></mujoco>'
+    )
+    simulation = Simulation.load(tmp_path / "arm.xml")
+    assert simulation.model.limits.velocity.tolist() == [1.0]  # for plans
+    time = np.arange(0.0, 6.0, 0.005)
+    position = 1.2 * np.sin(3.0 * time)[:, None]  # at up to 3.6 rad/s
+    run = follow(simulation, Recording.from_arrays(time, position, 0 * position), 2.0, 4.0, 10.0)
+    assert (run.tracking < 2e-3).all()

@@ -8,6 +8,7 @@ import pytest
 
 from estimators.diagnosis.headline import MOST, headline, likelier, values_of
 from estimators.diagnosis.quantities import of_several, quantity, rounded
+from estimators.diagnosis.report.arm import pins
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     BeforeAfter,
@@ -165,9 +166,24 @@ def test_an_error_has_four_digits_on_any_arm(error, said):
 
 
 def test_joints_are_said_in_few_words():
-    assert [of_several(j, N) for j in ((3,), (1, 4), (2, 3, 4), range(1, 8), ())] == [
-        "joint 3", "joints 1, 4", "joints 2 to 4", "all joints", "all joints"
+    names = ("joint_1", "a2", "stick", "A4", *("",) * 3)
+    assert [of_several(j, names) for j in ((3,), (1, 4), (2, 3, 4), range(1, 8), ())] == [
+        "joint 3 (stick)", "joints 1, 4 (A4)", "joints 2 to 4", "all joints", "all joints"
     ]  # fmt: skip
+
+
+def test_a_joint_has_the_name_that_the_user_gave_it():
+    drag = finding("quadratic_drag", (3,), coefficient=Interval(5.0, "1", (4.0, 6.0)))
+    carried = finding("payload", (5,), mass=Interval(0.12, "kg", (0.11, 0.13)))
+    named = replace(verdict(drag, carried), joint_names=("", "", "stick", "", "roll", "", "jaw"))
+    assert headline(named) == (
+        "Quadratic drag of 5.0 [4.0, 6.0] at joint 3 (stick); payload of 0.120 kg [0.110, 0.130] "
+        "on the link of joint 5 (roll)."
+    )
+    assert [(pin.joint, pin.text.partition(":")[0]) for pin in pins(named)] == [
+        (2, "joint 3 (stick)"), (4, "joint 5 (roll)")
+    ]  # fmt: skip
+    assert named.labels == ("1", "2", "3 (stick)", "4", "5 (roll)", "6", "7 (jaw)")
 
 
 def test_equal_verdicts_have_equal_headlines():

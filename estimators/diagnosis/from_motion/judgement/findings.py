@@ -77,8 +77,8 @@ def findings_of(
                 heldout_rmse=BeforeAfter(tuple(rmse[0].tolist()), tuple(rmse[1].tolist())),
                 evidence=(
                     f"{as_stated(effect, nominal[j], units, extra=extra)}, the held-out error of "
-                    f"joint {j + 1} is {np.sqrt(full + lost):.4f} rad "
-                    f"({np.rad2deg(np.sqrt(full + lost)):.2f} deg), with it {np.sqrt(full):.4f} rad"
+                    f"joint {j + 1} is {np.sqrt(full + lost):.4f} rad, with it "
+                    f"{np.sqrt(full):.4f} rad"
                 ),
             )
             found.append((lost, finding))

@@ -153,6 +153,7 @@ def verdict_of(
             if is_known(fit, KINDS[effect])
         ),
         values=stated_values(stated, given, evidence, floor),
+        joint_names=given.model.joint_names,
     )
 
 
@@ -194,10 +195,9 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
         if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
             reach = float(np.exp(NORMAL * fit.deviation["kp"]))
             said.append(
-                f"Joint {j} sags {load / kp:.3f} rad ({np.rad2deg(load / kp):.1f} deg; 95 % "
-                f"interval {load / kp / reach:.3f} to {load / kp * reach:.3f} rad) at full "
-                f"reach: its P gain of {kp:.1f} N m/rad is low for {load:.2f} N m; with twice the "
-                f"gain it would be {load / kp / 2:.3f} rad."
+                f"Joint {j} sags {load / kp:.3f} rad (95 % interval {load / kp / reach:.3f} to "
+                f"{load / kp * reach:.3f} rad) at full reach: its P gain of {kp:.1f} N m/rad is "
+                f"low for {load:.2f} N m; with twice the gain it would be {load / kp / 2:.3f} rad."
             )
     return tuple(said)
 
@@ -206,7 +206,7 @@ def plays(fits: Iterable[JointFit]) -> tuple[str, ...]:
     """Say how far joints can be moved by hand while their servos stand."""
     gaps = [value_in(geared(fit.row), "play") for fit in fits]
     return tuple(
-        f"Joint {j} has {np.rad2deg(gap):.1f} deg ({gap:.4f} rad) of play between motor and joint."
+        f"Joint {j} has {gap:.4f} rad of play between motor and joint."
         for j, gap in enumerate(gaps, start=1)
         if gap > 0.0
     )

@@ -181,6 +181,7 @@ def conclude(
         identified=identified_of(problem, plain),
         holds=held_by(problem, solution),
         doubts=doubts,
+        joint_names=problem.observed.simulation.model.joint_names,
     )
 
 

@@ -30,7 +30,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Payload, PreslidingHysteresis, QuadraticDrag
 
-N = 7
+NAMES = ("",) * 7
 FIT = Fit((1.0,) * N, (0.1,) * N, (0.1,) * N, nan, (nan, nan))
 
 
@@ -147,17 +147,17 @@ def cells(page):
 
 
 def test_a_payload_is_the_same_whichever_joint_feels_it():
-    assert recovered([PAYLOAD], [MASS], N) == (
+    assert recovered([PAYLOAD], [MASS], NAMES) == (
         "Payload of 0.8 kg at the flange was concealed, 0.78 kg [0.68, 0.88] was found."
     )
-    assert cells(beside_the_truth([PAYLOAD], [MASS], N)) == [
+    assert cells(beside_the_truth([PAYLOAD], [MASS], NAMES)) == [
         ["payload of 0.8 kg at the flange", "payload: 0.78 kg [0.68, 0.88]", "90 %"]
     ]
 
 
 def test_the_right_effect_at_another_joint_is_not_what_was_concealed():
-    assert recovered([DRAG], [ELSEWHERE], N).endswith("was concealed and not found.")
-    assert [row[:2] for row in cells(beside_the_truth([DRAG], [ELSEWHERE], N))] == [
+    assert recovered([DRAG], [ELSEWHERE], NAMES).endswith("was concealed and not found.")
+    assert [row[:2] for row in cells(beside_the_truth([DRAG], [ELSEWHERE], NAMES))] == [
         ["quadratic drag of 6 N m s²/rad² at joint 4", "not found"],
         ["nothing", "quadratic drag: 5.0 N m s²/rad² [4.0, 6.0]"],
     ]
@@ -165,5 +165,5 @@ def test_the_right_effect_at_another_joint_is_not_what_was_concealed():
 
 def test_an_effect_without_one_size_is_said_to_be_found():
     same = found("presliding_hysteresis", (2,))
-    said = recovered([HYSTERESIS], [same], N)
+    said = recovered([HYSTERESIS], [same], NAMES)
     assert said == "Presliding hysteresis at joint 2 was concealed, it was found."

@@ -22,6 +22,7 @@ from estimators.diagnosis.headline import headline
 from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.report import figures, worst_stretch, write_report
 from estimators.diagnosis.report.binning import loop_stretch
+from estimators.diagnosis.report.cards import loop_of
 from estimators.diagnosis.report.page import render
 from estimators.diagnosis.result import CHOSEN, Explanation, Replay, Shift, Traces
 from estimators.diagnosis.result import Test as Question
@@ -39,6 +40,7 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from limo_driver.errors import ConfigError
+from limo_driver.physics import PreslidingHysteresis
 from limo_driver.recordings.filters.differentiation import smooth
 from limo_driver.trajectory import Trajectory
 
@@ -284,6 +286,26 @@ def test_the_chosen_explanation_stands_out_also_where_another_has_more_evidence(
     assert bars["x"] == pytest.approx(shown, rel=1e-3)
     assert "beyond doubt likelier" in page
     assert "does not hold on motion held out" in page
+
+
+def test_explanations_are_called_by_what_they_differ_in(page):
+    charts = json.loads(re.search(r'id="figures">(.*?)</script>', page, re.DOTALL).group(1))
+    (bars,) = (c["data"][0] for c in charts if c["data"][0].get("type") == "bar")
+    assert bars["y"][:4] == [
+        "1. spring load 2, not presliding hysteresis 2",
+        "2. chosen",
+        "3. stribeck friction 2, not presliding hysteresis 2",
+        "4. coulomb friction 2 + viscous friction 2, not presliding hysteresis 2",
+    ]
+
+
+def test_hysteresis_is_shown_as_its_loop():
+    stiffness, width = 100.0, 0.01
+    slip = PreslidingHysteresis(joint=2, stiffness=(stiffness,), width=(width,))
+    loop = loop_of(slip)
+    assert loop.height == pytest.approx(2 * stiffness * width, rel=1e-3)
+    assert loop.width == pytest.approx(0.95 * 2 * width, rel=0.01)  # after a reversal, 95 % of it
+    assert loop.area == pytest.approx(4 * stiffness * width**2, rel=0.01)  # over four widths
 
 
 def test_the_page_says_what_its_evidence_is_not(parsed):

@@ -28,7 +28,7 @@ def test_play_is_told_in_degrees_where_there_is_some(arm):
     rigid, loose = rows_of(Simulation(str(arm), drives=servos))
     loose = with_values(np.array(loose), {"play": 0.0157})
     fits = [SimpleNamespace(row=np.array(rigid)), SimpleNamespace(row=loose)]
-    assert plays(fits) == ("Joint 2 has 0.9 deg (0.0157 rad) of play between motor and joint.",)
+    assert plays(fits) == ("Joint 2 has 0.0157 rad of play between motor and joint.",)
 
 
 def test_what_is_stated_is_told_in_words_and_by_its_parts(arm):
