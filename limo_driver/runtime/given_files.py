@@ -3,12 +3,8 @@
 Each reader has the same budget of bytes, rows and seconds (`ReadingBudget`), and refuses in one
 line that says what was given and what is allowed. What reads in Python counts what it has spent
 (`Spent`); what reads in a library that nobody can interrupt does so in a process of its own
-(`apart`).
-
-Readers in libraries that nobody can interrupt: each reads in a process of its own, with limits.
-
-Whatever a file does there, compute for ever, fill the memory or end the process, becomes one line.
-The process is told the function by its name, and answers with what it returned, pickled.
+(`apart`): whatever a file does there, compute for ever, fill the memory or end the process, becomes
+one line. The process is told the function by its name, and answers with what it returned, pickled.
 """
 
 from __future__ import annotations
@@ -16,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import re
 import resource
 import signal
 import stat
@@ -46,10 +43,10 @@ __all__ = [
     "read_text",
     "text_of",
 ]
-_Piece = TypeVar("_Piece")
 _MIB: Final = 1 << 20
 LARGEST: Final = 1 << 26  # bytes of what is read at once, if nothing else is said
 _VALUES: Final = 1 << 24  # of JSON: Python makes about 100 bytes of each
+_SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")  # half of a character, of which two make one
 _T = TypeVar("_T")
 _PATIENCE: Final = 60.0  # [s] beyond any budget, for what waits instead of computing
 _MEMORY: Final = Path("/proc/self/statm")  # in pages
@@ -144,7 +141,7 @@ class Spent:
         """CPU time that reading has taken [s]."""
         return self._before + thread_time() - self._began
 
-    def metered(self, pieces: Iterator[_Piece], rows: int = 1) -> Iterator[_Piece]:
+    def metered(self, pieces: Iterator[_T], rows: int = 1) -> Iterator[_T]:
         """Yield pieces and count their rows, and the time that they take, not that of their use.
 
         Args:
@@ -240,7 +237,12 @@ def json_of(
     if (values := sum(map(text.count, ",[{"))) > _VALUES:
         raise error(f"has {values} values of JSON, expected at most {_VALUES}", path=path)
     try:
-        return parse(text)
+        found = parse(text)
+        if _SURROGATE.search(text):
+            json.dumps(found, ensure_ascii=False).encode()
+        return found
+    except UnicodeEncodeError:
+        raise error("is no JSON: a text has half of a character", path=path) from None
     except json.JSONDecodeError as failure:
         raise error(
             f"is no JSON at line {failure.lineno}: {failure.msg}; was it cut off?", path=path
@@ -347,15 +349,15 @@ def _asked(*given: str, patience: float) -> tuple[str, Any, int]:
 
 def _told(status: int, size: int, seconds: float, memory: int) -> str:
     """Say why a process ended without an answer."""
-    of = f"of a file of {size} bytes"
     if status == _NO_MEMORY:
-        most = f"{memory / _MIB:.0f} MiB"
-        return f"takes more than {most} of memory to read, expected at most {most} {of}"
-    if -status in _OUT_OF_TIME:
-        most = f"{seconds:.3g} s"
-        return f"takes more than {most} of CPU time to read, expected at most {most} {of}"
-    how = f"with {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
-    return f"is damaged: what reads it ended {how}"
+        most, what = f"{memory / _MIB:.0f} MiB", "memory"
+    elif -status in _OUT_OF_TIME:
+        most, what = f"{seconds:.3g} s", "CPU time"
+    else:
+        how = f"with {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
+        return f"is damaged: what reads it ended {how}"
+    over = f"takes more than {most} of {what} to read"
+    return f"{over}, expected at most {most} of a file of {size} bytes"
 
 
 def _limit(seconds: float, memory: int) -> None:

@@ -189,14 +189,10 @@ def column_names(path: Path) -> list[str]:
         return list(found.names) if own else []
     import pyarrow.parquet as pq
 
-    from limo_driver.recordings.files.parquet import DAMAGE
+    from limo_driver.recordings.files.parquet import reading_parquet
 
-    try:
+    with reading_parquet(path):
         return [name.strip() for name in pq.read_schema(path).names]
-    except DAMAGE as error:
-        raise RecordingError(
-            f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path
-        ) from None
 
 
 def mapping_of(mapping: LogMapping | Path | str | None) -> LogMapping | None:

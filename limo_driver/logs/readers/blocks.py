@@ -19,7 +19,7 @@ from limo_driver.logs.readers.proposals.gravity import other_unit_from
 from limo_driver.logs.readers.proposals.times import refuse_two_units
 from limo_driver.recordings.files.batches import LONG_TEXT, MOST, blocks_of, is_packed
 from limo_driver.recordings.files.delimited import DelimitedText
-from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
+from limo_driver.recordings.files.parquet import parquet_rows, reading_parquet
 from limo_driver.runtime.display import shortened
 
 if TYPE_CHECKING:
@@ -42,18 +42,13 @@ def long_log(path: Path) -> Iterator[LogTable] | None:
         RecordingError: It cannot be read, at once or while the rows come.
     """
     ending = ending_of(path)
-    if ending in TEXTS and path.is_file() and _is_long(path):
+    if ending in TEXTS and path.is_file() and (is_packed(path) or path.stat().st_size > LONG_TEXT):
         return _numbers(DelimitedText(path, WRITTEN).blocks(), path, "delimited text")
     if ending in PARQUET and _rows_of_parquet(path) > MOST:
         return _numbers(_parquet_tables(path), path, "Parquet")
     if ending in ARRAYS and rows_of_npz(path) > MOST:
         return npz_blocks(path)
     return None
-
-
-def _is_long(path: Path) -> bool:
-    """Say whether a text may be long; what is packed may be whatever its size."""
-    return is_packed(path) or path.stat().st_size > LONG_TEXT
 
 
 def check_units(table: LogTable, before: LogTable | None, mapping: LogMapping) -> None:
@@ -94,19 +89,11 @@ def _numbers(tables: Iterable[pa.Table], path: Path, kind: str) -> Iterator[LogT
 def _rows_of_parquet(path: Path) -> int:
     import pyarrow.parquet as pq
 
-    try:
+    with reading_parquet(path):
         return pq.read_metadata(path).num_rows
-    except DAMAGE as error:
-        raise _unreadable(path, error) from None
 
 
 def _parquet_tables(path: Path) -> Iterator[pa.Table]:
-    try:
+    with reading_parquet(path):
         rows = parquet_rows(path)
         yield from blocks_of(rows.batches, rows.schema)
-    except DAMAGE as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, error: Exception) -> RecordingError:
-    return RecordingError(f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path)

@@ -16,7 +16,7 @@ import re
 import sqlite3
 import struct
 from contextlib import closing, contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
@@ -121,7 +121,7 @@ def _opened(file: Path, path: Path) -> sqlite3.Connection:
     how = "mode=ro" if unmerged else "mode=ro&immutable=1"
     try:
         bag = sqlite3.connect(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
-        bag.text_factory = _text
+        bag.text_factory = partial(str, encoding="utf-8", errors="replace")
         bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LARGEST)
         if _is_cut_off(file):  # of which SQLite otherwise refuses what is there, too
             bag.execute("PRAGMA writable_schema=ON")
@@ -135,10 +135,6 @@ def _reading(action: int, *_: object) -> int:
     """Let SQLite read tables, and compute nothing: what a view or a column asks for is refused."""
     is_plain = action in {sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ}
     return sqlite3.SQLITE_OK if is_plain else sqlite3.SQLITE_DENY
-
-
-def _text(data: bytes) -> str:
-    return data.decode(errors="replace")
 
 
 def _is_cut_off(file: Path) -> bool:

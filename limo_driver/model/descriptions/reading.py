@@ -34,7 +34,7 @@ USD_ENDINGS: Final = (".usd", ".usda", ".usdc", ".usdz")
 _TURNING: Final = ("revolute", "continuous")
 _SLIDING: Final = "prismatic"
 _MOVABLE: Final = (*_TURNING, _SLIDING)
-_DYNAMICS: Final = ("friction", "damping")  # that a URDF states
+_DYNAMICS: Final = ("friction", "damping")
 # Of a joint that follows another; its friction, damping and armature are felt at that one.
 _NOT_FELT: Final = {
     "spring": ("stiffness", "cubic"),
@@ -84,9 +84,9 @@ def _of_urdf(root: ET.Element, path: Path) -> RobotDescription:
     for joint in root.findall("joint"):
         stated = joint.find("dynamics")
         if stated is not None:
-            read = {name: _number(stated, name, path, least=0.0) for name in _DYNAMICS}
-            dynamics[str(joint.get("name"))] = JointDynamics(**read)
-            stated.attrib |= {name: plain(repr(value)) for name, value in read.items()}
+            friction, damping = (_number(stated, name, path, least=0.0) for name in _DYNAMICS)
+            dynamics[str(joint.get("name"))] = JointDynamics(friction, damping)
+            stated.attrib |= {"friction": plain(repr(friction)), "damping": plain(repr(damping))}
     return RobotDescription(root, path, "URDF", dynamics, notes=notes, unranged=unranged)
 
 

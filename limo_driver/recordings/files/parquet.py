@@ -10,6 +10,7 @@ as few at once as fit into memory.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import pyarrow as pa
@@ -20,7 +21,7 @@ from limo_driver.recordings.files.batches import STRETCH, most_rows
 from limo_driver.runtime.given_files import Spent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Generator, Iterator
     from pathlib import Path
 
     from limo_driver.errors import PlacedError
@@ -29,6 +30,20 @@ DAMAGE: Final = (OSError, pa.ArrowException, UnicodeDecodeError)  # of a file th
 _WIDEST: Final = 1 << 15  # bytes of a column in one row: 4096 numbers; images have more
 _MOST: Final = 4096  # columns
 _FEW: Final = 64  # rows that are read at once before it is known how wide they are
+
+
+@contextmanager
+def reading_parquet(path: Path) -> Generator[None]:
+    """Refuse as a recording what turns out to be no Parquet, or damaged.
+
+    Raises:
+        RecordingError: It is.
+    """
+    try:
+        yield
+    except DAMAGE as error:
+        reason = str(error).splitlines()[0]
+        raise RecordingError(f"cannot be read as Parquet: {reason}", path=path) from None
 
 
 class ParquetRows(NamedTuple):

@@ -19,6 +19,7 @@ from limo_driver.recordings.channels import CHANNELS, POSITION, Columns, recorde
 from limo_driver.recordings.files.batches import Kept, kept_of
 from limo_driver.recordings.files.delimited import DelimitedText
 from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
+from limo_driver.runtime.display import shortened
 from limo_driver.runtime.given_files import check_file
 from limo_driver.runtime.outputs import require_parquet, whole
 
@@ -55,7 +56,7 @@ def read_columns(path: Path) -> Columns:
     n = len(by_quantity["position"])
     command, channels, told = _commands(table, n, path)
     arrays = {
-        quantity: _stack(table, names, path)
+        quantity: np.stack([_values(table, name, path) for name in names], axis=1)
         for quantity, names in by_quantity.items()
         if len(names) == n and quantity not in {"torque", *channels}
     }
@@ -187,7 +188,7 @@ def _read_table(path: Path) -> Kept:
             f"cannot be read as Parquet, CSV (.csv) or limo's own log: {reason}", path=path
         ) from None
     if repeated := sorted({name for name in names if names.count(name) > 1}):
-        raise RecordingError(f"has more than one column {_shorten(repeated)}", path=path)
+        raise RecordingError(f"has more than one column {shortened(repeated)}", path=path)
     table = kept.table.rename_columns(names).replace_schema_metadata(kept.table.schema.metadata)
     return replace(kept, table=table)
 
@@ -224,9 +225,9 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
             expected.append(f"torque_{j}")
     if missing := [name for name in expected if name not in table.column_names]:
         raise RecordingError(
-            f"lacks {_shorten(missing)}; a recording has time, position_1 … position_n and "
+            f"lacks {shortened(missing)}; a recording has time, position_1 … position_n and "
             "torque_1 … torque_n, or command_1 … command_n of drives that tell no torque; this "
-            f"file has {_shorten(table.column_names)}",
+            f"file has {shortened(table.column_names)}",
             path=path,
         )
     return {
@@ -265,11 +266,6 @@ def _commands(
     return command, channels, beside
 
 
-def _shorten(names: list[str], most: int = 8) -> str:
-    listed = ", ".join(names[:most])
-    return listed + (f" and {len(names) - most} more" if len(names) > most else "")
-
-
 def _by_joint(table: pa.Table, quantity: str, n: int, path: Path) -> FloatArray:
     """Return a quantity of each joint, (T, n); NaN for those that have no column."""
     found = np.full((table.num_rows, n), np.nan)
@@ -277,10 +273,6 @@ def _by_joint(table: pa.Table, quantity: str, n: int, path: Path) -> FloatArray:
         if f"{quantity}_{j}" in table.column_names:
             values[:] = _values(table, f"{quantity}_{j}", path)
     return found
-
-
-def _stack(table: pa.Table, names: list[str], path: Path) -> FloatArray:
-    return np.stack([_values(table, name, path) for name in names], axis=1)
 
 
 def _time(table: pa.Table, path: Path) -> tuple[FloatArray, tuple[str, ...]]:

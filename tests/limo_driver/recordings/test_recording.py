@@ -283,10 +283,7 @@ def refuse(change, message, tmp_path, T=400):
         (lambda c: {k: v for k, v in c.items() if k != "time"}, "lacks time;"),
         (lambda c: {k: v for k, v in c.items() if k != "position_2"}, "lacks position_2;"),
         (lambda c: {k: v for k, v in c.items() if "position" not in k}, "lacks position_1, pos"),
-        (
-            lambda c: {k.replace("n_2", f"n_{'9' * 5000}"): v for k, v in c.items()},
-            "lacks position_2;",
-        ),
+        (lambda c: {k.replace("n_2", "n_" + 5000 * "9"): c[k] for k in c}, "lacks position_2;"),
         (
             lambda c: c | {"time": c["time"] * 1e3},
             "sampled at 0.1 Hz.*is the time in millis",

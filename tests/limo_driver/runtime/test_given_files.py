@@ -144,8 +144,7 @@ def textual(path):
 
 def garbled(path):
     """Write texts that are none."""
-    notes = pa.array([b"\xee"] * 30, pa.binary()).cast(pa.string(), safe=False)
-    pq.write_table(pa.table({"time": np.arange(30.0), "note": notes}), path)
+    pq.write_table(pa.table({"note": pa.array([b"\xee"]).cast(pa.string(), safe=False)}), path)
 
 
 def renamed(path):
@@ -168,6 +167,8 @@ def nested(path):
         ("log.db3", computed, "a table is computed"),
         ("log.mat", packed, "more than 256 MiB of memory to read"),
         ("digits.json", lambda path: path.write_text(f'[{{"t": {"1" * 5000}}}]'), "thousands of"),
+        ("large.json", lambda path: path.write_text(f'[{{"t": {2**70}}}, {{"t": 1}}]'), "alike"),
+        ("half.json", lambda path: path.write_text('[{"t": "\\ud800"}]'), "half of a character"),
         ("log.parquet", garbled, "Invalid UTF8"),
         ("log.db3", renamed, "is damaged"),
         ("texts", textual, "row 0 is 'soon', expected a number"),

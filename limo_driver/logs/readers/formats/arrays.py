@@ -299,7 +299,7 @@ def _records_in(name: str, value: object, depth: int = 0) -> Iterator[tuple[str,
 def _of_records(name: str, records: list[Any], path: Path) -> LogTable:
     try:
         batch = pa.RecordBatch.from_struct_array(pa.array(records))
-    except pa.ArrowException as error:
+    except (pa.ArrowException, OverflowError) as error:
         raise RecordingError(
             f"its {len(records)} records are not alike: {str(error).splitlines()[0]}", path=path
         ) from None

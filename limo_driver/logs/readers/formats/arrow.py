@@ -15,7 +15,7 @@ from limo_driver.logs.readers.columns import TIME, WRITTEN, read_name
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.recordings.files.batches import FEW, Kept, kept_of
 from limo_driver.recordings.files.delimited import DelimitedText, tables_in
-from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
+from limo_driver.recordings.files.parquet import parquet_rows, reading_parquet
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-# pyarrow ships no type stubs, so its tables are unknown to the checker.
-# pyright: reportUnknownParameterType=false
 # pyarrow ships no type stubs, so its columns are unknown to the checker.
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
 _FORM: Final = r"^\s*(?P<h>\d{1,3}):(?P<m>[0-5]\d)(?::(?P<s>[0-5]?\d)(?:[.,](?P<f>\d{1,9}))?)?\s*$"
@@ -61,7 +59,8 @@ def numbers_of(
             if found is None:
                 unread[name] = _said_of_list(column)
                 continue
-            own = (names or {}).get(name) or labels.entries.get((_parent(name), found.shape[1]), ())
+            place = (name.rpartition(".")[0], found.shape[1])
+            own = (names or {}).get(name) or labels.entries.get(place, ())
             named = own if len(own) == found.shape[1] else range(found.shape[1])
             columns |= {
                 (f"{name}.{each}" if isinstance(each, str) else f"{name}[{each}]"): found[:, k]
@@ -111,13 +110,9 @@ def read_parquet(path: Path) -> Kept:
     Raises:
         RecordingError: It is none, or damaged.
     """
-    try:
+    with reading_parquet(path):
         rows = parquet_rows(path)
         return replace(kept_of(rows.batches, rows.schema, rows.width), aside=rows.aside)
-    except DAMAGE as error:
-        raise RecordingError(
-            f"cannot be read as Parquet: {str(error).splitlines()[0]}", path=path
-        ) from None
 
 
 def _is_fixed(kind: Any) -> bool:  # noqa: ANN401  # pyarrow has no types
@@ -144,13 +139,9 @@ def _without_structures(table: pa.Table) -> pa.Table:
             ends = np.cumsum(np.append(0, column.value_lengths().fill_null(0).to_numpy()))
             inner = column.flatten()
             table = table.remove_column(index)
-            for field in inner.type:
-                own = pa.LargeListArray.from_arrays(ends.astype(np.int64), inner.field(field.name))
+            for k, field in enumerate(inner.type):  # two of which may share a name
+                own = pa.LargeListArray.from_arrays(ends.astype(np.int64), inner.field(k))
                 table = table.append_column(f"{name}.{field.name}", own)
-
-
-def _parent(name: str) -> str:
-    return name.rpartition(".")[0]
 
 
 class _Labels(NamedTuple):
@@ -172,7 +163,7 @@ def _labels_in(table: pa.Table) -> _Labels:
         flat = pa.chunked_array([chunk.flatten() for chunk in column.chunks]).combine_chunks()
         codes = flat.dictionary_encode().indices.fill_null(-1).to_numpy().astype(np.int64)
         if np.array_equal(codes, np.tile(np.arange(len(first)), len(column))):
-            place = (_parent(name), len(first))
+            place = (name.rpartition(".")[0], len(first))
             entries[place] = () if place in entries else tuple(first)
             columns.add(name)
     return _Labels(frozenset(columns), entries)

@@ -34,8 +34,6 @@ KIND = "LeRobotDataset"
 _INFO = "meta/info.json"
 _BETWEEN = 1.0  # [s] from the end of one episode to the start of the next: a gap, as it was
 _KNOWN = ("v2.0", "v2.1", "v3.0")
-# pyarrow ships no type stubs, so its tables are unknown to the checker.
-# pyright: reportUnknownParameterType=false
 GRIPPER = "gripper"  # the motor that LeRobot counts in percent of its range
 _VERSION = "v3.0"
 _TASK = "Excite the drives of all joints."

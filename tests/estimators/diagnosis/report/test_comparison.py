@@ -30,7 +30,8 @@ from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Payload, PreslidingHysteresis, QuadraticDrag
 
-NAMES = ("",) * 7
+N = 7
+NAMES = ("",) * N
 FIT = Fit((1.0,) * N, (0.1,) * N, (0.1,) * N, nan, (nan, nan))
 
 
