@@ -7,7 +7,12 @@ from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import Network, RobotOption, RosDomain, describe_options
+from limo_driver.app.console.arguments import (
+    RobotOption,
+    RosDomain,
+    SessionOptions,
+    describe_options,
+)
 from limo_driver.app.console.terminal import say
 
 
@@ -20,7 +25,7 @@ def command(
     namespace: str | None = None,
     ros_domain: RosDomain = 0,
     states: Annotated[str | None, typer.Option("--ros", metavar="TOPIC")] = None,
-    network: Network,
+    network: SessionOptions,
     duration: Annotated[float | None, typer.Option(min=0.0)] = None,
 ) -> None:
     """Publish estimated and external torque, and the wrench on the flange, for ROS 2 (rmw_zenoh).

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limo_driver.app.cli import INTERRUPTED
-from limo_driver.app.console.arguments import ROBOTS, Network, RosDomain, describe_options
+from limo_driver.app.console.arguments import ROBOTS, RosDomain, SessionOptions, describe_options
 from limo_driver.app.console.terminal import progress, say, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import require_apart
@@ -43,7 +43,7 @@ def command(
     name: str | None = None,
     ros: bool = False,
     ros_domain: RosDomain = 0,
-    network: Network,
+    network: SessionOptions,
     fifo: bool = False,
     as_json: bool = False,
 ) -> None:

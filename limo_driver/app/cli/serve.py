@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import Network, RosDomain, describe_options
+from limo_driver.app.console.arguments import RosDomain, SessionOptions, describe_options
 from limo_driver.app.console.terminal import say, terminal
 from limo_driver.errors import ConfigError
 
@@ -40,7 +40,7 @@ def command(
     log: Path | None = None,
     log_size: Annotated[float, typer.Option(metavar="GB")] = 20.0,
     log_age: Annotated[float, typer.Option(metavar="DAYS")] = 30.0,
-    network: Network,
+    network: SessionOptions,
     ros: Annotated[str | None, typer.Option(metavar="TOPIC")] = None,
     ros_domain: RosDomain = 0,
     rate: float | None = None,

@@ -55,7 +55,7 @@ RosDomain = Annotated[int, typer.Option(help="ROS_DOMAIN_ID of the ROS 2 nodes."
 
 
 @dataclass(frozen=True, kw_only=True)
-class Network:
+class SessionOptions:
     """Options of a session on the network.
 
     Args:

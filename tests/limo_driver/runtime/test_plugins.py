@@ -153,7 +153,7 @@ def test_a_model_of_an_estimator_that_is_gone_names_it(tmp_path):
 def test_nothing_is_looked_for_before_a_name_is_asked_for():
     code = (
         "import limo_driver.physics, limo_driver.app.cli, estimators.model_folder\n"
-        "from limo_driver import plugins\n"
+        "from limo_driver.runtime import plugins\n"
         "assert not plugins._registered.cache_info().currsize"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -21,7 +21,7 @@ from limo_driver.app.cli.models.options import (
     print_found,
 )
 from limo_driver.app.cli.models.retraining import compare, retrain
-from limo_driver.app.console.arguments import MappingOption, Network, describe_options
+from limo_driver.app.console.arguments import MappingOption, SessionOptions, describe_options
 from limo_driver.app.console.terminal import terminal
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ def load(
     which: WhichArgument,
     *,
     arm: str,
-    network: Network,
+    network: SessionOptions,
     as_json: JsonOption = False,
 ) -> None:
     """Let a version serve in a running service until that ends; the champion stays what it is.

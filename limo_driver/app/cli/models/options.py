@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.app.console.arguments import Network
+from limo_driver.app.console.arguments import SessionOptions
 from limo_driver.app.console.terminal import terminal
 from limo_driver.errors import ConfigError
 
@@ -60,7 +60,7 @@ class VersionSource:
     robot: RobotOption = None
     trust: TrustOption = None
     arm: ArmOption = None
-    network: Network = field(default_factory=Network)
+    network: SessionOptions = field(default_factory=SessionOptions)
 
     @contextmanager
     def reached(self) -> Generator[ModelStore | RemoteStore]:
@@ -107,7 +107,7 @@ class VersionSource:
 
 
 @contextmanager
-def asked(arm: str, network: Network) -> Generator[ModelClient]:
+def asked(arm: str, network: SessionOptions) -> Generator[ModelClient]:
     """Open a session to ask the running service of an arm."""
     from limo_driver.network.model_client import ModelClient
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import Network, describe_options
+from limo_driver.app.console.arguments import SessionOptions, describe_options
 from limo_driver.app.console.terminal import say
 from limo_driver.errors import ConfigError
 
@@ -28,7 +28,7 @@ _PORT = 8642  # of the page of --web
 def command(
     *,
     arm: str = "*",
-    network: Network,
+    network: SessionOptions,
     duration: Annotated[float | None, typer.Option(min=0.0)] = None,
     until: Annotated[str | None, typer.Option(metavar="PHASE")] = None,
     timeout: Annotated[float | None, typer.Option(metavar="SECONDS")] = None,
@@ -160,7 +160,7 @@ def _wait(
     arm: str,
     until: str,
     timeout: float | None,
-    network: Network,
+    network: SessionOptions,
     *,
     as_json: bool,
 ) -> None:

@@ -13,7 +13,7 @@ import backends
 import estimators
 import limo_driver
 import limopa
-from limo_driver.app.console.arguments import OPTIONS, Network, describe_options, in_options
+from limo_driver.app.console.arguments import OPTIONS, SessionOptions, describe_options, in_options
 from limo_driver.app.console.command_line import command_line
 
 pytestmark = pytest.mark.waits
@@ -37,7 +37,7 @@ def test_a_signature_and_its_docstring_are_the_options():
     heard = []
 
     @describe_options
-    def command(log: str, *, dry_run: bool = False, network: Network, as_json: bool = False):
+    def command(log: str, *, dry_run: bool = False, network: SessionOptions, as_json: bool = False):
         """Do it.
 
         Args:
@@ -56,7 +56,7 @@ def test_a_signature_and_its_docstring_are_the_options():
     assert helps["connect"].startswith("Zenoh endpoint to reach")
     assert "--no-dry-run" not in [name for each in line.params for name in each.secondary_opts]
     line(["a.csv", "--dry-run", "--connect", "tcp/x", "--json"], standalone_mode=False)
-    assert heard == [("a.csv", True, Network(connect=["tcp/x"]), True)]
+    assert heard == [("a.csv", True, SessionOptions(connect=["tcp/x"]), True)]
 
 
 def test_every_option_exists():
