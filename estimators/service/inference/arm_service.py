@@ -150,7 +150,7 @@ class ArmService:
             return self._replaced_by(model)
 
     def condition(self, window: Window) -> dict[str, Any]:
-        """Return what serves, and a summary of the answers in a window, as JSON values."""
+        """Return the present model, and a summary of the answers in a window, as JSON values."""
         model = self.model
         return {
             "model": model.version,

@@ -139,16 +139,16 @@ class ProcessPool(Generic[TaskT, OutcomeT]):
     def _received(self, worker: WorkerProcess[TaskT]) -> list[tuple[TaskT, OutcomeT | str]]:
         """Return the task that has ended, if one has."""
         try:
-            has_ended, told = worker.connection.recv()
+            has_ended, message = worker.connection.recv()
         except (EOFError, OSError):
             del self._busy[worker.connection]
             return [(worker.task, f"its process ended with status {worker.stop()}")]
         if not has_ended:
             if self._progress is not None:
-                self._progress(worker.task, told)
+                self._progress(worker.task, message)
             return []
         self._idle.append(self._busy.pop(worker.connection))
-        return [(worker.task, told)]
+        return [(worker.task, message)]
 
 
 def _work(main: Connection[Any, Any], given: tuple[Any, bool]) -> None:
