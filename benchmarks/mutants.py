@@ -30,8 +30,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 import yaml
 from mutation.changes import Finder
-from mutation.kept import Kept
-from mutation.trials import ROOT, Tests, Trees, files_of, start
+from mutation.trials import ROOT, Kept, Tests, Trees, files_of, start
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

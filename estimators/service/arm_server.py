@@ -9,7 +9,6 @@ from collections import Counter
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
@@ -20,6 +19,7 @@ from estimators.service.inference.inbox import (
     LogWatch,
     NetworkOutlet,
     StateSilence,
+    source_of,
 )
 from estimators.service.inference.live_model import Window
 from estimators.service.opening import ModelQueries, Opening
@@ -128,7 +128,7 @@ class ArmServer:
         if service is not None:
             service.end_silent_contacts()
             window, service.window = service.window, Window(len(service.arm.joint_names))
-            now |= _condition(service, window)
+            now |= service.condition(window)
             if self.keeper is not None:
                 self.keeper.watch(window)
                 now["retraining"] = self.keeper.status()
@@ -289,13 +289,13 @@ class ArmServer:
 
     def _foreign(self, sample: zenoh.Sample) -> bool:
         """Say whether a state is of another source; those of ROS say so in what is attached."""
-        if self._ros is not None or not self._source.is_foreign(_source_of(sample)):
+        if self._ros is not None or not self._source.is_foreign(source_of(sample)):
             return False
         self._counts["foreign"] += 1
         return True
 
     def _take(self, sample: zenoh.Sample) -> None:
-        payload, source = sample.payload.to_bytes(), _source_of(sample)
+        payload, source = sample.payload.to_bytes(), source_of(sample)
         attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
         if self._ros is not None:
             try:
@@ -394,28 +394,3 @@ class ArmServer:
             self.service = service
             text = f"{version} serves at {rate:g} Hz"
             self._bulletin.enter(ServicePhase.SERVING, text, rate=rate, version=version)
-
-
-def _source_of(sample: zenoh.Sample) -> str:
-    info = sample.source_info  # each time that it is asked for, it is made anew
-    return "" if info is None else str(info.source_id)
-
-
-def _condition(service: ArmService, window: Window) -> dict[str, Any]:
-    model = service.model
-    return {
-        "model": model.version,
-        "physics_only": model.physics_only,
-        "rate": service.arm.rate,
-        "delay": model.stream.delay,
-        "bound": service.arm.bound.tolist(),
-        "answered": window.count,
-        "external_rms": [None if np.isnan(v) else v for v in window.rms.tolist()],
-        "outside": window.outside.astype(int).tolist(),
-        "clipped": window.clipped,
-        "contact": service.watchdog.active.tolist(),
-        "arrivals": dict(service.arrivals.counts),
-        "counts": dict(service.counts),
-        "latency": service.latency.take().as_json(),
-        "age": service.age.take().as_json(),
-    }

@@ -100,14 +100,14 @@ class FleetDiagnosis:
     @property
     def headline(self) -> str:
         """Say in one sentence which arms are odd, and which drift."""
-        told = [
+        parts = [
             f"{what}: {', '.join(arms[:_NAMED])}"
             + (f" and {len(arms) - _NAMED} more" if len(arms) > _NAMED else "")
             for what, arms in (("odd", self.odd), ("drifting", self.drifting))
             if arms
         ]
-        if told:
-            sentence = "; ".join(told)
+        if parts:
+            sentence = "; ".join(parts)
             return f"{sentence[0].upper()}{sentence[1:]}"
         if not self.standings:
             return f"Fewer than {FLEET.arms} arms: none can be told from the others"

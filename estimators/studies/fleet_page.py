@@ -159,12 +159,12 @@ def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
         [escape(d.arm), escape(d.series.name), escape(changed(d)), number(d.p, 2)]
         for d in fleet.drifts
     ]
-    told = paragraph(
+    meaning = paragraph(
         "p is the probability that chance alone makes as much of a trend. Over all quantities, "
         f"about one in {1 / FLEET.false_alarms:.0f} fleets without drift gets one named."
     )
     return (
-        told
+        meaning
         + table(heads, rows, 3)
         + "".join(
             charts.place(_over_days(item), f"{item.arm}: {item.series.name}")

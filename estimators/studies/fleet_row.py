@@ -82,7 +82,7 @@ class FleetSettings:
     odd: float = 5.0  # robust standard deviations from the median arm
     least: float = 0.1  # relative difference or change below which nothing is said
     tolerance: float = 1.0  # times the tolerance of a value: likewise
-    told: float = 0.5  # of an arm's recordings, that have to tell a value of it
+    share: float = 0.5  # of an arm's recordings, that have to show a value of it
     dates: int = 6  # fewest recordings with a date of which a trend is taken
     false_alarms: float = 0.01  # drifts expected by chance in a whole fleet without any
     worst: int = 10  # recordings listed

@@ -140,7 +140,7 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
     drifting = {(item.arm, item.series.name) for item in drifts}
     found: list[ArmStanding] = []
     for item in series:
-        arms = [arm for arm in item.names() if item.told(arm) >= FLEET.told]
+        arms = [arm for arm in item.names() if item.share(arm) >= FLEET.share]
         if len(arms) < FLEET.arms:
             continue
         compared = [float(np.median(item.of(arm).compared())) for arm in arms]
@@ -255,7 +255,7 @@ class Series:
         """Return the arms, each once, in order."""
         return tuple(self._rows)
 
-    def told(self, arm: str) -> float:
+    def share(self, arm: str) -> float:
         """Return the share of an arm's recordings that have a value."""
         return self._rows[arm].size / self.recordings.get(arm, self._rows[arm].size)
 

@@ -98,10 +98,10 @@ class Sweep(Displayed):
         if not done:
             return f"none of {len(self.trials)} trials was trained"
         best = self.ranked[0]
-        said = ", ".join(f"{name} {text_of(best.settings, name)}" for name in self.varied)
+        chosen = ", ".join(f"{name} {text_of(best.settings, name)}" for name in self.varied)
         test = "" if np.isnan(best.test) else f", {best.test:.1%} in the test recordings"
         return (
-            f"{done} of {len(self.trials)} trials trained. Best: {said or best.settings.model}, "
+            f"{done} of {len(self.trials)} trials trained. Best: {chosen or best.settings.model}, "
             f"which leaves {best.left:.1%} of the simulation's error on motion not seen{test}"
         )
 

@@ -231,23 +231,23 @@ class SweepSpace:
         Raises:
             ConfigError: Names what cannot be used, and its line.
         """
-        said = read_yaml(path, "settings of training, such as `hidden: [8, 16]`")
-        said.only(*_SWEPT, "draws", "draw_seed")
+        space = read_yaml(path, "settings of training, such as `hidden: [8, 16]`")
+        space.only(*_SWEPT, "draws", "draw_seed")
         values: dict[str, tuple[Any, ...]] = {}
         ranges: dict[str, SweptRange] = {}
         for name, known in _SWEPT.items():
-            if name not in said:
+            if name not in space:
                 continue
-            if known.kind in {REAL, WHOLE} and said[name].items is None:
-                ranges[name] = said[name].make(SweptRange)
+            if known.kind in {REAL, WHOLE} and space[name].items is None:
+                ranges[name] = space[name].make(SweptRange)
             else:
-                values[name] = _values(said[name], known)
+                values[name] = _values(space[name], known)
         draws, seed = (
-            said.take(Parameter(name, kind=WHOLE, lower=lower)) if name in said else default
+            space.take(Parameter(name, kind=WHOLE, lower=lower)) if name in space else default
             for name, lower, default in (("draws", 1, 1), ("draw_seed", 0, 0))
         )
         if draws > 1 and not ranges:
-            said["draws"].refuse("1 where there is no range `{from: ..., to: ...}` to draw from")
+            space["draws"].refuse("1 where there is no range `{from: ..., to: ...}` to draw from")
         return cls(values, ranges, draws, seed)
 
     @property
@@ -291,9 +291,9 @@ class SweepSpace:
             usual = usual_settings(chosen.get("features", TrainingSettings.features))
             return replace(usual, **chosen)
         except ConfigError as error:
-            said = ", ".join(f"{name}: {value}" for name, value in chosen.items())
+            combination = ", ".join(f"{name}: {value}" for name, value in chosen.items())
             raise ConfigError(
-                f"the space has a combination that cannot be: {error} ({said})"
+                f"the space has a combination that cannot be: {error} ({combination})"
             ) from None
 
 

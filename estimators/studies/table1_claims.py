@@ -132,7 +132,7 @@ class Judgement:
 
     @property
     def verdict(self) -> str:
-        """Say whether the claim holds: surely, surely not, or not told yet."""
+        """Say whether the claim holds: surely, surely not, or not compared yet."""
         if self.factor is None:
             return "-"
         if self.low is None or self.high is None:
@@ -308,14 +308,14 @@ def _claims(table: Table) -> str:
         ]
     for claim in CLAIMS:
         judged = list(judge(table, claim))
-        told = [j for j in judged if j.factor is not None]
-        hold = sum(j.factor is not None and j.factor > 1 for j in told)
-        surely = sum(j.verdict == "holds" for j in told)
+        compared = [j for j in judged if j.factor is not None]
+        hold = sum(j.factor is not None and j.factor > 1 for j in compared)
+        surely = sum(j.verdict == "holds" for j in compared)
         lines += [
             "",
             f"## {claim.title}",
             "",
-            f"The paper: {claim.says} Here: in {hold} of {len(told)} comparisons done "
+            f"The paper: {claim.says} Here: in {hold} of {len(compared)} comparisons done "
             f"({len(judged)} in all), in {surely} beyond the spread.",
             "",
             *_grid(

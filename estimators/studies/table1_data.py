@@ -77,11 +77,11 @@ class TableData:
             ConfigError: A file is missing, or data.json cannot be used; the message says where.
             RecordingError: A recording is of another robot, or of another rate than the others.
         """
-        said = read_json(folder / DESCRIPTION, ConfigError, SCHEMA).needs(*_REQUIRED)
+        description = read_json(folder / DESCRIPTION, ConfigError, SCHEMA).needs(*_REQUIRED)
         for name in RECORDINGS:
             if not (folder / name).is_file():
                 raise ConfigError(f"lacks {name}; it has to hold {_contents()}", path=folder)
-        model = RobotModel.load(beside(said.text(ROBOT), folder))
+        model = RobotModel.load(beside(description.text(ROBOT), folder))
         excitation, limo, validation = (Recording.load(folder / name) for name in RECORDINGS)
         for recording in (excitation, limo, validation):
             recording.check_robot(model)
@@ -91,14 +91,14 @@ class TableData:
                 "Hz; expected one rate, since networks remember by samples",
                 path=validation.source,
             )
-        starts = _starts(said["scaffold_starts"], limo)
+        starts = _starts(description["scaffold_starts"], limo)
         digests = {name: _digest(folder / name) for name in (*RECORDINGS, DESCRIPTION)}
         if model.name not in BUILT_IN:  # what a URDF says can change while its name stays
             digests[ROBOT] = _digest(model.urdf)
         return cls(
             folder,
             model,
-            str(said["made_by"].content),
+            str(description["made_by"].content),
             excitation,
             limo,
             validation,

@@ -72,11 +72,13 @@ def _title(found: Table) -> str:
         return f"Table I: {found.left} trials are still to be done."
     best = min(errors, key=lambda name: errors[name])
     rigid = errors.get(RBD.name)
-    beside = f", the rigid body alone {rigid:.3g}" if rigid is not None and best != RBD.name else ""
+    rigid_alone = (
+        f", the rigid body alone {rigid:.3g}" if rigid is not None and best != RBD.name else ""
+    )
     left = f"; {found.left} trials left" if found.left else ""
     return (
         f"Least error on scaffolds never trained on: {best}, MSE {errors[best]:.3g} (N m)²"
-        f"{beside}{left}."
+        f"{rigid_alone}{left}."
     )
 
 
@@ -126,11 +128,11 @@ def _marks(values: np.ndarray, names: list[str], name: str, colour: str, symbol:
 
 
 def _claims(found: Table) -> str:
-    said = ""
+    body = ""
     for claim in CLAIMS:
         judged = list(judge(found, claim))
-        told = [item for item in judged if item.factor is not None]
-        surely = sum(item.verdict == "holds" for item in told)
+        compared = [item for item in judged if item.factor is not None]
+        surely = sum(item.verdict == "holds" for item in compared)
         rows = [
             [
                 *map(escape, (item.part, SPLIT_WORDS[item.split], item.worse, item.better)),
@@ -141,15 +143,15 @@ def _claims(found: Table) -> str:
             for item in judged
         ]
         heads = ("part", "split", "first", "second", "factor", "paper's", "verdict")
-        title = f"{claim.title}: beyond the spread in {surely} of {len(told)} comparisons"
-        said += folded(title, f"<p>{escape(claim.says)}</p>" + table(heads, rows))
-    return said
+        title = f"{claim.title}: beyond the spread in {surely} of {len(compared)} comparisons"
+        body += folded(title, f"<p>{escape(claim.says)}</p>" + table(heads, rows))
+    return body
 
 
 def _tables(found: Table) -> str:
     n = found.data.model.n
     heads = ("architecture", "runs", *(f"joint {j}" for j in range(1, n + 1)), "average")
-    said = ""
+    body = ""
     for split in SPLITS:
         for part in PARTS:
             rows = [
@@ -157,8 +159,8 @@ def _tables(found: Table) -> str:
                 for of_split, of_part, row, figures in found.entries()
                 if (of_split, of_part) == (split, part)
             ]
-            said += folded(f"{part.capitalize()}, {SPLIT_NAMES[split]}", table(heads, rows, 1))
-    return said
+            body += folded(f"{part.capitalize()}, {SPLIT_NAMES[split]}", table(heads, rows, 1))
+    return body
 
 
 PICTURE: Final = "table1.png"

@@ -149,6 +149,26 @@ class ArmService:
                 model.catch_up(self.history, close=0)
             return self._replaced_by(model)
 
+    def condition(self, window: Window) -> dict[str, Any]:
+        """Return the present model, and a summary of the answers in a window, as JSON values."""
+        model = self.model
+        return {
+            "model": model.version,
+            "physics_only": model.physics_only,
+            "rate": self.arm.rate,
+            "delay": model.stream.delay,
+            "bound": self.arm.bound.tolist(),
+            "answered": window.count,
+            "external_rms": [None if np.isnan(v) else v for v in window.rms.tolist()],
+            "outside": window.outside.astype(int).tolist(),
+            "clipped": window.clipped,
+            "contact": self.watchdog.active.tolist(),
+            "arrivals": dict(self.arrivals.counts),
+            "counts": dict(self.counts),
+            "latency": self.latency.take().as_json(),
+            "age": self.age.take().as_json(),
+        }
+
     @property
     def latest_stamp(self) -> int | None:
         """Unix time of the newest state by its source [ns], if one was answered."""

@@ -76,6 +76,12 @@ class Inbox:
             self._waiting.append(sample)
 
 
+def source_of(sample: zenoh.Sample) -> str:
+    """Return which source a sample is of; nothing where it does not say."""
+    info = sample.source_info  # each time that it is asked for, it is made anew
+    return "" if info is None else str(info.source_id)
+
+
 class FollowedSource:
     """One source of joint states at a time, until it is silent."""
 

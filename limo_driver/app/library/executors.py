@@ -11,14 +11,14 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeAlias, TypeVar
 
 from limo_driver.errors import ConfigError, LimoError
 from limo_driver.runtime.plugins import require_package
 from limo_driver.runtime.processes import WorkerProcess, end_with_parent
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator
     from multiprocessing.connection import Connection
 
 TaskT = TypeVar("TaskT")
@@ -139,16 +139,16 @@ class ProcessPool(Generic[TaskT, OutcomeT]):
     def _received(self, worker: WorkerProcess[TaskT]) -> list[tuple[TaskT, OutcomeT | str]]:
         """Return the task that has ended, if one has."""
         try:
-            has_ended, told = worker.connection.recv()
+            has_ended, message = worker.connection.recv()
         except (EOFError, OSError):
             del self._busy[worker.connection]
             return [(worker.task, f"its process ended with status {worker.stop()}")]
         if not has_ended:
             if self._progress is not None:
-                self._progress(worker.task, told)
+                self._progress(worker.task, message)
             return []
         self._idle.append(self._busy.pop(worker.connection))
-        return [(worker.task, told)]
+        return [(worker.task, message)]
 
 
 def _work(main: Connection[Any, Any], given: tuple[Any, bool]) -> None:
@@ -328,24 +328,8 @@ def _line(error: BaseException) -> str:
     return f"{type(error).__name__}: {lines[0] if lines else 'without a word'}"
 
 
-class Executor(Protocol[TaskT, OutcomeT_co]):
-    """Where tasks run: it takes them while it has room, and gives each back as it ends."""
-
-    def has_room(self, task: TaskT) -> bool:
-        """Say whether this task can be submitted now; always, where nothing runs."""
-        ...
-
-    def submit(self, task: TaskT) -> None:
-        """Begin a task."""
-        ...
-
-    def ended(self) -> Sequence[tuple[TaskT, OutcomeT_co | str]]:
-        """Wait for tasks to end, at least one; text says why a machine failed it."""
-        ...
-
-    def close(self) -> None:
-        """End whatever still runs."""
-        ...
+# Where tasks run: it takes them while it has room, and gives each back as it ends.
+Executor: TypeAlias = ProcessPool[TaskT, OutcomeT] | RayCluster[TaskT, OutcomeT]
 
 
 def check_place(workers: int | None, on: str) -> None:
@@ -370,13 +354,7 @@ def executor_of(
     on: str,
     progress: Callable[[TaskT, Any], None] | None = None,
 ) -> Executor[Any, Any]:
-    """Return where the tasks of a job run; what says so is checked before.
-
-    Args:
-        job: What all tasks share.
-        workers: How many run side by side at most.
-        on: "processes" or "ray".
-        progress: Told what a task tells on its way, of processes alone; see `ProcessPool`.
+    """Return where the tasks of a job run, see both; what says so is checked before.
 
     Raises:
         ConfigError: The cluster cannot be used.
