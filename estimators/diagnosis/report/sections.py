@@ -85,9 +85,11 @@ def where(diagnosis: DiagnosisResult, charts: Charts) -> str:
         j: _joint(diagnosis, charts, j) + (_beyond(diagnosis, charts, j) if j in closer else "")
         for j in (*shown, *(j for j in range(len(order)) if j not in shown))
     }
-    opened = "".join(_anchored(j, f"<h3>Joint {j + 1}</h3>{drawn[j]}") for j in shown)
+    opened = "".join(
+        f'<div id="joint-{j + 1}"><h3>Joint {j + 1}</h3>{drawn[j]}</div>' for j in shown
+    )
     rest = "".join(
-        _anchored(j, folded(_title(diagnosis, j), body))
+        f'<div id="joint-{j + 1}">{folded(_title(diagnosis, j), body)}</div>'
         for j, body in drawn.items()
         if j not in shown
     )
@@ -148,10 +150,6 @@ def _beyond(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
     return f'<div id="beyond-{j + 1}">{folded(title, body)}</div>'
 
 
-def _anchored(j: int, body: str) -> str:
-    return f'<div id="joint-{j + 1}">{body}</div>'
-
-
 def _title(diagnosis: DiagnosisResult, j: int) -> str:
     fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
     return (
@@ -200,7 +198,8 @@ def competing(diagnosis: DiagnosisResult, charts: Charts) -> str:
         drawn = figures.explanations(best, names, chosen, np.log10(WORDING.beyond_doubt))
         body = charts.place(drawn, "How much less likely the others are", _BEYOND)
     rows = [
-        [escape(typeset(_name(item))), _compared_to(item.log_evidence - top), _removes(item.share),
+        [escape(typeset(_name(item))), _compared_to(item.log_evidence - top),
+         meter(item.share) if item.share >= 0 else f"none, adds {percent(-item.share)}",
          escape(_note(item, top) or (_TWIN if item in twins else ""))]
         for item in diagnosis.explanations
     ]  # fmt: skip
@@ -243,11 +242,6 @@ def _closest(tried: Sequence[Explanation], chosen: Explanation) -> str:
     if len(less) < len(others):
         said += "What is likelier was rejected: held-out motion speaks against it. "
     return said
-
-
-def _removes(share: float) -> str:
-    """Show the part of an error that an explanation removes, or that it adds to it."""
-    return meter(share) if share >= 0 else f"none, adds {percent(-share)}"
 
 
 def _compared_to(lead: float) -> str:
@@ -333,9 +327,9 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
     before, after = (
         rmse(item.measured - torque, item.moving) for torque in (item.before, item.after)
     )
-    floor = diagnosis.verdict.fit.noise_floor
+    errors = before, after, diagnosis.verdict.fit.noise_floor
     rows = [
-        [str(j + 1), *(_error(error[j]) if moves else UNSAID for error in (before, after, floor)),
+        [str(j + 1), *(rounded(float(error[j]), 3) if moves else UNSAID for error in errors),
          rounded(1e3 * float(item.tracking[j]), 2), percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip
@@ -348,10 +342,6 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
         "rows not near rest",
     )
     return grid(drawn) + table(headings, rows, numeric=1)
-
-
-def _error(value: float) -> str:
-    return rounded(float(value), 3)
 
 
 def _span(diagnosis: DiagnosisResult, start: float, stop: float, recording: int) -> str:
