@@ -246,7 +246,7 @@ def _values(section: Tolerances | Sensors) -> dict[str, Any]:
 
 def _effect_entry(effect: Effect) -> dict[str, Any]:
     entry: dict[str, Any] = {"effect": effect.name}
-    if _has_joint(type(effect)):
+    if any(item.name == "joint" for item in fields(effect)):
         entry["joint"] = effect.joints[0]
     for known in effect.parameters():
         value = getattr(effect, known.name)
@@ -260,10 +260,6 @@ def _effect_entry(effect: Effect) -> dict[str, Any]:
         known = {name: value for name, value in own.items() if value is not None}
         entry[_DOMAIN] = {k: list(v) if isinstance(v, tuple) else v for k, v in known.items()}
     return entry
-
-
-def _has_joint(effect: type[Effect]) -> bool:
-    return any(item.name == "joint" for item in fields(effect))
 
 
 def _inertial(given: Given, nominal: Inertial) -> Inertial:

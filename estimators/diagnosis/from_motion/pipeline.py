@@ -25,10 +25,10 @@ from estimators.diagnosis.from_motion.checks.conventions import (
 )
 from estimators.diagnosis.from_motion.checks.recorded import check_commanded
 from estimators.diagnosis.from_motion.fitting.identification import fit_drives, with_servos
-from estimators.diagnosis.from_motion.hypotheses.search import leaving_out, search
+from estimators.diagnosis.from_motion.hypotheses.search import fit_without, search
 from estimators.diagnosis.from_motion.hypotheses.stated import (
     is_stated,
-    proven,
+    prove_on_part,
     stated_arm,
     with_intervals,
 )
@@ -241,11 +241,11 @@ def _beside_stated(
     progress("proving on held-out motion", 0.6)
     final = with_intervals(given, searched, ticks)
     while (doubtful := final.doubtful) is not None:
-        searched = leaving_out(searched, doubtful, tick)
+        searched = fit_without(searched, doubtful, tick)
         final = with_intervals(given, searched, ticks)
-    proof = proven(given, seen, searched, tick)
+    proof = prove_on_part(given, seen, searched, tick)
     pairs = ((seen, unseen), (unseen, seen))
-    arms = [proven(given, own, searched, tick, held=True) for own, _ in pairs]
+    arms = [prove_on_part(given, own, searched, tick, held=True) for own, _ in pairs]
     return DriveEvidence(
         proof.identified,
         final.identified,

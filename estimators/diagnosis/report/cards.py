@@ -183,7 +183,7 @@ def _parameters(item: Finding) -> str:
     rows = [
         [escape(part), *_value_and_interval(one, _unit(one.unit))]
         for name, known in item.parameters.items()
-        if known.value != () and not _is_left_out(known)
+        if known.value != () and (known.value != 0 or known.ci95)  # 0: a part not asked for
         for part, one in _components(name, known)
     ]
     return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
@@ -230,11 +230,6 @@ def loop_of(effect: PreslidingHysteresis) -> Loop:
     turned = int(np.argmax(back <= around.min() + REST * height))
     area = float(np.trapezoid(around, position))
     return Loop(position, around, height, float(reach - position[_POINTS - 1 + turned]), area)
-
-
-def _is_left_out(known: Interval) -> bool:
-    """Say whether a parameter is a part of the law that the data did not ask for."""
-    return known.value == 0 and not known.ci95
 
 
 def _components(name: str, known: Interval) -> list[tuple[str, Interval]]:

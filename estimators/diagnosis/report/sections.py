@@ -86,10 +86,11 @@ def where(diagnosis: DiagnosisResult, charts: Charts) -> str:
         for j in (*shown, *(j for j in range(len(order)) if j not in shown))
     }
     opened = "".join(
-        _anchored(j, f"<h3>{escape(_called(diagnosis, j))}</h3>{drawn[j]}") for j in shown
+        f'<div id="joint-{j + 1}"><h3>{escape(_called(diagnosis, j))}</h3>{drawn[j]}</div>'
+        for j in shown
     )
     rest = "".join(
-        _anchored(j, folded(_title(diagnosis, j), body))
+        f'<div id="joint-{j + 1}">{folded(_title(diagnosis, j), body)}</div>'
         for j, body in drawn.items()
         if j not in shown
     )
@@ -155,10 +156,6 @@ def _called(diagnosis: DiagnosisResult, j: int) -> str:
     return heading_of(j + 1, diagnosis.verdict.names)
 
 
-def _anchored(j: int, body: str) -> str:
-    return f'<div id="joint-{j + 1}">{body}</div>'
-
-
 def _title(diagnosis: DiagnosisResult, j: int) -> str:
     fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
     return (
@@ -208,7 +205,8 @@ def competing(diagnosis: DiagnosisResult, charts: Charts) -> str:
         body = charts.place(drawn, "How much less likely others are: by what they differ", _BEYOND)
     rows = [
         [escape(typeset(_name(item, diagnosis.verdict.names))),
-         _compared_to(item.log_evidence - top), _removes(item.share),
+         _compared_to(item.log_evidence - top),
+         meter(item.share) if item.share >= 0 else f"none, adds {percent(-item.share)}",
          escape(_note(item, top) or (_TWIN if item in twins else ""))]
         for item in diagnosis.explanations
     ]  # fmt: skip
@@ -251,11 +249,6 @@ def _closest(tried: Sequence[Explanation], chosen: Explanation) -> str:
     if len(less) < len(others):
         said += "What is likelier was rejected: held-out motion speaks against it. "
     return said
-
-
-def _removes(share: float) -> str:
-    """Show the part of an error that an explanation removes, or that it adds to it."""
-    return meter(share) if share >= 0 else f"none, adds {percent(-share)}"
 
 
 def _compared_to(lead: float) -> str:
@@ -361,9 +354,9 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
     before, after = (
         rmse(item.measured - torque, item.moving) for torque in (item.before, item.after)
     )
-    floor = diagnosis.verdict.fit.noise_floor
+    errors = before, after, diagnosis.verdict.fit.noise_floor
     rows = [
-        [str(j + 1), *(_error(error[j]) if moves else UNSAID for error in (before, after, floor)),
+        [str(j + 1), *(rounded(float(error[j]), 3) if moves else UNSAID for error in errors),
          rounded(1e3 * float(item.tracking[j]), 2), percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip
@@ -376,10 +369,6 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
         "rows not near rest",
     )
     return grid(drawn) + table(headings, rows, numeric=1)
-
-
-def _error(value: float) -> str:
-    return rounded(float(value), 3)
 
 
 def _span(diagnosis: DiagnosisResult, start: float, stop: float, recording: int) -> str:

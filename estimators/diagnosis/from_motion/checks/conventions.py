@@ -22,7 +22,7 @@ from scipy.optimize import nnls
 
 from estimators.diagnosis.from_motion.fitting.identification import gives_scale
 from estimators.diagnosis.from_motion.fitting.joint import fit_joint
-from estimators.diagnosis.from_motion.fitting.starts import nearer_start, typical_start
+from estimators.diagnosis.from_motion.fitting.starts import choose_start, typical_start
 from estimators.diagnosis.from_motion.simulation.constants import LEAST
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
@@ -186,7 +186,7 @@ def confirmed(
     for k, change in enumerate((ArmChange.none(simulation.model.n), other)):
         parts = loads.parts(change)
         for j in (joint - 1 for joint in found.joints):
-            begun = nearer_start(parts[j], typical_start(stated[j]))
+            begun = choose_start(parts[j], typical_start(stated[j]))
             fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
             away[k] += np.log(max(fit.mean_error, LEAST))
     gain = float(away[0] - away[1]) / len(found.joints)

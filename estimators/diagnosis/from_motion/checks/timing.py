@@ -8,8 +8,8 @@ import numpy as np
 
 from estimators.diagnosis.from_motion.fitting.joint import errors, fit_joint
 from estimators.diagnosis.from_motion.fitting.starts import (
+    choose_start,
     most_of,
-    nearer_start,
     regressed,
     typical_start,
 )
@@ -119,7 +119,7 @@ def _judge(simulation: Simulation, recording: Recording) -> tuple[list[float], l
             leads.append(lead)
             gains.append(gain)
             continue
-        begun = nearer_start(parts[j], typical_start(stated[j]))
+        begun = choose_start(parts[j], typical_start(stated[j]))
         fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
         delays.append(fit.value("delay"))
         short.append(_damped(stated[j]) - _damped(fit.row))

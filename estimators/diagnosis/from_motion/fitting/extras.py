@@ -18,8 +18,8 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     LAGS,
     LimitStart,
     away,
-    begun_at,
-    lagging,
+    start_of_limit,
+    with_lag,
 )
 from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
@@ -69,7 +69,7 @@ class Extra:
         known = away(parts, row)
         if not self.limit:
             return LimitStart(self.start, known, self.easing(row))
-        best = begun_at(self.limit, parts, with_values(row, self.shape))
+        best = start_of_limit(self.limit, parts, with_values(row, self.shape))
         return best if best.away < known else LimitStart({}, known)
 
     def fitted(
@@ -131,7 +131,7 @@ _PIECE: Final = 10.0  # [s]
 USUAL_PROFILE: Final = BelievedValue(39.0, 0.25)  # [rad/s²]
 
 
-def grown(
+def fit_with_extras(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
     names: tuple[str, ...],
@@ -261,7 +261,7 @@ def _best(
 ) -> JointFit:
     """Return the best fit of those that begin with each of the lags."""
     lags = LAGS[gain_of(row)]
-    begun = [fit_joint(parts, lagging(row, lag), names, priors, _SCREENING) for lag in lags]
+    begun = [fit_joint(parts, with_lag(row, lag), names, priors, _SCREENING) for lag in lags]
     best = min(begun, key=lambda fit: fit.mean_error)
     return fit_joint(parts, best.row, names, priors)
 

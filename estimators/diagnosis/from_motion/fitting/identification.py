@@ -19,13 +19,13 @@ from estimators.diagnosis.from_motion.fitting.extras import (
     GAIN,
     PROFILE,
     OfAKind,
-    grown,
+    fit_with_extras,
     of_a_kind,
 )
 from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors
 from estimators.diagnosis.from_motion.fitting.starts import (
     TYPICAL,
-    nearer_start,
+    choose_start,
     typical_start,
     with_gain,
 )
@@ -191,7 +191,7 @@ def fit_drives(
         own = gains == gain
         first = np.flatnonzero(scaled & moved & own).tolist()
         for j in first:
-            rows[j] = nearer_start(parts[j], rows[j])
+            rows[j] = choose_start(parts[j], rows[j])
         believed = [_believed(rows[j], float(load[j])) for j in first]
         found |= _fitted(parts, rows, first, believed, intervals=intervals)
         sure = [j for j in first if found[j][0].deviation[gain] < SURE]
@@ -238,7 +238,7 @@ def _fitted(
     if not joints:
         return {}
     own, names = [parts[j] for j in joints], base_of(rows[joints[0]])[0 if scaled else 1 :]
-    fit = partial(grown, intervals=intervals)
+    fit = partial(fit_with_extras, intervals=intervals)
     with ThreadPoolExecutor() as pool:  # the compiled loops let each other run
         done = list(pool.map(fit, own, rows[list(joints)], [names] * len(joints), believed))
     return dict(zip(joints, done, strict=True))

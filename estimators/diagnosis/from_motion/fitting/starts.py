@@ -78,7 +78,7 @@ def with_gain(row: FloatArray, gain: float) -> FloatArray:
     return with_values(row, scaled)
 
 
-def lagging(row: FloatArray, lag: dict[str, float]) -> FloatArray:
+def with_lag(row: FloatArray, lag: dict[str, float]) -> FloatArray:
     """Return constants to start from with one of `LAGS`.
 
     Args:
@@ -90,7 +90,7 @@ def lagging(row: FloatArray, lag: dict[str, float]) -> FloatArray:
     return with_values(row, {"delay": lag["delay"], **own})
 
 
-def nearer_start(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
+def choose_start(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
     """Return constants to start from: typical ones, or those of the joint's own motion.
 
     A servo far from typical, of a tenth of the torque or of ten times as much, is lost from a
@@ -166,7 +166,7 @@ class LimitStart:
     bent: Mapping[str, float] = field(default_factory=dict)  # others, which a fit without it bends
 
 
-def begun_at(
+def start_of_limit(
     limit: str,
     parts: Sequence[LoadedJoint],
     row: FloatArray,
@@ -194,7 +194,7 @@ def begun_at(
     return min(found, key=lambda own: own.away)
 
 
-def motor_begun_at(parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
+def start_of_motor(parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
     """Return stall torque and speed without load to start a fit of a motor from.
 
     Args:

@@ -260,7 +260,7 @@ def _likely(
     return [k for k in dict.fromkeys(ranked[0] + ranked[1]) if np.isfinite(worth[k])]
 
 
-def leaving_out(found: Searched, one: Suspect, tick: float) -> Searched:
+def fit_without(found: Searched, one: Suspect, tick: float) -> Searched:
     """Return what was found, fitted again without one suspect.
 
     Args:

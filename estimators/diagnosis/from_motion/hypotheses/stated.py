@@ -170,7 +170,7 @@ def _apart(
     return float(np.median(found))
 
 
-def proven(
+def prove_on_part(
     simulation: Simulation,
     recordings: Sequence[Recording],
     found: Searched,

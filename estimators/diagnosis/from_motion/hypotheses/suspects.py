@@ -17,7 +17,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_motion.checks.conventions import likeliest_order
-from estimators.diagnosis.from_motion.fitting.starts import LIMITS, away, begun_at, motor_begun_at
+from estimators.diagnosis.from_motion.fitting.starts import (
+    LIMITS,
+    away,
+    start_of_limit,
+    start_of_motor,
+)
 from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
     DAMPING,
@@ -199,7 +204,7 @@ def _stiction(
     if "stribeck" in names:
         return
     for delta in SHAPES:
-        start = dict(stiction_begun_at(parts, row, delta))
+        start = dict(start_of_stiction(parts, row, delta))
         bent = ((COULOMB, start.pop(COULOMB)),)
         own = tuple(start.items())
         yield Suspect("stribeck_friction", None, own, shape=(("delta", delta),), bent=bent)
@@ -235,7 +240,12 @@ def _limits(
     limits = LIMITS if gain_of(row) == "kp" else ("torque_limit",)
     for limit in (*limits, "voltage_limit"):
         tried = [
-            (begun_at(limit, parts, own) if limit in LIMITS else motor_begun_at(parts, own), own)
+            (
+                start_of_limit(limit, parts, own)
+                if limit in LIMITS
+                else start_of_motor(parts, own),
+                own,
+            )
             for own in (row, as_stated)
         ]
         start, base = min(tried, key=lambda one: one[0].away)
@@ -250,7 +260,7 @@ def _limits(
         yield one
 
 
-def stiction_begun_at(
+def start_of_stiction(
     parts: Sequence[LoadedJoint], row: FloatArray, shape: float
 ) -> Mapping[str, float]:
     """Return how much stiction to start a fit from, and where it fades: the nearest of those tried.

@@ -17,7 +17,11 @@ from estimators.diagnosis.from_motion.hypotheses.search import (
     search,
     stated_guess,
 )
-from estimators.diagnosis.from_motion.hypotheses.stated import proven, stated_arm, with_intervals
+from estimators.diagnosis.from_motion.hypotheses.stated import (
+    prove_on_part,
+    stated_arm,
+    with_intervals,
+)
 from estimators.diagnosis.from_motion.hypotheses.suspects import Suspect
 from estimators.diagnosis.from_motion.simulation.constants import DAMPING, inner, value_in
 from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
@@ -145,7 +149,7 @@ def test_values_of_what_was_found_are_held_and_all_else_is_fitted(stated, sticky
     problem = ArmProblem(loads, Weights(np.full(2, 1e-3), np.full(2, 0.1)), beliefs(rows, 0.1))
     found = Searched(problem, fit_arm(problem, guess, 0, deviations=True), suspects)
 
-    arm = proven(stated, [sticky_recording[:1000]], found, TICK, held=held)
+    arm = prove_on_part(stated, [sticky_recording[:1000]], found, TICK, held=held)
 
     shoulder, elbow = (fit.row for fit in arm.identified.fits)
     kept = (

@@ -18,7 +18,7 @@ from estimators.diagnosis.from_motion.hypotheses.stated import StatedArm
 from estimators.diagnosis.from_motion.hypotheses.suspects import (
     SHAPES,
     Suspect,
-    stiction_begun_at,
+    start_of_stiction,
     suspects_of,
 )
 from estimators.diagnosis.from_motion.simulation.constants import COULOMB, value_in, with_values
@@ -261,7 +261,7 @@ def test_the_nearest_of_the_grid_is_near_what_is_there(rubbing, shape):
     loads = ArmLoads(rubbing.body, [sticking(rubbing, shape)], rows_of(rubbing))
     parts, row = loads.parts(ArmChange.none(2))[1], rows_of(rubbing)[1]
 
-    found = stiction_begun_at(parts, row, shape)
+    found = start_of_stiction(parts, row, shape)
 
     assert found["stribeck"] == pytest.approx(STICTION, rel=0.2)
     assert found["v_s"] == pytest.approx(FADES, rel=0.4)
@@ -273,7 +273,7 @@ def test_a_joint_without_dry_friction_is_tried_with_little_stiction(rubbing):
     parts = loads.parts(ArmChange.none(2))[1]
     bare = with_values(rows_of(rubbing)[1], {COULOMB: 0.0})
 
-    found = stiction_begun_at(parts, bare, 1.0)
+    found = start_of_stiction(parts, bare, 1.0)
 
     assert found["stribeck"] > 0.0
 
@@ -283,6 +283,6 @@ def test_dry_friction_that_was_raised_in_its_place_is_lowered(rubbing):
     parts = loads.parts(ArmChange.none(2))[1]
     raised = with_values(rows_of(rubbing)[1], {COULOMB: 1.2 * DRY})
 
-    found = stiction_begun_at(parts, raised, 2.0)
+    found = start_of_stiction(parts, raised, 2.0)
 
     assert found[COULOMB] == pytest.approx(DRY, rel=0.03)
