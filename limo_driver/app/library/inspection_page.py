@@ -248,7 +248,7 @@ def _curve(found: Inspection, quantity: str, j: int, values: FloatArray, *, is_s
     return Curve(
         joint if kind == quantity else f"{joint}, {quantity.replace('_', ' ')}",
         part.columns[j],
-        f"{kind} [{unit}]",
+        f"{kind if is_si else 'current'} [{unit}]",
         read if is_si else f"{read}: no factor says how many N m one makes",
         values,
         JOINTS[j % len(JOINTS)],

@@ -58,6 +58,20 @@ def test_columns_are_drawn_in_si_units_beside_those_that_are_not_understood(two_
     assert arm_of(page.html())["pose"] == pytest.approx(MOTION[0].tolist(), abs=1e-5)
 
 
+def test_currents_without_a_factor_are_drawn_as_such(two_links_urdf):
+    amperes = {f"c{j + 1} (A)": np.cos(TIME + j) for j in range(2)}
+    given, _, values = drawn(inspection_page(limo.inspect(log(**amperes), two_links_urdf)))
+    (one, other) = (c for c in given["curves"] if c["column"] in amperes)
+    assert (one["axis"], one["name"], other["axis"]) == (
+        "current [A]",
+        "joint 1 a",
+        "current [A]",
+    )
+    assert "no factor says how many N m" in one["read"]
+    at = given["curves"].index(one)
+    np.testing.assert_allclose(values[at], np.cos(TIME), atol=1e-6)
+
+
 def test_gaps_steps_of_the_clock_and_rows_that_are_left_out_are_marked(two_links_urdf):
     time = TIME.copy()
     time[200:] += 3.0  # a gap: the arm is elsewhere
