@@ -18,7 +18,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.inspection import ShownParameter
 from limo_driver.logs.readers.table import table_of
 from limo_driver.pages import Page
-from limo_driver.pages.curves import VALUES, Curve, Curves
+from limo_driver.pages.curves import VALUES, Curve, Curves, LeftOutRows
 
 T = 800
 TIME = 0.01 * np.arange(T)
@@ -104,6 +104,17 @@ def test_an_hour_is_thinned_and_keeps_its_peaks():
     assert given["rows"] == math.ceil(2 * time.size / (VALUES // 4))
     assert seen[0].max() == 40.0
     assert abs(kept[seen[0].argmax()] - 154.321) < 0.001 * given["rows"]
+
+
+def test_more_gaps_and_rows_left_out_than_can_be_seen_make_no_large_page():
+    time = np.cumsum(np.where(np.arange(40_000) % 3, 0.01, 1.0))
+    rows, every = np.arange(0, time.size, 2), np.arange(time.size)
+    left_out = (LeftOutRows("held", rows + 1), LeftOutRows("late", rows + 1))
+    curves = tuple(Curve(f"c{k}", "c", "c", "", np.sin(every)) for k in range(200))
+    given, kept, _ = drawn(Page("Wide", "", curves=Curves(time, rows, curves, left_out)))
+    assert len(kept) <= VALUES / 200 + 2
+    assert 100 < len(given["flags"]) <= 2 * 2000
+    assert len(given["flags"]) * 200 < VALUES / 5
 
 
 def test_a_log_without_robot_is_shown_as_it_was_logged():
