@@ -135,7 +135,7 @@ def test_parameters_that_the_motion_does_not_show_come_first_with_what_would(two
     found = limo.inspect(log(), two_links_urdf)
     shown = (
         ShownParameter("m_1", "kg", 1.0, 0.05, ""),
-        ShownParameter("tau_c_2<", "N m", 1.0, math.inf, "joint 2 slowly (then to 3%)"),
+        ShownParameter("tau_c_2<", "N m", 1.0, math.inf, "joint 2 slowly"),
     )
     text = inspection_page(replace(found, parameters=shown)).html()
     assert text.index(
