@@ -3,7 +3,8 @@
 What a motion adds is counted as information: with rows Y of the regressor and a weight w for each
 joint's rows, I = Σ w YᵀY. Motions that anybody can make are tried in thought, the plainest first:
 one joint slowly or quickly, in one pose of the others or in several, then all joints at once. The
-first whose information, added to that of the recording, makes a parameter well known is the advice.
+first whose information, added to that of the recording, tells next to most of a parameter is the
+advice. How well it would be known then is not said: errors that are correlated hold more back.
 
 Source: Fedorov, "Theory of Optimal Experiments", 1972 (information adds up over experiments).
 """
@@ -17,7 +18,7 @@ import numpy as np
 from estimators.rigid_body.base_parameters import regressor_of
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from estimators.rigid_body.tables import base_estimates, sizes_of
-from limo_driver.logs.readers.inspection import WELL, ShownParameter
+from limo_driver.logs.readers.inspection import NO_MOTION, WELL, ShownParameter
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ _POSES: Final = 6  # of the other joints
 _USED: Final = 0.8  # of a joint's range and half of its limits of speed, that a motion takes
 _FARTHEST, _FASTEST, _STRONGEST = 1.5, 2.0, 10.0  # [rad, rad/s, rad/s²] where limits are wider
 _WIDEST: Final = 100.0  # standard deviation of any base parameter before the data [SI]
+_AS_GOOD: Final = 3.0  # times the least deviation that a plainer motion may leave
 _MATTERS: Final = 0.01  # of a joint's torque, by its terms at 1 rad/s and 1 rad/s²
 _SINES: Final = 3  # of each joint, where all move
 
@@ -96,12 +98,11 @@ def _sizes(
 
 
 def _remedy(known: list[float], names: list[str]) -> str:
-    """Say the first motion that makes a parameter well known, else the one that does most."""
-    best = int(np.argmin(known))
-    if known[best] > 1.0:
-        return f"no motion that was tried, in {_SECONDS:g} s: state it, or take it for small"
-    first = next((k for k, value in enumerate(known) if value <= WELL), best)
-    return f"{names[first]} (then to {known[first]:.0%})"
+    """Say the plainest of the motions that tell next to most of a parameter."""
+    least = min(known)
+    if least > 1.0:
+        return NO_MOTION
+    return names[next(k for k, value in enumerate(known) if value <= _AS_GOOD * least)]
 
 
 class _Information:
@@ -146,7 +147,7 @@ def _tried(model: RobotModel, middle: FloatArray) -> Iterator[tuple[str, Motion]
     frequencies = np.linspace(_SLOW, _QUICK, _SINES)
     every = np.stack([_swing(model, reach, f) for f in frequencies]) / _SINES
     yield (
-        "all joints at once: `limo excite`",
+        "all joints at once, as limo excite plans",
         _swung(np.tile(centre, (_TRIED, 1)), every, frequencies),
     )
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 VALUES: Final = 650_000  # of all curves together, so that a page stays below 5 MB
 _FEWEST: Final = 400  # points of each, however many there are
+_BROKEN: Final = 4  # points between gaps, in the mean, at least
 _LEFT_OUT: Final = 2000  # rows that are drawn one by one, of all that were left out
 _MARKS: Final = 1000  # gaps at most, the longest
 
@@ -73,8 +74,10 @@ class Curves:
     def as_values(self) -> dict[str, Any]:
         """Return what the script of a page draws, as plain values."""
         time = self.time[self.rows]
-        bins, size = _bins(time, max(_FEWEST, VALUES // max(len(self.curves), 1)))
-        flagged = [(item.reason, row) for item in self.left_out for row in _few(item.rows)]
+        each = VALUES // max(len(self.curves), 1)
+        bins, size = _bins(time, max(_FEWEST, each))
+        most = min(_LEFT_OUT, each // 10) // max(len(self.left_out), 1) or 1
+        flagged = [(item.reason, row) for item in self.left_out for row in _few(item.rows, most)]
         others = np.array([row for _, row in flagged], dtype=np.int64)
         packed = [bins.times(time).astype("<f8"), self._placed(others).astype("<f8")]
         curves = list[dict[str, Any]]()
@@ -153,6 +156,8 @@ def _bins(time: FloatArray, most: int) -> tuple[_Bins, int]:
     """Return bins of increasing times, and of how many rows each is."""
     size = 1 if time.size <= most else -(-2 * time.size // most)
     runs = contiguous(time)
+    if len(runs) > most // _BROKEN:  # more gaps than can be seen
+        runs = (slice(0, time.size),)
     starts = [np.arange(run.start, run.stop, size) for run in runs]
     stops = [np.minimum(s + size, run.stop) for s, run in zip(starts, runs, strict=True)]
     ends = np.cumsum([s.size for s in starts])[:-1] - 1 if runs else np.zeros(0)
@@ -161,8 +166,8 @@ def _bins(time: FloatArray, most: int) -> tuple[_Bins, int]:
     return _Bins(every[0], every[1], ends.astype(np.int64), size == 1), size
 
 
-def _few(rows: NDArray[np.int64]) -> list[int]:
-    return rows[:: max(1, -(-rows.size // _LEFT_OUT))].tolist()
+def _few(rows: NDArray[np.int64], most: int) -> list[int]:
+    return rows[:: max(1, -(-rows.size // most))].tolist()
 
 
 def curves_section(curves: Curves, stage: str = "") -> str:

@@ -75,7 +75,7 @@ def test_a_joint_that_rests_is_named_and_its_parameters_are_unknown(arm):
     assert "tau_c_7" in unknown or "_7" in unknown
     friction = next(item for item in found.parameters if item.name == "tau_c_7")
     assert friction.verdict == "not from this motion"
-    assert re.fullmatch(r"joint 7 slowly over its range.* \(then to \d+%\)", friction.remedy)
+    assert friction.remedy.startswith("joint 7 ")
     assert {item.verdict for item in found.parameters} >= {"identifiable", friction.verdict}
     assert all(bool(item.remedy) == (item.known_to > 0.1) for item in found.parameters)
     known, rank = map(int, re.match(r"(\d+) of (\d+) base parameters are known", said[0]).groups())

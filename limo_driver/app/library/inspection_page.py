@@ -12,6 +12,7 @@ import numpy as np
 
 from limo_driver.errors import LimoError, RecordingError
 from limo_driver.logs.readers.columns import NO_COLUMN, UNITS, read_name, si_unit
+from limo_driver.logs.readers.inspection import NO_MOTION
 from limo_driver.logs.readers.mapping import QUANTITIES, values_of
 from limo_driver.logs.readers.proposals.times import time_columns
 from limo_driver.pages import Page, arm_view
@@ -54,8 +55,8 @@ _SHOWS: Final = (
     "Before anything is diagnosed: how well torques of this motion tell each base parameter, as "
     "one standard deviation over its size. Up to 10 % it is identifiable, up to 100 % weak. m is "
     "the mass of a link, mx, my, mz mass times centre, Ixx to Izz its inertia; of a joint, f_v is "
-    "viscous and tau_c dry friction, inertia the drive's. Behind each motion stands what the "
-    "parameter would be known to after another 20 s of it; `limo excite` keeps to all limits."
+    "viscous, tau_c dry friction, inertia the drive's. Of motions tried in thought, the plainest "
+    "that tells next to most is named; `limo excite` keeps to all limits."
 )
 _USE: Final = (
     "Drag over the curves or turn the wheel to zoom; with shift, the wheel moves along; a double "
@@ -115,13 +116,12 @@ def _shown(found: Inspection) -> str:
     rows = sorted(found.parameters, key=lambda item: -_VERDICTS.index(item.verdict))
     if not rows:
         return ""
-    motions = (item.remedy.partition(" (then") for item in rows)
-    wanted = Counter(motion for motion, then, _ in motions if then)
+    wanted = Counter(item.remedy for item in rows if item.remedy not in {"", NO_MOTION})
     plans = [f"{motion}: {many}" for motion, many in wanted.most_common(_PLANS)]
     open_ones = [item for item in rows if item.remedy]
     known = [item for item in rows if not item.remedy]
     lists = [_parameters(part) for part in (open_ones, known)]
-    body = paragraph("To record as well, and how many of them it shows:") if plans else ""
+    body = paragraph("To record as well, and of how many of them it tells most:") if plans else ""
     body += listed(plans)
     body += lists[0] + (folded(f"{len(known)} that are identifiable", lists[1]) if known else "")
     return section("What this motion shows of the arm", body, "shows", _SHOWS)
@@ -136,7 +136,7 @@ def _parameters(rows: Sequence[ShownParameter]) -> str:
             f"{percent(item.known_to)}, {item.verdict}" if item.known_to <= 1 else item.verdict
             for item in rows
         ],
-        "what would show it": [item.remedy or UNSAID for item in rows],
+        "what would show it most": [item.remedy or UNSAID for item in rows],
     }
     return columns(table, len(rows))  # none is set as a number
 
@@ -248,7 +248,7 @@ def _curve(found: Inspection, quantity: str, j: int, values: FloatArray, *, is_s
     return Curve(
         joint if kind == quantity else f"{joint}, {quantity.replace('_', ' ')}",
         part.columns[j],
-        f"{kind} [{unit}]",
+        f"{kind if is_si else 'current'} [{unit}]",
         read if is_si else f"{read}: no factor says how many N m one makes",
         values,
         JOINTS[j % len(JOINTS)],

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from limo_driver.logs.readers.table import LogTable
     from limo_driver.recordings.recording import Recording
 
+NO_MOTION: Final = "no motion of those tried: state it, or take it for small"
 WELL: Final = 0.1  # relative deviation of a parameter that is known well enough
 _PARTS: Final = ("time", *QUANTITIES)
 _LISTED: Final = 8

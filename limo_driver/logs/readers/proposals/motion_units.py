@@ -34,6 +34,7 @@ _FEWEST_ROWS: Final = 10
 ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
 _SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
 _SHARED: Final = 0.25  # of a step, that one next to it makes where it is part of a motion
+_FARTHEST: Final = 4 * math.pi  # [rad]; few arms turn farther
 _FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
 
 
@@ -179,7 +180,11 @@ def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None
         other = "deg" if unit == "rad" else "rad"
         j = int(np.flatnonzero(~possible[other])[0])
         why = f"beyond the limits of joint {j + 1} in {other}, within all limits in {unit}"
-        return _unless_mixed(position, (unit,) * n, why, possible, cost)
+        found = _unless_mixed(position, (unit,) * n, why, possible, cost)
+        if unit == "deg" and not found.question and not _says_deg(position, cost, by_speed):
+            asked = f"limits alone say deg ({why}), which a description may have wrong"
+            found = replace(found, question=f"position: are the columns in rad or deg? {asked}")
+        return found
     if len(uniform) > 1:
         rad, deg = (cost.of(position, (unit,) * n) for unit in ("rad", "deg"))
         decided = abs(rad - deg) >= DECISIVE
@@ -205,6 +210,17 @@ def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None
         )
     units = tuple("rad" if possible["rad"][j] else "deg" for j in range(n))
     return _unless_mixed(position, units, "within the limits one by one only", possible, cost)
+
+
+def _says_deg(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None) -> bool:
+    """Say whether more than limits says that positions (T, n) are in degrees."""
+    n = cost.model.n
+    turning = np.abs(position[:, ~np.array(cost.model.sliding)])
+    return (
+        (by_speed is not None and by_speed[0] == "deg")
+        or bool(np.nanquantile(turning, 0.998) > _FARTHEST)
+        or cost.of(position, ("rad",) * n) - cost.of(position, ("deg",) * n) >= DECISIVE
+    )
 
 
 def _unless_mixed(

@@ -18,7 +18,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.inspection import ShownParameter
 from limo_driver.logs.readers.table import table_of
 from limo_driver.pages import Page
-from limo_driver.pages.curves import VALUES, Curve, Curves
+from limo_driver.pages.curves import VALUES, Curve, Curves, LeftOutRows
 
 T = 800
 TIME = 0.01 * np.arange(T)
@@ -58,6 +58,20 @@ def test_columns_are_drawn_in_si_units_beside_those_that_are_not_understood(two_
     assert arm_of(page.html())["pose"] == pytest.approx(MOTION[0].tolist(), abs=1e-5)
 
 
+def test_currents_without_a_factor_are_drawn_as_such(two_links_urdf):
+    amperes = {f"c{j + 1} (A)": np.cos(TIME + j) for j in range(2)}
+    given, _, values = drawn(inspection_page(limo.inspect(log(**amperes), two_links_urdf)))
+    (one, other) = (c for c in given["curves"] if c["column"] in amperes)
+    assert (one["axis"], one["name"], other["axis"]) == (
+        "current [A]",
+        "joint 1 a",
+        "current [A]",
+    )
+    assert "no factor says how many N m" in one["read"]
+    at = given["curves"].index(one)
+    np.testing.assert_allclose(values[at], np.cos(TIME), atol=1e-6)
+
+
 def test_gaps_steps_of_the_clock_and_rows_that_are_left_out_are_marked(two_links_urdf):
     time = TIME.copy()
     time[200:] += 3.0  # a gap: the arm is elsewhere
@@ -92,6 +106,17 @@ def test_an_hour_is_thinned_and_keeps_its_peaks():
     assert abs(kept[seen[0].argmax()] - 154.321) < 0.001 * given["rows"]
 
 
+def test_more_gaps_and_rows_left_out_than_can_be_seen_make_no_large_page():
+    time = np.cumsum(np.where(np.arange(40_000) % 3, 0.01, 1.0))
+    rows, every = np.arange(0, time.size, 2), np.arange(time.size)
+    left_out = (LeftOutRows("held", rows + 1), LeftOutRows("late", rows + 1))
+    curves = tuple(Curve(f"c{k}", "c", "c", "", np.sin(every)) for k in range(200))
+    given, kept, _ = drawn(Page("Wide", "", curves=Curves(time, rows, curves, left_out)))
+    assert len(kept) <= VALUES / 200 + 2
+    assert 100 < len(given["flags"]) <= 2 * 2000
+    assert len(given["flags"]) * 200 < VALUES / 5
+
+
 def test_a_log_without_robot_is_shown_as_it_was_logged():
     table = table_of({"stamp": TIME, "a_1": MOTION[:, 0], "temp_2": TIME, "note": ["x"] * T})
     page = columns_page(table)
@@ -110,7 +135,7 @@ def test_parameters_that_the_motion_does_not_show_come_first_with_what_would(two
     found = limo.inspect(log(), two_links_urdf)
     shown = (
         ShownParameter("m_1", "kg", 1.0, 0.05, ""),
-        ShownParameter("tau_c_2<", "N m", 1.0, math.inf, "joint 2 slowly (then to 3%)"),
+        ShownParameter("tau_c_2<", "N m", 1.0, math.inf, "joint 2 slowly"),
     )
     text = inspection_page(replace(found, parameters=shown)).html()
     assert text.index(

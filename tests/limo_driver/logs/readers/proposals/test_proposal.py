@@ -51,6 +51,26 @@ def test_degrees_milliseconds_and_counting_from_zero():
     assert "rate of change" in why["velocity"]
 
 
+def test_degrees_that_limits_alone_say_are_asked_about(tmp_path):
+    """Seven units are beyond limits of 3 rad; so they are where a joint turns on."""
+    chain = chain_of(tmp_path, 2)
+    swing = np.stack([7 * np.sin(0.02 * TIME), 5 * np.cos(0.01 * TIME)], axis=1)  # slow in rad, too
+
+    def asked(position, **more):
+        log = {"t": TIME, **numbered("q{}", position), **numbered("q{}_cmd", position + 0.1)}
+        found = propose(table_of(log | more), chain)
+        assert set(found.mapping.position.unit) == {"deg"}
+        return [text for text in found.mapping.undecided if "in rad or deg" in text]
+
+    (question,) = asked(swing)
+    assert "limits alone say deg (beyond the limits of joint 2 in rad" in question
+    assert asked(10 * swing) == []  # no arm turns eleven times
+    torque = chain.gravity_torque(np.deg2rad(swing))
+    assert asked(swing, **numbered("tau{}", torque)) == []
+    velocity = np.gradient(np.deg2rad(swing), TIME, axis=0)
+    assert asked(swing, **numbered("dq{}_rads", velocity)) == []
+
+
 @pytest.mark.parametrize(
     ("scale", "unit"), [(1.0, "rad"), (180 / np.pi, "deg")], ids=["rad", "deg"]
 )
