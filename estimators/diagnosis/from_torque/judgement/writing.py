@@ -240,7 +240,7 @@ def as_told(found: Written, verdict: Verdict) -> Written:
     """Return what is written less what moved of the given simulation and is not told.
 
     A joint that errs by no more than noise as given agrees, so nothing of it changes. At others a
-    value stays as fitted where a joint is surely worse without, on motion of another kind.
+    value stays as fitted where a joint errs more without, on motion of another kind.
 
     Args:
         found: What would be written.
@@ -262,7 +262,7 @@ def as_told(found: Written, verdict: Verdict) -> Written:
     known = [item.part for item in found.withheld]
     for part in doubtful:
         trial = found.elsewhere.change([*known, *gone, part.name], [*known, *gone])
-        if not (trial[1] > 0).any():
+        if not (trial[0] > 0).any():
             gone.append(part.name)
     if not gone:
         return found

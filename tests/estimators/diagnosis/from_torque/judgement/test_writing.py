@@ -139,7 +139,7 @@ def test_what_acts_seldom_is_written_where_it_surely_helps_elsewhere(observed, r
     [
         pytest.param(2.9, False, (), 2.9, id="a joint that agrees"),
         pytest.param(2.9, True, (), 3.0, id="what is told"),
-        pytest.param(0.5, False, (2,), 3.0, id="a joint that is surely worse without"),
+        pytest.param(0.5, False, (2,), 3.0, id="a joint that errs more without"),
     ],
 )
 def test_a_stated_value_that_moved_is_written_where_it_is_told(
