@@ -239,8 +239,8 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
 def as_told(found: Written, verdict: Verdict) -> Written:
     """Return what is written less what moved of the given simulation and is not told.
 
-    A joint that errs by no more than noise as given agrees, so nothing of it changes. At others a
-    value stays as fitted where a joint errs more without, on motion of another kind.
+    Where recordings and simulation agree, nothing changes. Else a value stays as fitted where a
+    joint errs more without, on motion of another kind.
 
     Args:
         found: What would be written.
@@ -248,22 +248,19 @@ def as_told(found: Written, verdict: Verdict) -> Written:
     """
     if found.elsewhere is None:
         return found
-    given, n = found.elsewhere.given, found.improved.n
+    given = found.elsewhere.given
     stated = {effect.place for effect in given.effects}
-    above, gone, doubtful = set(verdict.fit.above_floor), list[str](), list[ComparedPart]()
-    for part in parts_of(found.improved.simulation, given):
-        of_given = part.name == BODIES or part.place in stated or part.place.startswith(_GAIN)
-        if not of_given or _is_told(part, verdict):
-            continue
-        if above & {*(part.joints or range(1, n + 1))}:
-            doubtful.append(part)
-        else:
-            gone.append(part.name)
-    known = [item.part for item in found.withheld]
-    for part in doubtful:
-        trial = found.elsewhere.change([*known, *gone, part.name], [*known, *gone])
-        if not (trial[0] > 0).any():
-            gone.append(part.name)
+    silent = [
+        part.name
+        for part in parts_of(found.improved.simulation, given)
+        if part.name == BODIES or part.place in stated or part.place.startswith(_GAIN)
+        if not _is_told(part, verdict)
+    ]
+    known, gone = [item.part for item in found.withheld], list[str]()
+    for name in silent:
+        trial = found.elsewhere.change([*known, *gone, name], [*known, *gone])
+        if verdict.states == ("agrees",) or not (trial[0] > 0).any():
+            gone.append(name)
     if not gone:
         return found
     proven, improved = (

@@ -135,22 +135,20 @@ def test_what_acts_seldom_is_written_where_it_surely_helps_elsewhere(observed, r
 
 
 @pytest.mark.parametrize(
-    ("stated", "told", "above", "written"),
+    ("told", "states", "written"),
     [
-        pytest.param(2.9, False, (), 2.9, id="a joint that agrees"),
-        pytest.param(2.9, True, (), 3.0, id="what is told"),
-        pytest.param(0.5, False, (2,), 3.0, id="a joint that errs more without"),
+        pytest.param(False, ("agrees",), 2.9, id="what agrees"),
+        pytest.param(True, ("stated values differ",), 3.0, id="what is told"),
+        pytest.param(False, ("physics is missing",), 3.0, id="a joint that errs more without"),
     ],
 )
 def test_a_stated_value_that_moved_is_written_where_it_is_told(
-    observed, rigid, stated, told, above, written
+    observed, rigid, told, states, written
 ):
-    given = plus(rigid, replace(VISCOUS, f_v=stated))
+    given = plus(rigid, replace(VISCOUS, f_v=2.9))
     elsewhere, improved = proof(observed.beside(given), plus(rigid, VISCOUS))
     value = SimpleNamespace(effect=VISCOUS.name, joints=(2,), reported=told)
-    verdict = SimpleNamespace(
-        values=(value,), findings=(), identified=(), fit=SimpleNamespace(above_floor=above)
-    )
+    verdict = SimpleNamespace(values=(value,), findings=(), identified=(), states=states)
     found = Written(SimpleJudged(improved), improved, elsewhere=elsewhere)
 
     effect = as_told(found, verdict).improved.simulation.effects[-1]
