@@ -8,10 +8,10 @@ import pytest
 
 from estimators.diagnosis import diagnose
 from estimators.diagnosis.from_torque.judgement import writing
+from estimators.diagnosis.from_torque.judgement.telling import as_told
 from estimators.diagnosis.from_torque.judgement.writing import (
     Elsewhere,
     Written,
-    as_told,
     still_named,
     withheld,
     without,
