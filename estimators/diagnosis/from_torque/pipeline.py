@@ -25,7 +25,8 @@ from estimators.diagnosis.from_torque.judgement.guesses import guessed_notes, wi
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
 from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
 from estimators.diagnosis.from_torque.judgement.stated_values import stated_values
-from estimators.diagnosis.from_torque.judgement.writing import Written, as_told, written
+from estimators.diagnosis.from_torque.judgement.telling import as_told
+from estimators.diagnosis.from_torque.judgement.writing import Written, written
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible

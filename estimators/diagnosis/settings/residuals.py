@@ -263,3 +263,18 @@ class MOUNTING:
         "higher turns arms by noise; lower judges no arm whose motion is narrow")
     confidence: float = setting(0.99, "", "of a base that is turned",
         "what is turned so far, and explains so much, is beyond doubt")
+
+
+@settings
+class ABOVE:
+    """Errors above the bandwidth (residuals.above_bandwidth)."""
+
+    share: float = setting(0.5, "of a joint's squared errors",
+        "above the bandwidth, if that is said", "only wording")
+    outstanding: float = setting(10.0, "times the median density of power",
+        "above which a frequency stands out of noise",
+        "higher misses broad bands; lower takes noise for a band")
+    most: float = setting(0.9, "of the power that stands out",
+        "that lies below the end of a band", "only wording")
+    window: float = setting(2.0, "s", "of a spectrum",
+        "longer tells frequencies finer, and noisier")

@@ -73,6 +73,7 @@ def diagnose(
     """
     from estimators.diagnosis import diagnose as diagnosed
     from estimators.diagnosis.from_torque.pipeline import Diagnosis
+    from estimators.diagnosis.from_torque.residuals.above_bandwidth import above_note
     from estimators.diagnosis.from_torque.residuals.noise import clear_bandwidth, lowered_for
     from estimators.diagnosis.stages import Attempts, Budget, forward, quiet
 
@@ -101,7 +102,11 @@ def diagnose(
     tell("replaying on the simulated robot", _PLANNED)
     played = partial(time.within, "a replay", partial(with_replay, found))
     found = attempts.at("replay on the simulated robot", lambda: played(found), found)
-    notes = filter(None, (lowered_for(width, usual) if width < usual else "", time.note()))
+    above = attempts.at(
+        "errors above the bandwidth", lambda: above_note(found.simulation, measured, width), ""
+    )
+    lower = lowered_for(width, usual) if width < usual else ""
+    notes = filter(None, (lower, above, time.note()))
     found = replace(found, verdict=replace(found.verdict, notes=(*found.verdict.notes, *notes)))
     tell("done", 1.0)
     return reduce(Diagnosis.failed, attempts.failures, found)

@@ -28,7 +28,7 @@ from estimators.diagnosis.quantities import of_joints
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
-from limo_driver.physics import TorqueGain, ViscousFriction
+from limo_driver.physics import ViscousFriction
 from limo_driver.physics.domain import Domain
 from limo_driver.physics.effect import TorqueEffect
 
@@ -40,11 +40,8 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.from_torque.selection.candidates import Candidate
-    from estimators.diagnosis.verdict import Verdict
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
-
-_GAIN = TorqueGain.name  # which a tolerance may move where none is stated
 
 
 @dataclass(frozen=True)
@@ -234,57 +231,6 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
     not_better = elsewhere.change(names)[2] >= 0
     unsure = tuple(j + 1 for j in sorted(some) if not_better[j])
     return Written(judged, kept(improved), found, elsewhere.kind, unsure, elsewhere)
-
-
-def as_told(found: Written, verdict: Verdict) -> Written:
-    """Return what is written less what moved of the given simulation and is not told.
-
-    A joint that errs by no more than noise as given agrees, so nothing of it changes. At others a
-    value stays as fitted where a joint is surely worse without, on motion of another kind.
-
-    Args:
-        found: What would be written.
-        verdict: On that, with its values.
-    """
-    if found.elsewhere is None:
-        return found
-    given, n = found.elsewhere.given, found.improved.n
-    stated = {effect.place for effect in given.effects}
-    above, gone, doubtful = set(verdict.fit.above_floor), list[str](), list[ComparedPart]()
-    for part in parts_of(found.improved.simulation, given):
-        of_given = part.name == BODIES or part.place in stated or part.place.startswith(_GAIN)
-        if not of_given or _is_told(part, verdict):
-            continue
-        if above & {*(part.joints or range(1, n + 1))}:
-            doubtful.append(part)
-        else:
-            gone.append(part.name)
-    known = [item.part for item in found.withheld]
-    for part in doubtful:
-        trial = found.elsewhere.change([*known, *gone, part.name], [*known, *gone])
-        if not (trial[1] > 0).any():
-            gone.append(part.name)
-    if not gone:
-        return found
-    proven, improved = (
-        each.beside(without(each.simulation, given, gone))
-        for each in (found.judged.beside, found.improved)
-    )
-    return replace(found, judged=replace(found.judged, beside=proven), improved=improved)
-
-
-def _is_told(part: ComparedPart, verdict: Verdict) -> bool:
-    """Say whether a finding, an identified value, or a value that differs is of a part."""
-    told = [x for x in verdict.values if x.reported]
-    if any(not x.effect and (part.name == BODIES or {*part.joints} <= {*x.joints}) for x in told):
-        return True
-    if part.name == BODIES:
-        return any(x.effect == LINK_INERTIA for x in verdict.findings)
-    effect = part.place.partition(",")[0]
-    every = (*told, *verdict.findings, *verdict.identified)
-    return any(
-        x.effect == effect and (not part.joints or {*part.joints} & {*x.joints}) for x in every
-    )
 
 
 def still_named(

@@ -1,6 +1,6 @@
 """What is written into the improved simulation holds on motion of another kind."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,6 +8,7 @@ import pytest
 
 from estimators.diagnosis import diagnose
 from estimators.diagnosis.from_torque.judgement import writing
+from estimators.diagnosis.from_torque.judgement.telling import as_told
 from estimators.diagnosis.from_torque.judgement.writing import (
     Elsewhere,
     Written,
@@ -61,6 +62,13 @@ def proof(observed, fitted):
     beside = observed.beside(fitted)
     turns = tuple((beside, rows) for rows in chosen)
     return Elsewhere(kind, observed.simulation, np.full(2, 0.02), turns), beside
+
+
+@dataclass(frozen=True)
+class SimpleJudged:
+    """A judged set, as far as what is written of it changes."""
+
+    beside: Observations
 
 
 def names(found):
@@ -124,6 +132,28 @@ def test_what_acts_seldom_is_written_where_it_surely_helps_elsewhere(observed, r
     tiny = TorqueOffset(joint=1, offset=1e-9)
     found = withheld(*proof(observed, plus(rigid, VISCOUS, tiny)))
     assert names(found) == {"torque offset, joint 1"}
+
+
+@pytest.mark.parametrize(
+    ("told", "states", "written"),
+    [
+        pytest.param(False, ("agrees",), 2.9, id="what agrees"),
+        pytest.param(True, ("stated values differ",), 3.0, id="what is told"),
+        pytest.param(False, ("physics is missing",), 3.0, id="a joint that errs more without"),
+    ],
+)
+def test_a_stated_value_that_moved_is_written_where_it_is_told(
+    observed, rigid, told, states, written
+):
+    given = plus(rigid, replace(VISCOUS, f_v=2.9))
+    elsewhere, improved = proof(observed.beside(given), plus(rigid, VISCOUS))
+    value = SimpleNamespace(effect=VISCOUS.name, joints=(2,), reported=told)
+    verdict = SimpleNamespace(values=(value,), findings=(), identified=(), states=states)
+    found = Written(SimpleJudged(improved), improved, elsewhere=elsewhere)
+
+    effect = as_told(found, verdict).improved.simulation.effects[-1]
+
+    assert effect.f_v == written
 
 
 def test_without_parts_a_simulation_is_as_given(rigid):
