@@ -62,7 +62,7 @@ def cards(verdict: Verdict, names: Sequence[str], effects: Sequence[Effect], cha
     drawn = {x.joints: x for x in effects if isinstance(x, PreslidingHysteresis) and x.stops()}
     many = len(verdict.findings) > _AT_ONCE
     items = "".join(
-        _card(number, item, verdict, names, _values(item, drawn, charts), closed=many)
+        _card(number, item, verdict, names, _values(item, verdict, drawn, charts), closed=many)
         for number, item in enumerate(verdict.findings, start=1)
     )
     title = "Findings" if len(verdict.findings) > 1 else "Finding"
@@ -179,23 +179,33 @@ def _where(item: Finding, names: Sequence[str], recordings: Sequence[str]) -> st
     return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
 
 
-def _parameters(item: Finding) -> str:
+def _parameters(item: Finding, stated: Mapping[str, str] | None = None) -> str:
+    known_of = stated or {}
     rows = [
-        [escape(part), *_value_and_interval(one, _unit(one.unit))]
+        [
+            escape(part),
+            *([known_of.get(name, UNSAID)] if known_of else []),
+            *_value_and_interval(one, _unit(one.unit)),
+        ]
         for name, known in item.parameters.items()
         if known.value != () and not _is_left_out(known)
         for part, one in _components(name, known)
     ]
-    return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
+    heads = ("parameter", *(("stated",) if known_of else ()), "value", "unit", "95 % interval")
+    return table(heads, rows) if rows else ""
 
 
 def _values(
-    item: Finding, drawn: Mapping[tuple[int, ...], PreslidingHysteresis], charts: Charts
+    item: Finding,
+    verdict: Verdict,
+    drawn: Mapping[tuple[int, ...], PreslidingHysteresis],
+    charts: Charts,
 ) -> str:
     """Return the parameters of a finding; of hysteresis the loop, and its parameters on demand."""
     effect = drawn.get(item.joints) if item.effect == PreslidingHysteresis.name else None
     if effect is None:
-        return _parameters(item) if item.effect != CONTACT else ""
+        stated = {x.name: f"{x.stated:.4g}" for x in verdict.values_of(item)}
+        return _parameters(item, stated) if item.effect != CONTACT else ""
     loop = loop_of(effect)
     note = (
         f"{significant(loop.height)} N m high; {significant(loop.width)} rad after a reversal all "
