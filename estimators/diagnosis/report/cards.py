@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import is_of_bodies, named, place_of, quantity_of
 from estimators.diagnosis.quantities import of_joints, rounded, to_interval
+from estimators.diagnosis.settings.afterwards import LOOPS
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
 from limo_driver.pages.figures import AFTER, curve, layout
 from limo_driver.pages.markup import (
@@ -16,6 +17,7 @@ from limo_driver.pages.markup import (
     meter,
     number,
     paragraph,
+    percent,
     significant,
     table,
     typeset,
@@ -45,9 +47,7 @@ _AT_ONCE = 4  # findings that are open; more begin with a table, and open one by
 _LISTED = 6  # values of a parameter that are shown before they are folded
 _AXES = {"com": ("x", "y", "z"), "inertia": ("xx", "xy", "xz", "yy", "yz", "zz")}  # of bodies
 _DIGITS = 3  # of an error
-REST = 0.05  # of the height of a loop, that is left where it counts as turned
 _POINTS = 400  # of a loop, one way
-_PACE = 0.05  # [rad/s]
 
 
 def cards(verdict: Verdict, names: Sequence[str], effects: Sequence[Effect], charts: Charts) -> str:
@@ -208,8 +208,8 @@ def _values(
         return _parameters(item, stated) if item.effect != CONTACT else ""
     loop = loop_of(effect)
     note = (
-        f"{significant(loop.height)} N m high; {significant(loop.width)} rad after a reversal all "
-        f"but {100 * REST:.0f} % of it has turned; {significant(loop.area)} J lost each time around"
+        f"{significant(loop.height)} N m high; {percent(LOOPS.turned)} of it has turned "
+        f"{significant(loop.width)} rad after a reversal; {significant(loop.area)} J lost each time"
     )
     axes = layout("distance [rad]", "torque [N m]")
     figure = {"data": [curve(loop.position, loop.torque, "loop", AFTER)], "layout": axes}
@@ -229,15 +229,16 @@ class Loop(NamedTuple):
 
 def loop_of(effect: PreslidingHysteresis) -> Loop:
     """Return the loop of a law with memory, between reversals as far apart as it remembers."""
-    reach = 4.0 * max(width for _, width in effect.stops())
+    turn = 2.0 * max(width for _, width in effect.stops())
+    reach = 2.0 * turn
     one = np.linspace(0.0, reach, _POINTS)
     way = np.concatenate([one, one[-2::-1], one[1:], one[-2::-1]])
-    speed = np.sign(np.gradient(way)) * _PACE
-    time, still = np.cumsum(np.abs(np.gradient(way))) / _PACE, np.zeros_like(way)
+    speed = np.sign(np.gradient(way)) * reach  # one way in a second
+    time, still = np.cumsum(np.abs(np.gradient(way))) / reach, np.zeros_like(way)
     torque, _ = effect.advance(effect.initial_state(), JointMotion(time, way, speed, still, still))
     position, around = way[-2 * _POINTS + 1 :], torque[-2 * _POINTS + 1 :]
     height, back = float(np.ptp(around)), around[_POINTS - 1 :]
-    turned = int(np.argmax(back <= around.min() + REST * height))
+    turned = int(np.argmax(back <= around.max() - LOOPS.turned * height))
     area = float(np.trapezoid(around, position))
     return Loop(position, around, height, float(reach - position[_POINTS - 1 + turned]), area)
 
