@@ -40,7 +40,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commande
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
     from limo_driver.types import FloatArray
@@ -256,9 +256,22 @@ def _likely(
         for own, old, new in zip(worth, before, glances, strict=True)
     ]
     ranked = [
-        np.argsort(-np.array(score), kind="stable")[:_LIKELY].tolist() for score in (worth, part)
+        k
+        for score in (worth, part)
+        for k in _first(waiting, np.argsort(-np.array(score), kind="stable").tolist())
     ]
-    return [k for k in dict.fromkeys(ranked[0] + ranked[1]) if np.isfinite(worth[k])]
+    return [k for k in dict.fromkeys(ranked) if np.isfinite(worth[k])]
+
+
+def _first(waiting: Sequence[Suspect], order: Sequence[int]) -> Iterator[int]:
+    """Yield the first suspects of an order; of one thing in several forms, each that comes by."""
+    seen = list[Suspect]()
+    for k in order:
+        if not any(waiting[k].excludes(known) for known in seen):
+            seen.append(waiting[k])
+        if len(seen) > _LIKELY:
+            return
+        yield k
 
 
 def leaving_out(found: Searched, one: Suspect, tick: float) -> Searched:
@@ -359,4 +372,6 @@ def _worth(problem: ArmProblem, fit: ArmFit, one: Suspect, new: ArmFit) -> float
     if any(at_bound(name, change.value(name)) for name in new.guess.shared):
         return -np.inf
     before = problem.cost(fit.guess, fit.errors, one.affects or range(problem.loads.n))
-    return before - new.cost - _EACH * (len(one.names) + bool(one.freed))
+    # a load on the axis of the last joint is nearly the same on either side: it is at the end then
+    inner_load = _WORTH if one.carrier is not None else 0.0
+    return before - new.cost - _EACH * (len(one.names) + bool(one.freed)) - inner_load
