@@ -235,6 +235,9 @@ def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float)
             break  # all else is better looked for where joints count as described
         problem, fit = _settled(best.problem, best.fit, tick)
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
+    for k, one in enumerate(kept):
+        if one.effect == "payload":
+            problem, fit, kept[k] = _carried(problem, fit, one, tick)
     problem = replace(problem, within=np.inf, over=_FINE)
     problem, fit = reweighted(problem, glance_at(problem, fit.guess, _LAST), tick)
     return Searched(problem, fit, tuple(kept))
@@ -320,6 +323,26 @@ def reweighted(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProble
     return problem, fit_arm(problem, fit.guess, _TRY, errors=fit.errors)
 
 
+def _carried(
+    problem: ArmProblem, fit: ArmFit, one: Suspect, tick: float
+) -> tuple[ArmProblem, ArmFit, Suspect]:
+    """Return a load on the link that explains most beside all that joined after it."""
+    others = (x for x in problem.loads.carriers if x != one.carrier)
+    for other in (replace(one, carrier=link) for link in others):
+        new = glance_at(problem, other.added(one.removed(fit.guess)), _LAST)
+        if new.cost + _inner_load(other) < fit.cost + _inner_load(one):
+            return *reweighted(problem, new, tick), other
+    return problem, fit, one
+
+
+def _inner_load(one: Suspect) -> float:
+    """Return what a load has to explain beyond one at the end [nat].
+
+    On the axis of the last joint it is nearly the same on either side.
+    """
+    return _WORTH if one.carrier is not None else 0.0
+
+
 def _settled(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
     """Return a fit that has come to its end, along valleys too: what it leaves is asked about next.
 
@@ -372,6 +395,4 @@ def _worth(problem: ArmProblem, fit: ArmFit, one: Suspect, new: ArmFit) -> float
     if any(at_bound(name, change.value(name)) for name in new.guess.shared):
         return -np.inf
     before = problem.cost(fit.guess, fit.errors, one.affects or range(problem.loads.n))
-    # a load on the axis of the last joint is nearly the same on either side: it is at the end then
-    inner_load = _WORTH if one.carrier is not None else 0.0
-    return before - new.cost - _EACH * (len(one.names) + bool(one.freed)) - inner_load
+    return before - new.cost - _EACH * (len(one.names) + bool(one.freed)) - _inner_load(one)
