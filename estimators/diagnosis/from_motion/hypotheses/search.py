@@ -326,7 +326,7 @@ def reweighted(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProble
 def _carried(
     problem: ArmProblem, fit: ArmFit, one: Suspect, tick: float
 ) -> tuple[ArmProblem, ArmFit, Suspect]:
-    """Return a load on the link that explains most beside all that joined after it."""
+    """Return a load on the link that explains most, given all that joined after it."""
     others = (x for x in problem.loads.carriers if x != one.carrier)
     for other in (replace(one, carrier=link) for link in others):
         new = glance_at(problem, other.added(one.removed(fit.guess)), _LAST)
