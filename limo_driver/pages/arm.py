@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 STICK: Final = 0.03  # of the arm's length: radius of links that have no shape
 RING: Final = 0.05  # of the arm's length: radius of the ring at a joint that has no shape
 _WIDER: Final = 1.12  # of the ring than of the link it goes around
+_OVER: Final = 1.5  # times that link, as far as a ring goes around a thicker one below it
 _WIDE: Final = 65_535  # vertices, beyond which numbers of 16 bits do not count them
 
 
@@ -131,7 +132,7 @@ def arm_view(model: RobotModel, pose: FloatArray, **said: Any) -> ArmView:  # no
         bare = tuple(item for item in sticks if item.joint not in drawn)
         drawing, around = replace(drawing, capsules=(*drawing.capsules, *bare)), (*around, *bare)
     own = chain.linkage.own.tolist()
-    rings = tuple(_ring(around, link, model.length) for link in own)
+    rings = tuple(_ring(around, link, int(chain.parent[link]), model.length) for link in own)
     return ArmView(chain, around, drawing, rings, model.length, pose, **said)
 
 
@@ -148,9 +149,14 @@ def _sticks(chain: KinematicChain, length: float) -> tuple[Capsule, ...]:
     return tuple(Capsule("", joint, zero, end, STICK * length) for joint, end in ends)
 
 
-def _ring(capsules: Sequence[Capsule], link: int, length: float) -> float:
-    radii = [c.radius for c in capsules if c.joint == link]
-    return _WIDER * max(radii, default=RING * length / _WIDER)
+def _ring(capsules: Sequence[Capsule], link: int, parent: int, length: float) -> float:
+    """Return the radius of a ring that is seen around a link, and around what it turns on."""
+    own, below = (
+        max((c.radius for c in capsules if c.joint == joint), default=0.0)
+        for joint in (link, parent)
+    )
+    least = own or RING * length / _WIDER
+    return _WIDER * max(least, min(below, _OVER * least))
 
 
 def _mesh_values(mesh: LinkMesh) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import is_of_bodies, named, place_of, quantity_of
 from estimators.diagnosis.quantities import of_joints, rounded, to_interval
+from estimators.diagnosis.settings.afterwards import LOOPS
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
 from limo_driver.pages.figures import AFTER, curve, layout
 from limo_driver.pages.markup import (
@@ -16,6 +17,7 @@ from limo_driver.pages.markup import (
     meter,
     number,
     paragraph,
+    percent,
     significant,
     table,
     typeset,
@@ -45,9 +47,7 @@ _AT_ONCE = 4  # findings that are open; more begin with a table, and open one by
 _LISTED = 6  # values of a parameter that are shown before they are folded
 _AXES = {"com": ("x", "y", "z"), "inertia": ("xx", "xy", "xz", "yy", "yz", "zz")}  # of bodies
 _DIGITS = 3  # of an error
-REST = 0.05  # of the height of a loop, that is left where it counts as turned
 _POINTS = 400  # of a loop, one way
-_PACE = 0.05  # [rad/s]
 
 
 def cards(verdict: Verdict, names: Sequence[str], effects: Sequence[Effect], charts: Charts) -> str:
@@ -62,7 +62,7 @@ def cards(verdict: Verdict, names: Sequence[str], effects: Sequence[Effect], cha
     drawn = {x.joints: x for x in effects if isinstance(x, PreslidingHysteresis) and x.stops()}
     many = len(verdict.findings) > _AT_ONCE
     items = "".join(
-        _card(number, item, verdict, names, _values(item, drawn, charts), closed=many)
+        _card(number, item, verdict, names, _values(item, verdict, drawn, charts), closed=many)
         for number, item in enumerate(verdict.findings, start=1)
     )
     title = "Findings" if len(verdict.findings) > 1 else "Finding"
@@ -179,27 +179,37 @@ def _where(item: Finding, names: Sequence[str], recordings: Sequence[str]) -> st
     return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
 
 
-def _parameters(item: Finding) -> str:
+def _parameters(item: Finding, stated: Mapping[str, str] | None = None) -> str:
+    known_of = stated or {}
     rows = [
-        [escape(part), *_value_and_interval(one, _unit(one.unit))]
+        [
+            escape(part),
+            *([known_of.get(name, UNSAID)] if known_of else []),
+            *_value_and_interval(one, _unit(one.unit)),
+        ]
         for name, known in item.parameters.items()
         if known.value != () and (known.value != 0 or known.ci95)  # 0: a part not asked for
         for part, one in _components(name, known)
     ]
-    return table(("parameter", "value", "unit", "95 % interval"), rows) if rows else ""
+    heads = ("parameter", *(("stated",) if known_of else ()), "value", "unit", "95 % interval")
+    return table(heads, rows) if rows else ""
 
 
 def _values(
-    item: Finding, drawn: Mapping[tuple[int, ...], PreslidingHysteresis], charts: Charts
+    item: Finding,
+    verdict: Verdict,
+    drawn: Mapping[tuple[int, ...], PreslidingHysteresis],
+    charts: Charts,
 ) -> str:
     """Return the parameters of a finding; of hysteresis the loop, and its parameters on demand."""
     effect = drawn.get(item.joints) if item.effect == PreslidingHysteresis.name else None
     if effect is None:
-        return _parameters(item) if item.effect != CONTACT else ""
+        stated = {x.name: f"{x.stated:.4g}" for x in verdict.values_of(item)}
+        return _parameters(item, stated) if item.effect != CONTACT else ""
     loop = loop_of(effect)
     note = (
-        f"{significant(loop.height)} N m high; {significant(loop.width)} rad after a reversal all "
-        f"but {100 * REST:.0f} % of it has turned; {significant(loop.area)} J lost each time around"
+        f"{significant(loop.height)} N m high; {percent(LOOPS.turned)} of it has turned "
+        f"{significant(loop.width)} rad after a reversal; {significant(loop.area)} J lost each time"
     )
     axes = layout("distance [rad]", "torque [N m]")
     figure = {"data": [curve(loop.position, loop.torque, "loop", AFTER)], "layout": axes}
@@ -219,15 +229,16 @@ class Loop(NamedTuple):
 
 def loop_of(effect: PreslidingHysteresis) -> Loop:
     """Return the loop of a law with memory, between reversals as far apart as it remembers."""
-    reach = 4.0 * max(width for _, width in effect.stops())
+    turn = 2.0 * max(width for _, width in effect.stops())
+    reach = 2.0 * turn
     one = np.linspace(0.0, reach, _POINTS)
     way = np.concatenate([one, one[-2::-1], one[1:], one[-2::-1]])
-    speed = np.sign(np.gradient(way)) * _PACE
-    time, still = np.cumsum(np.abs(np.gradient(way))) / _PACE, np.zeros_like(way)
+    speed = np.sign(np.gradient(way)) * reach  # one way in a second
+    time, still = np.cumsum(np.abs(np.gradient(way))) / reach, np.zeros_like(way)
     torque, _ = effect.advance(effect.initial_state(), JointMotion(time, way, speed, still, still))
     position, around = way[-2 * _POINTS + 1 :], torque[-2 * _POINTS + 1 :]
     height, back = float(np.ptp(around)), around[_POINTS - 1 :]
-    turned = int(np.argmax(back <= around.min() + REST * height))
+    turned = int(np.argmax(back <= around.max() - LOOPS.turned * height))
     area = float(np.trapezoid(around, position))
     return Loop(position, around, height, float(reach - position[_POINTS - 1 + turned]), area)
 

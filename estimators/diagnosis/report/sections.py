@@ -200,7 +200,7 @@ def competing(diagnosis: DiagnosisResult, charts: Charts) -> str:
     top, body = chosen.log_evidence, ""
     twins = [item for item in best if _looks_like(item, chosen, diagnosis.verdict.findings)]
     if _tells_apart(best, chosen):
-        names = [f"{k}. {_against(item, chosen)}" for k, item in enumerate(best, start=1)]
+        names = [typeset(f"{k}. {_against(item, chosen)}") for k, item in enumerate(best, start=1)]
         drawn = figures.explanations(best, names, chosen, np.log10(WORDING.beyond_doubt))
         body = charts.place(drawn, "How much less likely others are: by what they differ", _BEYOND)
     rows = [
@@ -214,8 +214,9 @@ def competing(diagnosis: DiagnosisResult, charts: Charts) -> str:
     others = [item for item in best if item not in twins]
     listed = folded(f"All {len(rows)} explanations", table(headings, rows))
     lead = (
-        f"Sets of effects that were tried. {_closest(others, chosen)}These recordings cannot tell "
-        f"apart what is within odds of {np.exp(CONTRIBUTION.tellable):.0f} to 1."
+        f"Sets of effects that were tried. {_closest(others, chosen, diagnosis.verdict.names)}"
+        "These recordings cannot tell apart what is within odds of "
+        f"{np.exp(CONTRIBUTION.tellable):.0f} to 1."
     )
     return section("What else could explain it", body + listed, "competing", lead)
 
@@ -237,15 +238,15 @@ def _looks_like(item: Explanation, chosen: Explanation, findings: Sequence[Findi
     return len(own) == len(other) == 1 and item.joints == chosen.joints and other <= same
 
 
-def _closest(tried: Sequence[Explanation], chosen: Explanation) -> str:
+def _closest(tried: Sequence[Explanation], chosen: Explanation, names: Sequence[str]) -> str:
     """Say which explanation comes closest to the chosen one."""
     others = [item for item in tried if item is not chosen]
     less = [item for item in others if item.log_evidence <= chosen.log_evidence]
-    said = f"Chosen: {_name(chosen)}. "
+    said = f"Chosen: {_name(chosen, names)}. "
     if less:
         best = max(less, key=lambda item: item.log_evidence)
         lead = _compared_to(best.log_evidence - chosen.log_evidence)
-        said += f"The next best, {_name(best)}, is {lead}. "
+        said += f"The next best, {_name(best, names)}, is {lead}. "
     if len(less) < len(others):
         said += "What is likelier was rejected: held-out motion speaks against it. "
     return said
@@ -388,12 +389,11 @@ def stated_values(verdict: Verdict) -> str:
         "one in `tolerances`, it is limo's guess. Of a family of values, which are known together "
         "alone, the RMS torque that they make is compared."
     )
-    return section(
-        "Stated, and what fits",
-        table(list(columns), _prose_rows(columns), numeric=2),
-        "values",
-        lead,
+    body = (
+        f'<div id="stated-table">{table(list(columns), _prose_rows(columns), numeric=2)}</div>'
+        '<button type="button" class="copy" data-of="stated-table">copy table</button>'
     )
+    return section("Stated, and what fits", body, "stated", lead)
 
 
 def identified(verdict: Verdict, lead: str = "", title: str = "Identified friction") -> str:

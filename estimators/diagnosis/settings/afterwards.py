@@ -66,6 +66,8 @@ class LOOPS:
         "longer covers them with other loops; shorter shows part of one")
     narrow: float = setting(0.05, "rad", "added to the range of such motion, which is to be small",
         "larger shows long reaches, on which a loop is a line; smaller next to no motion")
+    turned: float = setting(0.95, "of its height", "at which hysteresis counts as turned over",
+        "only wording: higher calls loops wider, of laws that never end")
 
 
 @settings

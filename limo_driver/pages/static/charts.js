@@ -49,7 +49,8 @@ document.querySelectorAll('a[href^="#"]').forEach((link) =>
   }));
 document.querySelectorAll("button.copy").forEach((button) =>
   button.addEventListener("click", async () => {
-    await navigator.clipboard.writeText(document.getElementById(button.dataset.of).textContent);
+    const of = document.getElementById(button.dataset.of); // cells of a table, with tabs between them
+    await navigator.clipboard.writeText(of.querySelector("table") ? of.innerText : of.textContent);
     button.textContent = "copied";
   }));
 const drawn = () => document.querySelectorAll(".chart[data-drawn]").forEach(draw);

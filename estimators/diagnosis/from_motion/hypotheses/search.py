@@ -39,7 +39,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commande
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
     from limo_driver.types import FloatArray
@@ -234,6 +234,9 @@ def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float)
             break  # all else is better looked for where joints count as described
         problem, fit = _converge(best.problem, best.fit, tick)
     problem, fit, kept = _still_worth(problem, fit, chosen, tick)
+    for k, one in enumerate(kept):
+        if one.effect == "payload":
+            problem, fit, kept[k] = _carried(problem, fit, one, tick)
     problem = replace(problem, within=np.inf, over=_FINE)
     problem, fit = reweighted(problem, fit_arm(problem, fit.guess, _LAST), tick)
     return Searched(problem, fit, tuple(kept))
@@ -255,9 +258,22 @@ def _likely(
         for own, old, new in zip(worth, before, glances, strict=True)
     ]
     ranked = [
-        np.argsort(-np.array(score), kind="stable")[:_LIKELY].tolist() for score in (worth, part)
+        k
+        for score in (worth, part)
+        for k in _first(waiting, np.argsort(-np.array(score), kind="stable").tolist())
     ]
-    return [k for k in dict.fromkeys(ranked[0] + ranked[1]) if np.isfinite(worth[k])]
+    return [k for k in dict.fromkeys(ranked) if np.isfinite(worth[k])]
+
+
+def _first(waiting: Sequence[Suspect], order: Sequence[int]) -> Iterator[int]:
+    """Yield the first suspects of an order; of one thing in several forms, each that comes by."""
+    seen = list[Suspect]()
+    for k in order:
+        if not any(waiting[k].excludes(known) for known in seen):
+            seen.append(waiting[k])
+        if len(seen) > _LIKELY:
+            return
+        yield k
 
 
 def fit_without(found: Searched, one: Suspect, tick: float) -> Searched:
@@ -305,6 +321,26 @@ def reweighted(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProble
     problem = replace(problem, weights=Weights.of(fit.errors, tick))
     fit = fit_arm(problem, fit.guess, _TRY, errors=fit.errors, deviations=True)
     return problem, fit
+
+
+def _carried(
+    problem: ArmProblem, fit: ArmFit, one: Suspect, tick: float
+) -> tuple[ArmProblem, ArmFit, Suspect]:
+    """Return a load on the link that explains most, given all that joined after it."""
+    others = (x for x in problem.loads.carriers if x != one.carrier)
+    for other in (replace(one, carrier=link) for link in others):
+        new = fit_arm(problem, other.added(one.removed(fit.guess)), _LAST)
+        if new.cost + _inner_load(other) < fit.cost + _inner_load(one):
+            return *reweighted(problem, new, tick), other
+    return problem, fit, one
+
+
+def _inner_load(one: Suspect) -> float:
+    """Return what a load has to explain beyond one at the end [nat].
+
+    On the axis of the last joint it is nearly the same on either side.
+    """
+    return _WORTH if one.carrier is not None else 0.0
 
 
 def _converge(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
@@ -359,4 +395,4 @@ def _worth(problem: ArmProblem, fit: ArmFit, one: Suspect, new: ArmFit) -> float
     if any(at_bound(name, change.value(name)) for name in new.guess.shared):
         return -np.inf
     before = problem.cost(fit.guess, fit.errors, one.affects or range(problem.loads.n))
-    return before - new.cost - _EACH * (len(one.names) + bool(one.freed))
+    return before - new.cost - _EACH * (len(one.names) + bool(one.freed)) - _inner_load(one)

@@ -68,6 +68,7 @@ if TYPE_CHECKING:
 _WELL_LOADED: Final = 0.2
 _LEAST: Final = 1e-6  # [N m/rad, N m s/rad]
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
+_HEAVY: Final = 0.5  # of the arm's own mass, that it may carry
 _GLANCE: Final = 8  # evaluations
 _REFITTED: Final = 8  # steps
 _LEFT_OUT: Final = 2  # steps of fits that leave a block of motion out
@@ -152,10 +153,12 @@ def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[
     if not loaded.size:
         return False
     loads = ArmLoads(body, [told])
-    return any(
-        _apart(loads.parts(replace(change, sign=sign, order=())), stated, loaded.tolist()) < _AFAR
-        for sign in signs
+    mass = _HEAVY * sum(own.mass for own in body.inertials.values())
+    # a hobby arm's load, which nobody may have stated, makes all gains look smaller than they are
+    tried = (
+        replace(change, sign=sign, order=(), mass=own) for sign in signs for own in (0.0, mass)
     )
+    return any(_apart(loads.parts(one), stated, loaded.tolist()) < _AFAR for one in tried)
 
 
 def _apart(

@@ -294,8 +294,8 @@ def test_explanations_are_called_by_what_they_differ_in(page):
     assert bars["y"][:4] == [
         "1. spring load 2, not presliding hysteresis 2",
         "2. chosen",
-        "3. stribeck friction 2, not presliding hysteresis 2",
-        "4. coulomb friction 2 + viscous friction 2, not presliding hysteresis 2",
+        "3. Stribeck friction 2, not presliding hysteresis 2",
+        "4. Coulomb friction 2 + viscous friction 2, not presliding hysteresis 2",
     ]
 
 

@@ -19,6 +19,7 @@ from estimators.diagnosis.from_motion.simulation.loads import (
 )
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import Payload, Simulation
 
 NONE = ArmChange.none(2)
@@ -52,6 +53,22 @@ def test_a_body_at_the_last_link_is_a_payload(bare, recording):
 
     for own, described in zip(
         ArmLoads(bare.body, [recording]).parts(held),
+        loaded_joints(heavy.body, [recording]),
+        strict=True,
+    ):
+        np.testing.assert_allclose(own[0].load, described[0].load, atol=1e-9)
+        np.testing.assert_allclose(own[0].inertia, described[0].inertia, atol=1e-9)
+
+
+def test_a_body_at_the_link_before_loads_as_that_link_does_with_it(bare, recording):
+    mass, com = 0.2, (0.1, 0.02, -0.01)
+    loads = ArmLoads(bare.body, [recording])
+    assert loads.carriers == (None, 0)
+    first = bare.model.link_names[0]
+    load = Inertial(mass, com, (0.0,) * 6)
+    heavy = replace(bare, inertials={first: bare.model.inertials[first].joined(load)})
+    for own, described in zip(
+        loads.parts(replace(NONE, mass=mass, com=com, carrier=0)),
         loaded_joints(heavy.body, [recording]),
         strict=True,
     ):
