@@ -12,7 +12,7 @@ import numpy as np
 
 from limo_driver.pages.figures import JOINTS, layout
 from limo_driver.quoting import in_line
-from limo_driver.recordings.gate import contiguous
+from limo_driver.recordings.gate.held_values import contiguous
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

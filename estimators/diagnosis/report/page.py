@@ -92,7 +92,7 @@ def report(diagnosis: DiagnosisResult, concealed: Sequence[Effect] | None = None
         + doubts(diagnosis, charts)
         + data(diagnosis)
     )
-    return Page(headline(diagnosis.verdict), body, charts, view, _FOOTER)
+    return Page(headline(diagnosis.verdict), body, charts, view, footer=_FOOTER)
 
 
 def pushed(diagnosis: DiagnosisResult, charts: Charts) -> str:

@@ -95,7 +95,7 @@ def drive_report(found: DriveResult) -> Page:
         + (_motion(found.replay, verdict, charts) if found.replay else "")
         + section("What is unsure", unobservable(verdict), "unsure")
     )
-    return Page(headline(verdict), body, charts, view, _FOOTER)
+    return Page(headline(verdict), body, charts, view, footer=_FOOTER)
 
 
 def _arm(found: DriveResult, replay: DriveReplay) -> tuple[ArmView, str]:

@@ -30,7 +30,7 @@ from limo_driver.pages.markup import (
     section,
 )
 from limo_driver.recordings.channels import CHANNELS, Columns, without_wraps
-from limo_driver.recordings.gate import with_one_clock
+from limo_driver.recordings.gate.doubts import with_one_clock
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
