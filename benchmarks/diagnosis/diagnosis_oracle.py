@@ -83,7 +83,7 @@ def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
         solution = fitted(problem, solution.members, noise_left(problem, solution.fitted))
     problem, solution = refined(problem, solution, quiet)
     places = places_of(problem, solution)
-    best = polished(problem.beside(solution), given, problem.observed.moving, places)
+    best = polished(problem.under(solution), given, problem.observed.moving, places)
     others = [Recording.load(path) for path in sorted(case.glob("held_out_*.parquet"))]
     elsewhere = Observations.of(given, others, BANDWIDTH)
     foreseen = Foreseen.of(best, given, places)

@@ -80,7 +80,7 @@ def apart_from_events(
     """Return the set that is found beside events, fitted to none of their rows, and those."""
     first = problem
     problem, solution = solve(problem, progress)
-    known = _events(problem, problem.beside(solution), problem.left(solution.fitted))
+    known = _events(problem, problem.under(solution), problem.left(solution.fitted))
     if known:
         problem, solution = _without(problem, known, progress)
     found = budget.within(

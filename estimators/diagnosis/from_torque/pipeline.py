@@ -131,7 +131,7 @@ def _concluded(
     problem, solution, remaining = judged.problem, judged.solution, judged.remaining
     observed, attempts = problem.observed, Attempts(list(remaining.failures))
     mounted = (problem.first or problem).observed.simulation
-    simulation, improved = given.simulation, observed.beside(mounted)
+    simulation, improved = given.simulation, observed.under(mounted)
     if not harmful:
         improved = attempts.at(
             "fit to all rows, so the written simulation is the given one",
@@ -250,7 +250,7 @@ def _verdict(
         contact,
     )
     if given.simulation.body.gravity != mounted.body.gravity:
-        verdict = with_mounting(verdict, given, given.beside(mounted))
+        verdict = with_mounting(verdict, given, given.under(mounted))
     values = attempts.at(
         "values of parameters and their intervals",
         lambda: with_parameters((*verdict.findings, *verdict.identified), improved),

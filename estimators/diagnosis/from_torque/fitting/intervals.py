@@ -190,7 +190,7 @@ class Foreseen:
         Args:
             motion: Recordings of that motion; their torques do not matter.
         """
-        around = _around(motion.beside(self.simulation), self.given, self.places)
+        around = _around(motion.under(self.simulation), self.given, self.places)
         entered = around.entered
         result = np.zeros(motion.n)
         for joint in range(motion.n):

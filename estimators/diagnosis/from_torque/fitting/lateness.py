@@ -108,9 +108,7 @@ def _of_joint(
     if len(rest) == len(members):
         alone = _OneJoint.of(problem, solution, joint)
         return _latest(alone, solution, _IN_TIME, long=long) if alone.own or long else None
-    known = found_in(
-        problem.beside(solution).simulation, TimeDelay.name, (joint + 1,), missing=True
-    )
+    known = found_in(problem.under(solution).simulation, TimeDelay.name, (joint + 1,), missing=True)
     if not isinstance(known, TimeDelay):
         return None
     without = fitted(problem, rest, solution.noise)

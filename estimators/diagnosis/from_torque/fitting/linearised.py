@@ -90,7 +90,7 @@ class Linearised:
         rest = _without(given.effects, found)
         columns = ColumnTable(len(observed.kept), observed.n)
         floor = roughness(observed.residual, observed.moving, observed.least_noise)
-        lacking = observed.beside(replace(given, effects=rest), around=given)
+        lacking = observed.under(replace(given, effects=rest), around=given)
         nuisance = nuisance_of(lacking, columns, floor, stated or given)
         nuisance = nuisance.certain(nuisance.said_by(found))
         deviation = nuisance.prior.deviation.copy()
@@ -177,7 +177,7 @@ class Linearised:
         """Yield the recordings with the simulation a step ahead, and parts of a step ahead."""
         for part in NEWTON.shorter:
             try:
-                yield self.observed.beside(self._moved(part * step))
+                yield self.observed.under(self._moved(part * step))
             except ConfigError:  # a combination that no such part has
                 continue
 

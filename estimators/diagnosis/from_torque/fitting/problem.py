@@ -173,13 +173,13 @@ class RegressionProblem:
             ]
         return self._rotations[0]
 
-    def beside(self, solution: Solution) -> Observations:
+    def under(self, solution: Solution) -> Observations:
         """Return the recordings beside the simulation of a fit; those of the last fit are kept.
 
         A set that stays is asked about by whoever prunes, judges or searches around it.
         """
         if not (self._beside and self._beside[0][0] is solution):
-            self._beside[:] = [(solution, self.observed.beside(improve(self, solution)))]
+            self._beside[:] = [(solution, self.observed.under(improve(self, solution)))]
         return self._beside[0][1]
 
     def holding(self, limits: FloatArray | None) -> RegressionProblem:
@@ -228,7 +228,7 @@ class RegressionProblem:
         """Return the same under other tolerances, with some coefficients (c,) as stated."""
         observed = self.observed
         exact = replace(observed.simulation, tolerances=tolerances)
-        beside = observed.beside(exact, observed.around)
+        beside = observed.under(exact, observed.around)
         return replace(self.as_stated(some), observed=beside)
 
     def again(self, candidate: Candidate, place: int) -> int:
@@ -299,7 +299,7 @@ def improve(problem: RegressionProblem, solution: Solution) -> Simulation:
 
 def simulated(problem: RegressionProblem, solution: Solution) -> FloatArray:
     """Return what the simulation of a fit leaves, (K, n) [N m]."""
-    return problem.beside(solution).residual
+    return problem.under(solution).residual
 
 
 def lost_by(problem: RegressionProblem, solution: Solution) -> dict[int, float]:

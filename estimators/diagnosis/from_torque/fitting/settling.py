@@ -239,7 +239,7 @@ def _not_recorded(
     is slow. What its impacts have above the filter's bandwidth was recorded there, beside noise:
     where less was, there were none.
     """
-    fit, found = problem.beside(solution), set[tuple[str, tuple[int, ...]]]()
+    fit, found = problem.under(solution), set[tuple[str, tuple[int, ...]]]()
     sharp = [
         effect
         for effect in fit.simulation.effects
@@ -361,9 +361,9 @@ def relinearised(
     Returns:
         The problem, and the members of the solution on it.
     """
-    improved = problem.beside(solution).simulation
+    improved = problem.under(solution).simulation
     new = RegressionProblem.of(
-        problem.observed.beside(problem.observed.simulation, around=improved), progress
+        problem.observed.under(problem.observed.simulation, around=improved), progress
     )
     new = new.as_stated(problem.nuisance.prior.deviation == 0)
     observed, mean = new.observed, solution.fitted.mean

@@ -155,7 +155,7 @@ def conclude(
     else:
         summary = "partly_explained" if found else "unexplained"
     # of all rows, and beside the given simulation, as the recordings came in
-    given = problem.observed.undisturbed(None).beside(problem.observed.simulation)
+    given = problem.observed.undisturbed(None).under(problem.observed.simulation)
     doubts = doubts_on(given)
     _, share = left_at(unknown, alone, after, remaining.floor)
     where = next((item.where for item in findings if item.effect == UNKNOWN), Where())

@@ -213,7 +213,7 @@ class JudgedSet:
         joint's error larger.
         """
         observed, places = self.problem.observed, places_of(self.problem, self.solution)
-        start = self.beside.beside(self.beside.simulation)
+        start = self.beside.under(self.beside.simulation)
         return polished(start, observed.simulation, observed.moving, places)
 
     @cached_property
@@ -254,7 +254,7 @@ class JudgedSet:
         members = tuple(
             member for member in solution.members if not alone(own_joints(problem, member))
         )
-        beside = problem.observed.beside(replace(found, effects=effects), problem.observed.around)
+        beside = problem.observed.under(replace(found, effects=effects), problem.observed.around)
         return JudgedSet.beside_one(problem, solution.having(members), beside)
 
 
@@ -272,5 +272,5 @@ def places_of(
 
 def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
     """Return the recordings with a simulation that was fitted to no row held out."""
-    start, given = problem.beside(solution), problem.observed.simulation
+    start, given = problem.under(solution), problem.observed.simulation
     return polished(start, given, problem.split.fitted, places_of(problem, solution))

@@ -51,7 +51,7 @@ def as_told(found: Written, verdict: Verdict) -> Written:
     if not gone:
         return found
     proven, improved = (
-        each.beside(without(each.simulation, given, gone))
+        each.under(without(each.simulation, given, gone))
         for each in (found.judged.beside, found.improved)
     )
     return replace(found, judged=replace(found.judged, beside=proven), improved=improved)
@@ -71,7 +71,7 @@ def _errs_more(found: Written, elsewhere: Elsewhere, gone: Sequence[str], name: 
         return True
     judged = found.judged
     less = without(judged.beside.simulation, elsewhere.given, [*gone, name])
-    left = judged.beside.beside(less).residual
+    left = judged.beside.under(less).residual
     return bool(worse_at(judged.problem, left, judged.proven, judged.remaining))
 
 

@@ -83,7 +83,7 @@ class Elsewhere:
 
     @cached_property
     def _as_given(self) -> Observations:
-        return self.turns[0][0].beside(self.given)
+        return self.turns[0][0].under(self.given)
 
     @property
     def _measured(self) -> NDArray[np.bool_]:
@@ -116,7 +116,7 @@ class Elsewhere:
         """Return what fits leave of the motion that was left out for them, some parts as given."""
         return np.concatenate(
             [
-                turn.beside(without(turn.simulation, self.given, parts)).residual[rows]
+                turn.under(without(turn.simulation, self.given, parts)).residual[rows]
                 for turn, rows in self.turns
             ]
         )
@@ -150,7 +150,7 @@ def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) 
         return replace(effect, domain=domain)
 
     simulation = found.simulation
-    return found.beside(replace(simulation, effects=tuple(map(limited, simulation.effects))))
+    return found.under(replace(simulation, effects=tuple(map(limited, simulation.effects))))
 
 
 def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) -> dict[str, Any]:
@@ -222,7 +222,7 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
     names = [item.part for item in found]
 
     def kept(some: Observations) -> Observations:
-        return some.beside(without(some.simulation, given, names)) if names else some
+        return some.under(without(some.simulation, given, names)) if names else some
 
     judged = replace(judged, beside=kept(proven))
     still, unknown = still_named(judged, names)
@@ -334,7 +334,7 @@ def _rare(
     for part in parts:
         if part.name in stated or part.name == BODIES:
             continue
-        other = improved.beside(part.without).simulated
+        other = improved.under(part.without).simulated
         added = np.where(rows, improved.simulated - other, 0.0)
         square, fourth = np.sum(added**2, axis=0), np.sum(added**4, axis=0)
         acts = square > 0

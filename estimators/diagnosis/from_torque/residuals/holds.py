@@ -37,7 +37,7 @@ def holds(observed: Observations) -> tuple[Push, ...]:
     Args:
         observed: Recordings, and a simulation that was fitted to their motion.
     """
-    bare = observed.undisturbed(None).beside(observed.simulation.without_friction())
+    bare = observed.undisturbed(None).under(observed.simulation.without_friction())
     rests = [list(_rests(bare, joint)) for joint in range(bare.n)]
     if not any(rests):
         return ()

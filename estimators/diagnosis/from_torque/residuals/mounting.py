@@ -40,7 +40,7 @@ def as_mounted(observed: Observations) -> Observations:
     angle = float(np.degrees(np.arccos(np.clip(found @ stated / (share * size**2), -1.0, 1.0))))
     if angle < MOUNTING.least or not 1 / MOUNTING.size < share < MOUNTING.size:
         return observed
-    turned = observed.beside(_under(simulation, _nearest(found / share)))
+    turned = observed.under(_under(simulation, _nearest(found / share)))
     before, after = (_misfit(item) for item in (observed, turned))
     return turned if after < MOUNTING.better * before else observed
 

@@ -117,7 +117,7 @@ class Observations:
             unmeasured=None if self.unmeasured is None else self.unmeasured[rows],
         )
 
-    def beside(self, simulation: Simulation, around: Simulation | None = None) -> Observations:
+    def under(self, simulation: Simulation, around: Simulation | None = None) -> Observations:
         """Return the same recordings beside another simulation of the robot.
 
         What does not depend on the change is not computed again.

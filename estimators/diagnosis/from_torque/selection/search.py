@@ -195,7 +195,7 @@ def with_friction(observed: Observations) -> Observations:
     improvement = Improvement(observed.simulation)
     for member, size in zip(members, fitted.mean[nuisance.index.size :], strict=True):
         candidates[member].enter(improvement, np.array([size]))
-    return observed.beside(observed.simulation, around=improvement.simulation())
+    return observed.under(observed.simulation, around=improvement.simulation())
 
 
 def level_of(observed: Observations, rough: FloatArray) -> FloatArray:

@@ -79,9 +79,9 @@ def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to(seen):
     assert found.load.is_consistent()
     assert found.mass == pytest.approx(ROD.mass, rel=0.02)
     rows, given = problem.split.held_out, problem.observed.simulation
-    off = problem.observed.beside(improve(problem, solution)).residual
+    off = problem.observed.under(improve(problem, solution)).residual
     point = replace(found, inertia=(0.0,) * 6)
-    shrunk = problem.observed.beside(replace(given, effects=(point,))).residual
+    shrunk = problem.observed.under(replace(given, effects=(point,))).residual
     linear = rmse(problem.left(solution.fitted), rows)
     assert np.all(rmse(off, rows) < 1.1 * linear)
     assert np.any(rmse(shrunk, rows) > 1.5 * linear)
@@ -180,7 +180,7 @@ def test_a_load_that_is_stated_may_have_another_mass(seen):
     """A simulation that was improved has the load that was found, and is diagnosed again."""
     heavier = replace(CRATE, mass=4.0)
     recorded = seen(heavier)
-    problem, noise = laid_out(recorded.beside(replace(recorded.simulation, effects=(CRATE,))))
+    problem, noise = laid_out(recorded.under(replace(recorded.simulation, effects=(CRATE,))))
     kinds = [(item.effect, item.kind) for item in problem.candidates]
     stated = kinds.index((Payload.name, "wrong_parameter"))
     solution = fitted(problem, (stated,), noise)

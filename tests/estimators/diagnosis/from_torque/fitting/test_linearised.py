@@ -119,14 +119,14 @@ def test_a_fit_goes_to_its_end_where_effects_act_on_one_another(given):
     start = plus(given, near, TorqueGain(joint=2, gain=-0.3))
     observed = observe(true, given)
     places = [("presliding_hysteresis", (2,), True), ("torque_gain", (2,), True)]
-    found = polished(observed.beside(start), observed.simulation, observed.moving, places)
+    found = polished(observed.under(start), observed.simulation, observed.moving, places)
     fitted = found.simulation.effects
     assert fitted[3].gain == pytest.approx(-0.4, abs=0.01)
     np.testing.assert_allclose(fitted[2].stiffness, slip.stiffness, rtol=0.05)
     np.testing.assert_allclose(fitted[2].width, slip.width, rtol=0.05)
     left = found.residual[observed.moving]
     assert np.sqrt(np.mean(left**2)) < 1.05 * np.sqrt(
-        np.mean(observed.beside(true).residual[observed.moving] ** 2)
+        np.mean(observed.under(true).residual[observed.moving] ** 2)
     )
 
 
@@ -137,12 +137,12 @@ def test_where_nothing_else_may_move_what_was_found_goes_to_its_end_alone(given,
     observed = observe(plus(given, TorqueGain(joint=2, gain=-0.4)), given)
     start = plus(given, TorqueGain(joint=2, gain=-0.2))
     found = polished(
-        observed.beside(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
+        observed.under(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
     )
     assert found.simulation.effects[2].gain == pytest.approx(-0.4, abs=0.01)
     assert found.simulation.effects[:2] == given.effects
     rows = observed.moving
-    assert np.all(rmse(found.residual, rows) < 1.01 * rmse(observed.beside(start).residual, rows))
+    assert np.all(rmse(found.residual, rows) < 1.01 * rmse(observed.under(start).residual, rows))
 
 
 def test_a_joint_without_torque_keeps_no_other_from_its_end(given, monkeypatch):
@@ -153,7 +153,7 @@ def test_a_joint_without_torque_keeps_no_other_from_its_end(given, monkeypatch):
     observed = replace(observed, unmeasured=silent)
     start = plus(given, TorqueGain(joint=2, gain=-0.2))
     found = polished(
-        observed.beside(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
+        observed.under(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
     )
     assert found.simulation.effects[2].gain == pytest.approx(-0.4, abs=0.01)
     assert found.simulation.effects[:2] == given.effects  # which a step of everything moves
@@ -162,7 +162,7 @@ def test_a_joint_without_torque_keeps_no_other_from_its_end(given, monkeypatch):
 def test_what_some_rows_say_nothing_of_is_as_given_to_them(given):
     found = (TorqueGain(joint=1, gain=-0.4), TorqueGain(joint=2, gain=-0.4))
     observed = observe(plus(given, *found), given)
-    around = Linearised.of(observed.beside(plus(given, *found)), found, stated=given)
+    around = Linearised.of(observed.under(plus(given, *found)), found, stated=given)
     some = np.arange(len(observed.moving))[:, None] % 5 > 0
     taught = around.learned_from(observed.moving & some & [True, False], given).simulation
     assert taught.effects[2].gain == pytest.approx(-0.4, abs=0.01)
@@ -182,7 +182,7 @@ def test_a_joint_that_hardly_moved_counts_as_the_others_do(given, monkeypatch, o
 
 def test_a_fit_that_is_at_its_end_stays(given):
     observed = observe(given, given)
-    once = polished(observed.beside(given), observed.simulation, observed.moving, [])
+    once = polished(observed.under(given), observed.simulation, observed.moving, [])
     assert Linearised.of(once, ()).step(observed.moving) is None
 
 
@@ -200,7 +200,7 @@ def test_bodies_that_no_single_moment_can_leave_are_fitted(given, inertia):
     start = plus(given, replace(load, mass=0.2))
     observed = observe(plus(given, load), given)
     found = polished(
-        observed.beside(start), observed.simulation, observed.moving, [("payload", (1, 2), True)]
+        observed.under(start), observed.simulation, observed.moving, [("payload", (1, 2), True)]
     )
     assert found.simulation.effects[2].mass == pytest.approx(0.3, abs=0.05)
 
@@ -209,7 +209,7 @@ def test_a_fit_stays_inside_the_tolerances_of_what_is_stated(given):
     """However many steps it takes: three deviations of 5 % are the reach."""
     true = replace(given, effects=(replace(given.effects[0], tau_c=1.6), given.effects[1]))
     observed = observe(true, given)
-    found = polished(observed.beside(given), observed.simulation, observed.moving, [])
+    found = polished(observed.under(given), observed.simulation, observed.moving, [])
     assert found.simulation.effects[0].tau_c == pytest.approx(1.15, abs=1e-6)
 
 
@@ -222,7 +222,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(given):
         observed = observe(true, given, seed)
         place = [("stribeck_friction", (1,), True)]
         off = plus(given, replace(dip, tau_s=0.32, v_s=0.06))
-        found = polished(observed.beside(off), observed.simulation, observed.moving, place)
+        found = polished(observed.under(off), observed.simulation, observed.moving, place)
         (said,) = with_parameters([finding("stribeck_friction", (1,))], found)
         for name in ("tau_s", "v_s", "delta"):
             low, high = said.parameters[name].ci95
@@ -263,7 +263,7 @@ def test_friction_that_is_free_everywhere_takes_no_part_of_what_is_stated(given)
     observed = observe(plus(given, bump), given)
     start = plus(given, replace(bump, excess=(0.1,) * 5))
     place = [("position_dependent_friction", (2,), True)]
-    found = polished(observed.beside(start), observed.simulation, observed.moving, place)
+    found = polished(observed.under(start), observed.simulation, observed.moving, place)
     assert found.simulation.effects[1].tau_c == 1.0
     np.testing.assert_allclose(found.simulation.effects[2].excess, heights, atol=0.02)
     assert half_widths(found, "position_dependent_friction", 2, "excess").max() < 0.02
@@ -274,7 +274,7 @@ def test_a_lag_of_a_sensor_is_made_up_for_by_no_value_of_the_simulation(given):
     observed = observe(plus(true, TimeDelay(joint=2, lag=5e-4)), given)
     start = plus(given, TorqueGain(joint=2, gain=-0.3))
     found = polished(
-        observed.beside(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
+        observed.under(start), observed.simulation, observed.moving, [("torque_gain", (2,), True)]
     )
     assert found.simulation.effects[2].gain == pytest.approx(-0.4, abs=0.002)
 
@@ -283,7 +283,7 @@ def test_a_delay_that_was_found_is_all_of_it(given):
     """A sensor's own lag beside it would leave neither determined."""
     late = TimeDelay(joint=2, delay=0.02)
     observed = observe(plus(given, late), given)
-    found = observed.beside(plus(given, late))
+    found = observed.under(plus(given, late))
     around = Linearised.of(found, found.simulation.effects[2:])
     held = {
         item.name
@@ -301,7 +301,7 @@ def test_intervals_are_those_of_the_best_fit_where_a_simulation_is_not_quite_it(
     observed = observe(plus(given, load), given)
     near = plus(given, replace(load, mass=0.31))
     best, off = (
-        half_widths(observed.beside(one), "payload", 2, "mass") for one in (plus(given, load), near)
+        half_widths(observed.under(one), "payload", 2, "mass") for one in (plus(given, load), near)
     )
     np.testing.assert_allclose(off, best, rtol=0.15)
 
@@ -311,7 +311,7 @@ def test_what_joints_disagree_about_is_less_sure(given):
     load = Payload(mass=0.3, com=(0.1, 0.0, 0.0), inertia=(0.005, 0.0, 0.0, 0.005, 0.0, 0.01))
     with_load = plus(given, load)
     alike, torn = (
-        half_widths(observe(true, given).beside(with_load), "payload", 2, "mass")
+        half_widths(observe(true, given).under(with_load), "payload", 2, "mass")
         for true in (with_load, plus(with_load, TorqueGain(joint=2, gain=0.04)))
     )
     assert (torn > 1.5 * alike).all()

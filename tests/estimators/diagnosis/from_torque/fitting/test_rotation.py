@@ -64,10 +64,10 @@ def test_of_another_residual_sums_are_others(sprung):
 
 def test_the_simulation_of_a_fit_is_kept_until_another_is_asked_for(sprung):
     problem, solution = sprung
-    beside = problem.beside(solution)
-    assert problem.beside(solution) is beside
-    bare = problem.beside(solution.having(()))
+    beside = problem.under(solution)
+    assert problem.under(solution) is beside
+    bare = problem.under(solution.having(()))
     assert np.abs(bare.residual - beside.residual)[:, 2].max() > 1.0  # [N m], without the spring
-    again = problem.beside(solution)
+    again = problem.under(solution)
     assert again is not beside
     np.testing.assert_array_equal(again.residual, beside.residual)

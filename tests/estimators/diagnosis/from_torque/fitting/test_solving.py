@@ -201,7 +201,7 @@ def test_stated_friction_that_is_but_sharper_goes_where_friction_along_the_range
         effects=(replace(stated, v_eps=2e-3),),
         tolerances=Tolerances(friction=0.1),
     )
-    problem, noise = laid_out(recorded.beside(believed))
+    problem, noise = laid_out(recorded.under(believed))
     (sharper, *_) = (
         i
         for i, item in enumerate(problem.candidates)
@@ -337,7 +337,7 @@ def test_how_sharp_a_sign_is_makes_no_friction_simpler_than_another(problem_of):
 def test_friction_has_to_bring_nothing_to_be_believed_where_none_is_stated(seen, problem_of):
     problem, _ = problem_of()
     stated = replace(seen().simulation, effects=(CoulombFriction(joint=1, tau_c=0.5),))
-    other, _ = laid_out(seen().beside(stated))
+    other, _ = laid_out(seen().under(stated))
 
     def rarity(problem, effect, joint):
         return problem.candidates[place_of(problem, effect, joint)].rarity
@@ -351,7 +351,7 @@ def test_friction_has_to_bring_nothing_to_be_believed_where_none_is_stated(seen,
 def test_a_last_link_that_lacks_mass_carries_no_load(seen):
     given = seen().simulation
     body = given.model.inertials["lower"].joined(BODY.load)
-    problem, noise = laid_out(seen().beside(replace(given, inertials={"lower": body})))
+    problem, noise = laid_out(seen().under(replace(given, inertials={"lower": body})))
     lighter = fitted(problem, (place_of(problem, "link_inertia", 2),), noise)
     assert loaded(problem, lighter) is lighter
 
@@ -364,7 +364,7 @@ def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(
     rubbing = ViscousFriction(joint=2, f_v=stated)
     recorded = seen(ViscousFriction(joint=2, f_v=10.0))
     given = replace(recorded.simulation, effects=(rubbing,), tolerances=Tolerances(friction=0.1))
-    problem, noise = laid_out(recorded.beside(given))
+    problem, noise = laid_out(recorded.under(given))
     found = suspects(problem, fitted(problem, (), noise), joints=())
     assert found == ({("viscous_friction", (1,))} if suspicious else set())
 
@@ -372,7 +372,7 @@ def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(
 @pytest.mark.parametrize("has_play", [True, False])
 def test_impacts_of_play_have_to_be_in_what_was_recorded_above_the_bandwidth(seen, has_play):
     play = replace(seen().simulation, effects=(Backlash(joint=2, gap=0.01),))
-    fit = seen().beside(play)
+    fit = seen().under(play)
     vars(fit)["recorded"] = fit.predict(play if has_play else seen().simulation)
     problem = SimpleNamespace(
         beside=lambda _: fit, candidates=[SimpleNamespace(place=("backlash", (1,)))]

@@ -91,7 +91,7 @@ def test_values_moved_where_they_are_surely_worse_stay_as_stated(right, changed)
     link = observed.simulation.model.link_names[0]
     body = observed.simulation.model.inertials[link]
     lighter = replace(body, mass=changed * body.mass)
-    moved = observed.beside(replace(observed.simulation, inertials={link: lighter}))
+    moved = observed.under(replace(observed.simulation, inertials={link: lighter}))
     worse = JudgedSet.beside_one(right, nothing, moved)
     assert worse._harmed == (0,)  # joint 2 does not feel that link
     found, as_given = worse.harmless()
@@ -123,7 +123,7 @@ def beside(rubbing, lighter, f_v, first=0.5):
         effects=(ViscousFriction(joint=1, f_v=first), ViscousFriction(joint=2, f_v=f_v)),
         inertials={link: replace(body, mass=lighter * body.mass)},
     )
-    return JudgedSet.beside_one(problem, nothing, observed.beside(found))
+    return JudgedSet.beside_one(problem, nothing, observed.under(found))
 
 
 def test_values_of_one_joint_stay_where_bodies_harm_another(rubbing):
@@ -141,7 +141,7 @@ def test_the_lesser_harm_stays_where_nothing_less_can_be(rubbing):
     """Without tolerances there is but what was found, which makes the arm better, or nothing."""
     problem, true = rubbing
     exact = replace(problem.observed.simulation, tolerances=Tolerances(inertia=0.0, friction=0.0))
-    exact = RegressionProblem.of(problem.observed.beside(exact), quiet)
+    exact = RegressionProblem.of(problem.observed.under(exact), quiet)
     harmful = beside((exact, true), 0.9, 3.0)
     rows, given = exact.split.held_out, exact.observed.residual
     found, as_given = harmful.harmless()

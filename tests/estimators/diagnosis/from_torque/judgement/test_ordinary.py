@@ -244,7 +244,7 @@ def seen(arm, *effects):
 def test_little_more_of_a_stated_effect_is_a_value_of_it(arm, amplitude, detail):
     stated = TorqueRipple(joint=1, cycles_per_rev=(14.0,), amplitude=(4.0,), phase=(0.3,))
     other = TorqueRipple(joint=1, cycles_per_rev=(28.0,), amplitude=(amplitude,), phase=(0.1,))
-    recorded = seen(arm, stated, other).beside(Simulation(str(arm), (stated,)))
+    recorded = seen(arm, stated, other).under(Simulation(str(arm), (stated,)))
     problem = RegressionProblem.of(recorded, quiet)
     (line,) = hypotheses_of_ripple(recorded, recorded.residual, {})
     candidate = entered(line, recorded, problem.columns, problem.level)
@@ -257,7 +257,7 @@ def test_little_more_of_a_stated_effect_is_a_value_of_it(arm, amplitude, detail)
 
 def test_a_little_more_tilt_of_an_arm_that_is_known_to_hang_is_no_value_of_a_joint(arm):
     on_a_wall = Simulation(str(arm), (GravityDirection(gravity=(9.81, 0.0, 0.0)),))
-    recorded = seen(arm, GravityDirection(gravity=(9.8, 0.0, 0.4))).beside(on_a_wall)
+    recorded = seen(arm, GravityDirection(gravity=(9.8, 0.0, 0.4))).under(on_a_wall)
     problem = RegressionProblem.of(recorded, quiet)
     noise = Noise.independent(np.full(2, 0.02), problem.split.fitted)
     (member,) = (

@@ -59,7 +59,7 @@ def observed(rigid, recordings):
 def proof(observed, fitted):
     """Return the proof of a fit that is the same whatever motion is left out, and of that fit."""
     kind, chosen = of_another_kind(observed)
-    beside = observed.beside(fitted)
+    beside = observed.under(fitted)
     turns = tuple((beside, rows) for rows in chosen)
     return Elsewhere(kind, observed.simulation, np.full(2, 0.02), turns), beside
 
@@ -146,7 +146,7 @@ def test_a_stated_value_that_moved_is_written_where_it_is_told(
     observed, rigid, told, states, written
 ):
     given = plus(rigid, replace(VISCOUS, f_v=2.9))
-    elsewhere, improved = proof(observed.beside(given), plus(rigid, VISCOUS))
+    elsewhere, improved = proof(observed.under(given), plus(rigid, VISCOUS))
     value = SimpleNamespace(effect=VISCOUS.name, joints=(2,), reported=told)
     verdict = SimpleNamespace(values=(value,), findings=(), identified=(), states=states)
     found = Written(SimpleJudged(improved), improved, elsewhere=elsewhere)

@@ -175,9 +175,9 @@ def test_what_is_kept_beside_another_simulation_is_what_it_would_be_anew(
         getattr(observed, name)
     pushed = np.arange(observed.kept.size) < 50
     for near, anew in (
-        (observed.beside(true_arm), Observations.of(true_arm, [training_recording], BANDWIDTH)),
+        (observed.under(true_arm), Observations.of(true_arm, [training_recording], BANDWIDTH)),
         (
-            observed.beside(true_arm, around=rigid),
+            observed.under(true_arm, around=rigid),
             replace(Observations.of(true_arm, [training_recording], BANDWIDTH), around=rigid),
         ),
         (

@@ -90,7 +90,7 @@ def test_where_a_value_moved_to_counts_from_the_stated_one(observed, stated, at_
     moved = replace(observed.simulation, effects=(replace(stated, **at_hand),))
     given = replace(observed.simulation, effects=(stated,))
     columns = ColumnTable(*observed.residual.shape)
-    found = nuisance_of(observed.beside(moved), columns, np.full(observed.n, 0.1), given)
+    found = nuisance_of(observed.under(moved), columns, np.full(observed.n, 0.1), given)
     back = Improvement(moved)
     found.enter(back, -found.start)
     for item, start in zip(found.parameters, found.start, strict=True):
@@ -143,7 +143,7 @@ def gains_of(given, stated=None):
 def test_gains_have_a_tolerance_only_where_one_is_stated(observed):
     assert gains_of(observed)[2] == []
     tolerant = replace(observed.simulation, tolerances=Tolerances(gain=0.1))
-    found, columns, at = gains_of(observed.beside(tolerant))
+    found, columns, at = gains_of(observed.under(tolerant))
     assert found.prior.deviation[at] == pytest.approx([0.1, 0.1])
     assert [found.parameters[k].value(0.02) for k in at] == pytest.approx([0.02, 0.02])
     one = columns.apply(found.prior.index[at[:1]], np.ones(1))
@@ -155,7 +155,7 @@ def test_a_gain_that_a_fit_has_moved_is_counted_from_what_is_stated(observed):
     tolerant = replace(observed.simulation, tolerances=Tolerances(gain=0.1))
     gain = TorqueGain(joint=2, gain=0.07)
     moved = replace(tolerant, effects=(*tolerant.effects, gain))
-    found, _, at = gains_of(observed.beside(moved), tolerant)
+    found, _, at = gains_of(observed.under(moved), tolerant)
     assert found.start[at] == pytest.approx([0.0, 0.07])
     improvement = Improvement(moved)
     found.enter(improvement, np.where(np.isin(np.arange(found.start.size), at), 0.01, 0.0))
