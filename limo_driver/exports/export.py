@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports import ISAAC_LAB, MJCF, URDF, USD, edited_format
 from limo_driver.exports.changes.joints import sharp
 from limo_driver.exports.changes.target import target_of
+from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_format
 from limo_driver.exports.mjcf.assets import assets_of
 from limo_driver.exports.mjcf.file import FIRMNESS, edited_mjcf, rubs_anew
 from limo_driver.exports.mjcf.slips import have_changed, write_rests

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from limo_driver.exports import DRAKE, ISAAC_LAB, MJCF, URDF, USD
+from limo_driver.exports.formats import DRAKE, ISAAC_LAB, MJCF, URDF, USD
 from limo_driver.exports.urdf import rotors_of, tables_of
 from limo_driver.exports.xml_edits import XmlText
 

@@ -37,7 +37,6 @@ PUBLIC = (
     "estimators.diagnosis.from_motion",
     "estimators.studies",
     "estimators.service",
-    "estimators.studies",
     "limo_driver.app.library.simulating",
 )
 EVERYWHERE = (builtins, typing, abc, np, {"Path": Path, "NDArray": 1, "ArrayLike": 1, "np": np})

@@ -82,8 +82,8 @@ def export(
         >>> sim = limo.Simulation.load("sim.yaml")
         >>> print(limo.export(sim, "mjcf", "exported/"))
     """
-    from limo_driver.exports import KINDS, MJCF, USD, edited_format
     from limo_driver.exports.export import write
+    from limo_driver.exports.formats import KINDS, MJCF, USD, edited_format
     from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.runtime.installed_mujoco import RELEASE, RELEASES
 
@@ -119,7 +119,7 @@ def export(
 
 def _bare(simulation: Simulation, to: str) -> str:
     """Return the robot as a file of a format that its own is not of."""
-    from limo_driver.exports import MJCF
+    from limo_driver.exports.formats import MJCF
 
     if to != MJCF:
         return simulation.model.description.text

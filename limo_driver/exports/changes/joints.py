@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from limo_driver.exports import MJCF, WITH_ARMATURE, WITH_FRICTION
+from limo_driver.exports.formats import MJCF, WITH_ARMATURE, WITH_FRICTION
 from limo_driver.model.descriptions.description import (
     JointDynamics,
     StatedBristles,

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports import MJCF, USD, edited_format
 from limo_driver.exports.changes.bodies import (
     AddedBody,
     added_bodies,
@@ -25,6 +24,7 @@ from limo_driver.exports.changes.bodies import (
 )
 from limo_driver.exports.changes.joints import EffectSplit, split
 from limo_driver.exports.changes.origin import FileOrigin
+from limo_driver.exports.formats import MJCF, USD, edited_format
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import JointDynamics

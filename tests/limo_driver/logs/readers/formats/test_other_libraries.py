@@ -224,7 +224,7 @@ def test_positions_of_ros_beyond_the_limits_are_asked_about_not_read_as_degrees(
     table = read_table(ros1(tmp_path / "log.bag"))
     columns = {**table.columns, "position.joint2": table.columns["position.joint2"] + 6.0}
     found = propose(replace(table, columns=columns), arm())
-    assert any("are they in deg, or of another robot?" in text for text in found.mapping.undecided)
+    assert any("are the columns in rad or deg?" in text for text in found.mapping.undecided)
 
 
 def test_stamps_that_follow_each_other_as_no_samples_do_are_asked_about(tmp_path):
