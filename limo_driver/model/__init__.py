@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from limo_driver.model.robot_model import BUILT_IN, Capsule, RobotModel
 
 __all__ = ["BUILT_IN", "Capsule", "ExternalWrench", "Inertial", "RobotModel"]
-_HOME = {"ExternalWrench": "wrench", "Inertial": "descriptions.geometry"}
+_HOME = {"ExternalWrench": "kinematics", "Inertial": "descriptions.geometry"}
 
 
 def __getattr__(name: str) -> object:
