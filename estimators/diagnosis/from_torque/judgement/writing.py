@@ -126,7 +126,7 @@ def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) 
     """Return the recordings with a simulation that says of which motion its laws were learned.
 
     Those are the laws that were missing. A slope of friction that was stated, and moved, goes on as
-    stated beyond the speeds that were seen.
+    stated far beyond the speeds that were seen.
 
     Args:
         found: With what was fitted.
@@ -146,6 +146,8 @@ def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) 
         seen = _seen(found, effect, rows[:, effect.joint - 1])
         if not seen:
             return effect
+        if slope is not None and known is None:
+            seen["speed"] *= ELSEWHERE.reach
         domain = Domain(**seen, slope=slope if known is None else known.slope).joined(known)
         return replace(effect, domain=domain)
 
