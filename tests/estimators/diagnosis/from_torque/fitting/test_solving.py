@@ -375,7 +375,7 @@ def test_impacts_of_play_have_to_be_in_what_was_recorded_above_the_bandwidth(see
     fit = seen().under(play)
     vars(fit)["recorded"] = fit.predict(play if has_play else seen().simulation)
     problem = SimpleNamespace(
-        beside=lambda _: fit, candidates=[SimpleNamespace(place=("backlash", (1,)))]
+        under=lambda _: fit, candidates=[SimpleNamespace(place=("backlash", (1,)))]
     )
 
     silent = _not_recorded(problem, SimpleNamespace(members=(0,)))
