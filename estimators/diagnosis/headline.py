@@ -110,7 +110,7 @@ def _differing(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
         if group[0].kind == "wrong_parameter" and not any(map(verdict.values_of, group))
     ]
     return texts + [
-        (_said(group, names, values=True), _said(group, names, values=False)) for group in others
+        (_say(group, names, values=True), _say(group, names, values=False)) for group in others
     ]
 
 
@@ -118,7 +118,7 @@ def _missing(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
     """Return what the simulation lacks, long and short; pushes last."""
     groups = [[item for item in group if verdict.is_missing(item)] for group in _groups(verdict)]
     texts = [
-        (_said(group, names, values=True), _said(group, names, values=False))
+        (_say(group, names, values=True), _say(group, names, values=False))
         for group in groups
         if group
     ]
@@ -200,7 +200,7 @@ def _is_friction(item: Finding) -> bool:
     return item.kind == "missing" and item.effect in _FRICTION
 
 
-def _said(group: Sequence[Finding], names: Sequence[str], *, values: bool) -> str:
+def _say(group: Sequence[Finding], names: Sequence[str], *, values: bool) -> str:
     first = group[0]
     joints = sorted({j for item in group for j in item.joints})
     if first.effect == CONTACT:

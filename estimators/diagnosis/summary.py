@@ -29,7 +29,7 @@ WORSE = (
 
 def lines_of(verdict: Verdict) -> list[str]:
     """Return the verdict, what makes it doubtful, findings, errors of each joint, and notes."""
-    findings = [line for item in verdict.findings for line in _said(item, verdict.names)]
+    findings = [line for item in verdict.findings for line in _say(item, verdict.names)]
     doubts = (f"doubtful: {doubt}" for doubt in verdict.doubts)
     notes = (f"note: {note}" for note in verdict.notes if note not in verdict.doubts)
     table = [*_table(verdict), *_seen(verdict)]
@@ -144,7 +144,7 @@ def coverage(verdict: Verdict) -> str:
     )
 
 
-def _said(item: Finding, names: Sequence[str]) -> list[str]:
+def _say(item: Finding, names: Sequence[str]) -> list[str]:
     """Return name and place, values, evidence and confidence of a finding."""
     name = "something unknown" if item.effect == UNKNOWN else named(item)
     values = values_of(item) if item.effect != CONTACT else ""

@@ -46,10 +46,14 @@ def arm_section(view: ArmView, title: str, lead: str) -> str:
     return (
         f'<section id="arm" class="arm" data-first="{start}"><h2>{escape(title)}</h2>'
         f"{paragraph(lead, 'lead screen')}"
-        f'<div class="stage"><svg class="leaders" aria-hidden="true"></svg>{still(view, first)}'
-        f"</div>{_pins(view)}{_colours(view, first)}{_player(motion) if motion else ''}"
-        f"{_lost(view)}</section>"
+        f"{stage(still(view, first))}{_pins(view)}{_colours(view, first)}"
+        f"{_player(motion) if motion else ''}{_lost(view)}</section>"
     )
+
+
+def stage(content: str = "") -> str:
+    """Return the place in which the script of a page draws its arm, over what stands there."""
+    return f'<div class="stage"><svg class="leaders" aria-hidden="true"></svg>{content}</div>'
 
 
 def _lost(view: ArmView) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 from base64 import b64encode
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
@@ -60,7 +61,7 @@ class Curves:
     pose: tuple[int, ...] = ()  # curves that are the positions of the arm's joints
     axis: str = "time [s]"
 
-    @property
+    @cached_property
     def gaps(self) -> tuple[tuple[float, float], ...]:
         """From when to when nothing was recorded, the longest of them."""
         used = self.time[self.rows]

@@ -16,7 +16,7 @@ from limo_driver.logs.readers.inspection import NO_MOTION
 from limo_driver.logs.readers.mapping import QUANTITIES, values_of
 from limo_driver.logs.readers.proposals.times import time_columns
 from limo_driver.pages import Page, arm_view
-from limo_driver.pages.arm_section import still
+from limo_driver.pages.arm_section import stage, still
 from limo_driver.pages.curves import Curve, Curves, LeftOutRows, curves_section
 from limo_driver.pages.figures import JOINTS
 from limo_driver.pages.markup import (
@@ -48,7 +48,6 @@ _AT_FIRST: Final = 3  # axes of a log of which nothing is understood
 _AXES: Final = {"command": "position", "command_velocity": "velocity", "command_torque": "torque",
                 "estimate": "torque", "external_torque": "torque"}  # fmt: skip
 _DRAWN: Final = ("position", "velocity", "torque", *CHANNELS)
-_STAGE: Final = '<div class="stage"><svg class="leaders" aria-hidden="true"></svg>{}</div>'
 _VERDICTS: Final = ("identifiable", "weak", "not from this motion")
 _PLANS: Final = 3  # motions that are advised
 _SHOWS: Final = (
@@ -85,7 +84,7 @@ def inspection_page(found: Inspection) -> Page:
     body = (
         header("Inspection", title, _summary(found))
         + (f'<div class="doubted">{asked}</div>' if many else "")
-        + curves_section(curves, _STAGE.format(still(arm, "")) if arm else "")
+        + curves_section(curves, stage(still(arm, "")) if arm else "")
         + paragraph(_USE, "small")
         + _shown(found)
         + section("What the recording is worth", listed(found.telemetry), "worth")

@@ -20,6 +20,7 @@ import numpy as np
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
 from limo_driver.pages import Page, arm_view
+from limo_driver.pages.arm_section import stage
 from limo_driver.pages.markup import paragraph
 from limo_driver.quoting import in_html
 from limo_driver.runtime.processes import Closing
@@ -37,8 +38,7 @@ if TYPE_CHECKING:
 HOST: Final = "127.0.0.1"
 RATE: Final = 20.0  # [Hz] of the values
 _PLACES = (
-    '<div class="watch"><section id="arm" class="arm" aria-label="The arm"><div class="stage">'
-    '<svg class="leaders" aria-hidden="true"></svg></div></section>'
+    f'<div class="watch"><section id="arm" class="arm" aria-label="The arm">{stage()}</section>'
     '<section class="curves" aria-label="Torque"><div class="controls player">'
     '<button id="pause">Pause</button>'
     '<input id="when" type="range" step="0.05" aria-label="Time that is shown">'

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_torque.judgement.writing import Elsewhere, Written
     from estimators.diagnosis.verdict import Verdict
 
-_GAIN = TorqueGain.name  # which a tolerance may move where none is stated
-
 
 def as_told(found: Written, verdict: Verdict) -> Written:
     """Return what is written less what moved of the given simulation and is not told.
@@ -38,10 +36,11 @@ def as_told(found: Written, verdict: Verdict) -> Written:
         return found
     given = found.elsewhere.given
     stated = {effect.place for effect in given.effects}
+    # scales of torque move within their tolerance where none is stated, too
     silent = [
         part.name
         for part in parts_of(found.improved.simulation, given)
-        if part.name == BODIES or part.place in stated or part.place.startswith(_GAIN)
+        if part.name == BODIES or part.place in stated or part.place.startswith(TorqueGain.name)
         if not _is_told(part, verdict)
     ]
     gone = silent if verdict.states == ("agrees",) else list[str]()
