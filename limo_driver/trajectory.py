@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from limo_driver.errors import ConfigError, PathError, ShapeError
+from limo_driver.runtime import written_by
 from limo_driver.runtime.given_files import check_file
 from limo_driver.types import FloatArray, Motion, as_numbers, same_robot
 
@@ -283,6 +284,7 @@ class Trajectory(Motion):
             values = getattr(self, quantity)
             columns |= {f"{quantity}_{j + 1}": values[:, j] for j in range(self.n)}
         header = {
+            written_by.KEY: written_by.installed(),
             "robot": self.robot,
             "segments": [[s.kind, s.start, s.stop] for s in self.segments],
         }
@@ -312,11 +314,13 @@ class Trajectory(Motion):
             raise ConfigError("cannot be read as a trajectory: no such file", path=path) from None
         except DAMAGE as error:
             raise ConfigError(f"cannot be read as a trajectory: {error}", path=path) from None
+        header, writer = (table.schema.metadata or {}).get(_METADATA_KEY, b"{}"), None
         try:
-            robot, segments = _parse_header((table.schema.metadata or {}).get(_METADATA_KEY, b"{}"))
+            robot, segments, writer = _parse_header(header)
             return cls(**_arrays(table), robot=robot, segments=segments, source=str(path))
         except ConfigError as error:
-            raise ConfigError(str(error), path=path) from None
+            advice = written_by.advice_to_update(writer)
+            raise ConfigError(f"{error}{advice}", path=path) from None
 
 
 class Planned(Protocol):
@@ -354,14 +358,14 @@ def _check_times(time: FloatArray) -> None:
         raise ConfigError(f"lasts {time[-1] - time[0]:.6g} s, expected up to {LONGEST:g} s")
 
 
-def _parse_header(text: bytes) -> tuple[str, tuple[Segment, ...]]:
-    """Return robot and segments of a file's header."""
+def _parse_header(text: bytes) -> tuple[str, tuple[Segment, ...], object]:
+    """Return robot and segments of a file's header, and the version of limo that wrote it."""
     try:
         header: Any = json.loads(text)
         robot, listed = header.get("robot", ""), header.get("segments", [])
         segments = tuple(Segment(kind, start, stop) for kind, start, stop in listed)
     except (ValueError, TypeError, AttributeError, RecursionError):
-        robot, segments = None, ()
+        header, robot, segments = None, None, ()
     kinds = [(str, robot), *((str, s.kind) for s in segments)]
     kinds += [(int, row) for s in segments for row in (s.start, s.stop)]
     if any(type(value) is not kind for kind, value in kinds):
@@ -369,7 +373,7 @@ def _parse_header(text: bytes) -> tuple[str, tuple[Segment, ...]]:
             f"its header {_METADATA_KEY.decode()} cannot be read; expected JSON with a robot's "
             "name and segments of kind, first row and row after the last"
         )
-    return str(robot), segments
+    return str(robot), segments, written_by.writer_of(header)
 
 
 def _arrays(table: pa.Table) -> dict[str, FloatArray]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 from estimators.diagnosis import verdict as values
 from estimators.diagnosis.verdict import SCHEMA, VERDICT, Verdict
 from limo_driver.errors import ConfigError
+from limo_driver.runtime import written_by
 from limo_driver.runtime.given_files import read_json_file
 
 if TYPE_CHECKING:
@@ -26,12 +27,13 @@ def verdict_in(folder: Path) -> Verdict:
     """
     path = folder / VERDICT
     content: Any = read_json_file(path, ConfigError)
+    advice = written_by.advice_to_update(written_by.writer_of(content))
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise ConfigError(f"is no verdict of schema {SCHEMA}", path=path)
+        raise ConfigError(f"is no verdict of schema {SCHEMA}{advice}", path=path)
     try:
         return _made(Verdict, content)
     except (KeyError, TypeError) as error:
-        raise ConfigError(f"is no verdict that this version reads: {error}", path=path) from None
+        raise ConfigError(f"cannot be read as a verdict: {error}{advice}", path=path) from None
 
 
 def _made(kind: type[Any], content: dict[str, Any]) -> Any:  # noqa: ANN401  # one of the dataclasses

@@ -11,6 +11,7 @@ from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import HOLDING
 from limo_driver.physics import ArmEffect, BodyEffect, spoken
 from limo_driver.physics.catalogue import known_as
+from limo_driver.runtime import written_by
 from limo_driver.runtime.display import joint_called
 from limo_driver.runtime.outputs import whole
 
@@ -347,8 +348,9 @@ class Verdict:
         Raises:
             ConfigError: It cannot be written.
         """
+        content = {written_by.KEY: written_by.installed()} | self.as_values()
         with whole(path) as draft:
-            draft.write_text(json.dumps(self.as_values(), indent=1) + "\n", encoding="utf-8")
+            draft.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def is_felt_by_all(effect: str) -> bool:

@@ -23,6 +23,7 @@ from zstandard import ZstdError
 from limo_driver.errors import RecordingError
 from limo_driver.logs.mcap_chunk import records_in, unpacked
 from limo_driver.network.messages.cdr import ENCODING, SCHEMAS
+from limo_driver.runtime import written_by
 from limo_driver.runtime.given_files import check_file
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class McapWriter:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
         try:
-            self._writer.start(profile="ros2", library="limo")
+            self._writer.start(profile="ros2", library=f"limo {written_by.installed()}")
             self.sync()
         except BaseException:  # nothing is in it, and another try begins another
             self.abandon()

@@ -18,6 +18,7 @@ from limo_driver.physics.drives import DRIVES, TOLERANCE, described_drives
 from limo_driver.physics.effect import TorqueEffect
 from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
+from limo_driver.runtime import written_by
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.outputs import whole
 from limo_driver.runtime.parameters import TEXT, Declared, Parameter, parameter, parameters_of
@@ -140,7 +141,10 @@ def load(path: Path) -> SimulationFile:
 
 def save(simulation: SimulationFile, path: Path) -> None:
     """Write a `sim.yaml`; its robot as it is given."""
-    content: dict[str, Any] = {"robot": simulation.robot}
+    content: dict[str, Any] = {
+        written_by.KEY: written_by.installed(),
+        "robot": simulation.robot,
+    }
     if simulation.bandwidth is not None:
         content["bandwidth"] = simulation.bandwidth
     if simulation.inertials:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 import yaml
 
 from limo_driver.errors import ConfigError
+from limo_driver.runtime import written_by
 from limo_driver.runtime.given import Given
 from limo_driver.runtime.given_files import json_of, read_text, text_of
 from limo_driver.runtime.parameters import FLAG, REAL, TEXT, WHOLE, shown
@@ -126,6 +127,9 @@ def read_yaml(path: Path, needs: str = "") -> YamlGiven:
         raise ConfigError(f"is empty; it needs {needs}", path=path)
     given = YamlGiven(root, path)
     given.line = None if root is None else root.start_mark.line + 1
+    if isinstance(root, yaml.MappingNode):
+        named = {key.value: value.value for key, value in root.value if key.id == "scalar"}
+        given.writer = written_by.writer_of(named)
     return given
 
 
@@ -203,9 +207,11 @@ def read_json(
     content: Any = json_of(text, path, error)
     if not _is_shallow(content):
         raise error(f"is nested more than {_DEEPEST} levels deep", path=path)
+    given = JsonGiven(content, path, error)
+    given.writer = written_by.writer_of(content)
     if not isinstance(content, dict) or content.get("schema") != schema:
-        raise error(f"its schema is not {schema}", path=path)
-    return JsonGiven(content, path, error)
+        given.fail(f"its schema is not {schema}")
+    return given
 
 
 def _is_shallow(content: object) -> bool:

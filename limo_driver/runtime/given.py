@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar
 
 from limo_driver.errors import ConfigError, ParameterError
+from limo_driver.runtime import written_by
 from limo_driver.runtime.parameters import (
     FLAG,
     JOINT,
@@ -42,6 +43,7 @@ class Given(ABC):
 
     mapping: ClassVar[str]  # word of the format
     line: int | None = None  # 1-based, where the format knows lines
+    writer: object = None  # version of the limo that wrote the file, if it says so
 
     def __init__(
         self,
@@ -53,6 +55,8 @@ class Given(ABC):
     ) -> None:
         self.content, self.path, self.error = content, path, error
         self.within, self.called = within, called
+        if within is not None:
+            self.writer = within.writer
 
     @property
     def place(self) -> str:
@@ -100,7 +104,7 @@ class Given(ABC):
     def only(self: _Given, *known: str) -> _Given:
         """Refuse entries that are not known."""
         for name, entry in self.entries.items():
-            if name not in known:
+            if name not in known and not (name == written_by.KEY and self.within is None):
                 self.fail(f"has no {name!r}; it has {', '.join(known)}", entry.line)
         return self
 
@@ -211,7 +215,7 @@ class Given(ABC):
             at = self.entries.get(error.name, self)
             self.fail(f"{error.name} is {error.given}, expected {error.expected}", at.line)
         except ConfigError as error:
-            raise self.error(str(error), path=self.path, line=self.line) from None
+            self._raise(str(error), self.line)
 
     def make_one_of(
         self, tag: str, kinds: Mapping[str, type[_Declared]], joints: int | None = None
@@ -235,9 +239,13 @@ class Given(ABC):
     def refuse(self, expected: str, given: str = "") -> NoReturn:
         """Refuse what stands here; by default all of it was given."""
         message = f"is {given or self.said}, expected {expected}"
-        raise self.error(f"{self.place} {message}".strip(), path=self.path, line=self.line)
+        self._raise(f"{self.place} {message}".strip(), self.line)
 
     def fail(self, message: str, line: int | None = None) -> NoReturn:
         """Refuse a mapping for something about its entries, at a line if it is not its own."""
         where = f"{self.place}: " if self.place else ""
-        raise self.error(where + message, path=self.path, line=line or self.line)
+        self._raise(where + message, line or self.line)
+
+    def _raise(self, message: str, line: int | None) -> NoReturn:
+        advice = written_by.advice_to_update(self.writer)
+        raise self.error(message + advice, path=self.path, line=line)

@@ -201,7 +201,7 @@ def _diagnose(case: Case) -> dict[str, Any]:
     limo("diagnose", "second.parquet", *options)
     motion = Path("diagnosis/next_motion.parquet")
     return {
-        "verdict": json.loads(Path("diagnosis/verdict.json").read_text(encoding="utf-8")),
+        "verdict": json_of("diagnosis/verdict.json"),
         "sim": yaml_of("diagnosis/sim.yaml"),
         "next_motion": table_of(motion) if motion.is_file() else None,
     }
@@ -316,7 +316,16 @@ def write_values(place: str, stages: Mapping[str, Callable[[], Any]]) -> None:
 
 
 def yaml_of(path: str) -> Any:
-    return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    return _unversioned(yaml.safe_load(Path(path).read_text(encoding="utf-8")))
+
+
+def json_of(path: str) -> Any:
+    return _unversioned(json.loads(Path(path).read_text(encoding="utf-8")))
+
+
+def _unversioned(content: dict[str, Any]) -> dict[str, Any]:
+    """Leave out which limo wrote it, which each release changes."""
+    return {key: value for key, value in content.items() if key != "limo"}
 
 
 def table_of(path: str | Path) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow.parquet as pq
 import zenoh
-from frozen_cases import DATA, computed_apart, limo, table_of, write_values, yaml_of
+from frozen_cases import DATA, computed_apart, json_of, limo, table_of, write_values, yaml_of
 from frozen_values import summary
 
 import limo_driver
@@ -53,7 +53,7 @@ def _identify() -> dict[str, Any]:
 
 def _diagnose() -> dict[str, Any]:
     limo("diagnose", "servos.parquet", "--sim", "servos_believed.yaml", "--out", "d")
-    verdict = json.loads(Path("d/verdict.json").read_text(encoding="utf-8"))
+    verdict = json_of("d/verdict.json")
     return {"verdict": verdict, "sim": yaml_of("d/sim.yaml")}
 
 

@@ -24,6 +24,7 @@ from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, TORQUE, UNITS
 from limo_driver.logs.readers.table import TimeColumns, units_of
 from limo_driver.recordings.channels import CHANNELS, POSITION, Columns
+from limo_driver.runtime import written_by
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.outputs import whole
@@ -226,7 +227,8 @@ class LogMapping(Declared, Displayed):
     def as_file(self) -> str:
         """The text that `save` writes."""
         known = {"robot": self.robot, "topic": self.topic, "joints": list(self.joints)}
-        content: dict[str, Any] = {key: value for key, value in known.items() if value != "-"}
+        content: dict[str, Any] = {written_by.KEY: written_by.installed()}
+        content |= {key: value for key, value in known.items() if value != "-"}
         for part in ("time", *QUANTITIES):
             if (value := getattr(self, part)) is not None:
                 content[part] = _entries(value)

@@ -26,6 +26,7 @@ from limo_driver.errors import RecordingError
 from limo_driver.recordings.files.batches import blocks_of
 from limo_driver.recordings.files.log_stream import LogStream, StoredLog
 from limo_driver.recordings.files.parquet import DAMAGE, whole_table
+from limo_driver.runtime import written_by
 from limo_driver.runtime.outputs import reason, replacing, require_parquet
 from limo_driver.runtime.processes import Closing
 
@@ -259,7 +260,9 @@ def _schema(quantities: tuple[str, ...], n: int, header: Mapping[str, Any]) -> p
     names = ["time", *(f"{q}_{j + 1}" for q in quantities for j in range(n))]
     return pa.schema(
         [(name, pa.float64()) for name in names],
-        metadata={METADATA_KEY: json.dumps(dict(header)).encode()},
+        metadata={
+            METADATA_KEY: json.dumps({written_by.KEY: written_by.installed(), **header}).encode()
+        },
     )
 
 

@@ -19,6 +19,7 @@ from limo_driver.recordings.channels import CHANNELS, POSITION, Columns, recorde
 from limo_driver.recordings.files.batches import Kept, kept_of
 from limo_driver.recordings.files.delimited import DelimitedText
 from limo_driver.recordings.files.parquet import DAMAGE, parquet_rows
+from limo_driver.runtime import written_by
 from limo_driver.runtime.display import shortened
 from limo_driver.runtime.given_files import check_file
 from limo_driver.runtime.outputs import require_parquet, whole
@@ -147,11 +148,12 @@ def _table_of(columns: Columns, about: Mapping[str, Any]) -> pa.Table:
             own = {name: each for name, each in own.items() if np.isfinite(each).any()}
         table |= own
     table |= by_joint("velocity", columns.velocity)
-    header = ({"robot": columns.robot} if columns.robot else {}) | dict(about)
+    header = {written_by.KEY: written_by.installed()} | dict(about)
+    if columns.robot:
+        header["robot"] = columns.robot
     if columns.torque_resolution is not None:
         header["torque_resolution"] = columns.torque_resolution.tolist()
-    metadata = {METADATA_KEY: json.dumps(header)} if header else None
-    return pa.table(table).replace_schema_metadata(metadata)
+    return pa.table(table).replace_schema_metadata({METADATA_KEY: json.dumps(header)})
 
 
 def _header(table: pa.Table) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -227,7 +229,8 @@ def _joint_columns(table: pa.Table, path: Path) -> dict[str, list[str]]:
         raise RecordingError(
             f"lacks {shortened(missing)}; a recording has time, position_1 … position_n and "
             "torque_1 … torque_n, or command_1 … command_n of drives that tell no torque; this "
-            f"file has {shortened(table.column_names)}",
+            f"file has {shortened(table.column_names)}"
+            + written_by.advice_to_update(_header(table)[0].get(written_by.KEY)),
             path=path,
         )
     return {

@@ -21,6 +21,7 @@ from limo_driver.recordings.files.recorder import (
     read_log,
 )
 from limo_driver.recordings.recording import Recording
+from limo_driver.runtime import written_by
 from limo_driver.types import JointState
 
 pytestmark = pytest.mark.waits
@@ -29,6 +30,7 @@ WRITER = """
 import sys, time
 import numpy as np
 from limo_driver.recordings.files.recorder import Recorder
+from limo_driver.runtime import written_by
 from limo_driver.types import JointState
 
 recorder = Recorder(sys.argv[1], 2, {"robot": "two"})
@@ -71,7 +73,7 @@ def test_recording_has_the_columns_of_the_format(tmp_path):
     assert np.array_equal(table["time"].to_numpy(), np.arange(1000) * 1e-3)
     assert np.array_equal(table["torque_2"].to_numpy(), -3.0 * np.arange(1000))
     assert np.array_equal(table["target_position_1"].to_numpy(), np.arange(1000) + 0.5)
-    assert read_header(table) == {"robot": "two"}
+    assert read_header(table) == {"limo": written_by.installed(), "robot": "two"}
     assert list(tmp_path.iterdir()) == [path]  # nothing else is left
 
 
@@ -142,7 +144,7 @@ def test_the_header_is_on_the_disk_before_the_first_row(tmp_path):
     recorder = Recorder(path, 2, {"robot": "two"})
     left = read_log(partial_path(path))  # as a kill would leave it
     assert left.num_rows == 0
-    assert read_header(left) == {"robot": "two"}
+    assert read_header(left) == {"limo": written_by.installed(), "robot": "two"}
     recorder.close()
 
 
@@ -160,7 +162,7 @@ def test_killed_process_keeps_all_that_was_flushed(tmp_path, flushes):
     assert child.returncode == -signal.SIGKILL
     assert not path.exists()
     table = read_log(partial_path(path))
-    assert read_header(table) == {"robot": "two"}
+    assert read_header(table) == {"limo": written_by.installed(), "robot": "two"}
     kept = table["time"].to_numpy()
     assert np.array_equal(table["position_1"].to_numpy(), np.arange(len(kept)))
     assert len(kept) >= told[-1]
