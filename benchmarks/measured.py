@@ -26,8 +26,7 @@ ALL_OF: Final = {  # page → the heading of what is about figures alone; of the
     "diagnosis_measured.md": "",
     "development_data.md": "",
 }
-# The reasons for settings are of the data that they were chosen on; they say nothing of how good
-# limo is. The page is made of the settings, and says so.
+# The page is made of the settings, which are chosen and not measured.
 APART: Final = ("diagnosis_settings.md",)
 _MONTHS = "January|February|March|April|May|June|July|August|September|October|November|December"
 _SIGNS: Final = re.compile(

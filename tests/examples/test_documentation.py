@@ -60,7 +60,6 @@ NOT_RUN = {
     "start.md": ["installs limo, and runs what runs this"] * 3,
     "streaming.md": ["needs two other machines"],
     "without_torque.md": ["needs a real arm"],
-    "workflow.md": ["needs a real arm"],
 }
 # A machine with one network, on which an address of the documents is this machine's.
 NETWORK = """

@@ -24,13 +24,12 @@ STAGES = (residuals, hypotheses, selection, fitting, judgement, pushes, afterwar
 _HEAD = """# Settings of the diagnosis
 
 Every number of the [diagnosis](diagnosis.md) that somebody chose. They stand in
-`estimators/diagnosis/settings/`, a file a stage, from which this page is written. "By judgement"
-says that no other value was measured, or that nothing of it was kept.
+`estimators/diagnosis/settings/`, a file a stage, from which this page is written; there each says
+what it trades, and why it was chosen.
 
-What is not here: constants of mathematics; what keeps numbers from being nothing (up to 1e-6);
-where effects of the catalogue are looked for, which is said with each effect; colours and sizes of
-the report; and the reach of tolerances, three deviations, which belongs to the regression
-(`estimators/regression/evidence.py`).
+Not here: constants of mathematics, numbers up to 1e-6 that keep others from being nothing, where
+effects are looked for (with each effect), colours and sizes of the report, and the reach of
+tolerances, three deviations (`estimators/regression/evidence.py`).
 """
 
 
@@ -47,12 +46,10 @@ def table() -> str:
     parts = [_HEAD]
     for name, group in groups():
         parts.append(f"## `{name}`\n{group.__doc__}\n")
-        parts.append(
-            "| setting | value | unit | meaning | trades | chosen |\n|---|---|---|---|---|---|"
-        )
+        parts.append("| setting | value | unit | meaning |\n|---|---|---|---|")
         for item in settings_of(group):
-            cells = (f"`{item.name}`", _said(item.value), item.unit, item.meaning, item.trades)
-            parts.append(f"| {' | '.join((*cells, item.chosen))} |")
+            cells = (f"`{item.name}`", _said(item.value), item.unit, item.meaning)
+            parts.append(f"| {' | '.join(cells)} |")
         parts[-1] += "\n"
     return "\n".join(parts)
 
