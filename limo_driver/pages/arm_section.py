@@ -47,7 +47,7 @@ def arm_section(view: ArmView, title: str, lead: str) -> str:
         f'<section id="arm" class="arm" data-first="{start}"><h2>{escape(title)}</h2>'
         f"{paragraph(lead, 'lead screen')}"
         f"{stage(still(view, first))}{_pins(view)}{_colours(view, first)}"
-        f"{_player(motion) if motion else ''}{_lost(view)}</section>"
+        f"{_player(motion) if motion else ''}{lost_meshes(view)}</section>"
     )
 
 
@@ -56,7 +56,7 @@ def stage(content: str = "") -> str:
     return f'<div class="stage"><svg class="leaders" aria-hidden="true"></svg>{content}</div>'
 
 
-def _lost(view: ArmView) -> str:
+def lost_meshes(view: ArmView) -> str:
     """Say which meshes are not drawn; nothing where all are."""
     lost = view.drawing.lost
     if not lost:

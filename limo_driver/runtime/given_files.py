@@ -21,7 +21,7 @@ import sys
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from threading import Timer
+from threading import Event, Thread
 from time import thread_time
 from typing import TYPE_CHECKING, Any, Final, NoReturn, TypeVar
 
@@ -48,13 +48,15 @@ LARGEST: Final = 1 << 26  # bytes of what is read at once, if nothing else is sa
 _VALUES: Final = 1 << 24  # of JSON: Python makes about 100 bytes of each
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")  # half of a character, of which two make one
 _T = TypeVar("_T")
-_PATIENCE: Final = 60.0  # [s] beyond any budget, for what waits instead of computing
+_LOOK: Final = 1.0  # [s] between two looks at a process that reads
+_IDLE: Final = 60  # looks in a row at which one waits, and has computed nothing
 _MEMORY: Final = Path("/proc/self/statm")  # in pages
 _DATA: Final = 5  # which of its numbers is that of data
 _ROOM: Final = 1 << 26  # bytes for what is imported on the way
 _NO_MEMORY: Final = 3  # status of a process that got none
 _COMMAND: Final = f"import sys; from {__name__} import main; main(*sys.argv[1:])"
-_OUT_OF_TIME: Final = {signal.SIGPROF, signal.SIGKILL}
+_STATE: Final = 0  # which word of /proc/PID/stat behind the name is the state
+_TICKS: Final = slice(11, 13)  # and which are its time on the CPU, with that in the kernel
 
 
 @dataclass(frozen=True)
@@ -320,14 +322,19 @@ def apart(
     size = path.stat().st_size
     seconds, memory = budget.seconds_for(size), budget.memory_for(size)
     given = (reader.__module__, reader.__qualname__, os.fspath(path), seconds, memory)
-    refused, answer, status = _asked(*map(str, given), patience=_PATIENCE + 10 * seconds)
+    refused, answer, status = _asked(*map(str, given))
     if status == 0 and not refused:
         return answer
     raise error(refused or _told(status, size, seconds, memory), path=path)
 
 
-def _asked(*given: str, patience: float) -> tuple[str, Any, int]:
-    """Run the process; return why it refused the file, what it read, and its exit status."""
+def _asked(*given: str) -> tuple[str, Any, int]:
+    """Run the process; return why it refused the file, what it read, and its exit status.
+
+    It limits its own time on the CPU. However slow the machine is, it has that time; it is ended
+    here only where it waits and nothing happens.
+    """
+    ended, waited = Event(), list[str]()
     with subprocess.Popen(  # noqa: S603  # our own module
         [sys.executable, "-P", "-c", _COMMAND, *given],
         stdin=subprocess.DEVNULL,
@@ -336,22 +343,37 @@ def _asked(*given: str, patience: float) -> tuple[str, Any, int]:
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"},
     ) as process:
         assert process.stdout is not None  # noqa: S101  # it is a pipe
-        timer = Timer(patience, process.kill)
-        timer.start()
+        watch = Thread(target=_end_idle, args=(process, ended, waited), daemon=True)
+        watch.start()
         try:
             refused, answer = pickle.load(process.stdout)  # noqa: S301  # of limo's own process
         except (EOFError, pickle.UnpicklingError):
             refused, answer = "", None
         finally:
-            timer.cancel()
-        return refused, answer, process.wait()
+            ended.set()
+            watch.join()
+        return refused or "".join(waited), answer, process.wait()
+
+
+def _end_idle(process: subprocess.Popen[bytes], ended: Event, waited: list[str]) -> None:
+    """End a process that waits, look after look, and computes nothing; say so."""
+    idle, before = 0, ""
+    while idle < _IDLE:
+        if ended.wait(_LOOK):
+            return
+        words = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        ticks = " ".join(words[_TICKS])
+        waits = words[_STATE] != "R" and ticks == before  # one that gets no turn can run
+        idle, before = idle + 1 if waits else 0, ticks
+    waited.append(f"is damaged, or its disk gives no answer: what reads it waited {_IDLE} s")
+    process.kill()
 
 
 def _told(status: int, size: int, seconds: float, memory: int) -> str:
     """Say why a process ended without an answer."""
     if status == _NO_MEMORY:
         most, what = f"{memory / _MIB:.0f} MiB", "memory"
-    elif -status in _OUT_OF_TIME:
+    elif -status == signal.SIGPROF:
         most, what = f"{seconds:.3g} s", "CPU time"
     else:
         how = f"with {signal.Signals(-status).name}" if status < 0 else f"with status {status}"

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Mapping
 
 PARQUET = (".parquet", ".pq")  # endings of what is written
+PAGES = (".html", ".htm")
 
 
 def require_file(path: Path, inputs: Iterable[Path] = ()) -> None:
@@ -56,7 +57,7 @@ def page_of(path: Path) -> Path | None:
 
 
 def require_parquet(path: Path | str) -> None:
-    """Check that the name of a file does not promise another format than the one written.
+    """Check that the name of a file does not promise another format than Parquet.
 
     Args:
         path: To be written; without an ending, it promises nothing.
@@ -64,11 +65,30 @@ def require_parquet(path: Path | str) -> None:
     Raises:
         ConfigError: Its ending is that of another format.
     """
-    ending = Path(path).suffix
-    if ending.lower() not in {"", *PARQUET}:
+    _require_ending(Path(path), "Parquet", PARQUET)
+
+
+def require_page(path: Path, inputs: Iterable[Path] = ()) -> None:
+    """Check that a page can be written, as `require_file` does, and that its name promises one.
+
+    Args:
+        path: To be written; without an ending, it promises nothing.
+        inputs: Files that are read, which must not be.
+
+    Raises:
+        ConfigError: It cannot be written, is one of the inputs, or has another ending.
+    """
+    require_file(path, inputs)
+    if path.is_file() or not path.exists():  # what is neither, as /dev/null, has no format
+        _require_ending(path, "a page in HTML", PAGES)
+
+
+def _require_ending(path: Path, written: str, endings: tuple[str, ...]) -> None:
+    ending = path.suffix
+    if ending.lower() not in {"", *endings}:
         raise ConfigError(
-            f"cannot be written: Parquet is written, and its name ends in {ending}; expected "
-            f"{' or '.join(PARQUET)}",
+            f"cannot be written: {written} is written, and its name ends in {ending}; expected "
+            f"{' or '.join(endings)}",
             path=path,
         )
 

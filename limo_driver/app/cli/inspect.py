@@ -75,11 +75,11 @@ def command(
     from limo_driver.app.library.inspecting import inspect, save_page
     from limo_driver.logs.readers.inspection import Settled, settle
     from limo_driver.logs.readers.proposals.proposal import NothingProposedError
-    from limo_driver.runtime.outputs import require_file
+    from limo_driver.runtime.outputs import require_file, require_page
 
     inputs = [item for item in (log, mapping) if item is not None and item.is_file()]
     if page is not None:
-        require_file(page, inputs)
+        require_page(page, inputs)
     if robot is None:
         _show_columns(log, page, topic, episode)
         return

@@ -32,7 +32,9 @@ def command(
     from estimators.diagnosis.report.truth import comparison
     from estimators.diagnosis.verdict import IMPROVED
     from limo_driver.physics import Simulation
+    from limo_driver.runtime.outputs import require_page
 
+    require_page(out)
     verdicts = [verdict_in(folder) for folder in (first, second)]
     model = Simulation.load(first / IMPROVED).model
     page = comparison(model, _names(first, second), verdicts)

@@ -16,7 +16,7 @@ from limo_driver.logs.readers.inspection import NO_MOTION
 from limo_driver.logs.readers.mapping import QUANTITIES, values_of
 from limo_driver.logs.readers.proposals.times import time_columns
 from limo_driver.pages import Page, arm_view
-from limo_driver.pages.arm_section import stage, still
+from limo_driver.pages.arm_section import lost_meshes, stage, still
 from limo_driver.pages.curves import Curve, Curves, LeftOutRows, curves_section
 from limo_driver.pages.figures import JOINTS
 from limo_driver.pages.markup import (
@@ -30,7 +30,7 @@ from limo_driver.pages.markup import (
     section,
 )
 from limo_driver.recordings.channels import CHANNELS, Columns, without_wraps
-from limo_driver.recordings.gate.doubts import with_one_clock
+from limo_driver.recordings.gate.doubts import OneClock
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -62,7 +62,6 @@ _USE: Final = (
     "click shows all. A click sets the cursor, which the arm follows; numbers at the names "
     "are the values there. Enter in the filter draws what it lists."
 )
-_ROUNDING: Final = 1e-9  # [s] of times, between rows
 
 
 def inspection_page(found: Inspection) -> Page:
@@ -85,6 +84,7 @@ def inspection_page(found: Inspection) -> Page:
         header("Inspection", title, _summary(found))
         + (f'<div class="doubted">{asked}</div>' if many else "")
         + curves_section(curves, stage(still(arm, "")) if arm else "")
+        + (lost_meshes(arm) if arm else "")
         + paragraph(_USE, "small")
         + _shown(found)
         + section("What the recording is worth", listed(found.telemetry), "worth")
@@ -172,10 +172,8 @@ def _curves_of(found: Inspection) -> Curves:
     axis, time = _seconds(mapping.time, table)
     position = mapping.position.read(table, "position")
     raw = Columns(time, position, np.full_like(position, np.nan))
-    read = with_one_clock(without_wraps(raw)) if axis.endswith("[s]") else raw
-    with np.errstate(invalid="ignore"):
-        set_at = np.flatnonzero(np.abs(np.diff(read.time - time)) > _ROUNDING) + 1
-    told = (text for text in read.warnings if text.startswith("the clock was set"))
+    clock = OneClock()
+    read = clock.taken(without_wraps(raw)) if axis.endswith("[s]") else raw
     mapped = list(_mapped(found, read.position))
     used = {curve.column for curve in mapped} | set(mapping.time.columns)
     curves = [*mapped, *_as_logged(table, used)][:_MOST]
@@ -184,7 +182,7 @@ def _curves_of(found: Inspection) -> Curves:
         _forward(read.time) if found.recording is None else np.asarray(found.recording.rows),
         tuple(curves),
         _left_out(found.recording),
-        tuple(zip(set_at.tolist(), told, strict=False)),
+        tuple((step.row, str(step)) for step in clock.steps),
         tuple(range(position.shape[1])),
         axis,
     )

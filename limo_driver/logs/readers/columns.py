@@ -50,6 +50,7 @@ UNITS: Final[dict[str, dict[str, float]]] = {
         "A": 1.0,
         "mA": 1e-3,
         "N": 1.0,
+        "kN": 1e3,
     },
     "temperature": {"°C": 1.0},
 }
@@ -93,6 +94,8 @@ WRITTEN: Final = {
     "mnm": "mN m",
     "nmm": "N mm",
     "ncm": "N cm",
+    "cnm": "N cm",
+    "kn": "kN",
     "knm": "kN m",
     "a": "A",
     "amp": "A",
@@ -139,7 +142,7 @@ _QUANTITY: Final = {word: quantity for quantity, words in _SAYS.items() for word
 _RANKS: Final = {
     MEASURED: "measured meas msr actual act fbk feedback real sensed present observation",
     COMMANDED: "cmd command commanded commands target des desired d ref reference setpoint goal "
-    "action ipo sp",
+    "action ipo sp ff feedforward",
     DERIVED: "ext external est estimated estimate model gravity coriolis error err hat residual "
     "predicted pred noise std sim output bias passive constraint gravcomp smooth computed "
     "cmptd calculated",
@@ -156,7 +159,7 @@ _NO_ROBOT: Final = (
     "joint joints jnt axis axes ax motor motors drive link arm manipulator robot left right side "
     "state states data value values list array vector log channel signal topic msg raw filtered "
     "filt filter lowpass encoder sensor input in per rot rotation load abs total num idx "
-    "controller control actuator observation observations obs"
+    "controller control actuator observation observations obs field signals logsout"
 )
 _USUAL: Final = frozenset(_NO_ROBOT.split())
 _BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")
@@ -336,6 +339,12 @@ class ColumnFamily:
         units = {name.unit for name in self.names}
         return units.pop() if len(units) == 1 else ""
 
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """The unit of each joint, or the one of all; empty where a name says none."""
+        units = tuple(name.unit for name in self.names)
+        return (units if len(set(units)) > 1 else units[:1]) if all(units) else ()
+
     def beside(self, other: ColumnFamily) -> ColumnFamily | None:
         """Return this with `NO_COLUMN` for joints that only another has; None if it has others.
 
@@ -376,6 +385,7 @@ def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[ColumnFam
             loose[name.quantity, name.rank].append(name)
         else:
             by_kind[name.kind].setdefault(name.joint, name)
+    by_kind = _merged(by_kind)
     found = [_family(kind[0], kind[1], members, joints) for kind, members in by_kind.items()]
     in_order = [
         ColumnFamily(quantity, rank, tuple(members), by_order=True)
@@ -383,6 +393,24 @@ def families_of(columns: Iterable[str], joints: Sequence[str]) -> list[ColumnFam
         if quantity and (len(members) == len(joints) if joints else len(members) > 1)
     ]
     return [family for family in (*found, *in_order) if family.names]
+
+
+def _merged(
+    by_kind: Mapping[tuple[str, int, tuple[str, ...]], dict[str | int, Name]],
+) -> dict[tuple[str, int, tuple[str, ...]], dict[str | int, Name]]:
+    """Return the same with kinds as one that name the same quantity of other joints.
+
+    Such as `lift_force` of a slide and `elbow_torque`.
+    """
+    merged = dict[tuple[str, int, tuple[str, ...]], dict[str | int, Name]]()
+    for (quantity, rank, family), members in by_kind.items():
+        plain = tuple(quantity if _QUANTITY.get(word) == quantity else word for word in family)
+        there = merged.get((quantity, rank, plain), {})
+        named = all(isinstance(joint, str) for joint in (*there, *members))
+        is_new = bool(there) and (not named or bool(there.keys() & members.keys()))
+        kind = (quantity, rank, family if is_new or not named else plain)
+        merged[kind] = {**merged.get(kind, {}), **members}
+    return merged
 
 
 def _family(

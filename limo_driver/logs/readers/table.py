@@ -41,6 +41,7 @@ class LogTable:
         first_row: Row of the log that is the first here, where it is read block by block.
         is_si: Whether its format is defined in SI units, which count where values fit others, too.
         clock: Unit of its times, where the format states it, such as `ns`.
+        rate: Rows in a second [Hz], where the format states it; 0 where it does not.
     """
 
     columns: Mapping[str, NDArray[Any]]
@@ -53,6 +54,7 @@ class LogTable:
     first_row: int = 0
     is_si: bool = False
     clock: str = ""
+    rate: float = 0.0
 
     @property
     def rows(self) -> int:

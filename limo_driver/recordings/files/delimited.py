@@ -43,6 +43,7 @@ _UNWRITTEN = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")  # what no text has
 # cells without a value; Python writes None
 _EMPTY = (*csv.ConvertOptions().null_values, "None", " ")
 _DAMAGE = (OSError, EOFError, zlib.error, pa.ArrowException, UnicodeDecodeError)
+_COMMAS = "; decimal commas need quotes, or another separator"
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
 
 
@@ -97,7 +98,7 @@ class DelimitedText:
 
     def __init__(self, path: Path, units: Collection[str] = ()) -> None:
         self._path, self.dialect = path, dialect_of(path, units)
-        self._rows, self._cut = 0, list[str]()
+        self._rows, self._cut, self._widest = 0, list[str](), 0
 
     def kept(self) -> Kept:
         """Return all rows, or stretches of them where they are many.
@@ -175,6 +176,7 @@ class DelimitedText:
 
     def _leave_out(self, row: Any) -> str:  # noqa: ANN401  # pyarrow has no types
         # pyarrow counts no rows where it reads in parallel
+        self._widest = max(self._widest, row.actual_columns)
         self._cut.append("" if row.number is None else f" (row {row.number})")
         return "skip"
 
@@ -183,7 +185,7 @@ class DelimitedText:
         if len(self._cut) > max(1, self._rows // 50):
             raise RecordingError(
                 f"has {len(self._cut)} rows with another number of cells, expected {expected} as "
-                "in its first line",
+                f"in its first line{_COMMAS if self._widest >= 2 * expected - 1 else ''}",
                 path=self._path,
             )
 
@@ -224,6 +226,8 @@ def dialect_of(path: Path, units: Collection[str] = ()) -> Dialect:
     decimal = "," if any(_DECIMAL_COMMA.fullmatch(x) for row in below for x in row) else "."
     if all(_is_as_wide(row, first) and len(row) > len(first) for row in below):
         first = [*first, ""]  # rows end in a separator; what stands behind it may yet be a value
+    elif below and not first[-1] and all(len(row) == len(first) - 1 for row in below):
+        first = first[:-1]  # the names alone end in a separator
     names = first if named else [""] * len(first)
     names = [name or f"column_{k + 1}" for k, name in enumerate(names)]
     if stated:
@@ -231,7 +235,11 @@ def dialect_of(path: Path, units: Collection[str] = ()) -> Dialect:
         named_units = [f"{name} [{unit}]" if unit else name for name, unit in pairs]
         names = [*named_units, *names[len(named_units) :]]
     if repeated := sorted({name for name in names if names.count(name) > 1}):
-        raise RecordingError(f"has more than one column {', '.join(repeated)}", path=path)
+        raise RecordingError(
+            f"has more than one column {shortened(repeated)}; expected names that differ, in one "
+            "line, without blanks where these separate the cells",
+            path=path,
+        )
     aligned = separator == " " and any("  " in line or line[:1].isspace() for line in lines)
     return Dialect(
         separator, skipped, tuple(names), named, decimal, encoding, told, bool(stated), aligned
@@ -342,7 +350,8 @@ def _is_comment(lines: list[str], k: int) -> bool:
     words = line.lstrip("#%/ ")
     is_names = any(
         len(_cells(words, each)) == len(_cells(after, each)) > 1
-        and all(map(_is_number, _cells(after, each)))
+        and not any(map(_is_value, _cells(words, each)))
+        and sum(map(_is_number, _cells(after, each))) > len(_cells(after, each)) / 2
         for each in _SEPARATORS
     )
     return not is_names

@@ -73,15 +73,33 @@ def runs_backwards(time: NDArray[np.int64] | FloatArray) -> float:
     return float(np.mean(np.diff(time) < 0)) if time.size > 1 else 0.0
 
 
+@dataclass(frozen=True)
+class ClockStep:
+    """Where a clock was set while the arm moved on."""
+
+    row: int  # 0-based, the first that it stamped
+    amount: float  # [s], forward
+    gap: float  # [s], that stands there instead
+
+    def __str__(self) -> str:
+        """Say what was done about it."""
+        way = "back" if self.amount < 0 else "forward"
+        return (
+            f"the clock was set {way} by {abs(self.amount):.4g} s at row {self.row}, while the "
+            f"arm moved on: cut there, with a gap of {self.gap:.3g} s"
+        )
+
+
 def with_one_clock(columns: Columns) -> Columns:
     """Return the same with a time that goes on after a gap where the clock was set, and say so."""
     return OneClock().taken(columns)
 
 
 class OneClock:
-    """The clock of a recording that comes block by block."""
+    """The clock of a recording that comes block by block, and where it was set (`steps`)."""
 
     def __init__(self) -> None:
+        self.steps: list[ClockStep] = []
         self._shift = 0.0  # [s]
         self._rows = 0  # of the blocks before
         self._began: float | None = None  # [s], since when the clock was not set
@@ -100,21 +118,17 @@ class OneClock:
             known = time[np.isfinite(time)]
             self._began = float(known[0]) if known.size else None
         steps = _steps(time, position, self._began or 0.0)
-        notes, put = list[str](), time.copy()
+        found, put = list[ClockStep](), time.copy()
         for last, first, amount in steps:
             gap = _GAP * longest_step(np.diff(time))
             shift = put[last] + gap - put[first]
             put[first:] += shift
             self._shift += shift
             self._began = float(put[first])
-            way = "back" if amount < 0 else "forward"
-            notes.append(
-                f"the clock was set {way} by {abs(amount):.4g} s at row "
-                f"{self._rows + first - before}, while "
-                f"the arm moved on: cut there, with a gap of {gap:.3g} s"
-            )
+            found.append(ClockStep(self._rows + first - before, amount, gap))
         kept = columns if not self._shift else replace(columns, time=put[before:])
-        kept = replace(kept, warnings=(*kept.warnings, *notes)) if notes else kept
+        kept = replace(kept, warnings=(*kept.warnings, *map(str, found))) if found else kept
+        self.steps += found
         self._rows += kept.time.size
         rows = slice(-4 * _FEWEST, None)
         self._before = replace(kept, time=kept.time[rows], position=kept.position[rows])

@@ -37,6 +37,7 @@ LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
 _AROUND = 5  # samples before and after a jump, whose steps are the joint's own motion
 _SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
 _ONE = 0.05  # of a factor, by which it is the same at all joints
+_ALIKE, _OFF_ALIKE = 0.005, 0.04  # the same where no filter, which damps fast joints more, does it
 _OFF = (0.2, 1.6)  # of its logarithm, from where no filter makes it, to where units do
 _SWEEP = 0.1  # [s] over which velocity and change of position are compared
 
@@ -253,8 +254,9 @@ def one_factor(factors: FloatArray) -> float | None:
     if known.size < min(factors.size, 2) or not known.all() or not known.size:
         return None
     factor = float(np.median(known))
-    is_one = np.abs(np.log(known / factor)).max() < _ONE
-    return factor if is_one and _OFF[0] < abs(np.log(factor)) < _OFF[1] else None
+    spread = float(np.abs(np.log(known / factor)).max())
+    least = _OFF_ALIKE if spread < _ALIKE and known.size > 1 else _OFF[0]
+    return factor if spread < _ONE and least < abs(np.log(factor)) < _OFF[1] else None
 
 
 def swept(columns: Columns, rows: NDArray[np.int64], joint: int) -> float:

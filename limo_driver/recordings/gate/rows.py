@@ -198,6 +198,7 @@ class _Gate:
         self.check_direction()
         self.leave_out("the time repeats that of the row before", self.repeated())
         self.leave_out("a value is impossible", self.impossible_time())
+        self.leave_out("the time does not increase", self.astray())
         fragments = self.fragments()
         misplaced = self.misplaced(fragments)
         self.leave_out("the time does not increase", misplaced)
@@ -291,6 +292,25 @@ class _Gate:
         steps = np.abs(np.diff(time))
         length = time.size * float(np.median(steps))
         return self.fragments() & (np.abs(time - np.median(time)) > _IMPOSSIBLE_TIME * length)
+
+    def astray(self) -> Mask:
+        """Mark a row or two out of time, without which the time goes on evenly.
+
+        That are those with the wrong stamps, whether these are before or after their time.
+        """
+        time, marked = self.time, np.zeros(self.rows.size, dtype=bool)
+        forward = np.diff(time)
+        period = float(np.median(forward[forward > 0])) if (forward > 0).any() else 0.0
+        for many in range(1, min(FEWEST_LATE, time.size - 1)):
+            before, first = time[: -many - 1], time[1:-many]
+            last, after = time[many:-1], time[many + 1 :]
+            goes_on = np.abs(after - before - (many + 1) * period) < period / 2
+            out = goes_on & ((first <= before) | (last >= after))
+            near = [marked[k : k + out.size] for k in range(many + 2)]
+            out &= ~np.any(near, axis=0)  # where one is enough, two are not
+            for k in range(1, many + 1):
+                marked[k : k + out.size] |= out
+        return marked
 
     def misplaced(self, fragments: Mask) -> Mask:
         """Mark rows of fragments whose time does not lie between that of their neighbours."""

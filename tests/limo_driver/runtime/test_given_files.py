@@ -5,13 +5,16 @@
 
 import json
 import os
+import signal
 import sqlite3
 import struct
+import subprocess
 import threading
 import time
 import zipfile
 import zlib
 from contextlib import closing
+from importlib import import_module
 
 import numpy as np
 import pyarrow as pa
@@ -24,8 +27,9 @@ from limo_driver.logs.mcap_file import read_mcap
 from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording
+from limo_driver.runtime import given_files
 from limo_driver.runtime.declarations import read_json, read_yaml
-from limo_driver.runtime.given_files import ReadingBudget, check_file
+from limo_driver.runtime.given_files import ReadingBudget, apart, check_file
 from limo_driver.trajectory import Trajectory
 
 PATIENCE = 60.0  # [s]; matters only where something waits for ever
@@ -203,7 +207,42 @@ def test_logs_that_would_take_minutes_or_all_memory_are_refused(tmp_path, name, 
 def test_robots_that_unpack_without_end_are_refused(tmp_path, inside, said):
     path = tmp_path / "arm.xml"
     path.write_text(f'<mujoco model="small">{inside}</mujoco>')
-    assert said in refused(RobotModel.load, path)
+    with pytest.raises(ConfigError, match=said) as refusal:  # its time is that of the CPU
+        RobotModel.load(path)
+    assert "\n" not in str(refusal.value)
+    assert path.name in str(refusal.value)
+
+
+class Looks(threading.Event):
+    """Looks that take no time, of which there are a few hundred."""
+
+    def wait(self, timeout=None):  # noqa: ARG002  # as an event has it
+        """Say whether all looks were taken."""
+        self.left = getattr(self, "left", 300) - 1
+        return self.left < 0
+
+
+@pytest.mark.parametrize(("script", "ends"), [("while :; do :; done", False), ("read x", True)])
+def test_a_reader_that_waits_is_ended_and_one_that_computes_is_not(script, ends):
+    with subprocess.Popen(["sh", "-c", script], stdin=subprocess.PIPE) as process:
+        said = []
+        given_files._end_idle(process, Looks(), said)
+        assert len(said) == ends
+        if not ends:
+            assert process.poll() is None
+            process.kill()
+    assert process.returncode == -signal.SIGKILL
+
+
+def test_why_a_reader_was_ended_is_said(tmp_path, monkeypatch):
+    (tmp_path / "readers.py").write_text("import signal\ndef waits(path):\n    signal.pause()\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(given_files, "_LOOK", 0.01)
+    path = tmp_path / "log.any"
+    path.touch()
+    with pytest.raises(RecordingError, match=r"log\.any: is damaged, or .* waited 60 s"):
+        apart(import_module("readers").waits, path, RecordingError)
 
 
 def test_folders_and_what_is_not_there_are_left_to_who_opens_them(tmp_path):

@@ -11,7 +11,7 @@ import pyarrow as pa
 from pyarrow import compute
 
 from limo_driver.errors import RecordingError
-from limo_driver.logs.readers.columns import TIME, WRITTEN, read_name
+from limo_driver.logs.readers.columns import TIME, WRITTEN, read_name, words_of
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.recordings.files.batches import FEW, Kept, kept_of
 from limo_driver.recordings.files.delimited import DelimitedText, tables_in
@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 # pyarrow ships no type stubs, so its columns are unknown to the checker.
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
 _FORM: Final = r"^\s*(?P<h>\d{1,3}):(?P<m>[0-5]\d)(?::(?P<s>[0-5]?\d)(?:[.,](?P<f>\d{1,9}))?)?\s*$"
+# as `rostopic echo -p` writes them: field.name0, field.position0
+_NAMED: Final = re.compile(r"(?P<of>.*?)name\[?(?P<number>\d+)\]?")
+_NUMBERED: Final = re.compile(r"(?P<of>.*?)(?P<what>[A-Za-z_]+)\[?(?P<number>\d+)\]?")
+_NAMES: Final = (("name",), ("names",))
 _SECONDS: Final = {"h": 3600, "m": 60, "s": 1}
 _SECOND: Final = 1_000_000_000  # [ns]
 _DAY: Final = 86_400 * _SECOND  # [ns]
@@ -38,14 +42,15 @@ def numbers_of(
     """Return the columns of numbers; `state.position` is the field of a structure.
 
     Args:
-        table: Of pyarrow. Lists of texts that are the same in each row name the entries of lists
-            of numbers as long beside them.
+        table: Of pyarrow. Lists of texts name the entries of lists of numbers as long beside them,
+            in the order of each row, and texts numbered `name0` the columns with their number.
         source: File that it is from.
         kind: What that is, in words.
         names: Of the entries of columns of lists, by column.
 
     Raises:
-        RecordingError: A column of numbers has text in a few of its cells: the file is damaged.
+        RecordingError: A column of numbers has text in a few of its cells: the file is damaged. Or
+            names beside columns become others.
     """
     columns, unread = dict[str, "NDArray[Any]"](), dict[str, str]()
     table = _without_structures(table)
@@ -62,6 +67,10 @@ def numbers_of(
             place = (name.rpartition(".")[0], found.shape[1])
             own = (names or {}).get(name) or labels.entries.get(place, ())
             named = own if len(own) == found.shape[1] else range(found.shape[1])
+            if name not in (names or {}) and (order := labels.orders.get(place)) is not None:
+                if isinstance(order, str):
+                    raise RecordingError(order, path=source)
+                found = np.take_along_axis(found, order, axis=1)
             columns |= {
                 (f"{name}.{each}" if isinstance(each, str) else f"{name}[{each}]"): found[:, k]
                 for k, each in enumerate(named)
@@ -73,6 +82,10 @@ def numbers_of(
         else:
             _refuse_few_texts(name, column, source)
             unread[name] = str(kind_of)
+    texts = {name: table.column(name) for name in unread if _NAMED.fullmatch(name)}
+    if labelled := _by_number(texts, source):
+        columns = {_labelled(name, labelled): values for name, values in columns.items()}
+        unread = {name: held for name, held in unread.items() if name not in texts}
     return LogTable(columns, source, kind, unread)
 
 
@@ -149,11 +162,13 @@ class _Labels(NamedTuple):
 
     columns: frozenset[str]
     entries: dict[tuple[str, int], tuple[str, ...]]  # by what they are fields of, and their number
+    orders: dict[tuple[str, int], NDArray[np.int64] | str]  # (T, k), where rows have others; or why
 
 
 def _labels_in(table: pa.Table) -> _Labels:
     """Return the texts of lists that are the same in each row; none where two are as long."""
     columns, entries = set[str](), dict[tuple[str, int], tuple[str, ...]]()
+    orders = dict[tuple[str, int], "NDArray[np.int64] | str"]()
     for name, column in zip(table.column_names, table.columns, strict=True):
         if not (_is_list(column.type) and pa.types.is_string(column.type.value_type)):
             continue
@@ -162,11 +177,52 @@ def _labels_in(table: pa.Table) -> _Labels:
             continue
         flat = pa.chunked_array([chunk.flatten() for chunk in column.chunks]).combine_chunks()
         codes = flat.dictionary_encode().indices.fill_null(-1).to_numpy().astype(np.int64)
-        if np.array_equal(codes, np.tile(np.arange(len(first)), len(column))):
-            place = (name.rpartition(".")[0], len(first))
+        place, every = (name.rpartition(".")[0], len(first)), np.arange(len(first))
+        if codes.size != len(column) * len(first):
+            continue
+        codes = codes.reshape(-1, len(first))
+        same = (codes == every).all(axis=1)
+        if same.all():
             entries[place] = () if place in entries else tuple(first)
             columns.add(name)
-    return _Labels(frozenset(columns), entries)
+        elif words_of(name)[-1:] in _NAMES:
+            orders[place] = (
+                f"{name} names other joints from row {int(same.argmin())} on; expected the same"
+            )
+            if (np.sort(codes, axis=1) == every).all():  # in another order
+                orders[place] = np.argsort(codes, axis=1)
+                entries[place] = tuple(first)
+                columns.add(name)
+    return _Labels(frozenset(columns), entries, orders)
+
+
+def _by_number(texts: Mapping[str, pa.ChunkedArray], source: str) -> dict[tuple[str, str], str]:
+    """Return the labels that texts such as `name0` hold, by what stands before that and number.
+
+    Raises:
+        RecordingError: They are not the same in all rows.
+    """
+    labels = dict[tuple[str, str], str]()
+    for name, column in texts.items():
+        held = compute.unique(column.drop_null()).to_pylist()
+        if len(held) > 1:
+            row = column.to_pylist().index(held[1])
+            raise RecordingError(
+                f"{name} is {held[0]!r} at first and {held[1]!r} in row {row}; expected one order "
+                "of the joints",
+                path=source,
+            )
+        found = _NAMED.fullmatch(name)
+        if found and held:
+            labels[found["of"], found["number"]] = str(held[0])
+    return labels if 1 < len({*labels.values()}) == len(texts) else {}
+
+
+def _labelled(name: str, labels: Mapping[tuple[str, str], str]) -> str:
+    """Return the name of a column with a label for its number."""
+    found = _NUMBERED.fullmatch(name)
+    label = labels.get((found["of"], found["number"])) if found else None
+    return f"{found['of']}{found['what']}.{label}" if found and label else name
 
 
 def _said_of_list(column: pa.ChunkedArray) -> str:

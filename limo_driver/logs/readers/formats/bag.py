@@ -302,7 +302,7 @@ class _Found:
         self._add_numbers(message, layout.decode(message.payload))
 
     def _add_numbers(self, message: LoggedMessage, found: DecodedMessage) -> None:
-        key = (message.topic, tuple(found.values))
+        key = (message.topic, tuple(sorted(found.values)))
         group = self.groups.get(key)
         if group is None:
             held = tuple(filter(_is_of_joints, found.values))

@@ -9,6 +9,7 @@ An action is what LeRobot sends to a robot of motors: one goal position each, in
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -78,7 +79,9 @@ def read_dataset(folder: Path, episode: int | None = None) -> LogTable:
     columns, notes = _in_order(dict(read.columns), episode, folder)
     notes = (*notes, *_lacking(read.columns["episode_index"], info))
     robot = info.get("robot_type")
-    return LogTable(columns, read.source, read.kind, read.unread, notes, str(robot or ""))
+    found = LogTable(columns, read.source, read.kind, read.unread, notes, str(robot or ""))
+    fps = info.get("fps")
+    return replace(found, rate=float(fps)) if isinstance(fps, (int, float)) else found
 
 
 def _in_order(

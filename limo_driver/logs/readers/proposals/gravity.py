@@ -26,6 +26,8 @@ _FAR: Final = 5.0  # of the range of most values, by which corrupt ones lie beyo
 _MOST: Final = 0.5  # of the variance of a current beside its friction
 _LEAST: Final = 1e-3  # of the largest deviation of a gravity torque; less is rounding
 _OF_TORQUE: Final = 0.3  # of a joint's torque, that gravity has to make to say something of it
+_ALL: Final = 0.9  # of it, where a load or friction is no reason for another size
+_SURELY: Final = 3.0  # times less than gravity, that no load and no description makes it then
 _NARROW: Final = 0.05  # of the usual span, below which a joint hardly moves beside the others
 _ALIKE: Final = (0.2, 5.0)  # spans beside the usual one, of joints that move like the others
 _JUMP: Final = 0.05  # of the logarithm of 57.3, by which a joint may move within a row
@@ -86,8 +88,8 @@ class Gravity:
         is_better = best.of(position, units) < self.of(position, units) - DECISIVE
         return best if is_better else self
 
-    def slopes(self, position: FloatArray) -> FloatArray:
-        """Return torque over gravity of the joints whose torque is gravity for the most part."""
+    def slopes(self, position: FloatArray, least: float = _OF_TORQUE) -> FloatArray:
+        """Return torque over gravity of the joints whose torque is gravity, to a part at least."""
         if self.torque is None:
             return np.zeros(0)
         found: list[float] = []
@@ -96,7 +98,7 @@ class Gravity:
             if energy <= 0 or not np.var(own) > 0:
                 continue
             slope = float(np.mean((own - own.mean()) * (load - load.mean()))) / energy
-            if slope**2 * energy > _OF_TORQUE**2 * float(np.var(own)):
+            if slope**2 * energy > least**2 * float(np.var(own)):
                 found.append(abs(slope))
         return np.array(found)
 
@@ -221,23 +223,24 @@ def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) 
     slopes = cost.slopes(position[rows])
     if not slopes.size:
         slopes = cost.as_mounted(position[rows], ("rad",) * model.n).slopes(position[rows])
-    if slopes.size:
-        middle = float(np.median(slopes))
-        for unit, scale in _TORQUE_SCALES.items():
-            if 1 / WITHIN < middle / scale < WITHIN:
-                why = f"{middle / scale:.2g} times the gravity torque of the arm"
-                question = (
-                    f"torque: no name says {unit}, and in N m it is {middle:.2g} times the gravity "
-                    f"torque of the arm: is it in {unit}, or a current?"
-                )
-                return Reading(_of_joints(unit, model), why, question if unit != "N m" else "")
-        return Reading(
-            _of_joints("N m", model),
-            f"{middle:.2g} times the gravity torque of the arm",
-            f"torque: it is {middle:.2g} times the gravity torque of the arm in N m: which "
-            "unit, or a current (`unit: A`)?",
-        )
-    return _by_effort(torque[rows], model)
+    if not slopes.size:
+        return _by_effort(torque[rows], model)
+    middle, sure = float(np.median(slopes)), cost.slopes(position[rows], _ALL)
+    is_less = sure.size > 1 and float(np.median(sure)) < 1 / _SURELY
+    for unit, scale in _TORQUE_SCALES.items():
+        if 1 / WITHIN < middle / scale < WITHIN and not is_less:
+            why = f"{middle / scale:.2g} times the gravity torque of the arm"
+            question = (
+                f"torque: no name says {unit}, and in N m it is {middle:.2g} times the gravity "
+                f"torque of the arm: is it in {unit}, or a current?"
+            )
+            return Reading(_of_joints(unit, model), why, question if unit != "N m" else "")
+    return Reading(
+        _of_joints("N m", model),
+        f"{middle:.2g} times the gravity torque of the arm",
+        f"torque: it is {middle:.2g} times the gravity torque of the arm in N m: which "
+        "unit, or a current (`unit: A`)?",
+    )
 
 
 def _by_effort(torque: FloatArray, model: RobotModel) -> Reading:

@@ -234,7 +234,7 @@ def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | No
         text = "commanded" if rank == COMMANDED else "derived"
         draft.questions.append(
             f"{quantity}: only {text} values are named ({first}): are they to stand for measured "
-            f"ones?{_OF_DRIVES if quantity == TORQUE and rank == COMMANDED else ''}"
+            f"ones?{_of_drives(draft) if quantity == TORQUE and rank == COMMANDED else ''}"
         )
     if (whole := whole_of_mujoco(first, draft.model)) is not None:
         return whole
@@ -244,6 +244,14 @@ def _best(draft: _Draft, quantity: str, worst: int = PLAIN) -> ColumnFamily | No
             f"({shortened(first.beyond)} beyond): are the first {draft.model.n} meant?"
         )
     return first
+
+
+def _of_drives(draft: _Draft) -> str:
+    """Say what else commanded torques may be, and that currents were measured."""
+    currents = [f for f in _complete(draft, CURRENT) if f.rank == MEASURED]
+    if not currents:
+        return _OF_DRIVES
+    return f"{_OF_DRIVES}; {currents[0]} are currents, torques with a `factor:` in N m/A"
 
 
 def _position_family(draft: _Draft) -> ColumnFamily:
@@ -315,10 +323,7 @@ def _positions(draft: _Draft, family: ColumnFamily, beside: Beside) -> Channels:
             "one column; expected one unit",
             path=draft.table.source or None,
         )
-    if family.unit:
-        return draft.take(POSITION, family, (family.unit,), "the names say so")
-    stated = tuple(name.unit for name in family.names)
-    if all(stated):
+    if stated := family.stated:
         return draft.take(POSITION, family, stated, "the names say so")
     found = position_reading(draft.values(family), beside, draft.model)
     why = found.why
@@ -389,8 +394,8 @@ def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> 
             f"(`factor:`)?{_by_gravity(draft, family, position)}"
         )
         return draft.take(TORQUE, family, unit, "currents")
-    if family.unit:
-        return draft.take(TORQUE, family, (family.unit,), "the names say so")
+    if stated := family.stated:
+        return draft.take(TORQUE, family, stated, "the names say so")
     motion = position.read(draft.table, POSITION)
     found = torque_reading(motion, draft.values(family), draft.model)
     if all(_MUJOCO_FORCE in name.family for name in family.names):
@@ -439,7 +444,7 @@ def _rates(
     values = draft.values(family)[rising]
     sliding = draft.model.sliding
     found = velocity_unit(seconds[rising], motion[rising], values, sliding, stated)
-    if found.question and quantity == VELOCITY:
+    if found.question and quantity == VELOCITY and (time.columns or time.rate != 1.0):
         draft.questions.append(found.question)
     why = "the names say so" if stated else found.why
     return draft.take(quantity, family, stated or found.units, why)

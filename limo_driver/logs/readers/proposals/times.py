@@ -30,6 +30,7 @@ _APART: Final = 0.01  # by which the lengths of two clocks differ where they are
 _FEWEST = 2
 _FEWEST_EVEN: Final = 20  # rows
 _EVEN: Final = 0.05  # of a step, by which others differ
+_OTHER_RATE: Final = 0.1  # of a rate, by which it is another
 _SECOND: Final = 1e9  # [ns]
 _PIECES: Final = 20  # of a column, each with steps of its own
 _OTHER_UNIT: Final = 100.0  # between steps of two pieces; units are 1000 apart, rates less
@@ -94,7 +95,7 @@ def time_columns(table: LogTable) -> TimeFound:
     refuse_two_units(table, first)
     unit, why, question = read[first]
     questions = [question] if question else []
-    questions += _disagreeing(table, first, read)
+    questions += [*_disagreeing(table, first, read), *_at_other_rate(table, first, unit)]
     return TimeFound(TimeColumns(columns=(first,), unit=(unit,)), why, tuple(questions))
 
 
@@ -152,6 +153,20 @@ def _disagreeing(table: LogTable, first: str, read: dict[str, tuple[str, str, st
     own = lengths.get(first)
     other = [n for n, x in lengths.items() if own is not None and abs(x - own) > _APART * own]
     return [f"time: {first} or {other[0]}? their lengths differ"] if other else []
+
+
+def _at_other_rate(table: LogTable, name: str, unit: str) -> list[str]:
+    """Return a question where the format states another rate than the steps of a time make."""
+    steps = np.diff(_known(table.columns[name]))
+    if not table.rate or not (steps > 0).any():
+        return []
+    rate = 1.0 / (float(np.median(steps[steps > 0])) * SECONDS[unit])
+    if abs(rate / table.rate - 1.0) < _OTHER_RATE:
+        return []
+    return [
+        f"time: the format has {table.rate:g} rows in a second, and the steps of {name} make "
+        f"{rate:.4g}: which is it (`factor: {rate / table.rate:.4g}` under `time:` is the first)?"
+    ]
 
 
 def _runs(values: NDArray[Any]) -> bool:

@@ -55,6 +55,17 @@ def payload(mass):
     return found("payload", (7,), mass=Interval(mass, "kg", (mass - 0.1, mass + 0.1)))
 
 
+def test_a_parameter_that_is_a_number_in_one_and_several_in_the_other_is_shown_of_both(model):
+    one = found("elasticity", (2,), stiffness=Interval(5e3, "N m/rad", (4e3, 6e3)))
+    curve = Interval([4e3, 7e3], "N m/rad", ((3e3, 5e3), (6e3, 8e3)))
+    page = comparison(
+        model, ("a", "b"), (verdict(one), verdict(found("elasticity", (2,), stiffness=curve)))
+    )
+    shown = page.html().partition('id="findings"')[2].partition("</section>")[0]
+    assert "5000" in shown
+    assert "(4e+03" in shown
+
+
 @pytest.fixture(scope="module")
 def model():
     return RobotModel.load("iiwa14")

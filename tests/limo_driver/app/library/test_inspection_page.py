@@ -7,14 +7,16 @@ import json
 import math
 from base64 import b64decode
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from one_file import arm_of, title_of
 
 import limo_driver as limo
+from limo_driver.app.cli.inspect import command
 from limo_driver.app.library.inspection_page import columns_page, inspection_page
-from limo_driver.errors import RecordingError
+from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.logs.readers.inspection import ShownParameter
 from limo_driver.logs.readers.table import table_of
 from limo_driver.pages import Page
@@ -90,6 +92,40 @@ def test_gaps_steps_of_the_clock_and_rows_that_are_left_out_are_marked(two_links
     assert len(said["flags"]) == 1
     breaks = np.isnan(values[0])
     assert breaks.sum() == 2  # at the gap, and where the clock was set
+
+
+def test_a_clock_that_is_set_twice_is_marked_at_both_rows(two_links_urdf):
+    time = TIME.copy()
+    time[200:] += 7.0
+    time[500:] -= 0.5
+    given = {"t": time, **{f"q{j + 1}_rad": MOTION[:, j] for j in range(2)}}
+    given |= {f"q{j + 1}_cmd_rad": MOTION[:, j] for j in range(2)}
+    said, _, _ = drawn(inspection_page(limo.inspect(given, two_links_urdf)))
+    (forward, back) = (text for _, _, text in said["cuts"])
+    assert "set forward by 7 s at row 200" in forward
+    assert "set back by 0.5 s at row 500" in back
+
+
+@pytest.mark.parametrize("name", ["log.csv", "page.png"])
+def test_a_page_is_written_to_no_file_that_promises_another_format(commanded, tmp_path, name):
+    path = tmp_path / "log.csv"
+    path.write_text("t,a\n" + "".join(f"{t},1\n" for t in TIME))
+    refused = commanded(command)(path, "--page", tmp_path / name)
+    assert isinstance(refused.exception, ConfigError)
+    assert "page" in str(refused.exception) or "is read" in str(refused.exception)
+    assert path.read_text().startswith("t,a")
+    assert not (tmp_path / "page.png").exists()
+    assert commanded(command)(path, "--page", tmp_path / "page.html").exit_code == 0
+
+
+def test_meshes_that_are_not_there_are_said(two_links_urdf, tmp_path):
+    text = Path(two_links_urdf).read_text()
+    shape = '<visual><geometry><mesh filename="gone.stl"/></geometry></visual><inertial>'
+    path = tmp_path / "drawn.urdf"
+    path.write_text(text.replace("<inertial>", shape, 1))
+    page = inspection_page(limo.inspect(log(), path)).html()
+    assert "Not there or not readable: mesh gone.stl" in page
+    assert "Not there" not in inspection_page(limo.inspect(log(), two_links_urdf)).html()
 
 
 def test_an_hour_is_thinned_and_keeps_its_peaks():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from logged import arm, measured
 
+import limo_driver as limo
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.logs.readers.proposals.proposal import propose
@@ -157,6 +158,53 @@ def test_a_value_behind_the_last_separator_is_kept(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("\n".join(["t,q0", *["0,1,"] * 30, *rows]))
     assert read_table(path).columns["column_3"][-1] == 49
+
+
+def test_names_alone_may_end_in_a_separator(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,q1,", *(f"{k},{k}" for k in range(30))]))
+    assert list(read_table(path).columns) == ["t", "q1"]
+
+
+def test_decimal_commas_between_commas_say_what_to_do(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,q1", *(f"{k},5,{k},5" for k in range(30))]))
+    with pytest.raises(RecordingError, match="decimal commas need quotes, or another separator"):
+        read_table(path)
+
+
+def echoed(path, order, other=None):
+    """Write joint states as `rostopic echo -p` does, each joint named in a column of its own."""
+    names = [f"field.{kind}{k}" for kind in ("name", "position", "effort") for k in range(7)]
+    rows = [
+        [f"{1e18 + 1e9 * t:.0f}", "base", *(f"joint{j + 1}" for j in order)]
+        + [f"{x:.7f}" for x in (*POSITION[k][order], *TORQUE[k][order])]
+        for k, t in enumerate(TIME)
+    ]
+    if other is not None:
+        rows[300][2:4] = other
+    head = ",".join(["%time", "field.header.frame_id", *names])
+    path.write_text("\n".join([head, *map(",".join, rows), ""]))
+    return path
+
+
+def test_texts_beside_numbered_columns_name_them_in_any_order(tmp_path):
+    order = [3, 1, 0, 2, 6, 5, 4]
+    read = limo.read(echoed(tmp_path / "log.csv", order), "iiwa14")
+    np.testing.assert_allclose(read.position, POSITION, atol=1e-6)
+    np.testing.assert_allclose(read.torque, TORQUE, atol=1e-6)
+
+
+def test_texts_that_change_places_are_refused(tmp_path):
+    path = echoed(tmp_path / "log.csv", list(range(7)), ["joint2", "joint1"])
+    with pytest.raises(RecordingError, match="name0 is 'joint1' at first and 'joint2' in row 300"):
+        read_table(path)
+
+
+def test_a_text_that_is_numbered_alone_names_no_column(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,name1,q1,q2", *(f"{k},left,{k},{k}" for k in range(30))]))
+    assert list(read_table(path).columns) == ["t", "q1", "q2"]
 
 
 @pytest.mark.parametrize("other", [["time", "tau1"], ["time", "q1"], ["time", "tau1", "tau2"]])

@@ -10,6 +10,7 @@ from logged import arm, measured
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.formats.reading import read_table
+from limo_driver.logs.readers.proposals.proposal import propose
 
 TIME, POSITION, _, TORQUE = measured(2.0)
 NAMES = arm().joint_names
@@ -58,6 +59,17 @@ def test_episodes_of_a_dataset(tmp_path, version):
     np.testing.assert_array_equal(
         one.columns[f"observation.effort.{NAMES[0]}.effort"], TORQUE[TIME.size // 2 :, 0]
     )
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_a_rate_that_is_not_that_of_the_stamps_is_a_question(tmp_path, version):
+    folder = dataset(tmp_path / "set", version)
+    assert propose(read_table(folder), arm()).mapping.undecided == ()
+    info = json.loads((folder / "meta" / "info.json").read_text()) | {"fps": 125}
+    (folder / "meta" / "info.json").write_text(json.dumps(info))
+    (question,) = propose(read_table(folder), arm()).mapping.undecided
+    assert "the format has 125 rows in a second, and the steps of timestamp make 250" in question
+    assert "`factor: 2`" in question
 
 
 def test_episodes_whose_files_are_missing_are_counted(tmp_path):

@@ -61,16 +61,6 @@ def test_names_in_each_row_name_the_entries(tmp_path):
     is_read(tmp_path / "log.parquet")
 
 
-def test_names_that_change_name_nothing(tmp_path):
-    rows = stamped(
-        name=lambda k: NAMES[::-1] if k == len(TIME) - 1 else NAMES,
-        position=lambda k: POSITION[k].tolist(),
-    )
-    found = table_of(tmp_path / "log.parquet", rows)
-    assert "position[0]" in found.columns
-    assert "not one each row" in found.unread["name"]
-
-
 def test_texts_of_one_structure_do_not_name_what_is_beside_it(tmp_path):
     rows = stamped(
         left=lambda k: {"name": list(NAMES), "q": POSITION[k].tolist()},
@@ -122,3 +112,25 @@ def test_lists_in_parquet_are_columns(tmp_path):
     read = read_table(tmp_path / "log.parquet")
     np.testing.assert_array_equal(read.columns["state[6]"], POSITION[:, 6])
     assert "different lengths" in read.unread["odd"]
+
+
+@pytest.mark.parametrize("from_row", [1, 250])
+def test_names_in_another_order_from_row_to_row_name_the_entries_of_their_row(tmp_path, from_row):
+    order = lambda k: MIXED if k % 3 == 1 or k >= from_row else list(range(7))  # noqa: E731
+    rows = stamped(
+        name=lambda k: [NAMES[j] for j in order(k)],
+        position=lambda k: POSITION[k, order(k)].tolist(),
+        effort=lambda k: TORQUE[k, order(k)].tolist(),
+    )
+    table_of(tmp_path / "log.parquet", rows)
+    is_read(tmp_path / "log.parquet")
+
+
+def test_names_that_become_those_of_other_joints_are_refused(tmp_path):
+    rows = stamped(
+        name=lambda k: [*NAMES[:6], "tool" if k == 250 else NAMES[6]],
+        position=lambda k: POSITION[k].tolist(),
+        effort=lambda k: TORQUE[k].tolist(),
+    )
+    with pytest.raises(RecordingError, match="name names other joints from row 250 on"):
+        table_of(tmp_path / "log.parquet", rows)

@@ -142,6 +142,12 @@ def lists(k):
     return json.dumps({"header": {"stamp": stamp}, "name": NAMES, **own}).encode()
 
 
+def mixed(k):
+    order = np.random.default_rng(k).permutation(7).tolist()
+    own = {"position": POSITION[k, order].tolist(), "effort": TORQUE[k, order].tolist()}
+    return json.dumps({"name": [NAMES[j] for j in order], **own}).encode()
+
+
 def objects(k):
     own = zip(NAMES, POSITION[k].tolist(), TORQUE[k].tolist(), strict=True)
     states = [{"name": name, "position": q, "effort": tau} for name, q, tau in own]
@@ -154,6 +160,7 @@ def objects(k):
         ("protobuf", protobuf, ("foxglove.JointStates", "protobuf", states_of_foxglove()[0])),
         ("json", lists, ("lab.States", "jsonschema", b"{}")),
         ("json", objects, None),
+        ("json", mixed, None),
     ],
 )
 def test_mcap_files_in_json_and_protobuf_are_read(tmp_path, encoding, payload, schema):

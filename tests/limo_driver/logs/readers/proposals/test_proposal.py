@@ -567,6 +567,61 @@ def test_torques_of_which_gravity_says_nothing_are_held_against_the_drives(tmp_p
     assert any("what the drives of the description can do" in q for q in questions) == asked
 
 
+def test_currents_of_held_poses_that_are_named_as_torques_are_a_question():
+    """Gravity makes all of them, which no load makes a fifth of what it is."""
+    poses = np.random.default_rng(1).uniform(-1, 1, (30, 7)).repeat(100, axis=0)
+    torque = arm().gravity_torque(poses) + np.random.default_rng(0).normal(0, 0.05, poses.shape)
+    log = {"t": 0.01 * np.arange(len(poses)), **numbered("q{}", poses)}
+    for gain, asked in ((np.array([8, 9, 5, 6, 3, 2, 1.5]), True), (1.0, False), (0.6, False)):
+        mapping = propose(table_of(log | numbered("tau{}", torque / gain)), arm()).mapping
+        assert any("or a current (`unit: A`)" in q for q in mapping.undecided) == asked
+
+
+def test_a_slide_with_a_force_beside_a_joint_with_a_torque_is_one_arm(tmp_path):
+    path = tmp_path / "lift.urdf"
+    text = chain_of(tmp_path, 2).urdf.read_text().replace('name="j0"', 'name="lift"')
+    text = text.replace('type="revolute"', 'type="prismatic"', 1)
+    path.write_text(text.replace('name="j1"', 'name="elbow"'))
+    log = {
+        "t": TIME,
+        "lift position [mm]": 1e3 * POSITION[:, 0],
+        "elbow position [deg]": np.rad2deg(POSITION[:, 1]),
+        "lift force [kN]": 1e-3 * TORQUE[:, 0],
+        "elbow torque [Nm]": TORQUE[:, 1],
+    }
+    table, model = table_of(log), RobotModel(path)
+    found = propose(table, model)
+    assert found.mapping.undecided == ()
+    read = found.mapping.columns(table, model)
+    np.testing.assert_allclose(read.position, POSITION[:, :2])
+    np.testing.assert_allclose(read.torque, TORQUE[:, :2])
+    log["lift torque [Nm]"] = TORQUE[:, 2]  # which of the two is it?
+    assert propose(table_of(log), model).model.joint_names == ("lift", "elbow")
+
+
+def test_measured_currents_beside_commanded_torques_are_named():
+    log = {"t": TIME, **numbered("actual_q_{}", POSITION)}
+    log |= numbered("target_moment_{}", TORQUE) | numbered("actual_current_{}", TORQUE / 9)
+    (question,) = propose(table_of(log), arm()).mapping.undecided
+    assert "only commanded values are named (target_moment_0" in question
+    assert "actual_current_0 … actual_current_6 (measured) are currents" in question
+
+
+def test_velocities_are_no_question_where_there_is_no_time():
+    mapping = propose(table_of(numbered("q{}", POSITION) | numbered("qd{}", VELOCITY)), arm())
+    assert [q for q in mapping.mapping.undecided if "velocities" in q] == []
+
+
+@pytest.mark.parametrize(("factor", "asked"), [(1.1, True), (0.95, True), (1.01, False)])
+def test_a_small_factor_is_asked_for_where_all_velocities_have_it(factor, asked):
+    log = {"t": TIME, **numbered("q{}", POSITION), **numbered("tau{}", TORQUE)}
+    alike = propose(table_of(log | numbered("dq{}", factor * VELOCITY)), arm()).mapping
+    assert any(q.startswith("time:") for q in alike.undecided) == asked
+    apart = VELOCITY * (1 + (factor - 1) * np.linspace(0.9, 1.1, 7))  # as a filter makes it
+    table = table_of(log | numbered("dq{}", apart))
+    assert not any(q.startswith("time:") for q in propose(table, arm()).mapping.undecided)
+
+
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 @pytest.mark.parametrize(
     ("name", "scale"), [("dq{}", 1.0), ("dq{}_rad_s", 1.0), ("dq{}", 180 / np.pi)]
