@@ -65,12 +65,18 @@ class XmlText:
         path: The file, which stays as it is.
 
     Raises:
-        ConfigError: It is no XML.
+        ConfigError: It is no XML, or not in UTF-8.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.data = path.read_bytes()
+        try:
+            self.data.decode("utf-8")
+        except UnicodeDecodeError:
+            raise ConfigError(
+                "is no text of UTF-8; save it as such, and it can be changed", path=path
+            ) from None
         self.root = self._parse()
         self._edits: list[tuple[int, int, bytes]] = []  # start, stop, in place of it
 

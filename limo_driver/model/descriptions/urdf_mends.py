@@ -6,6 +6,7 @@ thing alone, and costs nobody anything who only wants to see the arm move.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 from xml.etree import ElementTree as ET
 
@@ -107,17 +108,17 @@ def _with_plain_joints(root: ET.Element) -> Iterator[str]:
                 continue
             limit = ET.SubElement(joint, "limit")
         for most in _MOST:
-            if _is_negative(limit.get(most, "0")):
+            if _is_none(limit.get(most, "0")):
                 none.append(f"{most}={limit.get(most)} of joint {joint.get('name')}")
                 limit.set(most, "0")
             limit.attrib.setdefault(most, "0")
     if none:
-        yield f"no limit is taken where it is below 0: {shortened(none)}"
+        yield f"no limit is taken where it is below 0 or infinite: {shortened(none)}"
 
 
-def _is_negative(text: str) -> bool:
+def _is_none(text: str) -> bool:
     try:
-        return float(text) < 0.0
+        return float(text) < 0.0 or math.isinf(float(text))
     except ValueError:
         return False
 

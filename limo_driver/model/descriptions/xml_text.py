@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
 from limo_driver.errors import ConfigError
-from limo_driver.runtime.given_files import read_text
+from limo_driver.runtime.given_files import read_bytes, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,6 +26,10 @@ _OUTERMOST: Final = re.compile(r"<[A-Za-z_][\w.:-]*")
 _MARKS: Final = {"<!--": "-->", "<![CDATA[": "]]>", "<?": "?>"}
 _TAG: Final = re.compile(r"""<(?:[^"'>]|"[^"]*"|'[^']*')*+>""")
 _QUOTED: Final = re.compile(r"""("[^"]*"|'[^']*')(?=([^\s/>?])?)""")
+_ENCODING: Final = re.compile(rb"""<\?xml[^>]*\bencoding\s*=\s*["']([\w.-]+)["']""")
+_DECLARATION: Final = re.compile(r"<\?xml[^>]*>")  # which no text needs that is decoded
+_ENCODINGS: Final = ("utf-16", "iso-8859-1", "iso-8859-15", "latin-1", "latin1", "windows-1252")
+_MARKED_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _PREFIX: Final = re.compile(r"(?:</?|\s)([A-Za-z_][\w.-]*):[A-Za-z_]")
 
 
@@ -38,7 +42,7 @@ def read_xml(path: Path) -> ET.Element:
     Raises:
         ConfigError: It is no XML, too large, nested too deep, or declares entities.
     """
-    text = read_text(path, ConfigError)
+    text = _decoded(read_bytes(path, ConfigError), path)
     if (parts := text.count("<") + text.count("=")) > _MOST_PARTS:
         raise ConfigError(
             f"has {parts} elements and attributes, expected at most {_MOST_PARTS}", path=path
@@ -52,6 +56,20 @@ def read_xml(path: Path) -> ET.Element:
     except ET.ParseError as error:
         raise ConfigError(f"is no XML: {error}", path=path) from None
     return _without_namespace(root)
+
+
+def _decoded(data: bytes, path: Path) -> str:
+    """Return the text of a file in UTF-8, or in the encoding that it declares.
+
+    Raises:
+        ConfigError: It is in neither.
+    """
+    stated = _ENCODING.match(data)
+    encoding = "utf-16" if data.startswith(_MARKED_16) else ""
+    encoding = encoding or (stated[1].decode().lower() if stated else "utf-8")
+    if encoding not in _ENCODINGS:
+        return text_of(data, path, ConfigError)
+    return _DECLARATION.sub("", data.decode(encoding, errors="replace"), count=1)
 
 
 def _as_xml(text: str) -> str:

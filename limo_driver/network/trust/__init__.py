@@ -37,6 +37,7 @@ _USERS: Final = "users.txt"
 _PASSWORD_BYTES: Final = 24
 _PRIVATE: Final = 0o600
 _PRIVATE_FOLDER: Final = 0o700
+_MOST_DAYS: Final = 36500  # a certificate has no date beyond the year 9999
 
 
 @dataclass(frozen=True)
@@ -96,8 +97,10 @@ def _check(hosts: Mapping[str, Host], days: int) -> None:
         raise ConfigError(
             f"driver and service are both at {hosts['driver'].endpoint}; give one another port"
         )
-    if days < 1:
-        raise ConfigError(f"certificates would be valid for {days} days, expected 1 or more")
+    if not 1 <= days <= _MOST_DAYS:
+        raise ConfigError(
+            f"certificates would be valid for {days} days, expected 1 to {_MOST_DAYS}"
+        )
 
 
 def _pair(folder: Path, issued: Issued) -> dict[Path, bytes]:

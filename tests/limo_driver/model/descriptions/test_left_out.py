@@ -144,6 +144,7 @@ def test_what_other_readers_overlook_changes_nothing_of_the_arm(file, what):
         ('izz="0.01"', 'izz="0.01\n"', ""),
         ('ixy="0"', 'ixy="-1e-320"', ""),
         ('effort="40"', 'effort="-1.0"', "effort=-1.0 of joint shoulder"),
+        ('effort="40"', 'effort="inf"', "effort=inf of joint shoulder"),
         (' effort="40"', "", "joint shoulder states no effort limit"),
         (re.search("<limit[^>]*>", ARM)[0], "", "limits of shoulder are 0 to 0"),
     ],
@@ -154,6 +155,23 @@ def test_what_other_readers_take_for_the_same_is_the_same(file, given, instead, 
     assert model.inertials == plain.inertials
     assert model.joint_names == plain.joint_names
     assert note in " ".join(model.notes)
+
+
+@pytest.mark.parametrize("encoding", ["iso-8859-1", "windows-1252", "utf-16"])
+def test_text_is_read_in_the_encoding_that_it_declares(file, tmp_path, encoding):
+    text = ARM.replace('name="arm"', 'name="bras de Zoé"').replace("shoulder", "épaule")
+    path = file("")
+    path.write_bytes(f"<?xml version='1.0' encoding='{encoding}'?>\n{text}".encode(encoding))
+    assert "épaule" in RobotModel.load(path).joint_names
+    with pytest.raises(ConfigError, match="no text of UTF-8; save it as such"):
+        limo.export(limo.nominal(str(path)), "urdf", tmp_path / "out")
+
+
+def test_bytes_in_no_stated_encoding_are_refused(file):
+    path = file("")
+    path.write_bytes(ARM.replace('name="arm"', 'name="Zoé"').encode("latin-1"))
+    with pytest.raises(ConfigError, match="no text of UTF-8"):
+        RobotModel.load(path)
 
 
 def test_frames_between_axes_need_no_mass_and_links_with_a_shape_do(file):

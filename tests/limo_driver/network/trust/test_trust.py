@@ -455,9 +455,10 @@ class TestFolder:
         with pytest.raises(ConfigError, match="both at tls/robot:7447"):
             write_trust(tmp_path, same)
 
-    def test_certificates_have_to_be_valid_for_some_time(self, tmp_path):
-        with pytest.raises(ConfigError, match="valid for 0 days, expected 1 or more"):
-            write_trust(tmp_path, self.HOSTS, days=0)
+    @pytest.mark.parametrize("days", [0, 36501, 10**12])
+    def test_certificates_have_to_be_valid_for_some_time(self, tmp_path, days):
+        with pytest.raises(ConfigError, match=f"valid for {days} days, expected 1 to 36500"):
+            write_trust(tmp_path, self.HOSTS, days=days)
 
     def test_says_what_to_install(self, tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, "cryptography", None)
