@@ -21,7 +21,6 @@ import sys
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from threading import Event, Thread
 from time import thread_time
 from typing import TYPE_CHECKING, Any, Final, NoReturn, TypeVar
 
@@ -48,15 +47,11 @@ LARGEST: Final = 1 << 26  # bytes of what is read at once, if nothing else is sa
 _VALUES: Final = 1 << 24  # of JSON: Python makes about 100 bytes of each
 _SURROGATE: Final = re.compile(r"\\u[dD][89a-fA-F]")  # half of a character, of which two make one
 _T = TypeVar("_T")
-_LOOK: Final = 1.0  # [s] between two looks at a process that reads
-_IDLE: Final = 60  # looks in a row at which one waits, and has computed nothing
 _MEMORY: Final = Path("/proc/self/statm")  # in pages
 _DATA: Final = 5  # which of its numbers is that of data
 _ROOM: Final = 1 << 26  # bytes for what is imported on the way
 _NO_MEMORY: Final = 3  # status of a process that got none
 _COMMAND: Final = f"import sys; from {__name__} import main; main(*sys.argv[1:])"
-_STATE: Final = 0  # which word of /proc/PID/stat behind the name is the state
-_TICKS: Final = slice(11, 13)  # and which are its time on the CPU, with that in the kernel
 
 
 @dataclass(frozen=True)
@@ -334,7 +329,8 @@ def _asked(*given: str) -> tuple[str, Any, int]:
     It limits its own time on the CPU. However slow the machine is, it has that time; it is ended
     here only where it waits and nothing happens.
     """
-    ended, waited = Event(), list[str]()
+    from limo_driver.runtime.processes import ended_if_idle  # slow to import
+
     with subprocess.Popen(  # noqa: S603  # our own module
         [sys.executable, "-P", "-c", _COMMAND, *given],
         stdin=subprocess.DEVNULL,
@@ -343,30 +339,14 @@ def _asked(*given: str) -> tuple[str, Any, int]:
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONWARNINGS": "ignore"},
     ) as process:
         assert process.stdout is not None  # noqa: S101  # it is a pipe
-        watch = Thread(target=_end_idle, args=(process, ended, waited), daemon=True)
-        watch.start()
-        try:
-            refused, answer = pickle.load(process.stdout)  # noqa: S301  # of limo's own process
-        except (EOFError, pickle.UnpicklingError):
-            refused, answer = "", None
-        finally:
-            ended.set()
-            watch.join()
-        return refused or "".join(waited), answer, process.wait()
-
-
-def _end_idle(process: subprocess.Popen[bytes], ended: Event, waited: list[str]) -> None:
-    """End a process that waits, look after look, and computes nothing; say so."""
-    idle, before = 0, ""
-    while idle < _IDLE:
-        if ended.wait(_LOOK):
-            return
-        words = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
-        ticks = " ".join(words[_TICKS])
-        waits = words[_STATE] != "R" and ticks == before  # one that gets no turn can run
-        idle, before = idle + 1 if waits else 0, ticks
-    waited.append(f"is damaged, or its disk gives no answer: what reads it waited {_IDLE} s")
-    process.kill()
+        with ended_if_idle(process) as idle:
+            try:
+                refused, answer = pickle.load(process.stdout)  # noqa: S301  # of limo's own process
+            except (EOFError, pickle.UnpicklingError):
+                refused, answer = "", None
+        if idle.is_set():
+            refused = "is damaged, or its disk gives no answer: what reads it waited a minute"
+        return refused, answer, process.wait()
 
 
 def _told(status: int, size: int, seconds: float, memory: int) -> str:

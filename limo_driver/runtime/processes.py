@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator
     from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
+    from subprocess import Popen
     from types import FrameType, TracebackType
     from typing import Self
 
@@ -31,6 +32,39 @@ TaskT = TypeVar("TaskT")
 JobT = TypeVar("JobT")
 _LEAST: Final = 19
 _ABANDONED: Final = 3  # exit status
+_LOOK: Final = 1.0  # [s] between two looks at a process
+_IDLE: Final = 60  # of them in a row, at which it waits and has computed nothing
+_STATE: Final = 0  # which word of /proc/PID/stat behind the name is the state
+_TICKS: Final = slice(11, 13)  # and which are its time on the CPU, with that in the kernel
+
+
+@contextmanager
+def ended_if_idle(process: Popen[bytes]) -> Generator[threading.Event]:
+    """End a process that waits for a minute and computes nothing, however slow the machine is.
+
+    Yields:
+        What is set where it was ended so.
+    """
+    over, idle = threading.Event(), threading.Event()
+    watch = Thread(target=_end_idle, args=(process, over, idle), daemon=True)
+    watch.start()
+    try:
+        yield idle
+    finally:
+        over.set()
+        watch.join()
+
+
+def _end_idle(process: Popen[bytes], over: threading.Event, idle: threading.Event) -> None:
+    many, before = 0, [""]
+    while many < _IDLE:
+        if over.wait(_LOOK):
+            return
+        words = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+        waits = words[_STATE] != "R" and words[_TICKS] == before  # one without a turn can run
+        many, before = many + 1 if waits else 0, words[_TICKS]
+    idle.set()
+    process.kill()
 
 
 class Closing(ABC):

@@ -27,7 +27,7 @@ from limo_driver.logs.mcap_file import read_mcap
 from limo_driver.logs.readers.formats.reading import read_table
 from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording
-from limo_driver.runtime import given_files
+from limo_driver.runtime import processes
 from limo_driver.runtime.declarations import read_json, read_yaml
 from limo_driver.runtime.given_files import ReadingBudget, apart, check_file
 from limo_driver.trajectory import Trajectory
@@ -225,9 +225,9 @@ class Looks(threading.Event):
 @pytest.mark.parametrize(("script", "ends"), [("while :; do :; done", False), ("read x", True)])
 def test_a_reader_that_waits_is_ended_and_one_that_computes_is_not(script, ends):
     with subprocess.Popen(["sh", "-c", script], stdin=subprocess.PIPE) as process:
-        said = []
-        given_files._end_idle(process, Looks(), said)
-        assert len(said) == ends
+        idle = threading.Event()
+        processes._end_idle(process, Looks(), idle)
+        assert idle.is_set() == ends
         if not ends:
             assert process.poll() is None
             process.kill()
@@ -238,10 +238,10 @@ def test_why_a_reader_was_ended_is_said(tmp_path, monkeypatch):
     (tmp_path / "readers.py").write_text("import signal\ndef waits(path):\n    signal.pause()\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(given_files, "_LOOK", 0.01)
+    monkeypatch.setattr(processes, "_LOOK", 0.01)
     path = tmp_path / "log.any"
     path.touch()
-    with pytest.raises(RecordingError, match=r"log\.any: is damaged, or .* waited 60 s"):
+    with pytest.raises(RecordingError, match=r"log\.any: is damaged, or .* waited a minute"):
         apart(import_module("readers").waits, path, RecordingError)
 
 

@@ -50,7 +50,7 @@ def numbers_of(
 
     Raises:
         RecordingError: A column of numbers has text in a few of its cells: the file is damaged. Or
-            names beside columns become others.
+            names of columns become others.
     """
     columns, unread = dict[str, "NDArray[Any]"](), dict[str, str]()
     table = _without_structures(table)
