@@ -37,7 +37,7 @@ LONGEST_STEP_PERIODS = 3.0  # [sample periods], for slow recordings
 _AROUND = 5  # samples before and after a jump, whose steps are the joint's own motion
 _SWUNG = 0.02  # [rad], range of a joint whose velocity can be judged
 _ONE = 0.05  # of a factor, by which it is the same at all joints
-_ALIKE, _OFF_ALIKE = 0.005, 0.04  # the same where no filter, which damps fast joints more, does it
+_OFF_ALL = (0.005, 0.04)  # spread over joints and offset that no filter makes: it damps fast ones
 _OFF = (0.2, 1.6)  # of its logarithm, from where no filter makes it, to where units do
 _SWEEP = 0.1  # [s] over which velocity and change of position are compared
 
@@ -255,7 +255,7 @@ def one_factor(factors: FloatArray) -> float | None:
         return None
     factor = float(np.median(known))
     spread = float(np.abs(np.log(known / factor)).max())
-    least = _OFF_ALIKE if spread < _ALIKE and known.size > 1 else _OFF[0]
+    least = _OFF_ALL[1] if spread < _OFF_ALL[0] and known.size > 1 else _OFF[0]
     return factor if spread < _ONE and least < abs(np.log(factor)) < _OFF[1] else None
 
 
