@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 _KIND: Final = "NumPy arrays"
 _MATRIX: Final = 2  # axes
+_LISTED: Final = 100  # structures in a list
 _WIDEST: Final = 1 << 15  # bytes of a row: 4096 numbers, as images have and no joints
 _DAMAGE: Final = (
     OSError,
@@ -224,6 +225,9 @@ def _leaves(name: str, value: object, depth: int = 0) -> Iterator[tuple[str, NDA
         for key, each in inside.items():
             yield from _leaves(f"{name}.{key}" if name else key, each, depth + 1)
         return
+    if structures := _structures(value):  # as Simulink logs signals
+        yield from _leaves(name, structures, depth)
+        return
     try:
         values = np.asarray(value)
     except ValueError:  # lists of different lengths
@@ -232,6 +236,19 @@ def _leaves(name: str, value: object, depth: int = 0) -> Iterator[tuple[str, NDA
         values = values.squeeze()
     if values.ndim:
         yield name, values
+
+
+def _structures(value: object) -> dict[str, object]:
+    """Return the structures of a short list by their label or number; nothing of other lists."""
+    if isinstance(value, np.ndarray):
+        value = value.ravel().tolist() if value.dtype == object else []
+    every = cast("list[object]", value) if isinstance(value, list) else []
+    if not 0 < len(every) <= _LISTED:
+        return {}
+    known = [cast("Mapping[str, object]", each) for each in every if isinstance(each, Mapping)]
+    labels = [str(each.get("label", "")) or str(k) for k, each in enumerate(known)]
+    is_named = len(known) == len(every) == len(set(labels))
+    return dict(zip(labels, known, strict=True)) if is_named else {}
 
 
 def _samples(arrays: Mapping[str, NDArray[Any]]) -> int:

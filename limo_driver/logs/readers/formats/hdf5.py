@@ -59,12 +59,16 @@ def _of_group(group: Any, file: Any, depth: int) -> dict[str, Any]:  # noqa: ANN
 
 
 def _of_dataset(item: Any, file: Any) -> Any:  # noqa: ANN401
-    """Return the numbers or texts of an array; None of any other."""
+    """Return the numbers or texts of an array, by field where it has some; None of any other."""
     if item.shape is None or item.is_virtual or item.external:
         return None
     if item.dtype.kind in "fiu" and item.attrs.get(_CLASS) != b"char":
         is_plain = item.ndim in {1, 2} and (item.ndim == 1 or min(item.shape) <= _WIDEST)
         return item[()] if is_plain else None
+    if item.dtype.names and item.ndim == 1:  # rows of fields, each an array of its own
+        rows = item[()]
+        fields = ((name, rows[name]) for name in item.dtype.names)
+        return {name: own for name, own in fields if own.dtype.kind in "fiu" and own.ndim <= 2}  # noqa: PLR2004
     if item.ndim > 0 and 0 < item.size <= _LABELS:
         return _texts(item, file)
     return None

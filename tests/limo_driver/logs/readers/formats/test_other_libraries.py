@@ -14,6 +14,7 @@ from logged import arm, measured
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.io import savemat
 
 import limo_driver as limo
 from limo_driver.errors import LimoError, RecordingError
@@ -199,6 +200,26 @@ def test_arrays_of_hdf5_are_read_and_nothing_from_elsewhere(tmp_path):
     assert not [name for name in table.columns if name.startswith(("outside", "virtual"))]
     np.testing.assert_array_equal(table.columns[f"observations.qpos[{NAMES[2]}]"], POSITION[:, 2])
     read = limo.read(tmp_path / "log.h5", "iiwa14")
+    np.testing.assert_array_equal(read.torque, TORQUE)
+
+
+def test_rows_of_fields_in_hdf5_are_read_by_field(tmp_path):
+    kinds = [("t", "f8"), ("q", "f8", 7), ("tau", "f4", 7), ("note", "S3"), ("eye", "f4", (2, 2))]
+    rows = np.zeros(len(TIME), dtype=kinds)
+    rows["t"], rows["q"], rows["tau"] = TIME, POSITION, TORQUE
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["run/log"] = rows
+    read = limo.read(tmp_path / "log.h5", "iiwa14")
+    np.testing.assert_array_equal(read.position, POSITION)
+    np.testing.assert_allclose(read.torque, TORQUE, atol=1e-4)
+
+
+def test_signals_of_simulink_are_read_by_their_label(tmp_path):
+    signals = np.zeros(2, dtype=[("values", "O"), ("dimensions", "O"), ("label", "O")])
+    signals[0], signals[1] = (TORQUE, 7.0, "tau"), (POSITION, 7.0, "q")
+    savemat(tmp_path / "log.mat", {"out": {"time": TIME, "signals": signals}})
+    read = limo.read(tmp_path / "log.mat", "iiwa14")
+    np.testing.assert_array_equal(read.position, POSITION)
     np.testing.assert_array_equal(read.torque, TORQUE)
 
 
