@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -117,28 +117,28 @@ def export_c(
             f"{name!r} is no name to begin with in C, expected small letters, digits and _"
         )
     stream = Stream(model, rate, delay)
-    estimator = stream.model
-    simulation = simulation_of(estimator)
-    slides = RegressorChain.of(simulation.body).axis[:, :3].any(axis=1)
-    if slides.any():
-        joint = simulation.model.joint_names[int(np.argmax(slides))]
-        raise ConfigError(f"{joint} slides; only joints that turn have a form in C")
+    code = _Code.of(stream)
     if not free and false_alarms != FALSE_ALARMS:
         raise ConfigError(f"{false_alarms:g} false alarms an hour: {NO_CONTACT}")
-    contact = measured_contact(false_alarms, stream, simulation, free) if free else None
-    code = _Code(
-        stream,
-        simulation,
-        EffectsCode.of(simulation.effects, rate),
-        learned(estimator, rate),
-        contact,
-    )
+    contact = measured_contact(false_alarms, stream, code.simulation, free) if free else None
+    code = replace(code, contact=contact)
     header, source = Path(folder) / f"{name}.h", Path(folder) / f"{name}.c"
     require_folder(Path(folder), "C code", (header.name, source.name))
     for path, text in ((header, code.header()), (source, code.source())):
         with whole(path) as draft:
             draft.write_text(named(text, name), encoding="utf-8")
     return CodeExport(header, source, rate, stream.delay, contact)
+
+
+def source_of(stream: Stream) -> str:
+    """Return a stream as one file of C11, with `limo_advance` for programs without its header.
+
+    Raises:
+        ConfigError: The model, an effect of its simulation or its robot has no form in C.
+    """
+    code = _Code.of(stream)
+    include = f'#include "{NAME}.h"\n'
+    return code.source().replace(include, code.header(), 1) + _read("stream.c")
 
 
 def simulation_of(model: LiveEstimator) -> Simulation:
@@ -170,7 +170,17 @@ class _Code:
     simulation: Simulation
     effects: EffectsCode
     learned: LearnedCode
-    contact: ContactThresholds | None
+    contact: ContactThresholds | None = None
+
+    @classmethod
+    def of(cls, stream: Stream) -> _Code:
+        simulation = simulation_of(stream.model)
+        slides = RegressorChain.of(simulation.body).axis[:, :3].any(axis=1)
+        if slides.any():
+            joint = simulation.model.joint_names[int(np.argmax(slides))]
+            raise ConfigError(f"{joint} slides; only joints that turn have a form in C")
+        effects = EffectsCode.of(simulation.effects, stream.rate)
+        return cls(stream, simulation, effects, learned(stream.model, stream.rate))
 
     def header(self) -> str:
         stream, filtering = self.stream, self.stream.differentiator

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
+from estimators.embedded.compiled_stream import fastest
 from estimators.residual_model import SimulationOnly
 from estimators.service.inference.arm_service import ArmService, ServedArm
-from estimators.service.inference.contact import ContactWatchdog
-from estimators.service.inference.live_model import LiveModel, RateFinder, Window
+from estimators.service.inference.contact import ContactReport, ContactWatchdog
+from estimators.service.inference.live_model import Answer, LiveModel, RateFinder, Window
 from estimators.stream import Stream
 from limo_driver.errors import LimoError
 from limo_driver.network.claims import PacedQueryable
@@ -89,7 +90,7 @@ class Opening:
             self._arm, tuple(simulation.model.joint_names), rate, settings.history, bound
         )
         physics = SimulationOnly(simulation, bandwidth_at(rate))
-        stream = Stream(physics, rate, settings.delay)
+        stream = fastest(Stream(physics, rate, settings.delay))
         warm_up(stream)
         service = ArmService(
             arm,
@@ -106,7 +107,7 @@ class Opening:
         Raises:
             LimoError: It cannot be read, or not be streamed at the arm's rate.
         """
-        stream = Stream(self._models.load(version), arm.rate, self._settings.delay)
+        stream = fastest(Stream(self._models.load(version), arm.rate, self._settings.delay))
         warm_up(stream)
         return LiveModel(version, stream, arm.bound)
 
@@ -129,7 +130,7 @@ def rehearse(models: ServedModels, settings: ServiceSettings) -> None:
     """Load what will likely serve, so that all is imported and compiled when joint states come."""
     with suppress(LimoError):  # which is told when it is to serve
         for model in (models.physics, *map(models.load, models.candidates[:1])):
-            warm_up(Stream(model, settings.rate or _USUAL_RATE, settings.delay))
+            warm_up(fastest(Stream(model, settings.rate or _USUAL_RATE, settings.delay)))
 
 
 def warm_up(stream: Stream) -> None:
@@ -139,12 +140,14 @@ def warm_up(stream: Stream) -> None:
     """
     n, rate = stream.model.n, stream.rate
     still = readonly(np.zeros(n))
-    watchdog, window = ContactWatchdog(np.ones(n), np.ones(n)), Window(n)
+    watchdog, window, answer = ContactWatchdog(np.ones(n), np.ones(n)), Window(n), Answer.of(n)
+    report = ContactReport(watchdog)
     for torque in (still, None):
         model = LiveModel("", stream, np.ones(n))
         for k in range(3):
-            answer = model.step(k / rate, still, torque)
+            model.step(k / rate, still, torque, answer)
             watchdog.step(k / rate, answer.external)
+            report.step(k / rate, answer.external, answer.std, known=True)
             window.add(answer, watchdog.active, watchdog.active, known=True)
         rows = None if torque is None else torque[None]
         stream.advance(model.state, np.array([3 / rate]), still[None], rows)

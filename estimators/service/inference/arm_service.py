@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.service.inference.contact import ContactReport
-from estimators.service.inference.live_model import History, RateWatch, Window
+from estimators.service.inference.live_model import Answer, History, RateWatch, Window
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.contact_state import ContactState
 from limo_driver.network.messages import (
     Attachment,
+    EstimateDraft,
     JointStateCodec,
     Level,
     TorqueEstimateCodec,
@@ -27,7 +28,7 @@ from limo_driver.robot.realtime import LatencyHistogram
 if TYPE_CHECKING:
     from estimators.service.inference.contact import Contact, ContactWatchdog
     from estimators.service.inference.inbox import NetworkOutlet
-    from estimators.service.inference.live_model import Answer, LiveModel
+    from estimators.service.inference.live_model import LiveModel
     from limo_driver.network.messages import JointStateMessage
     from limo_driver.types import FloatArray
 
@@ -71,7 +72,6 @@ class ArmService:
     ) -> None:
         self.arm, self.watchdog = arm, watchdog
         self._outlet = outlet
-        self._fallback = self.model = fallback
         n = len(arm.joint_names)
         self.history = History(n, round(arm.history * arm.rate))
         self.arrivals = Arrivals()
@@ -86,6 +86,7 @@ class ArmService:
         self._rate = RateWatch(arm.rate)
         self._states = JointStateCodec(arm.joint_names, arm.name)
         self._estimates = TorqueEstimateCodec(arm.joint_names, arm.name)
+        self._fallback = self.model = fallback
         self._boundary = threading.Lock()  # held while a state is answered
         self._origin: int | None = None  # [ns], stamp of the first state
         self._last = np.nan  # [s], of the last state
@@ -98,6 +99,18 @@ class ArmService:
         self._unturned = np.ones(n, dtype=np.bool_)  # friction of these may stand anyhow
         self._all_turned = False
         self._came = np.inf  # [s], of this machine's clock, when the last state did
+
+    @property
+    def model(self) -> LiveModel:
+        """The one that serves."""
+        return self._model
+
+    @model.setter
+    def model(self, model: LiveModel) -> None:
+        self._model = model
+        draft = EstimateDraft(self._estimates, model.version, fallback=model.physics_only)
+        self._draft = draft
+        self._answer = Answer(draft.torque, draft.std, draft.external, draft.outside)
 
     def handle(self, payload: bytes, attachment: bytes) -> bool:
         """Answer a joint state as it came off the wire, and say whether it was one of this arm.
@@ -120,7 +133,7 @@ class ArmService:
                 self.counts["stale"] += 1
                 return True
             try:
-                self._answer(state, attachment, began)
+                self._reply(state, attachment, began)
             except LimoError:  # not even physics could; begin anew with the next state
                 self.counts["unanswered"] += 1
                 self._last = np.nan
@@ -210,7 +223,7 @@ class ArmService:
             return False
         return True
 
-    def _answer(self, state: JointStateMessage, attachment: bytes, began: float) -> None:
+    def _reply(self, state: JointStateMessage, attachment: bytes, began: float) -> None:
         """Publish the estimate for a state, taken at `began` [s], and then what follows from it."""
         if self._origin is None:
             self._origin = state.stamp_ns
@@ -226,9 +239,10 @@ class ArmService:
         torque = state.torque if measured else None
         reset = now < self._settled
         known = not (reset or self._rate.doubtful)  # velocities, but for noise
-        answer = self._step(now, state.position, torque)
-        answer = self._flagged(answer, state.position, known=known)
-        self._publish(state, attachment, answer, reset=reset)
+        self._step(now, state.position, torque)
+        answer = self._answer
+        self._flag(answer, state.position, known=known)
+        self._publish(state, attachment, reset=reset)
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         self.history.append(now, state.position, torque)
@@ -238,9 +252,9 @@ class ArmService:
             self._tell_contacts(now)
         self.window.add(answer, self.watchdog.active, self._unturned, known=known)
 
-    def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> Answer:
+    def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> None:
         try:
-            return self.model.step(now, position, torque)
+            self._model.step(now, position, torque, self._answer)
         except LimoError as error:
             if self.model is self._fallback:
                 raise
@@ -255,24 +269,24 @@ class ArmService:
                 Level.ERROR,
                 version=failed.version,
             )
-            return self._fallback.step(now, position, torque)
+            self._fallback.step(now, position, torque, self._answer)
 
-    def _flagged(self, answer: Answer, position: FloatArray, *, known: bool) -> Answer:
-        """Return the answer with joints outside that have not turned enough since memory began.
+    def _flag(self, answer: Answer, position: FloatArray, *, known: bool) -> None:
+        """Flag joints as outside that have not turned enough since memory began.
 
         Until the filter is full of motion, and while states seem to come at another rate, nobody
         knows how wrong velocities are, nor then the torque.
         """
         if not known:
-            every = np.ones_like(answer.outside)
-            answer = answer._replace(outside=every, std=np.full(answer.std.shape, np.nan))
+            answer.outside.fill(True)
+            answer.std.fill(np.nan)
         if self._all_turned:
-            return answer
+            return
         np.minimum(self._lowest, position, out=self._lowest)
         np.maximum(self._highest, position, out=self._highest)
         self._unturned = self._highest - self._lowest < _TURNED
         self._all_turned = not self._unturned.any()
-        return answer._replace(outside=answer.outside | self._unturned)
+        answer.outside |= self._unturned
 
     def _restart(self, now: float, why: str) -> None:
         """Begin memory anew: before the first state, or after a gap that cannot be bridged."""
@@ -348,30 +362,15 @@ class ArmService:
                 cut_off=contact.cut_off,
             )
 
-    def _publish(
-        self, state: JointStateMessage, attachment: bytes, answer: Answer, *, reset: bool
-    ) -> None:
-        model = self.model
+    def _publish(self, state: JointStateMessage, attachment: bytes, *, reset: bool) -> None:
+        model, draft = self._model, self._draft
         stamp = state.stamp_ns - model.delay_ns
         attachment = relabelled(attachment, model.version)
-        self._outlet.estimate(
-            self._estimates.encode(
-                stamp,
-                answer.torque,
-                answer.std,
-                answer.external,
-                answer.outside,
-                model=model.version,
-                fallback=model.physics_only,
-                reset=reset,
-            ),
-            attachment,
-            stamp,
-        )
+        self._outlet.estimate(draft.finished(stamp, reset=reset), attachment, stamp)
         if self._outlet.external_wanted:
             nothing = state.position[:0]
             self._outlet.external(
-                self._states.encode(stamp, nothing, nothing, answer.external), attachment
+                self._states.encode(stamp, nothing, nothing, draft.external), attachment
             )
 
 

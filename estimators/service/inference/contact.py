@@ -141,15 +141,19 @@ class ContactReport:
             std: NaN where the estimator does not know its errors.
             known: Whether velocities are known by now.
         """
-        sure = (_SURE * std < self._watchdog.threshold) & np.isfinite(external)
-        touch = np.full_like(self._touch, _UNKNOWN)
-        if known:
-            touch = np.where(self._watchdog.active, 1, np.where(sure, 0, _UNKNOWN))
-        changed = touch != self._touch
-        if time < self._due and not changed.any():
+        watchdog = self._watchdog
+        changed = _touch(
+            time,
+            external,
+            std,
+            watchdog.threshold,
+            watchdog.active,
+            known,
+            self._touch,
+            self._since,
+        )
+        if time < self._due and not changed:
             return False
-        self._touch = touch
-        self._since[changed | np.isnan(self._since)] = time
         self._due = time + REPORT_PERIOD - _ROUNDING
         return True
 
@@ -162,6 +166,31 @@ class ContactReport:
     def since(self) -> list[float]:
         """When each joint came to be so, by the stamps of states [s]."""
         return self._since.tolist()
+
+
+@compiled(reads=("external", "std", "threshold", "active"))
+def _touch(
+    time: float,
+    external: FloatArray,
+    std: FloatArray,
+    threshold: FloatArray,
+    active: NDArray[np.bool_],
+    known: bool,
+    touch: NDArray[np.int64],
+    since: FloatArray,
+) -> bool:
+    """Write what is known of each joint, and since when; say whether that changed of any."""
+    changed = False
+    for j in range(external.size):
+        now = _UNKNOWN
+        if known and active[j]:
+            now = 1
+        elif known and _SURE * std[j] < threshold[j] and np.isfinite(external[j]):
+            now = 0
+        if now != touch[j] or np.isnan(since[j]):
+            changed = changed or now != touch[j]
+            touch[j], since[j] = now, time
+    return changed
 
 
 @compiled(reads=("external", "threshold", "duration"))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
+from ctypes import c_void_p
 from math import sqrt
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from estimators.embedded.compiled_stream import CompiledStream
 from limo_driver.errors import DivergedError
 from limo_driver.recordings.filters.causal_differentiation import RATE_TOLERANCE
 from limo_driver.runtime.compiled import compiled
@@ -182,18 +184,35 @@ _COPIED: Final = 1000  # copied at once, so that whoever answers the next state 
 _UNKNOWN: Final = np.empty(0)  # torque that was not measured
 
 
-class Answer(NamedTuple):
-    """Answer of the service to one state; arrays are (n,).
+class Answer:
+    """Answer of the service to one state, in arrays (n,) that each is written into.
 
     The drives resist what pushes the arm, so that external torque is -Jᵀ F of the wrench F that the
     environment exerts.
+
+    Args:
+        torque: Physics and the learned part within its bound [N m].
+        std: NaN where the model does not say [N m].
+        external: Measured less estimated; NaN without a measured torque [N m].
+        outside: Whether the motion is unlike what was learned.
     """
 
-    torque: FloatArray  # [N m], physics and the learned part within its bound
-    std: FloatArray  # [N m], NaN where the model does not say
-    external: FloatArray  # [N m], measured less estimated; NaN without a measured torque
-    outside: NDArray[np.bool_]  # the motion is unlike what was learned
-    clipped: bool  # the learned part was beyond its bound
+    def __init__(
+        self,
+        torque: FloatArray,
+        std: FloatArray,
+        external: FloatArray,
+        outside: NDArray[np.bool_],
+    ) -> None:
+        self.torque, self.std, self.external, self.outside = torque, std, external, outside
+        self.clipped = False  # the learned part was beyond its bound
+        arrays = torque, std, external, outside
+        self.places = tuple(c_void_p(values.ctypes.data) for values in arrays)
+
+    @classmethod
+    def of(cls, n: int) -> Answer:
+        """Return an answer of n joints to be written into."""
+        return cls(np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.bool_))
 
 
 class LiveModel:
@@ -213,16 +232,26 @@ class LiveModel:
         self.physics_only = physics_only
         self.delay_ns = round(stream.delay / 1e-9)
         self.state: StreamState = stream.init()
+        self._most = c_void_p(bound.ctypes.data)
 
-    def step(self, time: float, position: FloatArray, torque: FloatArray | None) -> Answer:
-        """Take the next state and answer for `stream.delay` before it.
+    def step(
+        self, time: float, position: FloatArray, torque: FloatArray | None, answer: Answer
+    ) -> None:
+        """Take the next state and write the answer for `stream.delay` before it.
 
         Raises:
             DivergedError: The torque is not finite.
             LimoError: The state cannot follow the one before.
         """
-        estimate, self.state = self.stream.step(self.state, time, position, torque)
-        return bounded(estimate, self.bound)
+        stream = self.stream
+        if isinstance(stream, CompiledStream):
+            places = self._most, *answer.places
+            finite, answer.clipped = stream.answer(self.state, time, position, torque, places)
+        else:
+            estimate, self.state = stream.step(self.state, time, position, torque)
+            finite, answer.clipped = bounded(estimate, self.bound, answer)
+        if not finite:
+            raise DivergedError(f"the torque is {answer.torque} N m")
 
     def prime(self, rows: StateRows) -> None:
         """Set memory as if the model had answered these states from the first on."""
@@ -263,20 +292,13 @@ class LiveModel:
             first += len(rows.time)
 
 
-def bounded(estimate: LiveEstimate, bound: FloatArray) -> Answer:
-    """Return the estimate with the learned part clipped.
-
-    Raises:
-        DivergedError: The torque is not finite.
-    """
-    torque, external = np.empty_like(bound), np.empty_like(bound)
+def bounded(estimate: LiveEstimate, bound: FloatArray, answer: Answer) -> tuple[bool, bool]:
+    """Write an estimate with the learned part clipped; say whether all is finite, and any was."""
+    answer.std[:], answer.outside[:] = estimate.std, estimate.outside
     measured = _UNKNOWN if estimate.measured is None else estimate.measured
-    finite, clipped = _bound(
-        estimate.simulation, estimate.learned, measured, bound, torque, external
+    return _bound(
+        estimate.simulation, estimate.learned, measured, bound, answer.torque, answer.external
     )
-    if not finite:
-        raise DivergedError(f"the torque is {torque} N m")
-    return Answer(torque, estimate.std, external, estimate.outside, clipped)
 
 
 @compiled(reads=("simulation", "learned", "measured", "bound"))

@@ -27,6 +27,7 @@ from limo_driver.network.messages.joint_state import (
     relabelled,
 )
 from limo_driver.network.messages.torque_estimate import (
+    EstimateDraft,
     Event,
     Level,
     TorqueEstimate,
@@ -45,6 +46,7 @@ __all__ = [
     "TORQUE_ESTIMATE",
     "WRENCH",
     "Attachment",
+    "EstimateDraft",
     "Event",
     "JointStateCodec",
     "JointStateMessage",

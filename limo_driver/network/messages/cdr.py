@@ -140,7 +140,7 @@ class RobotCodec:
         writer.string(frame_id)
         writer.strings(self.names)
         self._fixed = bytes(writer.data[_AFTER_STAMP:])
-        start = len(writer.data)
+        self.start = start = len(writer.data)  # of the arrays
         self._layouts = {  # by the lengths of the arrays, each of which may be empty
             lengths: struct.Struct(
                 f"<4siI{len(self._fixed)}s" + sequences(start, zip(codes, lengths, strict=True))

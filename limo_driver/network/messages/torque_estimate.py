@@ -12,25 +12,31 @@ import struct
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
 
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages.cdr import (
+    HEADER_SIZE,
     CdrReader,
     CdrWriter,
     RobotCodec,
     check_lengths,
     padding,
+    split_time,
     utf8,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from limo_driver.types import FloatArray
+
+
+_STAMP: Final = struct.Struct("<iI")
 
 
 def encode_wrench(stamp_ns: int, frame_id: str, wrench: FloatArray) -> bytes:
@@ -125,6 +131,43 @@ class TorqueEstimateCodec(RobotCodec):
         """
         body = self._packed(stamp_ns, torque=torque, std=std, external=external, outside=outside)
         return body + _tail(len(body), model, fallback, reset)
+
+
+class EstimateDraft:
+    """Message of one version of a model, whose arrays are written where they stand in it.
+
+    Args:
+        codec: Of the robot.
+        model: Version of the model.
+        fallback: The estimates are of the physics alone.
+    """
+
+    def __init__(self, codec: TorqueEstimateCodec, model: str, *, fallback: bool) -> None:
+        n = len(codec.names)
+        nothing, nowhere = np.full(n, np.nan), np.zeros(n, np.bool_)
+        message = codec.encode(
+            0, nothing, nothing, nothing, nowhere, model=model, fallback=fallback
+        )
+        # a header ahead, so that what is aligned behind the message's own is so in memory
+        self._message = np.empty(HEADER_SIZE + len(message), np.uint8)[HEADER_SIZE:]
+        self._message[:] = np.frombuffer(message, np.uint8)
+        first = codec.start + padding(codec.start, 4) + 4
+        places = first + padding(first, 8) + (8 * n + 8) * np.arange(3)  # a length between two
+        self.torque, self.std, self.external = (
+            self._message[at : at + 8 * n].view(np.float64) for at in places
+        )  # (n,) each [N m]
+        at = places[2] + 8 * n + 4
+        self.outside = self._message[at : at + n].view(np.bool_)  # (n,)
+
+    def finished(self, stamp_ns: int, *, reset: bool) -> bytes:
+        """Return the message of a stamp, as `TorqueEstimateCodec.encode` does.
+
+        Raises:
+            WireFormatError: The stamp does not fit into 32 bits of seconds.
+        """
+        _STAMP.pack_into(self._message, HEADER_SIZE, *split_time(stamp_ns))
+        self._message[-1] = reset
+        return self._message.tobytes()
 
 
 def decode_torque_estimate(payload: bytes | memoryview) -> TorqueEstimate:
