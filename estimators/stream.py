@@ -131,6 +131,10 @@ class Stream:
         """Return the memory before the first position, at which the arm is taken to have rested."""
         return StreamState(self.differentiator.init(self.n), self.model.init(self.rate))
 
+    def copied(self, state: StreamState) -> StreamState:
+        """Return memory that stays as it is while other streams go on from the same."""
+        return state
+
     def step(
         self,
         state: StreamState,

@@ -132,7 +132,7 @@ class CompiledStream(Stream):
         places = (values.ctypes.data for values in (time, given, rows))
         taken = self._rows(state, time.size, measured, *places)
         if taken < time.size:
-            raise _refused(time[taken])
+            raise _refused(time.item(taken))
         simulation, learned, std, filtered, outside = np.split(rows[:, 1:], _FIELDS, axis=1)
         torques = filtered if measured else None
         return Rows(simulation, learned, std, outside != 0.0, rows[:, 0], torques), state

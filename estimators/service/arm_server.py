@@ -6,6 +6,7 @@ import gc
 import threading
 import time
 from collections import Counter
+from contextlib import contextmanager
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,7 +20,6 @@ from estimators.service.inference.inbox import (
     LogWatch,
     NetworkOutlet,
     StateSilence,
-    source_of,
 )
 from estimators.service.inference.live_model import Window
 from estimators.service.opening import ModelQueries, Opening
@@ -30,7 +30,7 @@ from limo_driver.network.readiness import ServicePhase
 from limo_driver.network.ros import RosReader
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
     from estimators.service.inference.arm_service import ArmService
     from estimators.service.inference.inbox import Bulletin
@@ -85,7 +85,9 @@ class ArmServer:
         self._opener: threading.Thread | None = None
         self._source, self._silence = FollowedSource(), StateSilence()
         self.keeper: Retrainer | None = None  # retrains the champion, where there is one
-        self._changing = threading.RLock()  # one change of models after the other
+        self._admitting = threading.Lock()  # one new model after the other
+        self._changing = threading.Lock()  # of the model that serves
+        self._rollbacks = 0
         self._ros = None if ros is None else RosReader(self._physics.model.joint_names, self.arm)
         key = self.keys.joints if ros is None else ros.key_of_any_hash
         self._queries = ModelQueries(session, self)
@@ -149,7 +151,7 @@ class ArmServer:
         Raises:
             LimoError: It is not fit, or cannot follow the stream; the old one serves on.
         """
-        return self._change(version, lambda _: None)
+        return self._admit(version, lambda _: None)
 
     def promote(self, version: str, reason: str, instead_of: str | None = None) -> dict[str, Any]:
         """Let a version serve, and make it the champion.
@@ -166,29 +168,31 @@ class ArmServer:
         version = self.models.number(version)
         if version in self.models.candidates[:1]:
             raise ModelStoreError(f"version {version} is the champion already; load it to serve")
-        facts = self._change(
-            version, lambda number: self.models.promote(number, reason, instead_of)
-        )
+        facts = self._admit(version, lambda number: self.models.promote(number, reason, instead_of))
         self.outlet.event("promoted", f"{version} is the champion: {reason}", **facts)
         return facts
 
     def rollback(self, reason: str, instead_of: str | None = None) -> dict[str, Any]:
-        """Let the champion before serve again.
+        """Let the champion before serve again, at once: whatever is being vetted is not waited for.
 
         Args:
             reason: Why, for the record.
             instead_of: Champion that is sent back; no other is.
 
         Raises:
-            LimoError: There is none, or it is not fit to serve, or another one is the champion;
-                nothing changes.
+            LimoError: There is none, or it cannot be read, or another one is the champion; nothing
+                changes.
         """
-        self._running()
-        with self._changing:
+        service, began = self._running(), time.monotonic()
+        with self._changing, self._refusals("champion"):
             _, *before = self.models.candidates or ("",)
             if not before:
                 raise ModelStoreError("there is no champion before this one to roll back to")
-            facts = self._change(before[0], lambda _: self.models.rollback(reason, instead_of))
+            model = self.loaded(before[0])
+            facts = self._change(
+                service, model, began, lambda _: self.models.rollback(reason, instead_of)
+            )
+            self._rollbacks += 1
         self.outlet.event(
             "rollback", f"{before[0]} is the champion again: {reason}", Level.WARN, **facts
         )
@@ -226,7 +230,7 @@ class ArmServer:
         """Stop answering and take the arm's keys off the network."""
         self.models.close()
         self._queries.close()
-        with self._changing:  # what is under way still tells its end
+        with self._admitting, self._changing:  # what is under way still tells its end
             pass
         if self.keeper is not None:
             self.keeper.close()
@@ -236,28 +240,58 @@ class ArmServer:
             self._opener.join()
         self.outlet.close()
 
-    def _change(self, which: str, note: Callable[[str], None]) -> dict[str, Any]:
-        """Let a version serve that is fit to, and note it; where that fails, nothing changes."""
-        service, began, version = self._running(), time.monotonic(), which
-        try:
+    def _admit(self, which: str, note: Callable[[str], None]) -> dict[str, Any]:
+        """Let a version serve if it is fit to; a rollback meanwhile goes before it."""
+        service, began = self._running(), time.monotonic()
+        with self._admitting, self._refusals(which):
+            version, rollbacks = self.models.number(which), self._rollbacks
+            self.models.vet(version, self.demand())
+            decided = time.monotonic()
+            model = self.loaded(version)
             with self._changing:
-                version = self.models.number(which)
-                self.models.vet(version, self.demand())
-                before = service.swap(self.loaded(version))
-                try:
-                    note(version)
-                except LimoError:
-                    service.swap(before)
-                    raise
+                if self._rollbacks != rollbacks:
+                    raise ModelStoreError(f"version {version}: there was a rollback meanwhile")
+                return self._change(service, model, began, note, vetting=decided - began)
+
+    @contextmanager
+    def _refusals(self, version: str) -> Generator[None]:
+        """Tell why a model is not let serve."""
+        try:
+            yield
         except LimoError as error:
             self.outlet.event("refused", str(error), Level.ERROR, version=version)
             raise
+
+    def _change(
+        self,
+        service: ArmService,
+        model: LiveModel,
+        began: float,
+        note: Callable[[str], None],
+        vetting: float = 0.0,
+    ) -> dict[str, Any]:
+        """Let a model serve, and note it; where that fails, nothing changes.
+
+        Args:
+            service: Of the arm.
+            model: With everything compiled.
+            began: When it was asked for [s].
+            note: Told its version once it serves.
+            vetting: Of the time since then [s].
+        """
+        before = service.swap(model)
+        try:
+            note(model.version)
+        except LimoError:
+            service.swap(before)
+            raise
         facts: dict[str, Any] = {
-            "version": version,
+            "version": model.version,
             "before": before.version,
             "seconds": time.monotonic() - began,
+            "vetting": vetting,
         }
-        self.outlet.event("swap", f"{version} serves instead of {before.version}", **facts)
+        self.outlet.event("swap", f"{model.version} serves instead of {before.version}", **facts)
         return facts
 
     @property
@@ -277,25 +311,25 @@ class ArmServer:
         inbox = Inbox(states, self._foreign)
         while True:
             try:
-                sample = inbox.next()
+                sample, source = inbox.next()
             except zenoh.ZError:  # closed
                 return
             try:
-                self._take(sample)
+                self._take(sample, source)
             except Exception as error:  # noqa: BLE001  # of our own; the stream has to go on
                 self._failures += 1
                 if self._failures == 1:
                     self.outlet.event("failure", f"{error!r}", Level.FATAL, trace=format_exc())
 
-    def _foreign(self, sample: zenoh.Sample) -> bool:
+    def _foreign(self, source: str) -> bool:
         """Say whether a state is of another source; those of ROS say so in what is attached."""
-        if self._ros is not None or not self._source.is_foreign(source_of(sample)):
+        if self._ros is not None or not self._source.is_foreign(source):
             return False
         self._counts["foreign"] += 1
         return True
 
-    def _take(self, sample: zenoh.Sample) -> None:
-        payload, source = sample.payload.to_bytes(), source_of(sample)
+    def _take(self, sample: zenoh.Sample, source: str) -> None:
+        payload = sample.payload.to_bytes()
         attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
         if self._ros is not None:
             try:

@@ -6,6 +6,7 @@ import json
 import logging
 import math
 import time
+from collections import deque
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
@@ -16,6 +17,7 @@ from estimators.residual_model import SimulationOnly
 from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.contact import ContactReport, ContactWatchdog
 from estimators.service.inference.live_model import Answer, LiveModel, RateFinder, Window
+from estimators.service.store.served_models import READY
 from estimators.stream import Stream
 from limo_driver.errors import LimoError
 from limo_driver.network.claims import PacedQueryable
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
+    from estimators.base import LiveEstimator
     from estimators.service.inference.inbox import NetworkOutlet
     from estimators.service.settings import ServiceSettings
     from estimators.service.store.served_models import ServedModels
@@ -59,6 +62,7 @@ class Opening:
     ) -> None:
         self._arm, self._models, self._settings, self._outlet = arm, models, settings, outlet
         self._finder = RateFinder()
+        self._streams: deque[Stream] = deque(maxlen=READY)  # the latest, should one come back
 
     def rate(self, sequence: int, stamp: int, *, first: bool) -> float | None:
         """Take a state, and return the rate to serve [Hz] once it is known.
@@ -107,9 +111,16 @@ class Opening:
         Raises:
             LimoError: It cannot be read, or not be streamed at the arm's rate.
         """
-        stream = fastest(Stream(self._models.load(version), arm.rate, self._settings.delay))
-        warm_up(stream)
+        model = self._models.load(version)
+        stream = self._ready(model, arm.rate)
+        if stream is None:
+            stream = fastest(Stream(model, arm.rate, self._settings.delay))
+            warm_up(stream)
+            self._streams.append(stream)
         return LiveModel(version, stream, arm.bound)
+
+    def _ready(self, model: LiveEstimator, rate: float) -> Stream | None:
+        return next((s for s in self._streams if s.model is model and s.rate == rate), None)
 
     def _first_model(self, service: ArmService) -> LiveModel:
         """Return the champion, or else a champion before it, or else the physics."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -82,6 +83,7 @@ class ArmService:
         self.contacts: deque[Contact] = deque(maxlen=_CONTACTS)  # that ended, oldest first
         self.other_rate: float | None = None  # [Hz] of the states; nothing is answered any more
         self._untold_resets, self._next_reset = 0, 0.0  # and when the next is told [s]
+        self._leaving: LiveModel | None = None  # the model before, until the step is told
         self._told_joints = False  # that states of other joints came
         self._rate = RateWatch(arm.rate)
         self._states = JointStateCodec(arm.joint_names, arm.name)
@@ -127,7 +129,8 @@ class ArmService:
         if not self._usable(state):
             return False
         with self._boundary:
-            if not self._in_order(about.sequence, state.stamp_ns):
+            new = self.arrivals.take(about.sequence, state.stamp_ns)
+            if not new or self.other_rate is not None:
                 return True
             if about.stale:  # its values are the last known ones, and were answered
                 self.counts["stale"] += 1
@@ -137,6 +140,7 @@ class ArmService:
             except LimoError:  # not even physics could; begin anew with the next state
                 self.counts["unanswered"] += 1
                 self._last = np.nan
+            self.other_rate = self._rate.take(about.sequence, state.stamp_ns)
             self._outlet.state(payload, state.stamp_ns, about.sequence)
         return True
 
@@ -152,7 +156,8 @@ class ArmService:
         """
         with self._boundary:
             if model.stream.remembers_like(self.model.stream):
-                model.state = self.model.state  # reaches back further than any history
+                # reaches back further than any history; the one before still says its last word
+                model.state = self.model.stream.copied(self.model.state)
                 return self._replaced_by(model)
         first = model.catch_up(self.history, close=_CLOSE)
         with self._boundary:
@@ -189,6 +194,7 @@ class ArmService:
 
     def _replaced_by(self, model: LiveModel) -> LiveModel:
         before, self.model = self.model, model
+        self._leaving = before
         self.counts["swaps"] += 1
         return before
 
@@ -198,13 +204,6 @@ class ArmService:
         with self._boundary:
             if self.watchdog.active.any() and time.monotonic() - self._came > patience:
                 self._cut_contacts_off()
-
-    def _in_order(self, sequence: int, stamp: int) -> bool:
-        """Say whether a state is a new one, of the rate that is served."""
-        if not self.arrivals.take(sequence, stamp):
-            return False
-        self.other_rate = self.other_rate or self._rate.take(sequence, stamp)
-        return self.other_rate is None
 
     def _usable(self, state: JointStateMessage) -> bool:
         if state.names != self.arm.joint_names:
@@ -251,6 +250,27 @@ class ArmService:
         if self._report.step(now, answer.external, answer.std, known=known):
             self._tell_contacts(now)
         self.window.add(answer, self.watchdog.active, self._unturned, known=known)
+        if self._leaving is not None:
+            self._tell_step(self._leaving, now, state.position, torque)
+
+    def _tell_step(
+        self, before: LiveModel, now: float, position: FloatArray, torque: FloatArray | None
+    ) -> None:
+        """Tell by how much torque stepped at a swap, of the first state after it."""
+        self._leaving = None
+        answer = Answer.of(len(self.arm.joint_names))
+        with suppress(LimoError):  # it may have been replaced because it fails
+            before.step(now, position, torque, answer)
+            step = np.abs(answer.torque - self._answer.torque)
+            j = int(step.argmax())
+            self._outlet.event(
+                "step",
+                f"{self.model.version} after {before.version}: torque steps by at most "
+                f"{step[j]:.2g} N m, at joint {j + 1}",
+                version=self.model.version,
+                before=before.version,
+                step=step.tolist(),
+            )
 
     def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> None:
         try:

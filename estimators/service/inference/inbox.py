@@ -45,17 +45,17 @@ class Inbox:
 
     Args:
         samples: Handler of a subscription, with a ring of `RING`.
-        foreign: Says of a sample, and counts, that it is not of the source that is followed.
+        foreign: Says of a source, and counts, that it is not the one that is followed.
     """
 
     def __init__(
-        self, samples: zenoh.Handler[zenoh.Sample], foreign: Callable[[zenoh.Sample], bool]
+        self, samples: zenoh.Handler[zenoh.Sample], foreign: Callable[[str], bool]
     ) -> None:
         self._samples, self._foreign = samples, foreign
-        self._waiting: deque[zenoh.Sample] = deque(maxlen=WAITING)
+        self._waiting: deque[tuple[zenoh.Sample, str]] = deque(maxlen=WAITING)
 
-    def next(self) -> zenoh.Sample:
-        """Wait for a state, and return the oldest of those that still wait.
+    def next(self) -> tuple[zenoh.Sample, str]:
+        """Wait for a state, and return the oldest of those that still wait, and its source.
 
         Raises:
             zenoh.ZError: The subscription has ended.
@@ -72,14 +72,10 @@ class Inbox:
                 return waiting.popleft()
 
     def _sort(self, sample: zenoh.Sample) -> None:
-        if not self._foreign(sample):
-            self._waiting.append(sample)
-
-
-def source_of(sample: zenoh.Sample) -> str:
-    """Return which source a sample is of; nothing where it does not say."""
-    info = sample.source_info  # each time that it is asked for, it is made anew
-    return "" if info is None else str(info.source_id)
+        info = sample.source_info  # each time that it is asked for, it is made anew
+        source = "" if info is None else str(info.source_id)
+        if not self._foreign(source):
+            self._waiting.append((sample, source))
 
 
 class FollowedSource:

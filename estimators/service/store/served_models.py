@@ -7,10 +7,11 @@ running service shows the versions of its store.
 from __future__ import annotations
 
 import threading
+from collections import deque
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from estimators.model_folder import load_model
 from estimators.service.store.aliases import NAMES, Aliases, parsed_aliases
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
     from estimators.service.store.store import ModelStore
     from limo_driver.network.model_client import ModelClient
     from limo_driver.physics import Simulation
+
+
+READY: Final = 4  # versions that are kept as they were loaded, should one be needed again
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,12 @@ class StoreModels:
 
     store: ModelStore
     simulation: Simulation | None = None
+    _loaded: deque[tuple[Version, ResidualModel[Any]]] = field(
+        default_factory=lambda: deque(maxlen=READY), init=False, repr=False
+    )
+    _fit: deque[tuple[Version, Demand]] = field(
+        default_factory=lambda: deque(maxlen=READY), init=False, repr=False
+    )  # that were vetted
     _stopped: threading.Event = field(default_factory=threading.Event, init=False, repr=False)
 
     @property
@@ -108,16 +118,15 @@ class StoreModels:
         Raises:
             ModelStoreError: Nothing was given, and no version can be read.
         """
-        return self._first[1].simulation if self.simulation is None else self.simulation
+        return self._first.simulation if self.simulation is None else self.simulation
 
     @cached_property
-    def _first(self) -> tuple[Version, ResidualModel[Any]]:
+    def _first(self) -> ResidualModel[Any]:
         """The first candidate that can be read."""
         reasons: list[str] = []
         for version in (*self.candidates, *map(str, reversed(self.store.numbers()))):
             try:
-                found = self.store.open(version)
-                return found, found.load()
+                return self.load(version)
             except ModelStoreError as error:
                 reasons.append(str(error))
         raise ModelStoreError(
@@ -142,27 +151,32 @@ class StoreModels:
         return str(self.store.number(which))
 
     def load(self, version: str) -> ResidualModel[Any]:
-        """Check the files of a version and read it.
-
-        The one that gave the physics is not read again, as long as it is the same one.
+        """Check the files of a version and read it; one of the latest few is not read again.
 
         Raises:
             ModelStoreError: There is no such version, or a file differs from what was added.
         """
         found = self.store.open(version)
-        if self.simulation is None and found == self._first[0]:
-            return self._first[1]
-        return found.load()
+        for known, model in self._loaded:
+            if known == found:
+                return model
+        model = found.load()
+        self._loaded.append((found, model))
+        return model
 
     def vet(self, version: str, demand: Demand) -> None:
-        """Check a version in a process of its own.
+        """Check a version in a process of its own, unless it was found fit for the same before.
 
         Raises:
             ModelStoreError: It must not serve, and why.
         """
+        known = self.store.open(version), demand
+        if known in self._fit:
+            return
         found = vet(self.store, version, demand, stopped=self._stopped)
         if not found.ok:
             raise ModelStoreError(f"version {version} is refused, {found.refused}: {found.reason}")
+        self._fit.append(known)
 
     def promote(self, version: str, reason: str, instead_of: str | None) -> None:
         """Make a version the champion."""

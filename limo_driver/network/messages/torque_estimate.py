@@ -149,15 +149,16 @@ class EstimateDraft:
             0, nothing, nothing, nothing, nowhere, model=model, fallback=fallback
         )
         # a header ahead, so that what is aligned behind the message's own is so in memory
-        self._message = np.empty(HEADER_SIZE + len(message), np.uint8)[HEADER_SIZE:]
-        self._message[:] = np.frombuffer(message, np.uint8)
+        values = np.empty(HEADER_SIZE + len(message), np.uint8)[HEADER_SIZE:]
+        values[:] = np.frombuffer(message, np.uint8)
+        self._message = values.data
         first = codec.start + padding(codec.start, 4) + 4
         places = first + padding(first, 8) + (8 * n + 8) * np.arange(3)  # a length between two
         self.torque, self.std, self.external = (
-            self._message[at : at + 8 * n].view(np.float64) for at in places
+            values[at : at + 8 * n].view(np.float64) for at in places
         )  # (n,) each [N m]
         at = places[2] + 8 * n + 4
-        self.outside = self._message[at : at + n].view(np.bool_)  # (n,)
+        self.outside = values[at : at + n].view(np.bool_)  # (n,)
 
     def finished(self, stamp_ns: int, *, reset: bool) -> bytes:
         """Return the message of a stamp, as `TorqueEstimateCodec.encode` does.

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from estimators.embedded.compiled_stream import fastest
 from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.inference.live_model import LiveModel
@@ -19,7 +20,7 @@ from limo_driver.network.messages import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from limo_driver.network.messages import TorqueEstimate
     from limo_driver.physics import Simulation
@@ -70,8 +71,14 @@ class Kept:
         return np.array([estimate.torque for estimate in self.estimates])
 
 
-def live(model: Any, version: str = "1", bound: float = 1e3) -> LiveModel:
-    return LiveModel(version, Stream(model, RATE, DELAY), np.full(2, bound))
+def live(
+    model: Any, version: str = "1", bound: float = 1e3, runs: Callable[[Stream], Stream] = fastest
+) -> LiveModel:
+    return LiveModel(version, runs(Stream(model, RATE, DELAY)), np.full(2, bound))
+
+
+def in_python(stream: Stream) -> Stream:
+    return stream
 
 
 def service_of(

@@ -6,8 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fed_service import DELAY, NAMES, RATE, START, feed, live, messages, service_of
+from fed_service import (
+    DELAY,
+    NAMES,
+    RATE,
+    START,
+    feed,
+    in_python,
+    live,
+    messages,
+    service_of,
+)
 
+from estimators.embedded.compiled_stream import CompiledStream
 from estimators.stream import Stream
 from limo_driver.network.messages import (
     Attachment,
@@ -30,6 +41,28 @@ class TestAnswers:
         std = np.array([estimate.std for estimate in kept.estimates])
         np.testing.assert_allclose(std[20:], expected.std[20:], rtol=1e-4)
         np.testing.assert_allclose(kept.externals, expected.measured - expected.torque, atol=1e-6)
+
+    def test_are_the_same_in_c_and_in_python(self, rigid, learned, motion) -> None:
+        pushed = np.array(motion.torque)
+        pushed[300:400, 1] += 8.0
+        sent = messages(replace(motion, torque=pushed))
+        sent = sent[:120] + sent[125:450] + sent[470:]  # some bridged, and a gap
+        heard = []
+        for runs in (CompiledStream, in_python):
+            service, kept = service_of(rigid, live(learned, bound=0.2, runs=runs))
+            feed(service, sent)
+            heard.append(kept)
+            assert service.window.clipped > 0
+        own, python = heard
+        scale = np.abs(python.torque).max()
+        np.testing.assert_allclose(own.torque, python.torque, rtol=0.0, atol=1e-6 * scale)
+        for one, other in zip(own.estimates, python.estimates, strict=True):
+            np.testing.assert_allclose(one.std, other.std, rtol=1e-6, equal_nan=True)
+            np.testing.assert_allclose(one.external, other.external, atol=1e-6 * scale)
+            np.testing.assert_array_equal(one.outside, other.outside)
+            assert (one.stamp_ns, one.reset) == (other.stamp_ns, other.reset)
+        assert own.attachments == python.attachments
+        assert own.kinds == python.kinds == ["contact", "contact_end", "reset"]
 
     def test_say_whose_they_are_and_of_when(self, rigid, learned, motion) -> None:
         service, kept = service_of(rigid, live(learned, "7"))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from fed_service import DELAY, RATE, feed, live, messages, service_of
+from fed_service import DELAY, RATE, feed, in_python, live, messages, service_of
 from lanes import sampled
 
 from estimators.joint_physics import JointPhysics
@@ -67,6 +67,34 @@ class TestFallback:
 
 
 class TestSwap:
+    def test_tells_by_how_much_torque_stepped(self, rigid, learned, motion) -> None:
+        sent = messages(motion)
+        service, kept = service_of(rigid, live(learned))
+        feed(service, sent[:400])
+        for first, model in ((400, live(learned, "2")), (450, live(rigid, "3"))):
+            service.swap(model)
+            feed(service, sent[first : first + 50])
+        alone, kept_alone = service_of(rigid, live(learned))
+        feed(alone, sent)
+        same, other = (facts for kind, facts in kept.events if kind == "step")
+        assert (same["before"], same["version"], other["version"]) == ("1", "2", "3")
+        assert same["step"] == [0.0, 0.0]
+        expected = np.abs(kept.torque[450] - kept_alone.torque[450])
+        np.testing.assert_allclose(other["step"], expected, rtol=1e-6)
+        assert expected.max() > 1e-3
+
+    def test_from_c_to_python_and_back_primes_memory(self, rigid, learned, motion) -> None:
+        sent = messages(motion)
+        service, kept = service_of(rigid, live(learned))
+        feed(service, sent[:400])
+        service.swap(live(learned, "2", runs=in_python))
+        feed(service, sent[400:450])
+        service.swap(live(learned, "3"))
+        feed(service, sent[450:])
+        alone, kept_alone = service_of(rigid, live(learned))
+        feed(alone, sent)
+        np.testing.assert_allclose(kept.torque, kept_alone.torque, atol=1e-6)
+
     def test_between_equal_models_changes_nothing(self, rigid, learned, motion) -> None:
         service, kept = service_of(rigid, live(learned, "1"))
         sent = messages(motion)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -142,23 +143,31 @@ def test_a_hanging_version_is_ended(
     monkeypatch.setattr(vetting, "_COMMAND", ("sh", "-c", hang))
     vetted = vet(filled, 1, LATE, timeout=5.0)
     assert vetted.refused == "hanging"
-    assert vetted.reason == "gave no answer within 5 s"
+    assert vetted.reason == "gave no answer within 5 s of a processor"
     with pytest.raises(ProcessLookupError):
         os.kill(int(own.read_text()), 0)
 
 
-def test_time_without_a_processor_does_not_count() -> None:
-    core = min(os.sched_getaffinity(0))
-    loop = f"import os; os.sched_setaffinity(0, {{{core}}})\nwhile True: pass"
-    busy = [subprocess.Popen([sys.executable, "-c", loop]) for _ in range(2)]
-    try:
-        while vetting._waited(busy[0].pid) < 0.1:  # each has half of the core
-            assert all(each.poll() is None for each in busy)
-            time.sleep(0.01)
-    finally:
-        for each in busy:
-            each.kill()
-            each.wait()
+def test_processor_time_is_that_of_a_process_and_its_children() -> None:
+    # as of a compiler: the shell waits, and its child computes
+    loop = f"{sys.executable} -c 'while True: pass' & wait"
+    with subprocess.Popen(["sh", "-c", loop], start_new_session=True) as process:
+        try:
+            while vetting._used(process.pid) < 0.2:
+                assert process.poll() is None
+                time.sleep(0.01)
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert vetting._used(process.pid) == 0.0
+
+
+@pytest.mark.slow("computes for two seconds of a processor")
+def test_a_version_that_computes_for_ever_is_ended(
+    filled: ModelStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vetting, "_COMMAND", (sys.executable, "-c", "while True: pass"))
+    vetted = vet(filled, 1, LATE, timeout=2.0)
+    assert vetted.reason == "gave no answer within 2 s of a processor"
 
 
 @pytest.mark.parametrize(
