@@ -6,7 +6,6 @@ import gc
 import threading
 import time
 from collections import Counter
-from contextlib import contextmanager
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,15 +21,16 @@ from estimators.service.inference.inbox import (
     StateSilence,
 )
 from estimators.service.inference.live_model import Window
+from estimators.service.model_changes import ModelChanges
 from estimators.service.opening import ModelQueries, Opening
 from estimators.service.store.vetting import Demand
-from limo_driver.errors import LimoError, ModelStoreError, WireFormatError
+from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.messages import Attachment, Level, decode_joint_state
 from limo_driver.network.readiness import ServicePhase
 from limo_driver.network.ros import RosReader
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable
 
     from estimators.service.inference.arm_service import ArmService
     from estimators.service.inference.inbox import Bulletin
@@ -46,7 +46,7 @@ _ANSWERING: Final = (ServicePhase.SERVING, ServicePhase.SILENT)
 _PAUSE: Final = 10.0  # [s] before another try to serve states that could not be served
 
 
-class ArmServer:
+class ArmServer(ModelChanges):
     """Serves one arm from its first states on, until it is closed.
 
     Args:
@@ -70,11 +70,11 @@ class ArmServer:
         log: McapLog | None,
         ros: RosTopic | None = None,
     ) -> None:
-        self.keys, self.models, self.settings = bulletin.keys, models, settings
+        super().__init__(models, NetworkOutlet(session, bulletin, log))
+        self.keys, self.settings = bulletin.keys, settings
         self._physics = models.physics
         settings.contact(self._physics.model.n)  # refuses those of an arm with other joints
         self._bulletin = bulletin
-        self.outlet = NetworkOutlet(session, bulletin, log)
         self._opening = Opening(self.arm, models, settings, self.outlet)
         self._logging = None if log is None else LogWatch(log, self.outlet)
         self.service: ArmService | None = None
@@ -85,9 +85,6 @@ class ArmServer:
         self._opener: threading.Thread | None = None
         self._source, self._silence = FollowedSource(), StateSilence()
         self.keeper: Retrainer | None = None  # retrains the champion, where there is one
-        self._admitting = threading.Lock()  # one new model after the other
-        self._changing = threading.Lock()  # of the model that serves
-        self._rollbacks = 0
         self._ros = None if ros is None else RosReader(self._physics.model.joint_names, self.arm)
         key = self.keys.joints if ros is None else ros.key_of_any_hash
         self._queries = ModelQueries(session, self)
@@ -145,66 +142,13 @@ class ArmServer:
         serving = None if self.service is None else self.service.model.version
         return {"arm": self.keys.arm, "serving": serving, **self.models.index()}
 
-    def load(self, version: str) -> dict[str, Any]:
-        """Let a version serve that was found fit to, until the service ends.
-
-        Raises:
-            LimoError: It is not fit, or cannot follow the stream; the old one serves on.
-        """
-        return self._admit(version, lambda _: None)
-
-    def promote(self, version: str, reason: str, instead_of: str | None = None) -> dict[str, Any]:
-        """Let a version serve, and make it the champion.
-
-        Args:
-            version: Its number or alias.
-            reason: Why, for the record.
-            instead_of: Champion that it was judged against; no other is replaced.
-
-        Raises:
-            LimoError: As for `load`, or it is the champion, or another one is than was judged
-                against; nothing changes.
-        """
-        version = self.models.number(version)
-        if version in self.models.candidates[:1]:
-            raise ModelStoreError(f"version {version} is the champion already; load it to serve")
-        facts = self._admit(version, lambda number: self.models.promote(number, reason, instead_of))
-        self.outlet.event("promoted", f"{version} is the champion: {reason}", **facts)
-        return facts
-
-    def rollback(self, reason: str, instead_of: str | None = None) -> dict[str, Any]:
-        """Let the champion before serve again, at once: whatever is being vetted is not waited for.
-
-        Args:
-            reason: Why, for the record.
-            instead_of: Champion that is sent back; no other is.
-
-        Raises:
-            LimoError: There is none, or it cannot be read, or another one is the champion; nothing
-                changes.
-        """
-        service, began = self._running(), time.monotonic()
-        with self._changing, self._refusals("champion"):
-            _, *before = self.models.candidates or ("",)
-            if not before:
-                raise ModelStoreError("there is no champion before this one to roll back to")
-            model = self.loaded(before[0])
-            facts = self._change(
-                service, model, began, lambda _: self.models.rollback(reason, instead_of)
-            )
-            self._rollbacks += 1
-        self.outlet.event(
-            "rollback", f"{before[0]} is the champion again: {reason}", Level.WARN, **facts
-        )
-        return facts
-
     def retrain(self, reason: str) -> dict[str, Any]:
         """Train a challenger as soon as can be, and return the stage of retraining.
 
         Raises:
             LimoError: The service does not retrain, or cannot now.
         """
-        self._running()
+        self.running()
         if self.keeper is None:
             raise LimoError("this service does not retrain: it needs `store` and `log`")
         return self.keeper.ask(reason)
@@ -215,7 +159,7 @@ class ArmServer:
         Raises:
             LimoError: No joint states came yet.
         """
-        arm = self._running().arm
+        arm = self.running().arm
         return Demand(arm.rate, self.settings.delay, joints=arm.joint_names)
 
     def loaded(self, version: str) -> LiveModel:
@@ -224,14 +168,13 @@ class ArmServer:
         Raises:
             LimoError: It cannot be read, or no joint states came yet.
         """
-        return self._opening.loaded(version, self._running().arm)
+        return self._opening.loaded(version, self.running().arm)
 
     def close(self) -> None:
         """Stop answering and take the arm's keys off the network."""
         self.models.close()
         self._queries.close()
-        with self._admitting, self._changing:  # what is under way still tells its end
-            pass
+        self.finish_changes()
         if self.keeper is not None:
             self.keeper.close()
         self._subscriber.undeclare()
@@ -240,66 +183,13 @@ class ArmServer:
             self._opener.join()
         self.outlet.close()
 
-    def _admit(self, which: str, note: Callable[[str], None]) -> dict[str, Any]:
-        """Let a version serve if it is fit to; a rollback meanwhile goes before it."""
-        service, began = self._running(), time.monotonic()
-        with self._admitting, self._refusals(which):
-            version, rollbacks = self.models.number(which), self._rollbacks
-            self.models.vet(version, self.demand())
-            decided = time.monotonic()
-            model = self.loaded(version)
-            with self._changing:
-                if self._rollbacks != rollbacks:
-                    raise ModelStoreError(f"version {version}: there was a rollback meanwhile")
-                return self._change(service, model, began, note, vetting=decided - began)
-
-    @contextmanager
-    def _refusals(self, version: str) -> Generator[None]:
-        """Tell why a model is not let serve."""
-        try:
-            yield
-        except LimoError as error:
-            self.outlet.event("refused", str(error), Level.ERROR, version=version)
-            raise
-
-    def _change(
-        self,
-        service: ArmService,
-        model: LiveModel,
-        began: float,
-        note: Callable[[str], None],
-        vetting: float = 0.0,
-    ) -> dict[str, Any]:
-        """Let a model serve, and note it; where that fails, nothing changes.
-
-        Args:
-            service: Of the arm.
-            model: With everything compiled.
-            began: When it was asked for [s].
-            note: Told its version once it serves.
-            vetting: Of the time since then [s].
-        """
-        before = service.swap(model)
-        try:
-            note(model.version)
-        except LimoError:
-            service.swap(before)
-            raise
-        facts: dict[str, Any] = {
-            "version": model.version,
-            "before": before.version,
-            "seconds": time.monotonic() - began,
-            "vetting": vetting,
-        }
-        self.outlet.event("swap", f"{model.version} serves instead of {before.version}", **facts)
-        return facts
-
     @property
     def _counts(self) -> Counter[str]:
         """Of what is not answered, before the service began and since."""
         return self._refused if self.service is None else self.service.counts
 
-    def _running(self) -> ArmService:
+    def running(self) -> ArmService:
+        """Return the service, see `ModelChanges`."""
         if self.service is None:
             raise LimoError(f"{self.keys.arm} is not served yet: no joint states came")
         if not self.answering:
@@ -424,7 +314,7 @@ class ArmServer:
             return
         version = service.model.version
         gc.freeze()  # collecting through what was just loaded would hold the stream
-        with self._changing:
+        with self.changing:
             self.service = service
             text = f"{version} serves at {rate:g} Hz"
             self._bulletin.enter(ServicePhase.SERVING, text, rate=rate, version=version)

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 
     from estimators.base import LiveEstimator
     from estimators.service.inference.inbox import NetworkOutlet
+    from estimators.service.model_changes import ModelChanges
     from estimators.service.settings import ServiceSettings
     from estimators.service.store.served_models import ServedModels
-    from limo_driver.network.streaming import Keys
 
 PHYSICS: Final = "physics"  # version of estimates without a learned part
 _USUAL_RATE: Final = 1000.0  # [Hz]
@@ -293,30 +293,4 @@ class Retrainer(Protocol):
 
     def close(self) -> None:
         """Stop, and end a training that is under way."""
-        ...
-
-
-class ModelChanges(Protocol):
-    """Interface of a running service for questions about its models, see `ArmServer`."""
-
-    keys: Keys
-
-    def index(self) -> dict[str, Any]:
-        """Return which models there are and which serves, as JSON values."""
-        ...
-
-    def load(self, version: str) -> dict[str, Any]:
-        """Let a version serve."""
-        ...
-
-    def promote(self, version: str, reason: str) -> dict[str, Any]:
-        """Let a version serve, and make it the champion."""
-        ...
-
-    def rollback(self, reason: str) -> dict[str, Any]:
-        """Let the champion before serve again."""
-        ...
-
-    def retrain(self, reason: str) -> dict[str, Any]:
-        """Train a challenger as soon as can be."""
         ...

@@ -34,6 +34,16 @@ class Contact:
     ended: float | None = None  # [s], when the torque fell, or was last known
     cut_off: bool = False  # ended because nothing more is known of the torque
 
+    def __str__(self) -> str:
+        """Say where it is, how hard, and how it ended."""
+        where = f"contact on joint {self.joint}"
+        if self.ended is None:
+            return f"{where}: {self.torque:+.2f} N m"
+        how = "was lost sight of" if self.cut_off else "ended"
+        return (
+            f"{where} {how} after {self.ended - self.began:.2f} s, at most {self.torque:+.2f} N m"
+        )
+
 
 class ContactWatchdog:
     """Says when something leans on a joint: |external torque| above a threshold for `duration`.

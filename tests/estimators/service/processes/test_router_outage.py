@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import signal
 import subprocess
 import sys
@@ -12,13 +14,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from processes import RATE, Answers, Network, served, told
+from processes import ARM, RATE, Answers, Network, served, told, wait_for
 
 from limo_driver.errors import ConnectionLostError
-from limo_driver.network.streaming import open_session
+from limo_driver.network.contact_state import ContactListener, ContactState, Touch
+from limo_driver.network.streaming import Keys, open_session
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Callable, Generator
 
     from estimators.service.store.store import ModelStore
 
@@ -27,6 +30,10 @@ pytestmark = [pytest.mark.waits, pytest.mark.slow("starts fifteen processes: a m
 ARMS = tuple(f"arm{k}" for k in range(8))
 DOWN = 7.0  # [s] without a router, longer than silence takes to be told
 AGAIN = 9.0  # [s] in which clients have to find it: Zenoh waits up to 4 s between two tries
+HERE = Path(__file__).parent
+PATHS = f"{HERE}:{HERE.parents[2] / 'limo_driver' / 'network'}"
+LISTENER = HERE.parents[3] / "examples" / "embedded" / "zenoh" / "contact_listener.c"
+KNOWN = {f"{one} {other}" for one in ("free", "contact") for other in ("free", "contact")}
 LOST = 0.05  # of the states after an outage, beside twice what a busy machine lost before it
 
 ROUTER = """
@@ -63,14 +70,12 @@ def test_an_outage_of_the_router_loses_what_falls_into_it_and_is_told(
     store: ModelStore, network: Network, tmp_path: Path
 ) -> None:
     heard = tmp_path / "heard.jsonl"
-    here = Path(__file__).parent
-    paths = f"{here}:{here.parents[2] / 'limo_driver' / 'network'}"
     with ExitStack() as running, heard.open("w") as output:
         with program(ROUTER, network.here) as router:
             session = running.enter_context(open_client(network))
             answers = {arm: Answers(session, arm) for arm in ARMS}
             for pair in zip(ARMS[::2], ARMS[1::2], strict=True):
-                running.enter_context(program(DRIVER, paths, network.there, *pair))
+                running.enter_context(program(DRIVER, PATHS, network.there, *pair))
             arms = [f"--arm={arm}={store.root}" for arm in ARMS]
             running.enter_context(served(network, *arms, "--json", stdout=output))
             for own in answers.values():
@@ -93,6 +98,58 @@ def test_an_outage_of_the_router_loses_what_falls_into_it_and_is_told(
         assert outage + 20 in range(before[arm] - 20, before[arm] + 100)
         assert missed[outage] <= (back - killed + AGAIN) * RATE
         assert missed[outage + 1 :].mean() <= 2.0 * missed[:outage].mean() + LOST
+
+
+@contextmanager
+def listening_in_c(endpoint: str, folder: Path) -> Generator[Callable[[], str]]:
+    """Run the listener in C, if zenoh-pico is here; yield what gives its latest line."""
+    where = os.environ.get("ZENOH_PICO")
+    if where is None:
+        pytest.skip("needs the folder of zenoh-pico, built in build/, in ZENOH_PICO")
+    program, output = folder / "listener", folder / "heard.txt"
+    headers = ["-isystem", f"{where}/build/include", "-isystem", f"{where}/include"]
+    library = ["-L", f"{where}/build/lib", "-lzenohpico", "-lpthread"]
+    flags = ["-std=c11", "-DZENOH_LINUX", *headers]
+    subprocess.run(["cc", *flags, str(LISTENER), "-o", str(program), *library], check=True)
+    with (
+        output.open("w") as lines,
+        subprocess.Popen([program, endpoint, ARM], stdout=lines) as process,
+    ):
+        try:
+            yield lambda: ["", *output.read_text().splitlines()][-1].strip()
+        finally:
+            process.kill()
+
+
+@pytest.mark.parametrize("language", ["python", "c"])
+def test_contact_is_unknown_while_the_router_is_gone_and_known_again(
+    store: ModelStore, network: Network, tmp_path: Path, language: str
+) -> None:
+    with ExitStack() as running:
+        with program(ROUTER, network.here) as router:
+            session = running.enter_context(open_client(network))
+            heard: list[ContactState] = []
+            keeping = session.declare_subscriber(
+                Keys(ARM).contact,
+                lambda sample: heard.append(ContactState.decode(sample.payload.to_bytes())),
+            )
+            running.callback(keeping.undeclare)
+            if language == "c":
+                endpoint = json.loads(network.there.read_text())["connect"]["endpoints"][0]
+                latest = running.enter_context(listening_in_c(endpoint, tmp_path))
+            else:
+                contacts = running.enter_context(ContactListener(session, ARM))
+                latest = lambda: f"{contacts.of(1)} {contacts.of(2)}"  # noqa: E731
+            running.enter_context(program(DRIVER, PATHS, network.there, ARM, "other"))
+            running.enter_context(served(network, "--arm", ARM, "--store", store.root))
+            wait_for(lambda: latest() in KNOWN)
+            router.send_signal(signal.SIGKILL)
+        wait_for(lambda: latest() not in KNOWN)
+        before = len(heard)
+        with program(ROUTER, network.here):
+            wait_for(lambda: latest() in KNOWN)
+        assert heard[before].joints == (Touch.UNKNOWN, Touch.UNKNOWN)  # after a gap in the states
+        assert heard[before].since_gap < heard[before - 1].since_gap
 
 
 @contextmanager
