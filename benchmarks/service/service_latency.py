@@ -10,8 +10,8 @@ One process publishes joint states and takes the time until their estimates come
 serve`, in another process. Half a cycle later it sends the same state, encoded in the same way, to
 a third process, which does nothing but send its bytes back: the bar is a ratio to that. All share
 this machine's cores. With `--busy`, so do processes that compute without end at the least priority.
-Ratios are medians of ten parts of the run, in each of which the two took turns. `--bars` does all in
-five minutes: three rates, one beside a busy process, and eight arms at 200 Hz.
+Ratios are medians of ten parts of the run, in each of which the two took turns. `--bars` does all
+in five minutes: three rates, one beside a busy process, and eight arms at 200 Hz.
 Each rate has a service of its own, since one serves the rate with which it began. States as slow as
 10 Hz take a delay of three of them at least, and a model of at most 4 Hz of bandwidth (`limo train
 --bandwidth 2`).

@@ -151,9 +151,8 @@ def report(
     if took:
         vetting, swapping = np.array(took).T
         print(f"  vetted for {vetting.max():.1f} s at most, each version once")
-        print(
-            f"  from there to the swap {np.median(swapping):.3f} s, at most {swapping.max():.2f}   bar 2"
-        )
+        median, most = np.median(swapping), swapping.max()
+        print(f"  from there to the swap {median:.3f} s, at most {most:.2f}   bar 2")
     print(f"states from the first estimate on          {offered:10d} of {sent} sent")
     print(f"  dropped on their way in, or too late     {offered - taken.size:10d}")
     print(f"  the service did not answer               {(counts == 0).sum():10d}   bar 0")

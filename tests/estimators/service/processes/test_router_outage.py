@@ -116,7 +116,11 @@ def listening_in_c(endpoint: str, folder: Path) -> Generator[Callable[[], str]]:
         subprocess.Popen([program, endpoint, ARM], stdout=lines) as process,
     ):
         try:
-            yield lambda: ["", *output.read_text().splitlines()][-1].strip()
+
+            def latest() -> str:
+                return ["", *output.read_text().splitlines()][-1].strip()
+
+            yield latest
         finally:
             process.kill()
 
