@@ -121,6 +121,8 @@ class Stream:
 
     def remembers_like(self, other: Stream) -> bool:
         """Say whether another stream's memory is what this one's would be after the same states."""
+        if type(self) is not type(other):
+            return False
         own, its = self.differentiator, other.differentiator
         after, its_after = (one.smoother and one.smoother.samples for one in (self, other))
         return np.array_equal(own.taps, its.taps) and (

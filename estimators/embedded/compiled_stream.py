@@ -69,10 +69,6 @@ class CompiledStream(Stream):
         super().__init__(stream.model, stream.rate, stream.delay)
         self._prove(stream)
 
-    def remembers_like(self, other: Stream) -> bool:
-        """Say whether another stream's memory is what this one's would be after the same states."""
-        return isinstance(other, CompiledStream) and super().remembers_like(other)
-
     def init(self) -> Any:  # noqa: ANN401  # what a library remembers
         """Return the memory before the first position."""
         state = ctypes.create_string_buffer(self._size)

@@ -34,6 +34,7 @@ def test_a_rollback_goes_before_what_is_being_vetted(
     ):
         own.feed(arm.states(true_arm, 2.0))
         own.server.promote("2", "as good")
+        own.feed(arm.states(true_arm, 1.0))
         assert own.server.index()["serving"] == "2"
 
         def vet(*_: object) -> None:
