@@ -1,7 +1,7 @@
 """A stream whose estimates are exported C, compiled and loaded into this process.
 
 The library is kept where compiled Python is, under a digest of its source, the compiler and the
-processor, and serves once it has given the torque that Python gives. Without a compiler, and of
+processor, and is used once it has given the torque that Python gives. Without a compiler, and of
 models that have no form in C, a stream stays what it is.
 """
 
@@ -87,7 +87,7 @@ class CompiledStream(Stream):
         torque: FloatArray | None,
         places: Sequence[c_void_p],
     ) -> tuple[bool, bool]:
-        """Take the next position, and write what is said of it where it is to stand.
+        """Take the next position, and write the estimate where it is to stand.
 
         It holds the interpreter: whoever waits for that would keep it for longer than this takes.
 

@@ -48,7 +48,7 @@ class ModelChanges(ABC):
 
     @abstractmethod
     def demand(self) -> Demand:
-        """Return the requirements on a version that serves here."""
+        """Return the requirements on a version."""
 
     @abstractmethod
     def loaded(self, version: str) -> LiveModel:
@@ -56,7 +56,7 @@ class ModelChanges(ABC):
 
     @abstractmethod
     def index(self) -> dict[str, Any]:
-        """Return which models there are and which serves, as JSON values."""
+        """Return which models there are, as JSON values."""
 
     @abstractmethod
     def retrain(self, reason: str) -> dict[str, Any]:
@@ -150,13 +150,13 @@ class ModelChanges(ABC):
         note: Callable[[str], None],
         vetting: float = 0.0,
     ) -> dict[str, Any]:
-        """Let a model serve, and note it; where that fails, nothing changes.
+        """Swap a model in, and note it; where that fails, nothing changes.
 
         Args:
             service: Of the arm.
             model: With everything compiled.
             began: When it was asked for [s].
-            note: Told its version once it serves.
+            note: Given its version afterwards.
             vetting: Of the time since then [s].
         """
         before = service.swap(model)

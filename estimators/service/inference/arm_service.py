@@ -83,7 +83,7 @@ class ArmService:
         self.contacts: deque[Contact] = deque(maxlen=_CONTACTS)  # that ended, oldest first
         self.other_rate: float | None = None  # [Hz] of the states; nothing is answered any more
         self._untold_resets, self._next_reset = 0, 0.0  # and when the next is told [s]
-        self._leaving: LiveModel | None = None  # the model before, until the step is told
+        self._leaving: LiveModel | None = None  # the model before, for one state more
         self._told_joints = False  # that states of other joints came
         self._rate = RateWatch(arm.rate)
         self._states = JointStateCodec(arm.joint_names, arm.name)
@@ -104,7 +104,7 @@ class ArmService:
 
     @property
     def model(self) -> LiveModel:
-        """The one that serves."""
+        """The one that answers."""
         return self._model
 
     @model.setter
@@ -172,7 +172,7 @@ class ArmService:
         model = self.model
         return {
             "model": model.version,
-            "physics_only": model.physics_only,
+            **{name: getattr(model, name) for name in ("physics_only", "compiled")},
             "rate": self.arm.rate,
             "delay": model.stream.delay,
             "bound": self.arm.bound.tolist(),

@@ -253,6 +253,11 @@ class LiveModel:
         if not finite:
             raise DivergedError(f"the torque is {answer.torque} N m")
 
+    @property
+    def compiled(self) -> bool:
+        """Whether it runs as C."""
+        return isinstance(self.stream, CompiledStream)
+
     def prime(self, rows: StateRows) -> None:
         """Set memory as if the model had answered these states from the first on."""
         self.state = self.stream.init()

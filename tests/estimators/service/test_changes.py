@@ -1,4 +1,4 @@
-"""Changes of the model that serves: vetted once, prepared once, and a rollback waits for nobody."""
+"""Versions are vetted once and read once, and a rollback waits for nobody."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def test_friction_that_changed_is_learned_and_the_residual_falls(
 
     assert " ".join(run.kinds) == (
         "waiting preparing serving drift training trained shadow shadow swap promoted "
-        "probation_passed"
+        "step probation_passed"
     )
     assert (rms(run.residual[-40:]) < 0.5 * worn).all()
     record = store.open("champion").record
