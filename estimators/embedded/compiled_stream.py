@@ -15,7 +15,7 @@ import pickle
 import shlex
 import subprocess
 import tempfile
-from ctypes import c_int, c_size_t, c_void_p
+from ctypes import c_double, c_int, c_size_t, c_void_p
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -63,9 +63,8 @@ class CompiledStream(Stream):
         self._rows, self._one = free.limo_advance, held.limo_answer
         self._rows.argtypes = [c_void_p, c_size_t, c_int, *[c_void_p] * 3]
         self._rows.restype = c_size_t
-        self._one.argtypes = [c_void_p, c_void_p, c_int, *[c_void_p] * 5]
-        self._given = np.empty(1 + 2 * stream.n)
-        self._given_at = c_void_p(self._given.ctypes.data)
+        self._one.argtypes = [c_void_p, c_double, *[c_void_p] * 7]
+        self._given: dict[int, tuple[FloatArray, c_void_p]] = {}  # the latest arrays, and where
         super().__init__(stream.model, stream.rate, stream.delay)
         self._prove(stream)
 
@@ -94,8 +93,8 @@ class CompiledStream(Stream):
         Args:
             state: Memory after the position before; advanced in place.
             time: Of the position [s].
-            position: (n,) [rad].
-            torque: Measured with it, (n,) [N m], if it was.
+            position: (n,) [rad], contiguous.
+            torque: Measured with it, (n,) [N m], if it was; likewise.
             places: Addresses of (n,) each: the most that the learned part may add, and to be
                 written: torque, its standard deviation, external torque (doubles), outside (bytes).
 
@@ -105,15 +104,18 @@ class CompiledStream(Stream):
         Raises:
             RecordingError: The position cannot follow the one before; nothing has changed.
         """
-        given, n = self._given, self.n
-        given[0] = time
-        given[1 : 1 + n] = position
-        if torque is not None:
-            given[1 + n :] = torque
-        found = self._one(state, self._given_at, torque is not None, *places)
-        if not found:
+        given = self._place(0, position), None if torque is None else self._place(1, torque)
+        if not (found := self._one(state, time, *given, *places)):
             raise _refused(time)
         return not found & _NOT_FINITE, bool(found & _CLIPPED)
+
+    def _place(self, which: int, values: FloatArray) -> c_void_p:
+        """Return where values are: mostly where those before were, which spares a search."""
+        known, place = self._given.get(which, (None, None))
+        if known is not values or place is None:
+            place = c_void_p(values.ctypes.data)
+            self._given[which] = values, place
+        return place
 
     def _advance_stretch(
         self,

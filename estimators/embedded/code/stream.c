@@ -26,18 +26,20 @@ size_t limo_advance(limo_state *state, size_t count, int measured, const double 
     return count;
 }
 
-/* Take a position: `given` is its time, the position, and the torque where it is measured. Write
- * the torque with what was learned within a bound. Return 0 where it was refused, else 1, and 2
- * more where the bound was met, and 4 where a torque is not finite. */
-int limo_answer(limo_state *state, const double *given, int measured, const double *bound,
-                double *torque, double *deviation, double *external, bool *outside);
+/* Take a position, and the torque measured with it, or NULL. Write the torque with what was learned
+ * within a bound. Return 0 where the position was refused, else 1, and 2 more where the bound was
+ * met, and 4 where a torque is not finite. */
+int limo_answer(limo_state *state, double time, const double *position, const double *measured,
+                const double *bound, double *torque, double *deviation, double *external,
+                bool *outside);
 
-int limo_answer(limo_state *state, const double *given, int measured, const double *bound,
-                double *torque, double *deviation, double *external, bool *outside)
+int limo_answer(limo_state *state, double time, const double *position, const double *measured,
+                const double *bound, double *torque, double *deviation, double *external,
+                bool *outside)
 {
     limo_estimate now;
     int found = 1;
-    if (limo_step(state, given[0], given + 1, measured ? given + 1 + N : NULL, &now)) {
+    if (limo_step(state, time, position, measured, &now) != LIMO_OK) {
         return 0;
     }
     for (int j = 0; j < N; ++j) {

@@ -18,8 +18,8 @@ from limo_driver.network.contact_state import ContactState
 from limo_driver.network.messages import (
     Attachment,
     EstimateDraft,
-    JointStateCodec,
     Level,
+    LiveJointStateCodec,
     TorqueEstimateCodec,
     relabelled,
 )
@@ -86,7 +86,7 @@ class ArmService:
         self._leaving: LiveModel | None = None  # the model before, for one state more
         self._told_joints = False  # that states of other joints came
         self._rate = RateWatch(arm.rate)
-        self._states = JointStateCodec(arm.joint_names, arm.name)
+        self._states = LiveJointStateCodec(arm.joint_names, arm.name)
         self._estimates = TorqueEstimateCodec(arm.joint_names, arm.name)
         self._fallback = self.model = fallback
         self._boundary = threading.Lock()  # held while a state is answered

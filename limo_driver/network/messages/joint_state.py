@@ -10,6 +10,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages.cdr import (
+    HEADER_SIZE,
     LITTLE_ENDIAN,
     NANOSECONDS,
     CdrReader,
@@ -28,6 +29,8 @@ _DOUBLES: Final = np.dtype("<f8")
 _LONGEST = 65536  # bytes, room for a thousand joints; a stranger's names are not read for seconds
 VERSION = 1
 GID_SIZE = 16
+_HEAD = struct.Struct("<4siI")
+_STAMP_END = _HEAD.size
 _NATIVE = struct.Struct("<BBqq")
 _ROS = struct.Struct(f"<qqB{GID_SIZE}s")
 _STALE, _HOLDING = 1, 2
@@ -98,6 +101,45 @@ class JointStateCodec(RobotCodec):
                     values[n + 1 : 2 * n + 1],
                     values[2 * n + 2 :],
                 )
+        return decode_joint_state(payload)
+
+
+class LiveJointStateCodec(JointStateCodec):
+    """A codec for states that are used one after the other: each may be read into the same arrays.
+
+    Args:
+        names: Joints, in the order of the arrays.
+        frame_id: Of the header.
+    """
+
+    def __init__(self, names: Sequence[str], frame_id: str = "") -> None:
+        super().__init__(names, frame_id)
+        n, nothing = len(self.names), np.zeros(len(self.names))
+        like = self.encode(0, nothing, nothing, nothing)
+        first = len(like) + self._arrays
+        # a header ahead, so that what is aligned behind the message's own is so in memory
+        own = np.zeros(HEADER_SIZE + len(like), np.uint8)[HEADER_SIZE:]
+        self._own, values = own.data, own[first:].view(_DOUBLES)
+        values.setflags(write=False)
+        self._values = values[:n], values[n + 1 : 2 * n + 1], values[2 * n + 2 :]
+        lengths = (slice(first + at, first + at + 8) for at in (8 * n, 16 * n + 8))
+        self._spans = slice(_STAMP_END, first), *lengths
+        self._like = [like[span] for span in self._spans]  # names and lengths
+
+    def decode(self, payload: bytes | memoryview) -> JointStateMessage:
+        """Return what `decode_joint_state` does; the next call may write over its arrays.
+
+        Raises:
+            WireFormatError: The payload is malformed; names its offset.
+        """
+        payload = bytes(payload)
+        if len(payload) == self._usual.size:
+            header, seconds, nanoseconds = _HEAD.unpack_from(payload)
+            same = [payload[span] for span in self._spans] == self._like
+            if same and header == LITTLE_ENDIAN and nanoseconds < NANOSECONDS:
+                self._own[:] = payload
+                stamp = seconds * NANOSECONDS + nanoseconds
+                return JointStateMessage(stamp, self.frame_id, self.names, *self._values)
         return decode_joint_state(payload)
 
 

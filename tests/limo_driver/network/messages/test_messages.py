@@ -12,9 +12,11 @@ from lanes import sampled
 from limo_driver.errors import ConfigError, ShapeError, WireFormatError
 from limo_driver.network.messages import (
     Attachment,
+    EstimateDraft,
     Event,
     JointStateCodec,
     Level,
+    LiveJointStateCodec,
     RosAttachment,
     TorqueEstimateCodec,
     decode_event,
@@ -92,7 +94,8 @@ def estimate_of(codec):
 def test_joint_state_is_these_bytes():
     codec = JointStateCodec(["a", "bb"], "base")
     assert codec.encode(STAMP, *TWO).hex(" ") == JOINT_STATE.hex(" ")
-    for decode in (codec.decode, decode_joint_state):
+    live = LiveJointStateCodec(["a", "bb"], "base")
+    for decode in (codec.decode, live.decode, decode_joint_state):
         for payload in (JOINT_STATE, memoryview(JOINT_STATE), bytearray(JOINT_STATE)):
             assert joint_state_equals(decode(payload), STAMP, "base", ("a", "bb"), TWO)
 
@@ -232,10 +235,37 @@ def test_malformed_bytes_are_named_with_their_offset(decode, data, message):
         decode(data)
 
 
-def test_a_usual_message_with_a_wrong_time_is_refused():
+@pytest.mark.parametrize("kind", [JointStateCodec, LiveJointStateCodec])
+def test_a_usual_message_with_a_wrong_time_is_refused(kind):
     payload = JOINT_STATE[:8] + b"\xff" * 4 + JOINT_STATE[12:]
     with pytest.raises(WireFormatError, match="expected less than a second"):
-        JointStateCodec(["a", "bb"], "base").decode(payload)
+        kind(["a", "bb"], "base").decode(payload)
+
+
+def test_live_states_are_read_into_the_same_arrays_if_they_are_laid_out_alike():
+    codec, other = LiveJointStateCodec(["a", "bb"], "base"), JointStateCodec(["a", "bc"], "base")
+    first = codec.decode(JOINT_STATE)
+    doubled = [2.0 * values for values in TWO]
+    assert codec.decode(codec.encode(STAMP, *doubled)).torque is first.torque
+    np.testing.assert_array_equal(first.position, doubled[0])
+    for payload, names in (
+        (other.encode(STAMP, *TWO), ("a", "bc")),
+        (codec.encode(STAMP, TWO[0], NONE, TWO[2]), ("a", "bb")),
+    ):
+        assert codec.decode(payload).names == names
+        np.testing.assert_array_equal(first.position, doubled[0])
+
+
+def test_an_estimate_written_in_place_is_that_which_is_encoded_at_once():
+    codec = TorqueEstimateCodec(["a", "bb"], "base")
+    draft = EstimateDraft(codec, "v3", fallback=True)
+    for reset in (True, False):
+        outside = np.array([reset, True])
+        draft.torque[:], draft.std[:], draft.external[:] = TWO
+        draft.outside[:] = outside
+        expected = codec.encode(STAMP, *TWO, outside, model="v3", fallback=True, reset=reset)
+        assert draft.finished(STAMP, reset=reset).hex(" ") == expected.hex(" ")
+    assert all(values.flags.aligned for values in (draft.torque, draft.std, draft.external))
 
 
 @pytest.mark.parametrize("wrong", [np.zeros(3), np.zeros((2, 1)), np.zeros((2, 2)), np.zeros(1)])
