@@ -64,8 +64,7 @@ def _entries(array: NDArray[Any], kind: str) -> str:
     if array.ndim > 1:
         return "{" + ",\n".join(_entries(row, kind) for row in array) + "}"
     lines, line = list[str](), "{"
-    for value in array:
-        text = _entry(value, kind)
+    for text in _texts(array, kind):
         if len(line) + len(text) > _WIDTH:
             lines.append(line)
             line = ""
@@ -73,13 +72,12 @@ def _entries(array: NDArray[Any], kind: str) -> str:
     return "\n".join([*lines, line.removesuffix(", ") + "}"])
 
 
-def _entry(value: Any, kind: str) -> str:  # noqa: ANN401  # an entry of an array
-    if kind == "i8":
-        return str(value)
-    if kind == "f8":
-        return number(value)
-    text = f"{value:.9g}"  # tells any two floats apart
-    return (text if any(c in text for c in ".en") else text + ".0") + "F"
+def _texts(array: NDArray[Any], kind: str) -> list[str]:
+    values = array.tolist()
+    if kind != "f4":
+        return [str(value) if kind == "i8" else number(value) for value in values]
+    texts = [f"{value:.9g}" for value in values]  # tells any two floats apart
+    return [text + (".0F" if text.lstrip("-").isdigit() else "F") for text in texts]
 
 
 def tables(body: RobotModel, payloads: Sequence[Payload]) -> str:

@@ -105,3 +105,10 @@ def test_bytes_that_were_hit_are_read_as_in_python_or_refused(listener: Path) ->
         assert (ok, touches) == ("1", known(expected.joints))
         taken += 1
     assert taken > 20
+
+
+def test_the_listener_compiles_against_what_it_uses_of_zenoh() -> None:
+    source = str(EXAMPLE / "contact_listener.c")
+    command = ["gcc", *STRICT, "-fsyntax-only", "-I", str(HERE / "stubs"), source]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
