@@ -24,7 +24,7 @@ import numpy as np
 
 from estimators.embedded.export import source_of
 from estimators.stream import Rows, Stream
-from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.recordings.filters.causal_differentiation import LARGEST
 from limo_driver.runtime.machine_code import CodePlace
 
@@ -155,7 +155,7 @@ def fastest(stream: Stream) -> Stream:
     """Return a stream as compiled C where that is possible, else as it is."""
     try:
         return CompiledStream(stream)
-    except ConfigError as error:
+    except LimoError as error:
         _log.info("limo: a model runs in Python: %s", error)
         return stream
 

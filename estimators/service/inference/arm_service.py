@@ -25,6 +25,7 @@ from limo_driver.network.messages import (
 )
 from limo_driver.network.streaming import Arrivals
 from limo_driver.robot.realtime import LatencyHistogram
+from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from estimators.service.inference.contact import Contact, ContactWatchdog
@@ -98,6 +99,7 @@ class ArmService:
         self._report = ContactReport(watchdog)
         self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
         self._highest = np.full(n, -np.inf)
+        _possible(self._lowest, self._highest)  # compiles
         self._unturned = np.ones(n, dtype=np.bool_)  # friction of these may stand anyhow
         self._all_turned = False
         self._came = np.inf  # [s], of this machine's clock, when the last state did
@@ -217,7 +219,7 @@ class ArmService:
                 )
             self.counts["foreign"] += 1
             return False
-        if not (state.position.size and _possible(state)):
+        if not (state.position.size and _possible(state.position, state.torque)):
             self.counts["malformed"] += 1
             return False
         return True
@@ -234,7 +236,7 @@ class ArmService:
             why = _why_anew(gap, longest, measured=measured)
             self._measured = measured
             self._restart(now, why)
-        self._last, self._came = now, time.monotonic()
+        self._last = now
         torque = state.torque if measured else None
         reset = now < self._settled
         known = not (reset or self._rate.doubtful)  # velocities, but for noise
@@ -242,6 +244,7 @@ class ArmService:
         answer = self._answer
         self._flag(answer, state.position, known=known)
         self._publish(state, attachment, reset=reset)
+        self._came = time.monotonic()
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         self.history.append(now, state.position, torque)
@@ -280,9 +283,8 @@ class ArmService:
                 raise
             self.counts["failures"] += 1
             failed, self.model = self.model, self._fallback
-            present = self.history.count  # is answered below
-            first = max(self.history.first, present - round(_FALLBACK_MEMORY * self.arm.rate))
-            self._fallback.prime(self.history.since(first))
+            kept, memory = self.history, round(_FALLBACK_MEMORY * self.arm.rate)
+            self._fallback.prime(kept.since(max(kept.first, kept.count - memory)))
             self._outlet.event(
                 "fallback",
                 f"model {failed.version} failed, physics alone serves: {error}",
@@ -382,13 +384,10 @@ class ArmService:
             )
 
 
-def _possible(state: JointStateMessage) -> bool:
+@compiled(reads=("position", "torque"))
+def _possible(position: FloatArray, torque: FloatArray) -> bool:
     """Say whether an arm could be there; values that are not finite are nowhere."""
-    return _within(_FARTHEST, state.position) and _within(_STRONGEST, state.torque)
-
-
-def _within(most: float, values: FloatArray) -> bool:
-    return all(map(most.__gt__, map(abs, values.tolist())))  # sooner than numpy says it of a few
+    return bool(np.all(np.abs(position) < _FARTHEST) and np.all(np.abs(torque) < _STRONGEST))
 
 
 def _why_anew(gap: float, longest: float, *, measured: bool) -> str:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from limo_driver.network.streaming import Keys
 
 RING: Final = 4096  # samples of anybody
-WAITING: Final = 32  # states; older ones are lost rather than answered late
+WAITING: Final = 128  # states, answered in less time than a few take; older ones are lost
 _SILENT: Final = 1.0  # [s] after which another source is followed
 _DEAD: Final = 5.0  # [s] without states, after which it is told
 PAUSE: Final = 60.0  # [s] before a log that stopped is begun again

@@ -54,7 +54,7 @@ def test_states_are_answered_in_order():
 
 
 def test_of_too_many_the_oldest_go():
-    assert answered(Samples(*range(1, 101)))[0] == list(range(101 - WAITING, 101))
+    assert answered(Samples(*range(1, 1001)))[0] == list(range(1001 - WAITING, 1001))
 
 
 def test_a_flood_of_others_costs_no_state_of_the_source():
