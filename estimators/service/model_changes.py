@@ -156,7 +156,7 @@ class ModelChanges(ABC):
             service: Of the arm.
             model: With everything compiled.
             began: When it was asked for [s].
-            note: Given its version afterwards.
+            note: Called with its version afterwards.
             vetting: Of the time since then [s].
         """
         before = service.swap(model)
