@@ -120,7 +120,8 @@ class Opening:
         return LiveModel(version, stream, arm.bound)
 
     def _ready(self, model: LiveEstimator, rate: float) -> Stream | None:
-        return next((s for s in self._streams if s.model is model and s.rate == rate), None)
+        known = tuple(self._streams)  # others may load meanwhile
+        return next((s for s in known if s.model is model and s.rate == rate), None)
 
     def _first_model(self, service: ArmService) -> LiveModel:
         """Return the champion, or else a champion before it, or else the physics."""

@@ -157,7 +157,7 @@ class StoreModels:
             ModelStoreError: There is no such version, or a file differs from what was added.
         """
         found = self.store.open(version)
-        for known, model in self._loaded:
+        for known, model in tuple(self._loaded):  # others may load meanwhile
             if known == found:
                 return model
         model = found.load()
@@ -171,7 +171,7 @@ class StoreModels:
             ModelStoreError: It must not serve, and why.
         """
         known = self.store.open(version), demand
-        if known in self._fit:
+        if known in tuple(self._fit):
             return
         found = vet(self.store, version, demand, stopped=self._stopped)
         if not found.ok:
