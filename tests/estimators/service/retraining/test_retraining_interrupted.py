@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from served_arm import Served
 
+    from estimators.service.store.served_models import StoreModels
     from estimators.service.store.store import ModelStore
     from limo_driver.physics import Simulation
 
@@ -101,7 +102,7 @@ class TestProbation:
             assert run.stage == "probation"
             run.feed(arm.states(true_arm, 62.0))
         phases = ["waiting", "preparing", "serving"]
-        assert run.kinds == [*phases, "probation", "swap", "rollback"]
+        assert run.kinds == [*phases, "probation", "swap", "rollback", "step"]
         assert store.aliases.champion == 1
         assert left(store).read() is None
 
@@ -139,12 +140,14 @@ class TestProbation:
         arm, refusals = Arm(100.0), iter([True])
         with served(store, tmp_path, SETTINGS, arm, true_arm) as run:
             models = type(run.server.models)
+            rollback = models.rollback
 
-            def vet(*_: object) -> None:
+            def refused_once(own: StoreModels, reason: str, instead_of: str | None) -> None:
                 if next(refusals, False):
-                    raise ModelStoreError("version 1 is refused, slow: on a busy machine")
+                    raise ModelStoreError("aliases.json: no space left on device")
+                rollback(own, reason, instead_of)
 
-            monkeypatch.setattr(models, "vet", vet)
+            monkeypatch.setattr(models, "rollback", refused_once)
             run.feed(arm.states(true_arm, 3.0))
             assert store.aliases.champion == 2
             run.feed(arm.states(true_arm, 60.0))
