@@ -44,32 +44,9 @@ class ROWS:
         "larger skips resampling that would be needed; smaller resamples for rounding")
     difference: float = setting(1e-4, "rad", "step of derivatives of the rigid body",
         "larger is less exact; smaller loses digits")
-
-
-@settings
-class MOTION:
-    """Noise of positions, twice differentiated (residuals.motion_noise)."""
-
-    noise: float = setting(4.0, "",
-        "power that the bodies would need over the power measured, in the upper half of the "
-        "bandwidth, from which a joint's is noise of the positions",
-        "higher compares noise, which looks like errors of the torque, and is called a lag; lower "
-        "leaves out fast motion of arms whose description is too heavy",
-        chosen="that of bodies twice as heavy as they are; of some 33 recordings that 10 Hz suit "
-        "it is at most 1.3, but for an LWR4+, and of a Franka sampled at 30 Hz 17, and 6 from 2.5 "
-        "to 5 Hz")
-    matters: float = setting(0.25, "of the squared error",
-        "that a simulation leaves, which noise has to make, unless no lag would leave so little",
-        "higher compares noise; lower leaves out fast motion where it is known well enough",
-        chosen="the Franka has 0.6, and 0.3 to 0.4 from 2.5 to 5 Hz")
-    joints: float = setting(1 / 3, "of the joints that move", "at which it is, for all to be "
-        "compared at a lower bandwidth",
-        "more keeps noise of the joints that carry most; fewer takes one late torque for noise",
-        chosen="it is those of the Franka's upper arm, four of seven")
-    lowest: float = setting(1.0, "Hz", "bandwidth below which none is lowered for noise",
-        "higher keeps noise; lower leaves nothing but gravity and friction to compare")
-    travel: float = setting(0.05, "rad", "of a joint that counts, or m of one that slides",
-        "more leaves out small motion; less asks joints at rest, whose torque is all noise")
+    travel: float = setting(0.05, "rad",
+        "of a joint that counts as moving, or m of one that slides",
+        "more leaves out small motion; less asks joints at rest")
 
 
 @settings

@@ -13,7 +13,7 @@ from limo_driver.errors import ConfigError, LimoError
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable
+    from collections.abc import Callable, Generator, Iterable, Sequence
     from pathlib import Path
 
     from estimators.diagnosis.from_motion.pipeline import DriveDiagnosis
@@ -48,9 +48,10 @@ def diagnose(
     Args:
         simulation: What is believed of the arm, with its tolerances, or its file.
         recordings: Of that arm: one or several, or their files.
-        bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, 10, or what
-            the most slowly sampled recording can bear, or less where the noise of the positions
-            is all that is above. Not used where no torque was recorded.
+        bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, that of the
+            simulation, or 10, or what the most slowly sampled recording can bear, unless motion
+            held out surely tells more of the torque at another. Not used where no torque was
+            recorded.
         budget: Time for the search [s], after which it ends with what is proven by then, and the
             verdict says what was not tried; what no verdict can do without takes as long as it
             takes. Not for recordings without torque.
@@ -74,7 +75,6 @@ def diagnose(
     from estimators.diagnosis import diagnose as diagnosed
     from estimators.diagnosis.from_torque.pipeline import Diagnosis
     from estimators.diagnosis.from_torque.residuals.above_bandwidth import above_note
-    from estimators.diagnosis.from_torque.residuals.noise import clear_bandwidth, lowered_for
     from estimators.diagnosis.stages import Attempts, Budget, forward, quiet
 
     if budget is not None and not budget > 0:
@@ -88,11 +88,11 @@ def diagnose(
         if budget is not None:
             raise ConfigError("`budget` is for recordings with torque, and these have none")
         return diagnose_drives(known, measured, tell)
-    usual = width = bandwidth_for(measured, bandwidth, known.bandwidth)
-    measured = _within_memory(measured, usual)
-    if bandwidth is None:
-        width = clear_bandwidth(known, measured, usual)
+    width, chosen = _bandwidth(known, measured, bandwidth)
+    measured = _within_memory(measured, width)
     found = diagnosed(known, measured, width, forward(tell, _DIAGNOSED), time)
+    if chosen and found.after != found.before:
+        found = replace(found, after=replace(found.after, bandwidth=width))
     attempts = Attempts()
     tell("planning the next motion", _DIAGNOSED)
     planned = partial(time.within, "the next motion", partial(with_next_motion, found))
@@ -105,11 +105,25 @@ def diagnose(
     above = attempts.at(
         "errors above the bandwidth", lambda: above_note(found.simulation, measured, width), ""
     )
-    lower = lowered_for(width, usual) if width < usual else ""
-    notes = filter(None, (lower, above, time.note()))
+    notes = filter(None, (*chosen, above, time.note()))
     found = replace(found, verdict=replace(found.verdict, notes=(*found.verdict.notes, *notes)))
     tell("done", 1.0)
     return reduce(Diagnosis.failed, attempts.failures, found)
+
+
+def _bandwidth(
+    simulation: Simulation, recordings: Sequence[Recording], asked: float | None
+) -> tuple[float, tuple[str, ...]]:
+    """Return the bandwidth [Hz] at which recordings are compared, and why, if it is unusual."""
+    from estimators.diagnosis.settings.residuals import ROWS
+    from estimators.rigid_body.best_bandwidth import fitting_bandwidth
+
+    usual = bandwidth_for(recordings, asked, simulation.bandwidth)
+    width, why = fitting_bandwidth(simulation, recordings, asked, most=usual)
+    seconds = sum(len(recording) / recording.rate for recording in recordings)
+    while why and ROWS.per_bandwidth * width * seconds < ROWS.least:
+        width *= 2.0  # or too few rows are left
+    return (width, why) if width < usual else (usual, ())
 
 
 def _within_memory(recordings: tuple[Recording, ...], bandwidth: float) -> tuple[Recording, ...]:

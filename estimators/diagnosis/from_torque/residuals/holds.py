@@ -21,7 +21,7 @@ import numpy as np
 from estimators.diagnosis.from_torque.residuals.noise import usual_error
 from estimators.diagnosis.from_torque.residuals.pushes import Push
 from estimators.diagnosis.settings.pushes import PUSHES
-from estimators.diagnosis.settings.residuals import MOTION, ROWS
+from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -96,7 +96,7 @@ def _is_passed(bare: Observations, rows: slice) -> bool:
     passed, rest = position[bare.moving.any(axis=1) & ~near], np.median(position[rows], axis=0)
     if not len(passed):
         return False
-    low, high = passed.min(axis=0) - MOTION.travel, passed.max(axis=0) + MOTION.travel
+    low, high = passed.min(axis=0) - ROWS.travel, passed.max(axis=0) + ROWS.travel
     return bool(np.all((low <= rest) & (rest <= high)))
 
 
