@@ -1,0 +1,55 @@
+"""A robot whose commands are computed, within its limits, and go nowhere."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from limo_driver.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from limo_driver.types import FloatArray, JointCommand, JointState
+
+
+class ShadowRobot(Robot):
+    """The states of a robot that was opened to listen only, and the safety contract of its own.
+
+    What `send` returns is what the drives would have been told; nothing leaves for them.
+
+    Args:
+        robot: Open to listen only; closed with the shadow.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._listener = robot
+        super().__init__(robot.spec)
+
+    @property
+    def lost(self) -> int:
+        """Measurements that did not come over the link."""
+        return self._listener.lost
+
+    def now(self) -> float:
+        """Return the time of the clock by which cycles are waited for [s]."""
+        return self._listener.now()
+
+    def link_figures(self) -> dict[str, Any]:
+        """Return what was counted on the link."""
+        return self._listener.link_figures()
+
+    def _receive(self, timeout: float | None) -> JointState | None:
+        state = self._listener.receive(timeout)
+        return None if state.stale else state
+
+    def _send(self, command: JointCommand) -> JointCommand | None:
+        """Send nothing."""
+
+    def _gravity(self) -> Callable[[], FloatArray] | None:
+        return self._listener._gravity()  # the contract is the listener's, too
+
+    def _gains(self) -> tuple[FloatArray, FloatArray] | None:
+        return self._listener._gains()
+
+    def _close(self) -> None:
+        self._listener.close()
