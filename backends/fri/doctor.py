@@ -230,6 +230,8 @@ def _judge(
         found.add("asks-for-commands", ASKED)
     elif state is SessionState.COMMANDING_ACTIVE:
         found.add("commanding", "the session takes commands", problem=False)
+    elif listen_only and state is SessionState.MONITORING_READY:
+        found.add("monitoring", "the session is monitored, and takes no commands", problem=False)
     elif state is SessionState.MONITORING_READY:
         found.add("monitoring", f"the session is monitored: {reasons}", problem=False)
     elif state is not None:

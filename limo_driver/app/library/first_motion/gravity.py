@@ -64,7 +64,8 @@ class GravityJudgement:
     expected: FloatArray  # (K, n) [N m]
     tolerance: FloatArray  # (n,) [N m]
     causes: tuple[GravityCause, ...]  # the best of each kind that explains them; none if they fit
-    unseen: tuple[str, ...]  # mistakes that torques in these poses would not have shown
+    unseen: tuple[str, ...]  # mistakes that torques in these poses would not have shown,
+    unseen_mounting: tuple[str, ...]  # and directions in which gravity could act unnoticed
     lightest: float  # [kg], tool at the flange that they would have shown
 
     @property
@@ -97,7 +98,7 @@ def judge_gravity(
     rows = Motion(np.arange(len(position), dtype=float), position, still, still)
     sample = RowSample(model, rows, torque, np.ones(position.shape, dtype=bool))
     judged = GravityJudgement(
-        tuple(poses), sample.load, tolerance, (), _unseen(sample, tolerance), 0.0
+        tuple(poses), sample.load, tolerance, (), *_unseen(sample, tolerance), 0.0
     )
     heaviest = np.abs(_tool_at_flange(model, position) / tolerance).max()
     judged = replace(judged, lightest=_SEEN / max(float(heaviest), 1e-12))
@@ -197,7 +198,8 @@ def _turned_base(
     columns = [body.with_gravity(axis.tolist()).gravity_torque(position) for axis in np.eye(3)]
     flat = (np.stack(columns, axis=-1) / tolerance[:, None]).reshape(-1, 3)
     measured = sample.torque / tolerance
-    gravity, _, rank, _ = np.linalg.lstsq(flat, measured.ravel())
+    fit, _, rank, _ = np.linalg.lstsq(flat, measured.ravel())
+    gravity = fit.astype(np.float64)
     size, found = float(np.linalg.norm(body.gravity)), float(np.linalg.norm(gravity))
     if rank < len(gravity) or not size or not 1 / _SIZE < found / size < _SIZE:
         return
@@ -211,7 +213,7 @@ def _turn(one: Sequence[float] | FloatArray, other: Sequence[float] | FloatArray
     """Return the angle between two gravities, (3,) each [°]; 0 where one is none."""
     a, b = np.array(one), np.array(other)
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return math.degrees(math.acos(np.clip(a @ b / size, -1.0, 1.0))) if size else 0.0
+    return math.degrees(math.acos(float(np.clip(a @ b / size, -1.0, 1.0)))) if size else 0.0
 
 
 def _loads(model: RobotModel, position: FloatArray) -> FloatArray:
@@ -229,7 +231,7 @@ def _load(model: RobotModel, position: FloatArray, com: FloatArray) -> FloatArra
     """Return the torque of 1 kg at a place (3,) [m] in the frame of the last link, (K, n) [N m]."""
     last = model.link_names[-1]
     x, y, z = com.tolist()
-    laden = model.inertials[last].joined(Inertial(1.0, (x, y, z), (0.0,) * 6))
+    laden = model.inertials[last].joined(Inertial(1.0, (x, y, z), (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
     return model.with_inertials({last: laden}).gravity_torque(position) - model.gravity_torque(
         position
     )
@@ -239,8 +241,8 @@ def _tool_at_flange(model: RobotModel, position: FloatArray) -> FloatArray:
     return _load(model, position, model.last_frames[model.flange][:3, 3])
 
 
-def _unseen(sample: RowSample, tolerance: FloatArray) -> tuple[str, ...]:
-    """Return the mistakes that gravity would not have shown in these poses."""
+def _unseen(sample: RowSample, tolerance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the mistakes that gravity would not have shown in these poses, mounting apart."""
     as_described, n = replace(sample, torque=sample.load), sample.torque.shape[1]
     unseen: list[str] = []
     for i, j in combinations(range(n), 2):
@@ -251,9 +253,10 @@ def _unseen(sample: RowSample, tolerance: FloatArray) -> tuple[str, ...]:
         undone = as_described.torques(turned).positions(turned)
         if np.abs((undone.torque - undone.load) / tolerance).max() < _SEEN:
             unseen.append(f"joint {j + 1} turning the other way")
+    mounting: list[str] = []
     for mistake in mistakes(n):
         undone = mistake.undo(as_described)
         is_mounting = mistake.kind == "mounting" and undone.body.gravity != sample.body.gravity
         if is_mounting and np.abs((undone.torque - undone.load) / tolerance).max() < _SEEN:
-            unseen.append(mistake.said.partition(",")[0])
-    return tuple(unseen)
+            mounting.append(mistake.said.partition(",")[0])
+    return tuple(unseen), tuple(mounting)

@@ -47,7 +47,7 @@ _ASKED: Final = {  # of people, before they sign
         "Ranges of the description are those of the arm's mechanical stops, or within them.",
     ),
     "shadow": (
-        "Look at both motions on their pages: nothing stands where the arm will go.",
+        "Look at both motions above: nothing stands where the arm will go.",
         "Table, walls and the tool are stated, or farther away than the motion comes.",
         "The arm still stands where the motions begin.",
     ),
@@ -232,15 +232,16 @@ def _shadow(record: Record, _arm: RealArm, folder: Folder, charts: Charts) -> st
     for name, motion in record["figures"].get("motions", {}).items():
         path = folder.path / motion["file"]
         drawn = _drawn(charts, path, f"{TITLES[name]}: the motion that was computed")
-        limited = motion["limited"] or {"none": 0}
         facts = {
             "duration [s]": motion["duration"],
             "cycles": motion["samples"],
-            **{f"limited by {x.replace('_', ' ')}": count for x, count in limited.items()},
+            "limits met": "none" if not motion["limited"] else None,
+            **{f"limited by {x.replace('_', ' ')}": n for x, n in motion["limited"].items()},
             "file": motion["file"],
             "SHA-256": motion["digest"],
         }
-        body += section(TITLES[name], drawn + _table_of(facts), name)
+        known = {what: value for what, value in facts.items() if value is not None}
+        body += section(TITLES[name], drawn + _table_of(known), name)
     return body
 
 

@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.robot.robot import Robot
+from limo_driver.errors import BackendError, CycleTimeoutError
+from limo_driver.robot.robot import READY_TIMEOUT, Robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from limo_driver.types import FloatArray, JointCommand, JointState
+
+
+def first_state(robot: Robot, timeout: float) -> JointState:
+    """Return the first measurement of an arm that was opened just now.
+
+    Args:
+        robot: That listens.
+        timeout: Longest wait [s].
+
+    Raises:
+        BackendError: None came in time.
+    """
+    ends = robot.now() + timeout
+    while robot.now() < ends:
+        with suppress(CycleTimeoutError):
+            if not (state := robot.receive()).stale:
+                return state
+    raise BackendError(f"no measurement came within {timeout:g} s")
 
 
 class ShadowRobot(Robot):
@@ -33,6 +53,17 @@ class ShadowRobot(Robot):
     def now(self) -> float:
         """Return the time of the clock by which cycles are waited for [s]."""
         return self._listener.now()
+
+    def wait_until_ready(self, timeout: float = READY_TIMEOUT) -> None:
+        """Wait for a first measurement.
+
+        Args:
+            timeout: Longest wait [s].
+
+        Raises:
+            BackendError: None came in time.
+        """
+        first_state(self, timeout)
 
     def link_figures(self) -> dict[str, Any]:
         """Return what was counted on the link."""

@@ -29,12 +29,11 @@ from limo_driver.app.library.first_motion.motions import (
 from limo_driver.app.library.first_motion.page import step_page
 from limo_driver.app.library.first_motion.records import STEPS, Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.records import digest as digest_of
-from limo_driver.app.library.first_motion.shadow import ShadowRobot
+from limo_driver.app.library.first_motion.shadow import ShadowRobot, first_state
 from limo_driver.app.library.first_motion.watching import Watch, WatchSettings
 from limo_driver.errors import (
     BackendError,
     ConfigError,
-    CycleTimeoutError,
     HoldingError,
     JointLimitError,
     PathError,
@@ -128,22 +127,27 @@ def take_step(
     kept = Folder(Path(folder))
     require_folder(kept.path, "the records of a first motion")
     with only_writer(kept.path):
-        record = kept.read(STEPS[0])
-        if record is not None and step != STEPS[0]:
+        given, record = arm, kept.read(STEPS[0])
+        if record is not None:
             arm = arm.known_from(record)
-        mine = Identity(arm.model.name, description_digest(arm.model), arm.address)
+        mine = _identity(arm)
         step = step or kept.next_step(mine)
         kept.require_before(step, mine)
+        if step == STEPS[0]:  # the arm may be elsewhere by now
+            arm = given
         taking = _Step(arm, kept, settings or FirstMotionSettings(), progress or _quiet)
         taking.check(step)
         kept.begin(step)
         found = taking.take(step)
         arm = arm.known_from({"figures": found.figures})
-        mine = Identity(arm.model.name, description_digest(arm.model), arm.address)
-        record = kept.keep(step, mine, found, taking.about)
+        record = kept.keep(step, _identity(arm), found, taking.about)
         page = kept.file(step, ".html")
         step_page(record, arm, kept).save(page)
     return StepResult(record, page, found)
+
+
+def _identity(arm: RealArm) -> Identity:
+    return Identity(arm.model.name, description_digest(arm.model), arm.address)
 
 
 def _quiet(_time: float, _poses: int) -> None:
@@ -240,6 +244,13 @@ class _Step:
             "unseen": list(judged.unseen),
             "lightest": judged.lightest,
         }
+        if judged.unseen_mounting:
+            found.add(
+                "poses",
+                "torques in these poses are the same where "
+                f"{'; or where '.join(judged.unseen_mounting)}: they say nothing of such a "
+                "mounting, so guide the arm to poses that bend it aside",
+            )
         if judged.causes:
             first, *others = judged.causes
             found.add(first.kind, "; or ".join([first.text, *(each.text for each in others)]))
@@ -271,7 +282,7 @@ class _Step:
             "surroundings": vars(settings.surroundings),
         }
         with self._arm.listen() as robot:
-            start = _position(robot)
+            start = first_state(robot, _FIRST).position
         planned = {
             "one-joint": one_joint(model, start, joint),
             "limopa": slow_limopa(
@@ -288,7 +299,8 @@ class _Step:
             file = self._file(name)
             motion.save(file)
             with ShadowRobot(self._arm.listen()) as shadow:
-                summary = self._play(shadow, file, self._folder.file("shadow", f"_{name}.parquet"))
+                computed = self._folder.file("shadow", f"_{name.replace('-', '_')}.parquet")
+                summary = self._play(shadow, file, computed)
             motions[name] = {
                 "file": file.name,
                 "digest": digest_of(file.read_bytes()),
@@ -381,22 +393,6 @@ class _Step:
                 f"{name.replace('_', ' ')} in {count}" for name, count in summary.limited.items()
             )
             found.add("limited", f"{said} commands: {counts} of {summary.samples} cycles")
-
-
-def _position(robot: Robot) -> FloatArray:
-    """Return where an arm stands, (n,) [rad].
-
-    Raises:
-        BackendError: It does not say so in time.
-    """
-    ends = robot.now() + _FIRST
-    while robot.now() < ends:
-        try:
-            if not (state := robot.receive()).stale:
-                return state.position
-        except CycleTimeoutError:
-            continue
-    raise BackendError(f"no measurement came within {_FIRST:g} s")
 
 
 def _judge_travel(found: Examination, motion: Trajectory, watchman: Watchman) -> None:

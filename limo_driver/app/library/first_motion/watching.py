@@ -118,9 +118,10 @@ class Watch:
         if lost >= GAP_CYCLES and lost * period >= COMPLIANT_TIMEOUT:
             self._interrupt(at, lost * period)
         now = robot.now()
-        due = (1 + lost) * period
-        self.jitter.add(abs(now - self._heard - due))
-        self.late += now - self._heard > due + COMPLIANT_TIMEOUT
+        if not lost and self.cycles > 1:
+            late = now - self._heard - period
+            self.jitter.add(abs(late))
+            self.late += late > COMPLIANT_TIMEOUT
         self._heard = now
         self._silent.clear()
         self._note_odd(state)
