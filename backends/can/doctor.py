@@ -67,8 +67,8 @@ def _measure(found: Examination, robot: CanRobot, seconds: float) -> None:
     )
     for joint, status in enumerate(robot.drives, start=1):
         if _FAULT in status.status or status.error:
-            said = status.error or "it gives no error code"
-            found.add("drive-fault", f"joint {joint} (node {status.node}) is in fault: {said}")
+            code = status.error or "it gives no error code"
+            found.add("drive-fault", f"joint {joint} (node {status.node}) is in fault: {code}")
     for joint, count in sorted(silent.items()):
         if count > MOST_SILENT * cycles:
             found.add(

@@ -93,7 +93,7 @@ class StepOptions:
 
     @property
     def time(self) -> float | None:
-        """For how long, if that was said [s]."""
+        """For how long, if that was given [s]."""
         if self.minutes is not None and self.seconds is not None:
             raise ConfigError("give --minutes or --seconds, not both")
         time = self.seconds if self.minutes is None else 60 * self.minutes

@@ -35,7 +35,7 @@ class RealArm(ABC):
     @property
     @abstractmethod
     def address(self) -> str:
-        """Where it is spoken to, in words; empty where that is not known yet."""
+        """Where it is reached, in words; empty where that is not known yet."""
 
     @property
     @abstractmethod

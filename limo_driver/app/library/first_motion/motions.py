@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
+    from limo_driver.robot.examination import Examination
     from limo_driver.types import FloatArray, JointState
 
 ANGLE: Final = math.radians(2.0)
@@ -27,6 +28,7 @@ JOINT_SPEED: Final = 0.05  # of the limit of velocity
 LIMOPA_SPEED: Final = 0.10  # of the limit of velocity
 SLOW: Final = (0.5 * LIMOPA_SPEED, LIMOPA_SPEED)  # shares of the limit, that are drawn
 RATE: Final = 250.0  # [Hz], of the samples
+_FULL: Final = 0.9  # of the two degrees, that the joint has to be measured to have gone
 _WAYS: Final = 20  # plans of which one has to begin where a straight way leads
 # While one joint moves, or all do.
 MOST_ASIDE: Final = math.radians(0.5)  # [rad] by which a joint that is not commanded may move
@@ -206,6 +208,18 @@ class Watchman:
                 "contact",
                 f"the torque of joint {j + 1} is {rest[j]:.3g} N m away from gravity, more than "
                 f"{self._most[j]:.3g} N m: the arm touches something, or is not the one described",
+            )
+
+    def judge_travel(self, found: Examination, motion: Trajectory) -> None:
+        """Say, after all, whether one joint was measured to go where it was commanded to."""
+        way = motion.position - motion.position[0]
+        j = int(np.argmax(np.abs(way).max(axis=0)))
+        wanted = float(way[np.argmax(np.abs(way[:, j])), j])
+        went = float(self.travel[1 if wanted > 0 else 0, j])
+        if abs(went) < _FULL * ANGLE:
+            found.add(
+                "not-following",
+                f"joint {j + 1} went {math.degrees(went):+.2f}° of {math.degrees(wanted):+.2f}°",
             )
 
 

@@ -113,7 +113,7 @@ def _findings(record: Record) -> str:
         ]
         for each in sorted(record["findings"], key=lambda each: not each["problem"])
     ]
-    return table(["kind", "what"], rows) if rows else "<p>Nothing that has to be said.</p>"
+    return table(["kind", "what"], rows) if rows else "<p>Nothing that has to be known.</p>"
 
 
 def _signature(record: Record, folder: Folder) -> str:
@@ -267,7 +267,7 @@ def _motion(record: Record, arm: RealArm, folder: Folder, charts: Charts) -> str
             "joint": list(range(1, arm.model.n + 1)),
             "lowest from the start [°]": _degrees(low),
             "highest [°]": _degrees(high),
-            "torque beside gravity, at most [N m]": [f"{x:.2f}" for x in figures["torque"]],
+            "torque other than gravity, at most [N m]": [f"{x:.2f}" for x in figures["torque"]],
         }
         if "tracking_max" in figures:
             values["off its set-point, at most [mrad]"] = [

@@ -1,6 +1,6 @@
 """Records of the steps to a first motion, and which step may come next.
 
-A step leaves `2_receive.json` and a page beside it. A record counts for one description of the arm
+A step leaves `2_receive.json` and `2_receive.html`. A record counts for one description of the arm
 and one address, and only while the record of the step before it is the one that it followed: who
 repeats a step repeats those after it.
 """
@@ -76,7 +76,7 @@ class Identity:
     Args:
         robot: Name of the description.
         description: Its digest, of `description_digest`.
-        address: Where the arm is spoken to; of an FRI arm whose controller nobody names, only
+        address: Where the arm is reached; of an FRI arm whose controller nobody names, only
             after the first step.
     """
 

@@ -35,7 +35,7 @@ def first_state(robot: Robot, timeout: float) -> JointState:
 class ShadowRobot(Robot):
     """The states of a robot that was opened to listen only, and the safety contract of its own.
 
-    What `send` returns is what the drives would have been told; nothing leaves for them.
+    What `send` returns is what the drives would have been sent; nothing leaves for them.
 
     Args:
         robot: Open to listen only; closed with the shadow.

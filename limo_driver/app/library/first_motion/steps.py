@@ -8,7 +8,6 @@ last two is what was shadowed, from the same files.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,7 +16,6 @@ import numpy as np
 from limo_driver.app.library.first_motion.arms import LINK_SECONDS
 from limo_driver.app.library.first_motion.gravity import TOLERANCE, judge_gravity
 from limo_driver.app.library.first_motion.motions import (
-    ANGLE,
     JOINT_BEHIND,
     MOST_BEHIND,
     SLOW,
@@ -55,7 +53,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 MOTIONS: Final = ("one-joint", "limopa")
-_FULL: Final = 0.9  # of the two degrees, that the joint has to be measured to have gone
 _FIRST: Final = 10.0  # [s] in which a first measurement has to come
 
 
@@ -341,7 +338,7 @@ class _Step:
             return
         self._judge_limits(found, summary, "the contract changed")
         if step == "one-joint":
-            _judge_travel(found, motion, watchman)
+            watchman.judge_travel(found, motion)
         if found.healthy:
             found.add(
                 "motion",
@@ -387,22 +384,9 @@ class _Step:
             "tracking_max": summary.tracking_max.tolist(),
         }
 
-    def _judge_limits(self, found: Examination, summary: PlaybackSummary, said: str) -> None:
+    def _judge_limits(self, found: Examination, summary: PlaybackSummary, what: str) -> None:
         if summary.limited:
             counts = ", ".join(
                 f"{name.replace('_', ' ')} in {count}" for name, count in summary.limited.items()
             )
-            found.add("limited", f"{said} commands: {counts} of {summary.samples} cycles")
-
-
-def _judge_travel(found: Examination, motion: Trajectory, watchman: Watchman) -> None:
-    """Say whether the joint was measured to go where it was commanded to."""
-    way = motion.position - motion.position[0]
-    j = int(np.argmax(np.abs(way).max(axis=0)))
-    wanted = float(way[np.argmax(np.abs(way[:, j])), j])
-    went = float(watchman.travel[1 if wanted > 0 else 0, j])
-    if abs(went) < _FULL * ANGLE:
-        found.add(
-            "not-following",
-            f"joint {j + 1} went {math.degrees(went):+.2f}° of {math.degrees(wanted):+.2f}°",
-        )
+            found.add("limited", f"{what} commands: {counts} of {summary.samples} cycles")

@@ -97,12 +97,12 @@ class Watch:
         """
         robot = self._robot
         began = self._heard = robot.now()
-        self._before, told = robot.lost, began
+        self._before, shown = robot.lost, began
         while (now := robot.now()) < began + self._settings.duration:
             with suppress(CycleTimeoutError):  # nothing came since it was opened
                 self._take(robot.receive(), robot.now() - began)
-            if now > told + 1.0:
-                told = now
+            if now > shown + 1.0:
+                shown = now
                 progress(now - began, len(self.poses))
         if (silent := robot.now() - self._heard) > STALE_TIMEOUT + robot.spec.period:
             self._interrupt(robot.now() - began, silent)
