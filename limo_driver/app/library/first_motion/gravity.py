@@ -258,5 +258,6 @@ def _unseen(sample: RowSample, tolerance: FloatArray) -> tuple[tuple[str, ...], 
         undone = mistake.undo(as_described)
         is_mounting = mistake.kind == "mounting" and undone.body.gravity != sample.body.gravity
         if is_mounting and np.abs((undone.torque - undone.load) / tolerance).max() < _SEEN:
-            mounting.append(mistake.said.partition(",")[0])
+            text = mounted_otherwise(np.array(undone.body.gravity))
+            mounting.append(text.partition(",")[0])
     return tuple(unseen), tuple(mounting)

@@ -17,6 +17,7 @@ from limo_driver.pages.markup import (
     key,
     listed,
     next_steps,
+    paragraph,
     section,
     table,
 )
@@ -167,7 +168,10 @@ def _receive(record: Record, arm: RealArm, _folder: Folder, charts: Charts) -> s
         "lost": figures.get("lost"),
         "more than 10 ms late": figures.get("late"),
         "interruptions": len(figures.get("interruptions", ())),
-        **{f"jitter {name}": _ms(figures, name) for name in ("p50", "p99", "p99_9", "longest")},
+        **{
+            f"jitter {name.replace('_', '.')}": _ms(figures, name)
+            for name in ("p50", "p99", "p99_9", "longest")
+        },
     }
     link = columns({"what": list(counts), "value": list(map(_shown, counts.values()))})
     link += folded("All counts of the link", _table_of(_counts(figures.get("link", {}))))
@@ -183,7 +187,7 @@ def _receive(record: Record, arm: RealArm, _folder: Folder, charts: Charts) -> s
         body += section("Positions and ranges", columns(degrees), "ranges")
     if figures.get("poses"):
         drawn = charts.place(_rests(figures), "Torque that gravity leaves, over its tolerance")
-        unseen = listed([f"Not shown by these poses: {each}." for each in figures["unseen"]])
+        unseen = paragraph("; ".join(figures["unseen"]) + ".") if figures["unseen"] else ""
         body += section("Torques at rest", drawn + _poses(figures), "gravity", _TORQUES)
         body += section("What these poses could not show", unseen, "unseen")
     return body

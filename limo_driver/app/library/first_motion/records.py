@@ -169,7 +169,7 @@ class Folder:
             if reason := self.why_not(before, identity):
                 raise ConfigError(
                     f"step {number} ({TITLES[step]}) is refused, and nothing moves: {reason}; do "
-                    f"that one first, with --step {before}",
+                    f"`step` {before} first",
                     path=self.path,
                 )
 

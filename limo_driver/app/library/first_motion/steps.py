@@ -372,7 +372,7 @@ class _Step:
         known = record.get("figures", {}).get("motions", {}).get(step, {})
         if not file.is_file() or digest_of(file.read_bytes()) != known.get("digest"):
             raise ConfigError(
-                "is not the motion that was shadowed; repeat --step shadow", path=file
+                "is not the motion that was shadowed; repeat the `step` shadow", path=file
             )
         return file
 

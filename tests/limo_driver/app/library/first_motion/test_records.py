@@ -49,7 +49,7 @@ def test_a_step_is_refused_while_the_one_before_was_skipped(folder, step):
     with pytest.raises(ConfigError, match=r"and nothing moves: step .* was skipped") as refused:
         folder.require_before(step, MINE)
     assert str(refused.value).count("\n") == 0
-    assert f"--step {STEPS[STEPS.index(step) - 1]}" in str(refused.value)
+    assert f"`step` {STEPS[STEPS.index(step) - 1]} first" in str(refused.value)
 
 
 def test_a_step_is_refused_after_one_that_failed_and_says_of_what(folder):
