@@ -297,7 +297,7 @@ class _Step:
             motion.save(file)
             with ShadowRobot(self._arm.listen()) as shadow:
                 computed = self._folder.file("shadow", f"_{name.replace('-', '_')}.parquet")
-                summary = self._play(shadow, file, computed)
+                summary = self._play(shadow, Trajectory.load(file), computed)
             motions[name] = {
                 "file": file.name,
                 "digest": digest_of(file.read_bytes()),
@@ -320,12 +320,11 @@ class _Step:
         behind = JOINT_BEHIND if step == "one-joint" else MOST_BEHIND
         self.about = {"motion": file.name, "behind": behind}
         with self._arm.open() as robot:
-            robot.wait_until_ready()
             start = motion.position[0]
             watchman = Watchman(model, start, moving, lambda: robot.setpoint, behind)
             record = self._folder.file(step, ".parquet")
             try:
-                summary = self._play(robot, file, record, watchman)
+                summary = self._play(robot, motion, record, watchman)
             finally:
                 found.figures |= {
                     "travel": watchman.travel.tolist(),
@@ -348,14 +347,14 @@ class _Step:
             )
 
     def _play(
-        self, robot: Robot, file: Path, record: Path, watchman: Watchman | None = None
+        self, robot: Robot, motion: Trajectory, record: Path, watchman: Watchman | None = None
     ) -> PlaybackSummary:
         playback = Playback(
-            Trajectory.load(file),
+            motion,
             record,
             fifo=self._settings.fifo,
             publish=None if watchman is None else watchman.look,
-            provenance={"first motion": file.name},
+            provenance={"first motion": record.stem},
         )
         return playback.run(robot, lambda _done, _all: None)
 

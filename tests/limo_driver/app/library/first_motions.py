@@ -99,7 +99,8 @@ class Patient(Pace):
 
     def wait(self):
         robot = self._robot
-        commands = self._patient and robot._session.state >= SessionState.COMMANDING_WAIT
+        # Before the first answer nobody may be there; then every packet has one.
+        commands = self._patient and robot._session.state >= SessionState.MONITORING_READY
         for _ in range(1000 if commands else 10):  # else nobody may be there
             if robot._ends < np.inf or select.select([robot._port._socket], [], [], 0.01)[0]:
                 break
@@ -142,7 +143,7 @@ class FriBench:
         )
         scenario = ControllerScenario(tuple(events))
         with SimulatedController(wanted, simulation, scenario) as robot:
-            robot._pace = Patient(robot, patient)
+            robot._pace = Patient(robot, patient and not monitors)
             clock = SimpleNamespace(time_ns=lambda: 10**18 + round(1e9 * robot._time))
             self._patch.setattr(monitoring, "time", clock)
             thread = threading.Thread(target=robot.run)
