@@ -162,6 +162,14 @@ class Link(ABC):
     def measure(self, until: float) -> DriveSample | None:
         """Start a cycle and return what all drives measured; None if one was not heard in time."""
 
+    def observe(self, until: float) -> DriveSample | None:
+        """Return what drives without power measure, as `measure` does; nothing is commanded."""
+        return self.measure(until)
+
+    def versions(self) -> tuple[dict[str, int], ...]:
+        """Return what each drive says of its make, joint 1 first; nothing where they do not."""
+        return ()
+
     @property
     def started(self) -> bool:
         """Whether the set-points of the cycle that was begun last have left."""
@@ -169,11 +177,15 @@ class Link(ABC):
 
     def trouble(self) -> str:
         """Say why the arm has to hold; empty if it need not."""
+        return self.trouble_of_bus() or self._trouble_of_drives()
+
+    def trouble_of_bus(self) -> str:
+        """Say what is wrong on the bus, whatever drives say; empty if nothing is."""
         if self.port.bus_off:
             return f"{self.port.name} is off: too many errors"
         if self.intruder:
             return f"another program commands the drives on {self.port.name}: {self.intruder}"
-        return self._trouble_of_drives()
+        return ""
 
     @abstractmethod
     def _trouble_of_drives(self) -> str:

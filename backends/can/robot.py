@@ -15,7 +15,7 @@ from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.robot.output import instead
 from limo_driver.robot.realtime import LatencyHistogram
-from limo_driver.robot.robot import Robot
+from limo_driver.robot.robot import LISTENS, Robot
 from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.types import JointState
@@ -50,6 +50,8 @@ class CanRobot(Robot):
         bus: An open python-can bus instead of the arm's; it is closed with the robot.
         clock: Tells the time [s]; a bus that is simulated with its drives has its own.
         start_tolerance: How far the first position may be from the measured pose [rad].
+        listen_only: Leave the drives as they are, without power and set-points; they measure, and
+            commands are refused.
 
     Raises:
         ConfigError: The file cannot be used, or the bus cannot carry the rate.
@@ -64,7 +66,9 @@ class CanRobot(Robot):
         bus: can.BusABC | None = None,
         clock: Callable[[], float] = time.monotonic,
         start_tolerance: float = START_TOLERANCE,
+        listen_only: bool = False,
     ) -> None:
+        self._listen_only = listen_only
         if config is None:
             raise ConfigError(
                 'an arm on a CAN bus needs its arm.yaml: config, in a run `link["config"]`'
@@ -103,6 +107,24 @@ class CanRobot(Robot):
         """Cycles that did not take place: this program came too late, or an answer did."""
         return int(self._slipped / self.spec.period + ROUNDING)
 
+    @property
+    def lost(self) -> int:
+        """Cycles in which not every drive was heard."""
+        return self._silent
+
+    @property
+    def silent_joints(self) -> tuple[int, ...]:
+        """Joints, from 1, whose drives were not heard in the last cycle."""
+        return tuple(j for j, drive in enumerate(self.drives, start=1) if drive.stale)
+
+    def now(self) -> float:
+        """Return the time of the bus's clock [s]."""
+        return self._port.now()
+
+    def versions(self) -> tuple[dict[str, int], ...]:
+        """Return vendor, product, revision and serial number of each drive that tells them."""
+        return self._link.versions()
+
     def link_figures(self) -> dict[str, Any]:
         """Return what was counted on the bus, and how late cycles began."""
         return {
@@ -140,6 +162,8 @@ class CanRobot(Robot):
         super().resume()
 
     def _receive(self, timeout: float | None) -> JointState | None:
+        if self._listen_only:
+            return self._listen(timeout)
         if not self._enabled:
             self._enable()
         if (command := self._wanted or self._unfinished) is not None:
@@ -156,6 +180,18 @@ class CanRobot(Robot):
             self._stall = (late, self._cycle)
         if reason := self._link.trouble():
             self.hold(reason + self._excuse())
+        return self._state_from(sample)
+
+    def _listen(self, timeout: float | None) -> JointState | None:
+        """Wait for a cycle of drives that have no power."""
+        if not self._began:
+            self._restart_clock()
+        sample = self._run_cycle(timeout)
+        if reason := self._link.trouble_of_bus():
+            raise BackendError(reason)
+        return self._state_from(sample)
+
+    def _state_from(self, sample: DriveSample | None) -> JointState | None:
         if sample is None:
             self._silent += 1
             return None
@@ -172,13 +208,15 @@ class CanRobot(Robot):
 
     def _run_cycle(self, timeout: float | None) -> DriveSample | None:
         """Let the set-points of this cycle count once it is due, and hear what drives measured."""
-        self._link.send()
+        if not self._listen_only:
+            self._link.send()
         self._link.listen(self._due)
         now = self._port.now()
         self.lateness.add(max(now - self._due, 0.0))
         self._late = now - max(self._due, self._free)  # waiting for answers is not being late
         self._advance_clock(now)
-        sample = self._link.measure(self._due if timeout is None else min(self._due, now + timeout))
+        measure = self._link.observe if self._listen_only else self._link.measure
+        sample = measure(self._due if timeout is None else min(self._due, now + timeout))
         self._free = self._port.now()
         return sample
 
@@ -250,6 +288,8 @@ class CanRobot(Robot):
         return self._link.gains
 
     def _check(self, command: JointCommand) -> None:
+        if self._listen_only:
+            raise BackendError(LISTENS)
         self._link.check(command)
 
     def _begin(self) -> None:

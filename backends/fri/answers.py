@@ -41,7 +41,7 @@ _ACTIVE: Final = SessionState.COMMANDING_ACTIVE
 _POSITION, _TORQUE, _WRENCH = CommandMode.POSITION, CommandMode.TORQUE, CommandMode.WRENCH
 _TAKEN: Final = {_POSITION: PositionCommand, _TORQUE: TorqueCommand, _WRENCH: WrenchCommand}
 _WAIT: Final = SessionState.COMMANDING_WAIT
-_MONITORING: Final = (SessionState.MONITORING_WAIT, SessionState.MONITORING_READY)
+MONITORING: Final = (SessionState.MONITORING_WAIT, SessionState.MONITORING_READY)
 FLICKER: Final = 3  # packets, in which no robot gets from COMMANDING_ACTIVE to COMMANDING_WAIT
 DOUBTED: Final = 0.1  # [s] without an answer, after which no robot is active any more
 _NEXT: Final = Order.NEXT
@@ -350,7 +350,7 @@ class Lead:
         In MONITORING, a robot that did leave ignores them.
         """
         state = self._session.state
-        return state is _ACTIVE or (self.doubts and state in _MONITORING)
+        return state is _ACTIVE or (self.doubts and state in MONITORING)
 
     def _goes_on(
         self, states: tuple[SessionState | None, SessionState | None], measured: FloatArray
@@ -369,9 +369,9 @@ class Lead:
         if (np.abs(measured - left.measured) > self._plausible.reach(packets)).any():
             return False
         over = packets * self._session.period >= DOUBTED and packets >= FLICKER
-        if state in _MONITORING:  # until the arm stands, which it may do by what is answered
+        if state in MONITORING:  # until the arm stands, which it may do by what is answered
             return not over or not self._contract.standing
-        in_order = state is _WAIT and before in _MONITORING and packets > FLICKER
+        in_order = state is _WAIT and before in MONITORING and packets > FLICKER
         return not (over or in_order)  # active again, too
 
     def take_back(self, effect: Effect) -> None:

@@ -25,13 +25,13 @@ from backends.fri.connection import Datagram, Endpoint, SilentRobotError, resolv
 from backends.fri.robot import FriRobot
 from backends.fri.session import MOST_UNCONFIRMED, advice, drives_off, long_period, safety_stop
 from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError, WireFormatError
+from limo_driver.robot.examination import Examination
 
 MOST_LOST: Final = 0.001  # of the packets
 MOST_LATE: Final = 0.01  # of the answers
 MOST_POOR: Final = 0.1  # of the packets below GOOD, once one was better
 SILENCE: Final = 0.5  # [s] of no packets at the end, or ten periods, after which a robot is silent
 FEWEST_ANSWERS: Final = 10  # of which the robot has to have received some
-OTHER_PROBLEM: Final = 1
 # Exit statuses, the gravest first; 2 says that an option is wrong.
 STATUSES: Final = {
     "nobody": 3,
@@ -41,65 +41,29 @@ STATUSES: Final = {
     "drives-off": 7,
     "period": 8,
 }
+ASKED: Final = (
+    "the robot's application asks for commands, and was not answered: in this step it may monitor "
+    "only, so start one without an overlay of motion"
+)
 _ROUTES: Final = Path("/proc/net/route")
 _DISCARD: Final = 9  # the port that a route is asked for; nothing is sent
 
 
-@dataclass(frozen=True)
-class CheckResult:
-    """One thing that was found out."""
-
-    code: str  # a word for programs
-    text: str  # what is, and what to do
-    problem: bool = True
-
-
-@dataclass
-class Examination:
-    """All that was found out about a link."""
-
-    findings: list[CheckResult] = field(default_factory=list[CheckResult])
-    figures: dict[str, Any] = field(default_factory=dict[str, Any])
-
-    @property
-    def healthy(self) -> bool:
-        """Whether no problem was found."""
-        return not any(finding.problem for finding in self.findings)
-
-    @property
-    def status(self) -> int:
-        """Exit status: that of the gravest problem, 0 if there is none."""
-        if self.healthy:
-            return 0
-        codes = {finding.code for finding in self.findings if finding.problem}
-        return next((status for code, status in STATUSES.items() if code in codes), OTHER_PROBLEM)
-
-    def add(self, code: str, text: str, *, problem: bool = True) -> None:
-        """Add a finding."""
-        self.findings.append(CheckResult(code, text, problem))
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain values."""
-        return {
-            "healthy": self.healthy,
-            "status": self.status,
-            "findings": [vars(finding) for finding in self.findings],
-            "figures": self.figures,
-        }
-
-
-def examine(host: str | None, port: int, seconds: float) -> Examination:
+def examine(
+    host: str | None, port: int, seconds: float, *, listen_only: bool = False
+) -> Examination:
     """Find out how a link stands.
 
     Args:
         host: Address or name of the controller; any sender if not given.
         port: UDP port of the client.
         seconds: How long to listen, and then how long to answer [s].
+        listen_only: Answer while the session is monitored only, so that none becomes active.
 
     Raises:
         ConfigError: The host is unknown, or the port is none.
     """
-    found = Examination()
+    found = Examination(STATUSES)
     address = None if host is None else resolve(host)
     others = tuple(other for other in PORTS if other != port)
     try:
@@ -111,7 +75,7 @@ def examine(host: str | None, port: int, seconds: float) -> Examination:
     robots = heard[port].robots if port in heard else {}
     if address in robots or (address is None and robots):
         sender = address or next(iter(robots))
-        _answer(found, sender, port, robots[sender], seconds)
+        _answer(found, sender, port, robots[sender], seconds, listen_only=listen_only)
         return found
     _explain_silence(found, address, port, heard, seconds)
     if taken:
@@ -168,22 +132,31 @@ def _own(address: str | None) -> str:
 
 
 def _answer(
-    found: Examination, sender: str, port: int, generation: Generation, seconds: float
+    found: Examination,
+    sender: str,
+    port: int,
+    generation: Generation,
+    seconds: float,
+    *,
+    listen_only: bool,
 ) -> None:
     """Answer a robot for a while and judge the link."""
     found.add(
         "robot", f"a robot at {sender} speaks FRI {generation.value} to port {port}", problem=False
     )
+    found.figures |= {"host": sender, "fri": generation.value}
     qualities: Counter[Quality] = Counter()
+    wait = max(seconds, 1.0)
     try:
-        with FriRobot(sender, port, connect_timeout=max(seconds, 1.0)) as robot:
+        with FriRobot(sender, port, connect_timeout=wait, listen_only=listen_only) as robot:
             began = heard = time.monotonic()
             while time.monotonic() < began + seconds:
                 with suppress(CycleTimeoutError):  # nothing yet since it was opened
                     if not robot.receive().stale and (quality := robot.quality) is not None:
                         _count(qualities, quality)
                         heard = time.monotonic()
-            _judge(found, robot, qualities, time.monotonic() - heard)
+            silent = time.monotonic() - heard
+            _judge(found, robot, qualities, silent, listen_only=listen_only)
     except SilentRobotError as error:
         found.add("silent", f"the robot was heard, and then no more: {error.found}")
     except ConnectionLostError as error:
@@ -197,7 +170,14 @@ def _count(qualities: Counter[Quality], quality: Quality) -> None:
     qualities[quality] += 1
 
 
-def _judge(found: Examination, robot: FriRobot, qualities: Counter[Quality], silent: float) -> None:
+def _judge(
+    found: Examination,
+    robot: FriRobot,
+    qualities: Counter[Quality],
+    silent: float,
+    *,
+    listen_only: bool,
+) -> None:
     figures = robot.figures
     found.figures |= {
         "link": figures.as_json(),
@@ -246,8 +226,12 @@ def _judge(found: Examination, robot: FriRobot, qualities: Counter[Quality], sil
         if problem:
             found.add(code, problem)
     state, reasons = robot.session_state, "; ".join(advice(robot.monitoring))
-    if state is SessionState.COMMANDING_ACTIVE:
+    if listen_only and any(visit.state >= SessionState.COMMANDING_WAIT for visit in robot.visits):
+        found.add("asks-for-commands", ASKED)
+    elif state is SessionState.COMMANDING_ACTIVE:
         found.add("commanding", "the session takes commands", problem=False)
+    elif listen_only and state is SessionState.MONITORING_READY:
+        found.add("monitoring", "the session is monitored, and takes no commands", problem=False)
     elif state is SessionState.MONITORING_READY:
         found.add("monitoring", f"the session is monitored: {reasons}", problem=False)
     elif state is not None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.fri.answers import answer_to
+from backends.fri.answers import MONITORING, answer_to
 from backends.fri.codec.messages import MAX_IO, IoDirection, IoType, IoValue
 from backends.fri.codec.template import CommandTemplate
 from limo_driver.errors import ConfigError
@@ -49,6 +49,7 @@ class Replies:
         wire: Limits between commands.
         lead: Who leads the set-point.
         outputs: That the user sets.
+        listen_only: Answer nothing that could be taken for a command, or lead to commands.
     """
 
     def __init__(
@@ -59,10 +60,13 @@ class Replies:
         wire: WireLimits,
         lead: Lead,
         outputs: Outputs,
+        *,
+        listen_only: bool = False,
     ) -> None:
         self._link, self._session, self._contract = link, session, contract
         self._wire, self._lead, self._outputs = wire, lead, outputs
         self._writer = CommandTemplate(link.generation)
+        self._listen_only = listen_only
         self.latency = LatencyHistogram()  # from a packet's arrival to its answer
         self.carried: Setpoint | None = None  # by the last answer that left
 
@@ -77,7 +81,7 @@ class Replies:
         Returns:
             Whether anything left for the robot.
         """
-        if self._awaits:
+        if self._awaits or (self._listen_only and not self._is_ignored):
             return False
         before, session, lead, contract = (
             self._wire.sent, self._session, self._lead, self._contract,
@@ -106,6 +110,11 @@ class Replies:
         self._outputs.note_sent(answer.header.sequence)
         self.latency.add(now - arrived)
         return True
+
+    @property
+    def _is_ignored(self) -> bool:
+        """Whether the robot ignores what it is answered, and no answer leads on to commands."""
+        return self._session.state in MONITORING and not self._lead.leads
 
     @property
     def _awaits(self) -> bool:

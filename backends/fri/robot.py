@@ -25,7 +25,7 @@ from limo_driver.errors import (
     WireFormatError,
 )
 from limo_driver.model import RobotModel
-from limo_driver.robot.robot import READY_TIMEOUT, Robot
+from limo_driver.robot.robot import LISTENS, READY_TIMEOUT, Robot
 from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.types import JointState, RobotSpec, WrenchLimits, readonly
 
@@ -81,6 +81,8 @@ class FriRobot(Robot):
         connect_timeout: Longest wait for the first packet [s].
         start_tolerance: How far the first position may be from the measured pose [rad].
         wrench_limits: Limits of wrenches; those of the class docstring's module if not given.
+        listen_only: Answer while the session is monitored, and nothing else: no session becomes
+            active by it, and commands are refused.
 
     Raises:
         ConfigError: The arm has no seven joints, or host, port or version are none.
@@ -98,6 +100,7 @@ class FriRobot(Robot):
         connect_timeout: float = 10.0,
         start_tolerance: float = START_TOLERANCE,
         wrench_limits: WrenchLimits = WRENCH_LIMITS,
+        listen_only: bool = False,
     ) -> None:
         model = RobotModel.load(robot or "iiwa14")
         if model.n != 7:  # noqa: PLR2004  # FRI's arrays
@@ -114,6 +117,7 @@ class FriRobot(Robot):
             wrench_limits,
             jerk=model.jerk,
         )
+        self._listen_only = listen_only
         super().__init__(spec, start_tolerance)
         self._reader = MonitoringTemplate(self._link.generation)
         self._session = RobotSession(1e-3 * self._link.send_period, self._link.multiplier)
@@ -125,7 +129,13 @@ class FriRobot(Robot):
         self._velocity = VelocityFilter(spec.n)
         self._outputs = Outputs()
         self._replies = Replies(
-            self._link, self._session, self._contract, self._wire, self._lead, self._outputs
+            self._link,
+            self._session,
+            self._contract,
+            self._wire,
+            self._lead,
+            self._outputs,
+            listen_only=listen_only,
         )
         self._message: Monitoring | None = None  # the last one
         self._asks: Monitoring | None = None  # the last one that is to be answered
@@ -180,6 +190,11 @@ class FriRobot(Robot):
     def figures(self) -> LinkFigures:
         """Counts of the link."""
         return self._session.figures
+
+    @property
+    def lost(self) -> int:
+        """Packets of the robot that never came."""
+        return self._session.figures.lost
 
     @property
     def latency(self) -> LatencyHistogram:
@@ -276,6 +291,8 @@ class FriRobot(Robot):
         return np.array(values)
 
     def _check(self, command: JointCommand) -> None:
+        if self._listen_only:
+            raise BackendError(LISTENS)
         check_taken(self._message or self.monitoring, command, self._lead.trouble)
 
     def _send(self, command: JointCommand) -> JointCommand:

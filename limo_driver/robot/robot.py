@@ -20,6 +20,7 @@ from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
 
 BRAKING_TIMEOUT = 10.0  # [s] of cycles in which an arm that is closed comes to rest
 BRAKING_PATIENCE = 0.5  # [s] in which it may not be heard meanwhile
+LISTENS = "the robot was opened to listen only, and takes no commands"
 READY_TIMEOUT = 60.0  # [s] for a person to start what has to be started on the robot's side
 
 if TYPE_CHECKING:
@@ -227,6 +228,20 @@ class Robot(interrupts.Interruptible):
         Raises:
             BackendError: It did not in time; says what to do about it.
         """
+
+    @property
+    def lost(self) -> int:
+        """Measurements that did not come over the link to a real arm."""
+        return 0
+
+    @property
+    def silent_joints(self) -> tuple[int, ...]:
+        """Joints, from 1, of which no measurement came in this cycle, as far as that is known."""
+        return ()
+
+    def now(self) -> float:
+        """Return the time of the clock by which cycles are waited for [s]."""
+        return time.monotonic()
 
     def link_figures(self) -> dict[str, Any]:
         """Return what was counted on the link to a real arm, as JSON values."""

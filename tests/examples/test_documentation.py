@@ -52,6 +52,7 @@ NOT_RUN = {
     "diagnosis.md": ["needs recordings of your arm"],
     "diagnosis_measured.md": ["takes hours", "needs recordings of a real arm"],
     "embedding.md": ["needs minutes of free motion"],
+    "first_motion.md": ["needs a real arm"],
     "fleet.md": ["needs a cluster"],
     "formats.md": ["part of a program of yours"],
     "fri.md": ["needs a real arm"],

@@ -31,6 +31,7 @@ ON_LOST: Final = {"fault": 1, "disable": 2, "quick_stop": 3}  # object 6007
 # After a quick stop the drive keeps the pose: an arm without brakes would fall.
 QUICK_STOP_AND_STAY: Final = 6  # object 605A
 FAULT_RAMP: Final = 2  # object 605E: stop on the quick-stop ramp, then switch off
+IDENTITY: Final = {"vendor": 1, "product": 2, "revision": 3, "serial": 4}  # object 1018
 LARGEST_BYTE: Final = 0xFF
 SWITCHED_OFF: Final = 0xFFFF_FFFF  # object 6065: no following error
 SPARE: Final = (0x1402, 0x1403, 0x1802, 0x1803)  # PDOs that drives may have switched on
@@ -85,6 +86,17 @@ class Commissioning:
                 f"rated_torque {self.joint.rated_torque:g} N m; another drive, or swapped cables?"
             )
         return rated
+
+    def versions(self) -> dict[str, int]:
+        """Return vendor, product, revision and serial number, as far as the drive has them."""
+        found = dict[str, int]()
+        for name, subindex in IDENTITY.items():
+            try:
+                found[name] = self.sdo.read(0x1018, subindex)
+            except SdoAbortError as error:
+                if not error.is_absent:
+                    raise
+        return found
 
     def configure(self) -> None:
         """Set PDOs, SYNC, watchdogs, reactions and mode; the drive is not switched on.

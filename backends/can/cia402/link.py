@@ -144,6 +144,10 @@ class Cia402Link(Link):
             waiting = [drive for drive in waiting if drive.state is not State.ENABLED]
         self._reset = False
 
+    def versions(self) -> tuple[dict[str, int], ...]:
+        """Return object 1018 of each drive."""
+        return tuple(self._commissioning(drive).versions() for drive in self._drives)
+
     def disable(self) -> None:
         """Switch the drives off, one after the other, the last joint first."""
         if self._powered:

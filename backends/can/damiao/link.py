@@ -125,6 +125,15 @@ class DamiaoLink(Link):
             return None
         return self._sample()
 
+    def observe(self, until: float) -> DriveSample | None:
+        """Ask motors where they are, which commands nothing."""
+        asked = [
+            (damiao.REGISTERS, damiao.register_frame(motor.joint.node, damiao.REFRESH))
+            for motor in self._motors
+        ]
+        self._exchange(until, asked)
+        return self._sample() if self._all_heard() else None
+
     def _trouble_of_drives(self) -> str:
         for motor in self._motors:
             if text := motor.complaint(self.config.hold_after):
@@ -185,13 +194,13 @@ class DamiaoLink(Link):
         self._exchange(due)
         self.listen(due)
 
-    def _exchange(self, until: float) -> None:
-        """Command every motor that follows commands, and hear what they answer until then."""
+    def _exchange(self, until: float, frames: list[tuple[int, bytes]] | None = None) -> None:
+        """Send a cycle's frames, by default its commands; hear what motors answer until then."""
         for motor in self._motors:
             motor.open_cycle()
         # One that is switched off answers too, and obeys nothing. What the bus did not take of a
         # cycle is all that is left of it: each motor gets each command once.
-        self._unsent, self._started = self._unsent or self._frames(), False
+        self._unsent, self._started = self._unsent or frames or self._frames(), False
         while self._unsent:
             self.port.send(*self._unsent[0])
             del self._unsent[0]

@@ -95,6 +95,7 @@ class SimulatedArm:
         # Knots of the quadratic spline through the last three set-points, (3, n) [rad].
         self._knots = np.tile(self._arm.encoders, (3, 1))
         self._servo = np.ones(n)
+        self.guided: FloatArray | None = None  # where a hand has the joints without power [rad]
         self._simulated = 0.0  # time simulated, in steps of STEP [s]
         self._due = 0.0  # time that has passed for the arm [s]
         self._clock: float | None = None  # when time was last accounted for [s]
@@ -103,6 +104,11 @@ class SimulatedArm:
         for joint, at in zip(self.joints, self._knots[2], strict=True):
             joint.position = joint.measured_position = float(at)
         self._simulate(1)
+
+    @property
+    def encoders(self) -> FloatArray:
+        """Positions that the encoders read, (n,) [rad]."""
+        return self._arm.encoders
 
     @property
     def time(self) -> float:
@@ -159,7 +165,7 @@ class SimulatedArm:
                 half = 0.5 * duration * port.measured_velocity
                 self._knots[1:, j] = port.measured_position + np.array((-half, half))
             if act is Actuation.BRAKE:  # keeps the last knot, or where the joint is
-                goal[j] = self._knots[2, j]
+                goal[j] = self._knots[2, j] if self.guided is None else self.guided[j]
         self._knots = np.stack([self._knots[1], self._knots[2], goal])
         self._servo = servo
 

@@ -11,8 +11,8 @@ faults:
 
 Faults of a bus of simulated drives, one class for each kind.
 
-Times are in seconds since a drive was first enabled; wrong and swapped ids are there from the
-start.
+Times are in seconds since a drive was first enabled, or since the drives were switched on, as
+`from` says; wrong and swapped ids are there from the start.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
+from limo_driver.errors import ConfigError
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.parameters import JOINT, Declared, parameter
 
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from backends.can.config import Joint
     from backends.can.simulator.drive import SimulatedDrive
 
+ENABLED, SWITCHED_ON = "enabled", "start"
 TO_DRIVES, FROM_DRIVES, BOTH = "to_drives", "from_drives", "both"
 MOST_BABBLE: Final = 100  # frames at once
 
@@ -44,10 +46,12 @@ class BusScenario(Declared):
 
     Args:
         seed: Of chances.
+        origin: From when times count; those of hands that guide the arm count from the start.
     """
 
     faults: tuple[Fault, ...] = ()
     seed: int = parameter("", lower=0, default=0)
+    origin: str = parameter("", default=ENABLED, of=(ENABLED, SWITCHED_ON), key="from")
 
     @classmethod
     def load(cls, path: Path | str, joints: Sequence[Joint]) -> BusScenario:
@@ -217,8 +221,32 @@ class SwappedJoints(Fault):
         nodes[a], nodes[b] = nodes[b], nodes[a]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Guide(Fault):
+    """Somebody guides the arm by hand to a pose, and it stays there.
+
+    Times count from when the drives are switched on, and joints that have power do not give way.
+    """
+
+    name = "guide"
+    position: tuple[float, ...] = parameter("rad", lower=-10.0, upper=10.0)
+
+    def check(self, joints: Sequence[Joint]) -> None:
+        """Refuse a pose of another arm."""
+        if len(self.position) != len(joints):
+            raise self._refused("position", f"{len(joints)} angles, one for each joint")
+        if math.isinf(self.ends):
+            raise ConfigError(f"{self.name} needs a time in which the hand is there")
+
+    def on_way(self, start: np.ndarray, elapsed: float) -> np.ndarray:
+        """Return where the hand has the arm, (n,) [rad], so long after the start [s]."""
+        u = min((elapsed - self.at) / (self.ends - self.at), 1.0)
+        return start + (self.position - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+
+
 KINDS: Final[dict[str, type[Fault]]] = {
-    kind.name: kind for kind in (LostFrames, BusOff, Babble, DriveFault, WrongNode, SwappedJoints)
+    kind.name: kind
+    for kind in (LostFrames, BusOff, Babble, DriveFault, WrongNode, SwappedJoints, Guide)
 }
 
 

@@ -14,7 +14,14 @@ from backends.can.config import CIA402, Cia402Joint
 from backends.can.simulator.arm import SimulatedArm
 from backends.can.simulator.cia402_drive import Cia402Drive
 from backends.can.simulator.damiao_drive import DamiaoDrive
-from backends.can.simulator.scenario import FROM_DRIVES, TO_DRIVES, BusScenario, rewired
+from backends.can.simulator.scenario import (
+    FROM_DRIVES,
+    SWITCHED_ON,
+    TO_DRIVES,
+    BusScenario,
+    Guide,
+    rewired,
+)
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.processes import Closing
 
@@ -75,10 +82,13 @@ class Station(Closing):
         self.counts = StationCounts()
         self.arm = SimulatedArm(simulation, position, seed)
         self._random = np.random.default_rng(self._scenario.seed)
-        self._waiting = sorted(self._scenario.faults, key=lambda fault: fault.at)
+        ordered = sorted(self._scenario.faults, key=lambda fault: fault.at)
+        self._waiting = [fault for fault in ordered if not isinstance(fault, Guide)]
+        self._guides = [fault for fault in ordered if isinstance(fault, Guide)]
+        self._guided_from = self.arm.encoders  # (n,) [rad]
         self._active: list[Fault] = []
-        self._began: float | None = None  # when a drive was first enabled [s]
-        self._ticked = 0.0
+        self._began: float | None = None  # from when times of the scenario count [s]
+        self._ticked = self._started = 0.0
         self.drives: tuple[SimulatedDrive, ...] = tuple(
             self._drive(number, joint, port)
             for number, (joint, port) in enumerate(
@@ -89,7 +99,9 @@ class Station(Closing):
 
     def start(self) -> None:
         """Switch the drives on."""
-        self._ticked = self._clock()
+        self._ticked = self._started = self._clock()
+        if self._scenario.origin == SWITCHED_ON:
+            self._began = self._started
         for drive in self.drives:
             drive.start(self._ticked)
 
@@ -140,6 +152,7 @@ class Station(Closing):
 
     def _tick(self, now: float) -> None:
         elapsed, self._ticked = now - self._ticked, now
+        self._guide(now - self._started)
         for drive in self.drives:
             drive.tick(now)
         for _ in range(self.arm.periods_due(self._period, now)):
@@ -149,6 +162,15 @@ class Station(Closing):
             self._began = now
         if self._began is not None:
             self._play(now - self._began, elapsed)
+
+    def _guide(self, elapsed: float) -> None:
+        """Let a hand move the arm."""
+        if self._guides and elapsed >= self._guides[0].at:
+            guide = self._guides[0]
+            self.arm.guided = guide.on_way(self._guided_from, elapsed)
+            if elapsed >= guide.ends:
+                self._guided_from = self.arm.guided
+                del self._guides[0]
 
     def _demand(self, period: float) -> None:
         for drive in self.drives:

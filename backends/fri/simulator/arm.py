@@ -277,6 +277,15 @@ class SetpointPath:
         self._begin_interval(self.position)
         return targets
 
+    def guide(self, goal: FloatArray, count: int) -> FloatArray:
+        """Return the next `count` set-points towards where a hand has the arm, (n,) [rad]."""
+        self._base, self._standing = None, False
+        steps = np.arange(1, count + 1)[:, None] / count
+        targets = self._told(self.position + (goal - self.position) * steps)
+        self.velocity *= 0.0  # it rests as soon as the hand does
+        self._begin_interval(self.position)
+        return targets
+
     def _next_point(self) -> FloatArray:
         """Return where the set-point goes in the interval that begins, (n,) [rad]."""
         self._missing += 1  # until a command comes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from backends.fri.codec.messages import SafetyState, SessionState
@@ -16,6 +17,8 @@ from limo_driver.robot.realtime import Pace, Realtime, sleeper
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
+    from backends.fri.simulator.arm import ArmState
+    from backends.fri.simulator.scenario import Exchange
     from backends.fri.simulator.session import ControllerVisit
     from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
@@ -204,7 +207,7 @@ class SimulatedController(Closing):
                 quality=self._level,
                 safety=safety,
                 control=motion.arm.control,
-                arm=motion.state,
+                arm=reported(motion.state, self._now.exchanges),
                 setpoint=motion.path.position,
                 ipo=motion.ipo,
                 commanded_torque=motion.commanded_torque,
@@ -248,3 +251,13 @@ class SimulatedController(Closing):
             loop_text=pace.summary(),
             notes=tuple(note for note in notes if note),
         )
+
+
+def reported(state: ArmState, exchanges: tuple[Exchange, ...]) -> ArmState:
+    """Return what an arm reports whose joints are exchanged, as its cables may be."""
+    for each in exchanges:
+        order = list(range(len(state.position)))
+        i, j = each.joint - 1, each.other - 1
+        order[i], order[j] = j, i
+        state = replace(state, **{name: values[order] for name, values in vars(state).items()})
+    return state

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from backends.fri.codec.messages import Command
     from backends.fri.simulator.connection.port import Address, Delivered, Disturbance, UdpPort
     from backends.fri.simulator.report import ClientObservations
-    from backends.fri.simulator.scenario import Now
+    from backends.fri.simulator.scenario import Guide, Now
     from backends.fri.simulator.session import ControllerSession
     from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
@@ -231,6 +231,7 @@ class CommandedArm:
         self.state = self.arm.advance(start[None])
         self.program = np.zeros(JOINTS)  # how far the robot's own program has moved, (7,) [rad]
         self._ipo_base = start
+        self._guide: tuple[Guide | None, FloatArray] = None, start  # and where it began [rad]
         self.begin()
 
     @property
@@ -281,6 +282,13 @@ class CommandedArm:
             self.path.rest_at(self.state.position, self.state.velocity)
             self.arm.take_control(ControlMode.POSITION, self.state.position)
 
+    def _guided(self, guide: Guide, time: float) -> FloatArray:
+        """Return where a hand has the arm, (7,) [rad], on its smooth way."""
+        if self._guide[0] is not guide:
+            self._guide = guide, self.path.position
+        start, u = self._guide[1], min((time - guide.at) / (0.9 * guide.duration), 1.0)
+        return start + (np.array(guide.position) - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+
     def move(self, now: Now, time: float, steps: int, *, active: bool) -> None:
         """Move the arm for some milliseconds.
 
@@ -301,7 +309,10 @@ class CommandedArm:
             self.program[event.joint - 1] += 0.5 * event.amplitude * (1.0 - np.cos(phase))
         self.arm.push(push)
         steps = min(steps, _MOST_STEPS)
-        if active:
+        if now.guide is not None and not active:
+            targets = self.path.guide(self._guided(now.guide, time), steps)
+            self._ipo_base = self.path.position
+        elif active:
             targets, self._fresh = self.path.follow(self._fresh, steps), None
         else:
             targets = self.path.rest(self.program, steps)

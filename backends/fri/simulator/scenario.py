@@ -79,6 +79,8 @@ class Now:
     silent: bool = False
     pushes: tuple[SimulatedPush | FlangeForce, ...] = ()
     motions: tuple[ProgramMotion, ...] = ()
+    guide: Guide | None = None
+    exchanges: tuple[Exchange, ...] = ()
 
 
 class ScenarioClock:
@@ -139,6 +141,10 @@ def together(events: Iterable[ControllerEvent]) -> Now:
                 now = replace(now, pushes=(*now.pushes, event))
             case ProgramMotion():
                 now = replace(now, motions=(*now.motions, event))
+            case Guide():
+                now = replace(now, guide=event)
+            case Exchange():
+                now = replace(now, exchanges=(*now.exchanges, event))
             case _:
                 raise TypeError(f"the controller has no form for {type(event).__name__}")
     return now
@@ -283,6 +289,23 @@ class ProgramMotion(ControllerEvent):
     amplitude: float = parameter("rad", lower=-3.0, upper=3.0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Guide(ControllerEvent):
+    """Somebody guides the arm by hand to a pose, while no client commands it; it stays there."""
+
+    name: ClassVar[str] = "guide"
+    position: tuple[float, ...] = parameter("rad", lower=-4.0, upper=4.0, length=JOINTS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange(ControllerEvent):
+    """What is measured of a joint is reported as of another, and the other way round."""
+
+    name: ClassVar[str] = "exchange"
+    joint: int = parameter(JOINT, upper=JOINTS)
+    other: int = parameter(JOINT, upper=JOINTS)
+
+
 EVENTS: dict[str, type[ControllerEvent]] = {
     kind.name: kind
     for kind in (
@@ -297,5 +320,7 @@ EVENTS: dict[str, type[ControllerEvent]] = {
         FlangeForce,
         Silence,
         ProgramMotion,
+        Guide,
+        Exchange,
     )
 }

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import zenoh
 
 _SAME: Final = (  # arguments whose options have their names
-    "bound columns connect force into log mapping model out robot ros sign store table_height "
+    "bound columns connect force into log mapping model out robot ros sign step store table_height "
     "topic trajectory trust "
 )
 OPTIONS: Final = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {

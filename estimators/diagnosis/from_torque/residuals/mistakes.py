@@ -159,6 +159,7 @@ class Mistake:
     undo: Undo
     is_of_data: bool = True  # not of how the arm is mounted, which is physics
     is_of_all: bool = False  # made at each joint or at none
+    kind: str = ""  # in a word or two
 
 
 def mistakes(n: int) -> Iterator[Mistake]:
@@ -168,6 +169,7 @@ def mistakes(n: int) -> Iterator[Mistake]:
         "all torques have the other sign than expected, which is positive along the axis",
         lambda sample: sample.torques(-one),
         is_of_all=True,
+        kind="sign",
     )
     for j in range(n):
         yield from _of_joint(j, n)
@@ -176,20 +178,24 @@ def mistakes(n: int) -> Iterator[Mistake]:
         yield Mistake(
             f"torque_{i + 1} belongs to joint {j + 1} and torque_{j + 1} to joint {i + 1}",
             _torques(exchange),
+            kind="exchanged-joints",
         )
         yield Mistake(
             f"position_{i + 1} belongs to joint {j + 1} and position_{j + 1} to joint {i + 1}",
             _positions(exchange),
+            kind="exchanged-joints",
         )
     yield Mistake(
         "gravity is taken out of the torques, expected all that is measured",
         _weighed,
         is_of_all=True,
+        kind="no-gravity",
     )
     yield Mistake(
         "the positions of all joints are 57.3 times too small, as if converted from degrees twice",
         _positions(one * _DEGREES),
         is_of_all=True,
+        kind="unit",
     )
     for axis in range(3):
         for sign in (1.0, -1.0):
@@ -198,6 +204,7 @@ def mistakes(n: int) -> Iterator[Mistake]:
                 mounted_otherwise(along),
                 _gravity(along),
                 is_of_data=False,
+                kind="mounting",
             )
 
 
@@ -207,22 +214,28 @@ def _of_joint(j: int, n: int) -> Iterator[Mistake]:
     yield Mistake(
         f"torque_{j + 1} has the other sign than expected, which is positive along the axis",
         _torques(turned),
+        kind="sign",
     )
     yield Mistake(
-        f"position_{j + 1} has the other sign than the axis of joint {j + 1}", _positions(turned)
+        f"position_{j + 1} has the other sign than the axis of joint {j + 1}",
+        _positions(turned),
+        kind="sign",
     )
     yield Mistake(
         f"position_{j + 1} and torque_{j + 1} have the other sign than the axis of joint {j + 1}",
         lambda sample: sample.torques(turned).positions(turned),
+        kind="sign",
     )
     yield Mistake(
         f"position_{j + 1} is 57.3 times too small, as if converted from degrees twice",
         _positions(one + (_DEGREES - 1) * np.diag(own)),
+        kind="unit",
     )
     for degrees in (90, -90, 180):
         yield Mistake(
             f"the zero of position_{j + 1} is {abs(degrees)}° away from that of the model",
             _positions(one, np.deg2rad(degrees) * own),
+            kind="zero",
         )
 
 

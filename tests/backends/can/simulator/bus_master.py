@@ -75,9 +75,9 @@ class Master:
 class DrivesBus(SyncBus):
     """The driver's end of a bus with simulated drives; time passes where the driver waits."""
 
-    def __init__(self, config, position=None, scenario=None):
+    def __init__(self, config, position=None, scenario=None, simulation=None):
         super().__init__()
-        simulation = Simulation(robot=config.robot)
+        simulation = simulation or Simulation(robot=config.robot)
         self.station = Station(
             config, _DrivesEnd(self), simulation, position, scenario=scenario, clock=self.now
         )

@@ -1,0 +1,131 @@
+"""The steps to a first motion of an arm on a CAN bus, with faults put in."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from first_motions import CanBench
+
+from backends.can.robot import CanRobot
+from backends.can.simulator.scenario import FROM_DRIVES, LostFrames, SwappedJoints
+from limo_driver.app.library.first_motion.records import STEPS
+from limo_driver.app.library.first_motion.shadow import ShadowRobot
+from limo_driver.app.library.first_motion.steps import take_step
+from limo_driver.errors import BackendError, ConfigError
+from limo_driver.physics import GravityDirection, Payload, Simulation
+from limo_driver.physics.effects.sensing import TorqueOffset
+from limo_driver.types import PositionCommand
+
+
+def arm_with(effect):
+    return Simulation("iiwa14", effects=(effect,))
+
+
+def received(bench, folder):
+    """Take the first two steps; return the problems of the second."""
+    assert take_step(bench.arm, folder, settings=bench.settings).passed
+    done = take_step(bench.arm, folder, settings=bench.settings)
+    assert done.record["step"] == "receive"
+    return done, [each for each in done.found.findings if each.problem]
+
+
+@pytest.mark.slow("plans, computes and makes two motions")
+def test_all_steps_are_passed_in_their_order_and_nothing_moves_in_the_first_three(
+    tmp_path, monkeypatch
+):
+    bench = CanBench().plug(monkeypatch)
+    for step in STEPS:
+        before = len(bench.set_points)
+        done = take_step(bench.arm, tmp_path / "kept", settings=bench.settings)
+        assert (done.record["step"], done.record["verdict"]) == (step, "passed"), done.record
+        assert (len(bench.set_points) > before) is (step in {"one-joint", "limopa"})
+        assert done.page.read_text().count("passed") > 0
+        assert done.record["address"].startswith("CAN virtual limo-")
+    record = json.loads((tmp_path / "kept" / "4_one_joint.json").read_text())
+    travel = np.degrees(record["figures"]["travel"])
+    assert np.abs(travel[:, 6]).max() == pytest.approx(2.0, abs=0.1)
+    assert np.abs(travel[:, :6]).max() < 0.1
+    assert record["figures"]["limited"] == {}
+
+
+@pytest.mark.parametrize(
+    ("faults", "simulation", "kind", "said"),
+    [
+        ((), arm_with(Payload(mass=4.0, com=(0.0, 0.0, 0.12))), "tool-mass", "4 kg more"),
+        ((SwappedJoints(joint=2, other=4),), None, "exchanged-joints", "joints 2 and 4"),
+        ((), arm_with(GravityDirection(gravity=(9.81, 0, 0))), "mounting", "turned by 90°"),
+        ((), arm_with(TorqueOffset(joint=4, offset=9.0)), "sensor-offset", r"joint 4 by \+[89]"),
+        (
+            (LostFrames(at=1.0, lasts=0.1, probability=1.0, joint=3, way=FROM_DRIVES),),
+            None,
+            "loose-cable",
+            "measurements of joint 3 stayed away 1 time, for up to (90|100) ms",
+        ),
+    ],
+    ids=["tool", "exchanged", "mounting", "offset", "cable"],
+)
+def test_faults_are_named_in_one_line_before_anything_moves(
+    tmp_path, monkeypatch, faults, simulation, kind, said
+):
+    bench = CanBench(faults, simulation).plug(monkeypatch)
+    done, problems = received(bench, tmp_path)
+    named = next(each for each in problems if each.code == kind)
+    assert re.search(said, named.text)
+    assert "\n" not in named.text
+    assert kind in done.page.read_text()
+    assert bench.set_points == []
+    with pytest.raises(ConfigError, match=r"step 3 \(shadow\) is refused, and nothing moves"):
+        take_step(bench.arm, tmp_path, "shadow", bench.settings)
+
+
+def test_an_arm_that_nobody_guides_does_not_pass(tmp_path, monkeypatch):
+    _, problems = received(CanBench(guided=False).plug(monkeypatch), tmp_path)
+    assert [each.code for each in problems] == ["poses"]
+    assert problems[0].text.startswith("1 of 3 poses at rest were seen")
+
+
+def test_a_drive_that_is_not_there_is_named_by_the_first_step(tmp_path, monkeypatch):
+    bench = CanBench((LostFrames(probability=1.0, joint=5),)).plug(monkeypatch)
+    bench.bus.time += 0.1
+    bench.bus.station.turn()  # the fault begins
+    done = take_step(bench.arm, tmp_path, settings=bench.settings)
+    assert not done.passed
+    assert "joint 5 (node 15) does not answer" in done.record["findings"][0]["text"]
+
+
+def test_a_motion_that_was_changed_after_it_was_shadowed_is_refused(tmp_path, monkeypatch):
+    bench = CanBench().plug(monkeypatch)
+    for _ in range(3):
+        assert take_step(bench.arm, tmp_path, settings=bench.settings).passed
+    file = tmp_path / "4_one_joint.traj.parquet"
+    file.write_bytes((tmp_path / "5_limopa.traj.parquet").read_bytes())
+    before = len(bench.set_points)
+    with pytest.raises(ConfigError, match="is not the motion that was shadowed"):
+        take_step(bench.arm, tmp_path, settings=bench.settings)
+    assert len(bench.set_points) == before
+
+
+def test_who_listens_only_is_refused_to_command_and_sends_no_set_point(monkeypatch):
+    bench = CanBench(guided=False).plug(monkeypatch)
+    with CanRobot(bench.config, listen_only=True) as robot:
+        state = robot.receive()
+        with pytest.raises(BackendError, match="listen only"):
+            robot.send(PositionCommand(position=state.position))
+        robot.hold("to see whether that says anything to the drives")
+        for _ in range(20):
+            robot.receive()
+    assert bench.set_points == []
+    assert not any(drive.enabled for drive in bench.bus.station.drives)
+
+
+def test_a_shadow_says_what_the_contract_would_have_limited_and_sends_nothing(monkeypatch):
+    bench = CanBench(guided=False).plug(monkeypatch)
+    with ShadowRobot(CanRobot(bench.config, listen_only=True)) as shadow:
+        start = shadow.receive().position
+        assert shadow.send(PositionCommand(position=start)).limited_by == ()
+        shadow.receive()
+        far = shadow.send(PositionCommand(position=start + 1.0))
+        assert "velocity" in far.limited_by or "acceleration" in far.limited_by
+        shadow.receive()
+    assert bench.set_points == []
