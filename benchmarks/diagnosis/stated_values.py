@@ -194,7 +194,10 @@ def _drawn(seed: int, effect: str | None, variant: Variant) -> cases.Case:
         except cases.UnreachableError:
             continue
         own = case.hidden[0]
-        if SIZED[effect] in own.draft.parameters(own.amplitude):  # of a law that limo has, too
+        values = own.draft.parameters(own.amplitude)
+        if effect == "payload" and not _is_possible(case, values["mass"], values["com"]):
+            continue
+        if SIZED[effect] in values:  # of a law that limo has, too
             return case
     raise SystemExit(f"no arm has {effect} of ten noise floors near seed {seed}")
 
@@ -207,6 +210,13 @@ def _moments(case: cases.Case, mass: float, com: Sequence[float]) -> list[float]
         r = c - arm.com[link]
         about = about - m * (r @ r * np.eye(3) - np.outer(r, r))
     return [float(about[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+
+
+def _is_possible(case: cases.Case, mass: float, com: Sequence[float]) -> bool:
+    """Say whether a body has such moments: those of a drawn load need not."""
+    xx, xy, xz, yy, yz, zz = _moments(case, mass, com)
+    moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return bool(2.0 * moments.max() < moments.sum())
 
 
 def _made_wrong(

@@ -281,7 +281,7 @@ def withheld(elsewhere: Elsewhere, improved: Observations) -> tuple[Withheld, ..
 def _of_several_joints(
     elsewhere: Elsewhere, parts: Sequence[ComparedPart], known: Sequence[str]
 ) -> Iterator[Withheld]:
-    """Yield the parts of several joints that make one surely worse, and clearly, or the arm.
+    """Yield the parts of several joints that make one surely worse: clearly so, or the arm, too.
 
     Args:
         elsewhere: The proof.
@@ -295,11 +295,11 @@ def _of_several_joints(
         if len(part.joints) == 1 or not (now[1][own] > 0).any():
             continue
         other = elsewhere.change([*known, part.name])
-        lost = (other[0] - now[0]) / scale
-        j = own[int(np.argmin(np.where(now[1] > 0, lost, np.inf)[own]))]
+        mended = now[0] - other[0]
+        j = own[int(np.argmax(np.where(now[1] > 0, mended / scale, -np.inf)[own]))]
         sum_now, sum_other = (np.sum(((scale + x[0]) / scale) ** 2) for x in (now, other))
-        much = now[0][j] > CONTRIBUTION.material * elsewhere.floor[j]
-        if lost[j] < 0 and (much or sum_other < sum_now):
+        much = mended[j] > CONTRIBUTION.material * elsewhere.floor[j]
+        if much or (mended[j] > 0 and sum_other < sum_now):
             yield Withheld(part.name, _in_words(now, j))
             known, now = (*known, part.name), other
 

@@ -65,20 +65,26 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
     if doubtful_encoders(observed):  # the load of every joint may be strange at any time
         return ()
     scan = _Scan.of(observed.undisturbed(None), residual)
-    found: list[Push] = []
     trials = scan.trials()
+    strong: list[Push] = []
     for push in trials:
         if push.evidence < PUSHES.least_evidence:
             break
-        if not any(_near(push, other) for other in found) and scan.rarity(push) > PUSHES.rare:
-            found.append(scan.settled(push, found))
+        if not any(_near(push, other) for other in strong):
+            strong.append(push)
+    # many hide one another, so the weakest that is rare beside all stronger ones ends the list
+    rare = [scan.rarity(push, strong[:k]) > PUSHES.rare for k, push in enumerate(strong)]
+    found: list[Push] = []
+    for push in strong[: len(rare) - [*reversed(rare), True].index(True)]:
+        found.append(scan.settled(push, found))
     others = [trial for trial in trials if not any(_near(trial, push) for push in found)]
     events: list[Push] = []
     for push in found:
         if scan.is_event(push, others):
-            events.append(replace(push, rarity=scan.rarity(push)))
+            events.append(push)
         else:  # so it tells what there is besides events
             others.append(push)
+    events = [replace(push, rarity=scan.rarity(push, events)) for push in events]
     return tuple(push for push in events if push.rarity > PUSHES.rare)
 
 
@@ -121,6 +127,18 @@ def overlap(a: TimeSpan, b: TimeSpan, within: float = PUSHES.spread) -> bool:
     """
     between = max(a.start, b.start) - min(a.end, b.end)
     return a.recording == b.recording and between < within
+
+
+def _overlapping(
+    push: Push,
+    recording: NDArray[np.int64],
+    first: FloatArray,
+    last: FloatArray,
+    within: float = 0.0,
+) -> NDArray[np.bool_]:
+    """Mark windows (S,) that share time with a push, or have less than a time [s] between."""
+    own = recording == push.recording
+    return own & (first < push.end + within) & (last > push.start - within)
 
 
 def _near(a: Push, b: Push) -> bool:
@@ -269,28 +287,35 @@ class _Scan:
         """Mark windows (S, n) in which a joint turns: they do not tell what is usual."""
         return np.asarray(_sums((self.judged & ~self.steady).astype(float), rows) > 0)
 
-    def rarity(self, push: Push) -> float:
+    def rarity(self, push: Push, stronger: Sequence[Push] = ()) -> float:
         """Return how seldom errors that scatter as those of other stretches are as large [nat].
 
         Of all joints together. While the whole arm rests its physics scatters nothing: there it is
         the evidence.
+
+        Args:
+            push: What may be one.
+            stronger: Others, which are no scatter as long as most stretches are apart from them.
         """
         time, most = self.observed.slow.time, 0.0
         for rows in {max(3, rows_in(self.observed, length)) for length in PUSHES.lengths}:
             energy, enough, independent = self._energies(self.lasting, PUSHES.scattered, rows)
-            first, last = time[: len(energy)], time[rows - 1 :]
-            own = self.observed.recording[: len(energy)] == push.recording
-            near = own & (first < push.end + PUSHES.spread) & (last > push.start - PUSHES.spread)
-            within = own & (first < push.end) & (last > push.start)
-            resting = self._touch_rest(rows)
+            count = len(energy)
+            ends = self.observed.recording[:count], time[:count], time[rows - 1 :]
+            within, resting = _overlapping(push, *ends), self._touch_rest(rows)
             if (within & resting).any():
                 return push.evidence
             enough &= ~resting[:, None]  # which say nothing of what is usual in motion
-            total = np.zeros(len(energy))
-            others = enough & ~self._turn(rows) & ~near[:, None]
-            for j, (use, away) in enumerate(zip(enough.T, others.T, strict=True)):
-                if away.sum() >= PUSHES.fewest and (use & within).any():
-                    rare = rarity(energy[use & within, j], energy[away, j], independent)
+            total = np.zeros(count)
+            others = enough & ~self._turn(rows)
+            others &= ~_overlapping(push, *ends, PUSHES.spread)[:, None]
+            apart = others.copy()
+            for other in stronger:
+                apart &= ~_overlapping(other, *ends, PUSHES.spread)[:, None]
+            for j, (use, away, far) in enumerate(zip(enough.T, others.T, apart.T, strict=True)):
+                usual = far if 2 * far.sum() > away.sum() else away
+                if usual.sum() >= PUSHES.fewest and (use & within).any():
+                    rare = rarity(energy[use & within, j], energy[usual, j], independent)
                     total[use & within] += np.maximum(rare - PUSHES.joint, 0.0)
             most = max(most, float(total.max(initial=0.0)))
         return most

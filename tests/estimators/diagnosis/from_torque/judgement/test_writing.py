@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis import diagnose
+from estimators.diagnosis.comparison import BODIES
 from estimators.diagnosis.from_torque.judgement import writing
 from estimators.diagnosis.from_torque.judgement.telling import as_told
 from estimators.diagnosis.from_torque.judgement.writing import (
@@ -101,6 +102,28 @@ def test_bodies_and_couplings_that_make_the_arm_worse_are_not_written(observed, 
     assert "the inertias of links" in found
     assert any(name.startswith("joint coupling") for name in found)
     assert "viscous friction, joint 2" not in found
+
+
+def test_a_body_that_makes_a_joint_better_is_written_beside_what_makes_another_worse(
+    observed, rigid
+):
+    """As of a heavier link that mends joint 1, beside friction that harms joint 2."""
+    link = rigid.model.link_names[-1]
+    body = rigid.model.inertials[link]
+    heavy = Inertial(2 * body.mass, body.com, tuple(2 * x for x in body.inertia))
+    given = plus(rigid, replace(VISCOUS, f_v=2.9))
+    improved = observed.under(replace(plus(rigid, VISCOUS), inertials={link: heavy}))
+
+    def change(parts, than=()):
+        bodies, friction = (name not in parts for name in (BODIES, "viscous friction, joint 2"))
+        middle = np.array([-0.9 * bodies, 0.02 * friction + 1e-4 * bodies])
+        return np.stack([middle, middle - 1e-3, middle + 1e-3])
+
+    elsewhere = SimpleNamespace(
+        given=given, floor=np.full(2, 0.02), as_given=np.ones(2), change=change
+    )
+
+    assert names(withheld(elsewhere, improved)) == {"viscous friction, joint 2"}
 
 
 def test_a_body_that_makes_the_arm_better_is_written_although_a_joint_is_hardly_worse(
