@@ -75,7 +75,7 @@ def plan(
     import limopa
 
     wanted = expected("request", request or limopa.PlanRequest(), limopa.PlanRequest)
-    work = None if near is None else recording_of(near)
+    work = None if near is None else recording_of(near, "near")
     return limopa.plan(model_of(robot), wanted, seed_of(seed), progress, work)
 
 
