@@ -175,22 +175,23 @@ class Feasibility:
             position: Random configurations, (T, n) [rad].
 
         Returns:
-            The condition and who breaks it by how much; None if nothing is so.
+            The condition, and who breaks it, with the argument that asks for it; None if nothing
+            is so.
         """
         gap, lowest = self.clearances(position)
         table, need = self.surroundings.table_height, self.surroundings.clearance
-        low = lowest - table - need
-        if stuck := _hopeless(low):
+        if stuck := _hopeless(lowest - table - need):
             bodies = np.flatnonzero(self._above_table)[stuck]
-            links = dict.fromkeys(self.capsules[k].link for k in bodies)
-            return (
-                Condition.TABLE,
-                f"{_listed(links)} cannot be lifted off the table at {table:g} m",
-            )
+            links = _listed(dict.fromkeys(self.capsules[k].link for k in bodies))
+            reason = f"{links} cannot be lifted off the table at {table:g} m (`table_height`)"
+            if not _hopeless(lowest - table):
+                reason = f"{links} cannot be kept {need:g} m off the table (`clearance`)"
+            return Condition.TABLE, reason
         if stuck := _hopeless(gap - need):
             names = [(self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[stuck]]
             pairs = dict.fromkeys(f"{one} and {other}" for one, other in names)
-            return Condition.SELF_COLLISION, f"{_listed(pairs)} cannot be kept {need:g} m apart"
+            apart = f"{_listed(pairs)} cannot be kept {need:g} m apart (`clearance`)"
+            return Condition.SELF_COLLISION, apart
         return None
 
     def check_path(self, path: Path) -> tuple[Condition, ...]:

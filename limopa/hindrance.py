@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 SET_BY: Final = {
     Condition.JOINT_LIMITS: "`joint_margin`",
     Condition.TABLE: "`table_height`",
-    Condition.SELF_COLLISION: "`clearance`",
+    Condition.SELF_COLLISION: "`clearance`",  # also what is kept from the table
 }
 
 
@@ -61,10 +61,16 @@ def _missed_by(space: Feasibility, condition: Condition, position: FloatArray) -
     """Say how near a condition the best of some configurations comes, (T, n)."""
     need = space.surroundings.clearance
     gap, lowest = space.clearances(position)
+    option = set_by(condition, space)
     if condition == Condition.TABLE:
-        best = float(lowest.min(axis=1).max()) - need
         height = space.surroundings.table_height
-        missed = f"the table is {height:g} m above the base, expected at most {best:.3g} m"
+        best = float(lowest.min(axis=1).max())
+        missed = f"the table is {height:g} m above the base, expected at most {best - need:.3g} m"
+        if best > height:  # it is what is to be kept from it that is too much
+            missed = (
+                f"links come {best - height:.3g} m off the table, where {need:g} m are asked for"
+            )
+            option = SET_BY[Condition.SELF_COLLISION]
     elif condition == Condition.SELF_COLLISION:
         best = float(gap.min(axis=1).max())
         apart = "links touch" if best <= 0 else f"links come {best:.3g} m apart at most"
@@ -79,4 +85,4 @@ def _missed_by(space: Feasibility, condition: Condition, position: FloatArray) -
         best = np.degrees(asked - nearest.max())
         missed = f"joint {nearest.argmax() + 1} is to keep {np.degrees(asked):g} deg from the ends "
         missed += f"of its range, expected at most {best:.3g} deg"
-    return f"{missed} ({set_by(condition, space)})"
+    return f"{missed} ({option})"

@@ -16,7 +16,7 @@ import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.types import FloatArray, readonly
-from limopa.hindrance import hindrance, set_by
+from limopa.hindrance import hindrance
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -107,8 +107,8 @@ class ScaffoldSampler:
             raise InfeasiblePathError(
                 condition,
                 f"none of {self.drawn} random configurations is a feasible scaffold: {what}, "
-                "however the joints move; choose the joints of the arm (`robot.urdf#arm_*`), or "
-                f"change the surroundings ({set_by(condition, self.feasibility)})",
+                "however the joints move; change that, or choose the joints of the arm "
+                "(`robot.urdf#arm_*`)",
             )
 
     def _infeasible(self, in_vain: int) -> InfeasiblePathError:

@@ -26,6 +26,8 @@ NUMBER = r"(-?[\d.e+-]+)"
         ("iiwa", {"workspace": Workspace(radius=0.1)}, "0.1 m of the base .--workspace-radius"),
         ("iiwa", {"workspace": FAR}, r"region from \[1.2, 0, 0\] .*--region"),
         ("iiwa", {"surroundings": Surroundings(clearance=0.12)}, "0.12 m apart.*--clearance"),
+        ("iiwa", {"surroundings": Surroundings(clearance=0.5)}, "0.5 m off the .*--clearance"),
+        ("ur5", {"surroundings": Surroundings(clearance=0.08)}, "0.08 m .*--clearance"),
         ("iiwa", {"surroundings": Surroundings(joint_margin=2.5)}, "joint 2 no range .--joint-mar"),
     ],
 )

@@ -180,7 +180,7 @@ def test_the_flange_of_a_stretched_arm_moves_by_no_more_than_the_clearance_betwe
         (PlanRequest(workspace=Workspace(radius=0.1), candidates=2000), "effective workspace"),
         (
             PlanRequest(surroundings=Surroundings(table_height=1.1), candidates=2000),
-            r"change the surroundings \(`table_height`\)",
+            r"cannot be lifted off the table at 1.1 m \(`table_height`\)",
         ),
         (PlanRequest(surroundings=Surroundings(joint_margin=2.5)), "joint limits"),
         (
@@ -222,12 +222,15 @@ def test_only_links_that_nothing_frees_block(iiwa):
     ]
     assert said == [
         None,
-        ("table", "link2 cannot be lifted off the table at 0.5 m"),
-        ("table", "link2, link3, link4, link5 cannot be lifted off the table at 2 m"),
+        ("table", "link2 cannot be lifted off the table at 0.5 m (`table_height`)"),
+        (
+            "table",
+            "link2, link3, link4, link5 cannot be lifted off the table at 2 m (`table_height`)",
+        ),
         (
             "self-collision",
             "base and link2, base and link3, base and link4, link1 and link3 and 11 more cannot be "
-            "kept 1 m apart",
+            "kept 1 m apart (`clearance`)",
         ),
     ]
 
