@@ -7,8 +7,8 @@ Each arm is planned for with its collision shapes and a table, with a probe of 0
 without the table, and without shapes; each in a process of its own, whose processor time and peak
 memory are those of planning, what is compiled the first time included. The UR10e is the one of
 `$LIMO_DATA`, whose meshes are not there; so the UR10 is planned for, too. The MJCF is a UR5 that
-limo exports. Then `limo plan` is asked for what cannot be; a message has to come within 10 s of
-processor time and to name the option.
+limo exports, with capsules around its meshes. Then `limo plan` is asked for what cannot be; a
+message has to come within 10 s of processor time and to name the option.
 """
 
 from __future__ import annotations
@@ -118,9 +118,24 @@ def description(robot: str, folder: Path, *, probe: bool = False) -> str:
         root.append(ET.fromstring(f'{at}<child link="probe"/></joint>'))  # noqa: S314
         path = folder / f"{model.name}.urdf"
         path.write_text(ET.tostring(root, encoding="unicode"), encoding="utf-8")
-    if "MJCF" not in robot:
-        return str(path)
-    return str(limo.export(limo.Simulation(str(path)), "mjcf", folder / "mjcf").file)
+    return str(path) if "MJCF" not in robot else str(_as_mjcf(str(path), folder))
+
+
+def _as_mjcf(path: str, folder: Path) -> Path:
+    """Write an arm as MJCF, with capsules around its meshes, which an export leaves out."""
+    model = limo.RobotModel.load(path)
+    written = limo.export(limo.Simulation(path), "mjcf", folder / "mjcf").file
+    tree = ET.parse(written)  # noqa: S314
+    for body in tree.iter("body"):
+        joint = body.find("joint")
+        name = "" if joint is None else joint.get("name")
+        for capsule in model.capsules():
+            if capsule.joint >= 0 and model.joint_names[capsule.joint] == name:
+                ends = " ".join(f"{x:.9g}" for x in (*capsule.start, *capsule.end))
+                shape = {"type": "capsule", "fromto": ends, "size": f"{capsule.radius:.9g}"}
+                body.append(ET.Element("geom", shape | {"mass": "0"}))
+    tree.write(written)
+    return written
 
 
 def measured(case: Case, scaffolds: int, seed: int) -> list[dict[str, str]]:
