@@ -7,8 +7,8 @@ Each arm is planned for with its collision shapes and a table, with a probe of 0
 without the table, and without shapes; each in a process of its own, whose processor time and peak
 memory are those of planning, what is compiled the first time included. The UR10e is the one of
 `$LIMO_DATA`, whose meshes are not there; so the UR10 is planned for, too. The MJCF is a UR5 that
-limo exports, with capsules around its meshes. Then `limo plan` is asked for what cannot be; a
-message has to come within 10 s of processor time and to name the option.
+limo exports, with capsules around its meshes, 5 cm above its table. Then `limo plan` is asked for
+what cannot be; a message has to come within 10 s of processor time and to name the option.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ class Case:
     def surroundings(self) -> Surroundings:
         """Return what is kept away from."""
         shapes = self.robot != "ur10e" and self.variant != NO_SHAPES
-        around = LOW if self.variant == NO_TABLE else Surroundings()
+        table = Surroundings(table_height=-0.05 if "MJCF" in self.robot else 0.0)
+        around = LOW if self.variant == NO_TABLE else table
         return replace(around, self_collision=shapes)
 
 
@@ -136,6 +137,14 @@ def _as_mjcf(path: str, folder: Path) -> Path:
                 body.append(ET.Element("geom", shape | {"mass": "0"}))
     tree.write(written)
     return written
+
+
+def attempted(case: Case, scaffolds: int, seed: int) -> list[dict[str, str]] | str:
+    """Return the figures of a case, or why it cannot be planned."""
+    try:
+        return measured(case, scaffolds, seed)
+    except limo.LimoError as error:
+        return str(error)
 
 
 def measured(case: Case, scaffolds: int, seed: int) -> list[dict[str, str]]:
@@ -347,19 +356,22 @@ def main() -> None:
     robots = asked.robots or list(ROBOTS)
     cases = [Case(robot, v) for robot in robots for v in (SHAPES, TOOL, NO_TABLE, NO_SHAPES)]
     cases = [case for case in cases if case != Case("ur10e", NO_SHAPES)]  # it has none anyway
-    found: list[list[dict[str, str]]] = []
+    found: dict[Case, list[dict[str, str]] | str] = {}
     for case in cases:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            found.append(pool.submit(measured, case, asked.scaffolds, asked.seed).result())
-        print(f"{case.robot}, {case.variant}: {found[-1][-1]['processor [s]']} s", file=sys.stderr)
+            found[case] = pool.submit(attempted, case, asked.scaffolds, asked.seed).result()
+        print(f"{case.robot}, {case.variant}", file=sys.stderr)
     print(f"{asked.scaffolds} scaffolds, seed {asked.seed}")
+    for case, why in found.items():
+        if isinstance(why, str):
+            print(f"no plan for {case.robot}, {case.variant}: {why}")
     for number, (title, columns) in enumerate(HEADINGS.items()):
         rows = [[title, *columns], ["", *columns.values()]]
-        for case, tables in zip(cases, found, strict=True):
-            around = (
-                "no shapes" if case.robot == "ur10e" and case.variant == SHAPES else case.variant
-            )
-            rows.append([f"{case.robot}, {around}", *tables[number].values()])
+        for case, tables in found.items():
+            bare = case == Case("ur10e", SHAPES)
+            if not isinstance(tables, str):
+                name = f"{case.robot}, {NO_SHAPES if bare else case.variant}"
+                rows.append([name, *tables[number].values()])
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         print()
         for first, *others in rows:
