@@ -13,8 +13,8 @@ import numpy as np
 
 from limo_driver.errors import ConfigError, InfeasiblePathError
 from limo_driver.model.descriptions.shapes import Capsule, ShapeDistances
-from limo_driver.model.kinematics import KinematicChain, forward
-from limo_driver.runtime.compiled import compiled
+from limo_driver.model.kinematics import KinematicChain
+from limopa.distances import clearances
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -32,6 +32,7 @@ ROUNDING = 1e-9  # [rad]
 _SLIDE_MARGIN = 0.1  # of the range of a joint that slides, kept at most from either end
 _WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
 _LISTED = 4  # links that a message names
+_FIRST, _PARTS = 64, 8  # samples of a path that are looked at first; parts of the others
 PROBES = 1000  # random configurations that show which pairs do
 
 
@@ -81,11 +82,11 @@ class Feasibility:
         _require_limits(model)
         self._slides = np.array(model.sliding)
         room = _SLIDE_MARGIN * (model.limits.position_max - model.limits.position_min)
-        margin = np.where(
+        self.margin = np.where(
             self._slides, np.minimum(surroundings.clearance, room), surroundings.joint_margin
         )
-        self.lower = model.limits.position_min + margin
-        self.upper = model.limits.position_max - margin
+        self.lower = model.limits.position_min + self.margin
+        self.upper = model.limits.position_max - self.margin
         self._require_range()
         self.capsules = self._bodies(model)
         self._joint = np.array([body.joint for body in self.capsules])
@@ -99,28 +100,49 @@ class Feasibility:
             self._choose_pairs(model)
         self._reach = self._reaches()
 
-    def check(self, position: FloatArray) -> Violations:
-        """Check joint limits, table and self-collision of joint positions (T, n) [rad]."""
-        gap, lowest = self._clearances(position)
+    def check(self, position: FloatArray, *, all_of: bool = True) -> Violations:
+        """Check joint limits, table and self-collision of joint positions (T, n) [rad].
+
+        Args:
+            position: (T, n) [rad].
+            all_of: Whether everything that a configuration breaks is asked for, not only whether it
+                breaks anything, which takes less time.
+        """
+        outside = np.any(
+            (position < self.lower - ROUNDING) | (position > self.upper + ROUNDING), axis=1
+        )
+        table, touching = np.zeros_like(outside), np.zeros_like(outside)
+        rows = np.full_like(outside, True) if all_of else ~outside
+        gap, lowest = self.clearances(position[rows], all_of=all_of)
         need = self.surroundings.clearance
-        floor = self.surroundings.table_height + need
-        outside = (position < self.lower - ROUNDING) | (position > self.upper + ROUNDING)
+        table[rows] = np.any(lowest < self.surroundings.table_height + need, axis=1)
+        touching[rows] = np.any(gap < need, axis=1)
         return Violations(
             {
-                Condition.JOINT_LIMITS: np.any(outside, axis=1),
-                Condition.TABLE: np.any(lowest[:, self._above_table] < floor, axis=1),
-                Condition.SELF_COLLISION: np.any(gap < need, axis=1),
+                Condition.JOINT_LIMITS: outside,
+                Condition.TABLE: table,
+                Condition.SELF_COLLISION: touching,
             }
         )
 
-    def check_scaffold(self, position: FloatArray) -> Violations:
+    def check_scaffold(self, position: FloatArray, *, all_of: bool = True) -> Violations:
         """Check joint positions (T, n) [rad] as `check` does, and the effective workspace."""
+        outside = self.outside(position) > 0
+        near = np.full_like(outside, True) if all_of else ~outside
+        found = self.check(position[near], all_of=all_of).broken
+        broken = {Condition.WORKSPACE: outside}
+        for condition, rows in found.items():
+            broken[condition] = np.zeros_like(outside)
+            broken[condition][near] = rows
+        return Violations(broken)
+
+    def outside(self, position: FloatArray) -> FloatArray:
+        """Return how far the flange is outside the effective workspace, (T,) [m]; 0 inside."""
         space = self.workspace
         flange = self.chain.flange_position(position)
-        far = np.linalg.norm(flange - np.array(space.centre), axis=1) > space.radius
-        outside = (flange < np.array(space.lower)) | (flange > np.array(space.upper))
-        workspace = {Condition.WORKSPACE: np.logical_or(far, outside.any(axis=1))}
-        return Violations({**workspace, **self.check(position).broken})
+        box = np.maximum(np.array(space.lower) - flange, flange - np.array(space.upper))
+        beyond = np.linalg.norm(flange - np.array(space.centre), axis=1) - space.radius
+        return np.maximum(np.linalg.norm(np.maximum(box, 0.0), axis=1), np.maximum(beyond, 0.0))
 
     def margins(self, position: FloatArray) -> FloatArray:
         """Return the margin of every distance at joint positions (T, n) [rad], (T, m) [m].
@@ -128,13 +150,13 @@ class Feasibility:
         Negative where a pair of links or the table is too near, or the flange is outside the
         effective workspace.
         """
-        gap, lowest = self._clearances(position)
+        gap, lowest = self.clearances(position)
         need, space = self.surroundings.clearance, self.workspace
         flange = self.chain.flange_position(position)
         lower, upper = np.array(space.lower), np.array(space.upper)
         left = [
             gap - need,
-            lowest[:, self._above_table] - self.surroundings.table_height - need,
+            lowest - self.surroundings.table_height - need,
             (flange - lower)[:, np.isfinite(lower)],
             (upper - flange)[:, np.isfinite(upper)],
         ]
@@ -153,36 +175,58 @@ class Feasibility:
             position: Random configurations, (T, n) [rad].
 
         Returns:
-            The condition and who breaks it by how much; None if nothing is so.
+            The condition, and who breaks it, with the argument that asks for it; None if nothing
+            is so.
         """
-        gap, lowest = self._clearances(position)
+        gap, lowest = self.clearances(position)
         table, need = self.surroundings.table_height, self.surroundings.clearance
-        low = lowest[:, self._above_table] - table - need
-        if stuck := _hopeless(low):
+        if stuck := _hopeless(lowest - table - need):
             bodies = np.flatnonzero(self._above_table)[stuck]
-            links = dict.fromkeys(self.capsules[k].link for k in bodies)
-            return (
-                Condition.TABLE,
-                f"{_listed(links)} cannot be lifted off the table at {table:g} m",
-            )
+            links = _listed(dict.fromkeys(self.capsules[k].link for k in bodies))
+            reason = f"{links} cannot be lifted off the table at {table:g} m (`table_height`)"
+            if not _hopeless(lowest - table):
+                reason = f"{links} cannot be kept {need:g} m off the table (`clearance`)"
+            return Condition.TABLE, reason
         if stuck := _hopeless(gap - need):
             names = [(self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[stuck]]
             pairs = dict.fromkeys(f"{one} and {other}" for one, other in names)
-            return Condition.SELF_COLLISION, f"{_listed(pairs)} cannot be kept {need:g} m apart"
+            apart = f"{_listed(pairs)} cannot be kept {need:g} m apart (`clearance`)"
+            return Condition.SELF_COLLISION, apart
         return None
 
     def check_path(self, path: Path) -> tuple[Condition, ...]:
-        """Return the conditions that a path breaks; empty if it is feasible.
+        """Return conditions that a path breaks, those that are found first; empty if feasible.
 
         Samples lie so close that no point of the arm moves by more than the clearance from one to
         the next. What lies between two samples therefore keeps at least half of the clearance.
+        A few are looked at before, since a path that is blocked mostly is so for long.
         """
+        check = self.check_scaffold if self.workspace.throughout else self.check
+
+        def broken(s: FloatArray) -> tuple[Condition, ...]:
+            return check(path.derivative(s, 0), all_of=False).conditions()
+
+        if found := broken(np.linspace(0.0, path.length, _FIRST)):
+            return found
         travel = path.length * float(path.peaks()[0] @ self._reach)  # [m]
         count = int(np.ceil(travel / self.surroundings.clearance)) + 2
-        position = path.derivative(np.linspace(0.0, path.length, count), 0)
-        return self.check(position).conditions()
+        samples = np.linspace(0.0, path.length, count)
+        for part in range(_PARTS):
+            if found := broken(samples[part::_PARTS]):
+                return found
+        return ()
 
-    def _clearances(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def clearances(
+        self, position: FloatArray, *, all_of: bool = True
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the gap of each pair (T, c) and the lowest point of each body (T, m) [m].
+
+        Of those that are not too near, the gap between the capsules around them, which is less.
+
+        Args:
+            position: (T, n) [rad].
+            all_of: False: where one distance is too small, others that may be are infinite.
+        """
         chain = self.chain
         gap, lowest = clearances(
             np.ascontiguousarray(chain.linkage.positions(position)),
@@ -196,9 +240,11 @@ class Feasibility:
             self._pairs,
         )
         if self._exact is not None:
-            need, table = self.surroundings.clearance, self.surroundings.table_height
-            self._exact.sharpen(position, gap, lowest, need, table + need)
-        return gap, lowest
+            need = self.surroundings.clearance
+            floor = self.surroundings.table_height + need
+            low = np.where(self._above_table, floor, -np.inf)
+            self._exact.sharpen(position, gap, lowest, need, low, all_of=all_of)
+        return gap, lowest[:, self._above_table]
 
     def _require_range(self) -> None:
         empty = np.flatnonzero(self.lower >= self.upper)
@@ -206,7 +252,7 @@ class Feasibility:
             raise InfeasiblePathError(
                 Condition.JOINT_LIMITS,
                 f"a margin of {np.degrees(self.surroundings.joint_margin):g} deg at either end "
-                f"leaves joint {empty[0] + 1} no range",
+                f"leaves joint {empty[0] + 1} no range (`joint_margin`)",
             )
 
     def _bodies(self, model: RobotModel) -> tuple[Capsule, ...]:
@@ -243,7 +289,7 @@ class Feasibility:
         self._exact = ShapeDistances(model.shapes, self._pairs)
         probes = np.random.default_rng(0).uniform(self.lower, self.upper, (PROBES, len(self.lower)))
         near = min(self.surroundings.clearance, NEAR)
-        touching = (self._clearances(probes)[0] < near).mean(axis=0)
+        touching = (self.clearances(probes)[0] < near).mean(axis=0)
         always = touching > ALWAYS
         links = [(self.capsules[i].link, self.capsules[k].link) for i, k in self._pairs[always]]
         self.overlapping_pairs = tuple(dict.fromkeys(links))  # a link may have several capsules
@@ -296,68 +342,3 @@ def _require_limits(model: RobotModel) -> None:
             "so no motion of it can be planned: give it one in its description",
             path=model.urdf,
         )
-
-
-@compiled(nogil=True)
-def segment_distance(p1: FloatArray, q1: FloatArray, p2: FloatArray, q2: FloatArray) -> float:
-    """Return the distance [m] between the segments p1 q1 and p2 q2, each end (3,) [m].
-
-    Source: Ericson, "Real-Time Collision Detection", 2005, section 5.1.9.
-    """
-    a = e = b = c = f = 0.0
-    for k in range(3):
-        d1, d2, r = q1[k] - p1[k], q2[k] - p2[k], p1[k] - p2[k]
-        a += d1 * d1
-        e += d2 * d2
-        b += d1 * d2
-        c += d1 * r
-        f += d2 * r
-    s = 0.0
-    det = a * e - b * b
-    if det > 0.0:  # of segments side by side any point will do, as one by rounding does
-        s = min(max((b * f - c * e) / det, 0.0), 1.0)
-    t = (b * s + f) / e if e > 0.0 else 0.0
-    if t < 0.0 or t > 1.0 or e == 0.0:
-        t = min(max(t, 0.0), 1.0)
-        s = min(max((b * t - c) / a, 0.0), 1.0) if a > 0.0 else 0.0
-    total = 0.0
-    for k in range(3):
-        gap = p1[k] + s * (q1[k] - p1[k]) - p2[k] - t * (q2[k] - p2[k])
-        total += gap * gap
-    return float(np.sqrt(total))
-
-
-@compiled(reads=("position",), nogil=True)
-def clearances(
-    position: FloatArray,  # (T, n) [rad]
-    parent: NDArray[np.int64],
-    rotation: FloatArray,
-    translation: FloatArray,
-    axis: FloatArray,
-    joint: NDArray[np.int64],  # (m,), of each capsule; -1 is fixed
-    ends: FloatArray,  # (m, 2, 3) [m], in the frame of that joint
-    radius: FloatArray,  # (m,) [m]
-    pairs: NDArray[np.int64],  # (c, 2), capsules
-) -> tuple[FloatArray, FloatArray]:
-    """Return gap of each pair (T, c) and lowest point of each capsule (T, m) [m]."""
-    T, n = position.shape
-    m, c = joint.shape[0], pairs.shape[0]
-    gap, lowest = np.empty((T, c)), np.empty((T, m))
-    R, p = np.empty((n, 3, 3)), np.empty((n, 3))
-    world = ends.copy()
-    for t in range(T):
-        forward(position[t], parent, rotation, translation, axis, R, p)
-        for i in range(m):
-            if joint[i] >= 0:
-                for end in range(2):
-                    for row in range(3):
-                        total = p[joint[i], row]
-                        for k in range(3):
-                            total += R[joint[i], row, k] * ends[i, end, k]
-                        world[i, end, row] = total
-            lowest[t, i] = min(world[i, 0, 2], world[i, 1, 2]) - radius[i]
-        for k in range(c):
-            i, j = pairs[k, 0], pairs[k, 1]
-            between = segment_distance(world[i, 0], world[i, 1], world[j, 0], world[j, 1])
-            gap[t, k] = between - radius[i] - radius[j]
-    return gap, lowest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
@@ -57,7 +58,7 @@ def plan_page(plan: Plan, model: RobotModel, file: str, robot: str) -> Page:
     )
     workspace = plan.request.workspace
     source = (
-        f"Seed {plan.seed}; flange within {workspace.radius:g} m of the base; "
+        f"Seed {plan.seed}; flange in {workspace.in_words}{_pace(plan)}; "
         f"{summary.samples} samples at {plan.request.rate:g} Hz."
     )
     body = (
@@ -69,6 +70,11 @@ def plan_page(plan: Plan, model: RobotModel, file: str, robot: str) -> Page:
         + play_it(file, robot)
     )
     return Page(title, body, charts, view)
+
+
+def _pace(plan: Plan) -> str:
+    speed = plan.request.speed
+    return f", at {speed:.3g} m/s at most" if speed < inf else ""
 
 
 def _joints(summary: Statistics) -> dict[str, list[object]]:

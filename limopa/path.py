@@ -21,7 +21,7 @@ true jerk steps, the quintic overshoots it, but never by more than the factor `O
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -33,13 +33,14 @@ from limo_driver.trajectory import Segment, Trajectory
 from limo_driver.types import FloatArray, readonly
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from limo_driver.types import JointLimits
 
 OVERSHOOT = 2.18  # Lebesgue constant of the L2 projection onto quadratics (2.1756)
 CRUISE = 0.5  # share of acceleration and jerk that the path's curvature may use at full speed
 ROUNDING = 1e-9  # relative
+_SEEN, _TINY = 2001, 1e-12  # samples of a path of the flange; [m]
 
 
 class Path(Protocol):
@@ -130,6 +131,24 @@ class JointBounds:
                 f"sample rate is {1 / period:g} Hz, too low to keep the jerk limits between samples"
             )
         return bounds
+
+    def slowed(
+        self, path: Path, ways: Callable[[FloatArray], FloatArray], speed: float
+    ) -> JointBounds:
+        """Return bounds of velocity under which a tool is no faster along a path.
+
+        Args:
+            path: The path.
+            ways: How far it moves between successive joint positions (T, n), (T - 1,) [m].
+            speed: That it may have [m/s].
+        """
+        if not np.isfinite(speed):
+            return self
+        s = np.linspace(0.0, path.length, _SEEN)
+        steepest = float(ways(path.derivative(s, 0)).max() / s[1])  # [m] by unit of the parameter
+        most = path.peaks()[0] * (speed / max(steepest, _TINY))
+        slower = np.where(most > 0, np.minimum(self.velocity, most), self.velocity)
+        return replace(self, velocity=slower)
 
 
 @dataclass(frozen=True)

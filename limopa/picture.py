@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
+from itertools import combinations, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -114,7 +115,13 @@ def dress_flange(axes: Any) -> None:  # noqa: ANN401  # matplotlib
 
 
 def _draw_workspace(axes: Any, workspace: Workspace) -> None:  # noqa: ANN401
-    """Draw where the sphere of the effective workspace meets the base's planes, in its bounds."""
+    """Draw a region, or where the sphere of a workspace meets the base's planes, in its bounds."""
+    if not np.isfinite(workspace.radius):
+        corners = list(product(*zip(workspace.lower, workspace.upper, strict=True)))
+        for one, other in combinations(corners if np.isfinite(corners).all() else (), 2):
+            if np.count_nonzero(np.subtract(one, other)) == 1:
+                axes.plot(*np.transpose([one, other]), color="black", linewidth=0.7, linestyle=":")
+        return
     angle = np.linspace(0, 2 * np.pi, 361)
     circle = workspace.radius * np.stack([np.cos(angle), np.sin(angle), 0 * angle])
     for turned in range(3):

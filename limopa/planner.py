@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,8 @@ import numpy as np
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.runtime.display import Displayed
 from limopa.feasibility import Feasibility
+from limopa.hindrance import set_by
+from limopa.near import near_work, ways
 from limopa.path import JointBounds, Line, Path, TimedPath, joined, retime
 from limopa.request import PlanRequest
 from limopa.scaffold import Exploration, ScaffoldSampler, draw_exploration, nearest_first
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from limo_driver.model import RobotModel
+    from limo_driver.recordings.recording import Recording
     from limo_driver.trajectory import Trajectory
     from limo_driver.types import FloatArray
 
@@ -64,6 +68,7 @@ def plan(
     request: PlanRequest | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    near: Recording | None = None,
 ) -> Plan:
     """Plan locally isotropic motion; the same request and seed give the same plan.
 
@@ -72,27 +77,38 @@ def plan(
         request: What to plan; the paper's values by default.
         seed: Seed of every random draw.
         progress: Called with the number of scaffolds done and wanted.
+        near: Work of this robot: scaffolds are drawn around its poses, not all over a workspace,
+            and the flange is no faster than there. A region or a speed that is asked for is kept.
 
     Raises:
         InfeasiblePathError: No such motion; names the condition that fails.
-        ConfigError: The robot's collision shapes cannot be read.
+        ConfigError: The robot's collision shapes cannot be read, or nothing moves in `near`.
+        RecordingError: `near` is of another robot.
 
     Source: Algorithm 1 (LIMOPA) of the paper.
     """
-    planner = _Planner(model, request or PlanRequest(), seed)
+    wanted, around = request or PlanRequest(), None
+    if near is not None:
+        near.check_robot(model)
+        wanted, around = near_work(model, wanted, near)
+    planner = _Planner(model, wanted, seed, around)
     return planner.run(progress or (lambda _done, _wanted: None))
 
 
 class _Planner:
     """State of one run of the algorithm."""
 
-    def __init__(self, model: RobotModel, request: PlanRequest, seed: int) -> None:
+    def __init__(
+        self, model: RobotModel, request: PlanRequest, seed: int, around: FloatArray | None
+    ) -> None:
         self.model, self.request, self.seed = model, request, seed
         self.period = 1.0 / request.rate
         self.feasibility = Feasibility(model, request.surroundings, request.workspace)
         streams = np.random.default_rng(seed).spawn(3)
         scaffold_random, self.exploring_random, self.speed_random = streams
-        self.sampler = ScaffoldSampler(self.feasibility, scaffold_random, request.candidates)
+        self.sampler = ScaffoldSampler(
+            self.feasibility, scaffold_random, request.candidates, around
+        )
         self.rejections = {REACHING: Counter[str](), EXPLORING: Counter[str]()}
         self.paths: list[tuple[str, Path]] = []
         self.timed: list[TimedPath] = []
@@ -176,6 +192,7 @@ class _Planner:
         self.scaffolds.append(exploration.scaffold)
 
     def _add(self, kind: str, path: Path, bounds: JointBounds) -> None:
+        bounds = bounds.slowed(path, partial(ways, self.feasibility.chain), self.request.speed)
         self.paths.append((kind, path))
         self.timed.append(retime(path, bounds, self.period))
 
@@ -190,5 +207,6 @@ class _Planner:
         return InfeasiblePathError(
             condition,
             f"no next scaffold after {len(self.scaffolds)} of {self.request.scaffolds}, "
-            f"{self.request.repairs} replacements tried; {counts}",
+            f"{self.request.repairs} replacements tried; {counts}; in the way is "
+            f"{set_by(condition, self.feasibility)}",
         )

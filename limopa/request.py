@@ -31,6 +31,8 @@ class Workspace(Declared):
         centre: Of the sphere, (3,) [m].
         lower: Lowest x, y and z, (3,) [m].
         upper: Highest x, y and z, (3,) [m].
+        throughout: Whether the flange stays there all the way, to half of the clearance, and not
+            only at scaffolds: the region of a task.
 
     Raises:
         ParameterError: Names the parameter, what was given and what is possible.
@@ -49,11 +51,21 @@ class Workspace(Declared):
     upper: tuple[float, float, float] = parameter(
         "m", length=3, finite=False, default=(inf, inf, inf)
     )
+    throughout: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not all(a < b for a, b in zip(self.lower, self.upper, strict=True)):
             raise self._refused("lower", f"less than upper, {shown(self.upper)}")
+
+    @property
+    def in_words(self) -> str:
+        """Where the flange may be, for messages and pages."""
+        if self.throughout:
+            return f"the region from {shown(self.lower)} to {shown(self.upper)} m"
+        if self.radius == inf:
+            return "all of the space"
+        return f"the effective workspace within {self.radius:g} m of the base"
 
 
 EVERYWHERE = Workspace(radius=inf, lower=(-inf, -inf, -inf))
@@ -160,6 +172,8 @@ class PlanRequest(Declared):
         surroundings: Margins, clearance [m] and table that every configuration keeps away from.
         reaching: Shares of each joint's limits at which scaffolds are approached.
         exploring: Sinusoids around each scaffold: how many, how large [rad], how fast.
+        speed: Of the flange at most, and of what is 0.1 m from it, as a probe that turns [m/s];
+            infinite: as fast as the joints' shares let it.
         candidates: Random configurations tried in vain before giving up.
         exploring_tries: Draws of one exploring phase before its scaffold is replaced.
         repairs: Replaced or added scaffolds in a row before giving up.
@@ -177,6 +191,7 @@ class PlanRequest(Declared):
     surroundings: Surroundings = field(default_factory=Surroundings)
     reaching: Reaching = field(default_factory=Reaching)
     exploring: Exploring = field(default_factory=Exploring)
+    speed: float = parameter("m/s", lower=0.0, above=True, finite=False, default=inf)
     candidates: int = parameter("", lower=1, default=200_000)
     exploring_tries: int = parameter("", lower=1, default=50)
     repairs: int = parameter("", lower=1, default=50)

@@ -1,6 +1,7 @@
 """Scaffolds, and how they explore the poses of an arm.
 
-Scaffold configurations: uniform random draws from the feasible part of joint space.
+Scaffold configurations: uniform random draws from the feasible part of joint space, or around the
+poses of a recording.
 
 Source: the first loop of Algorithm 1 (LIMOPA) of the paper.
 """
@@ -15,7 +16,7 @@ import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.types import FloatArray, readonly
-from limopa.feasibility import Condition
+from limopa.hindrance import hindrance
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,24 +25,32 @@ if TYPE_CHECKING:
     from limopa.request import Exploring
 
 BATCH = 512  # candidates checked at once
+PROBES = 4096  # that show what is in the way, where none is feasible
+NEARBY = np.radians(5.0)  # [rad, m], of a scaffold from a recorded pose, each joint
 HOPELESS = 1024  # first draws in vain, after which it is asked whether any draw can help
 
 
 class ScaffoldSampler:
     """Draw feasible scaffolds and count what rejected the others.
 
-    A candidate that breaks several conditions counts for each of them.
+    A candidate counts for the conditions that are found broken first; others are not looked at.
 
     Args:
         feasibility: Conditions.
         random: Source of the draws.
         candidates: Draws in vain, for one scaffold, before giving up.
+        around: Poses to draw around, (K, n) [rad]; in the whole joint space if not given.
     """
 
     def __init__(
-        self, feasibility: Feasibility, random: np.random.Generator, candidates: int
+        self,
+        feasibility: Feasibility,
+        random: np.random.Generator,
+        candidates: int,
+        around: FloatArray | None = None,
     ) -> None:
         self.feasibility, self.random, self.candidates = feasibility, random, candidates
+        self.around = around
         self.drawn = 0
         self.rejections: Counter[str] = Counter()
         self._ready = np.zeros((0, len(feasibility.lower)))
@@ -51,8 +60,8 @@ class ScaffoldSampler:
 
         Raises:
             InfeasiblePathError: None of `candidates` draws in a row is feasible, and the error
-                names the condition that rejected most; or the first draws show a link that no
-                motion frees, which the error names.
+                names the condition in the way and the argument that asks for it; or the first
+                draws show a link that no motion frees, which the error names.
         """
         in_vain = 0
         while len(self._ready) < count:
@@ -67,47 +76,47 @@ class ScaffoldSampler:
         return chosen
 
     def _batch(self) -> FloatArray:
-        space = self.feasibility
-        position = self.random.uniform(space.lower, space.upper, (BATCH, len(space.lower)))
-        verdict = space.check_scaffold(position)
+        position = self._random(self.random, BATCH)
+        verdict = self.feasibility.check_scaffold(position, all_of=False)
         self.drawn += BATCH
         self.rejections.update(
             {str(name): int(rows.sum()) for name, rows in verdict.broken.items()}
         )
         return position[verdict.feasible]
 
+    def _random(
+        self, random: np.random.Generator, count: int, margin: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """Return random configurations, (count, n) [rad], at most a margin beyond the limits."""
+        space = self.feasibility
+        if self.around is None:
+            lower, upper = space.lower - margin, space.upper + margin
+            return random.uniform(lower, upper, (count, len(lower)))
+        spread = np.minimum(NEARBY, (space.upper - space.lower) / 4)
+        middle = self.around[random.integers(len(self.around), size=count)]
+        return middle + random.uniform(-spread, spread, middle.shape)
+
+    def _probes(self, count: int, margin: FloatArray | float = 0.0) -> FloatArray:
+        """Return configurations that are not of the sampler's own stream, which plans depend on."""
+        return self._random(np.random.default_rng(0), count, margin)
+
     def _require_hope(self) -> None:
         """Refuse a robot that is blocked by what none of its joints moves."""
-        space = self.feasibility
-        probes = np.random.default_rng(0).uniform(
-            space.lower, space.upper, (BATCH, len(space.lower))
-        )  # not of the sampler's own stream, so that a plan does not depend on this
-        if blocked := space.blocked(probes):
+        if self.around is None and (blocked := self.feasibility.blocked(self._probes(BATCH))):
             condition, what = blocked
             raise InfeasiblePathError(
                 condition,
                 f"none of {self.drawn} random configurations is a feasible scaffold: {what}, "
-                "however the joints move; choose the joints of the arm (`robot.urdf#arm_*`), or "
-                f"change the surroundings{self._way_out(condition)}",
+                "however the joints move; change that, or choose the joints of the arm "
+                "(`robot.urdf#arm_*`)",
             )
 
     def _infeasible(self, in_vain: int) -> InfeasiblePathError:
-        condition, _ = self.rejections.most_common(1)[0]
-        counts = ", ".join(
-            f"{name} {count}" for name, count in self.rejections.most_common() if count
-        )
+        found = hindrance(self.feasibility, self._probes(PROBES, self.feasibility.margin))
         return InfeasiblePathError(
-            condition,
-            f"none of {in_vain} random configurations is a feasible scaffold; "
-            f"of {self.drawn} drawn, rejected by {counts}{self._way_out(condition)}",
+            found.condition,
+            f"none of {in_vain} random configurations is a feasible scaffold: {found.message}",
         )
-
-    def _way_out(self, condition: str) -> str:
-        """Say what of the surroundings to change where these are what stands in the way."""
-        if condition != Condition.TABLE:
-            return ""
-        height = self.feasibility.surroundings.table_height
-        return f"; the table is {height:g} m above the base: is it lower (`table_height`)?"
 
 
 def nearest_first(scaffolds: FloatArray, query: FloatArray) -> NDArray[np.int64]:

@@ -33,6 +33,7 @@ TESTS = (
     "tests/estimators/diagnosis/from_torque/fitting/test_bodies.py",
     "tests/estimators/diagnosis/from_torque/fitting/test_linearised.py",
     "tests/limo_driver/test_signatures.py",
+    "tests/limopa/test_same_plan.py",
     "tests/regression/test_frozen_outputs.py",
 )
 SELECTED = ("-m", "not slow", "-k", "not network")

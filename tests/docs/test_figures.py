@@ -83,7 +83,7 @@ def test_every_table_and_print_stands_on_a_page():
     "text",
     [
         "On held-out motion the error falls by 44 %.\n",
-        "`benchmarks/plan.py` plans it in 22 s.\n",
+        "`benchmarks/rest.py` plans it in 22 s.\n",
         "48 of 52 cases are named.\n",
         "An answer takes 12.5 µs.\n",
         "On 2026-11-23 it was 0.47.\n",
@@ -103,8 +103,8 @@ def test_a_measured_figure_is_seen(text):
     [
         "The limit is 0.05 m, the rate 1 kHz.\n",
         "On held-out motion <!-- figure: x -->[44 %](r.txt)<!-- end --> of it go.\n",
-        "`benchmarks/plan.py --seed 3` plans it on ROS 2 for the iiwa 14, joints 1 to 3.\n",
-        "By `benchmarks/plan.py`:\n\n<!-- figures: a -->\n| 22 s |\n<!-- end of figures -->\n",
+        "`benchmarks/rest.py --seed 3` plans it on ROS 2 for the iiwa 14, joints 1 to 3.\n",
+        "By `benchmarks/rest.py`:\n\n<!-- figures: a -->\n| 22 s |\n<!-- end of figures -->\n",
         "```text\nheld-out RMSE 0.3\n```\n",
         "Held-out errors within their 95 % interval ([more](a5.md)).\n",
         "RMSE of 0.01 at most <!-- not measured: a test holds it -->\n",

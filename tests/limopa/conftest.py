@@ -22,6 +22,11 @@ def panda() -> RobotModel:
 
 
 @pytest.fixture(scope="session")
+def meshed_panda() -> RobotModel:
+    return RobotModel.load(example("panda.urdf"))
+
+
+@pytest.fixture(scope="session")
 def ur5() -> RobotModel:
     return RobotModel.load(example("ur5_robot.urdf"))
 

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from limo_driver.model import RobotModel
 from limo_driver.model.kinematics import KinematicChain
 from limopa import Feasibility, Surroundings, Workspace
-from limopa.feasibility import segment_distance
+from limopa.distances import segment_distance
 
 POINT = arrays(np.float64, 3, elements=st.floats(-1, 1, width=32))
 

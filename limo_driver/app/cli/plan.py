@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,9 +18,11 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from limo_driver.model import RobotModel
-    from limopa import Plan, PlanRequest, Statistics, Surroundings
+    from limo_driver.recordings.recording import Recording
+    from limopa import Plan, PlanRequest, Statistics, Surroundings, Workspace
 
 
+AXES, CONTACT = 3, 0.05  # of space; [m/s] of a probe on skin
 PICTURES = (".png", ".pdf", ".svg")
 
 
@@ -62,7 +65,10 @@ def command(
     scaffolds: int = 150,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     rate: float = 250.0,
-    workspace_radius: float = 0.8,
+    workspace_radius: float | None = None,
+    near: Path | None = None,
+    region: Annotated[str | None, typer.Option(metavar="X,Y,Z,X,Y,Z")] = None,
+    speed: float | None = None,
     distances: Distances,
     picture: Path | None = None,
     as_json: bool = False,
@@ -70,14 +76,20 @@ def command(
     r"""Plan locally isotropic motion (LIMOPA): straight reaches, then small sinusoids around each.
 
     Every configuration in between keeps the joint limits, the table and the links apart; the motion
-    keeps the limits of velocity, acceleration and jerk.
+    keeps the limits of velocity, acceleration and jerk. Where the arm is to work, --near and
+    --region plan slower motion there.
 
     Args:
         out: Where to write the trajectory (Parquet), and beside it its page.
         scaffolds: Configurations to reach and explore; 150 last about an hour.
         seed: Seed; the same seed gives the same file.
         rate: Samples per second in the file, Hz; smooth between them.
-        workspace_radius: Radius of the effective workspace around the base, m.
+        workspace_radius: Radius of the effective workspace around the base, m; 0.8.
+        near: Recording of the arm at work: scaffolds lie around its poses, and the flange is no
+            faster than there.
+        region: Two opposite corners of a box in the base frame, m, that the flange never leaves, as
+            above a patient's couch.
+        speed: Most of the flange and of what is 0.1 m from it, m/s; with --region, 0.05.
         picture: Draw the motion into this file (PNG, PDF or SVG).
         as_json: Print the statistics as JSON.
 
@@ -85,20 +97,27 @@ def command(
         limo plan --robot iiwa14 --scaffolds 150 --seed 1 --out limo.traj.parquet
         limo plan --scaffolds 5 --out short.traj.parquet --picture short.png \
             --json
+        limo plan --region 0.4,-0.2,0.1,0.7,0.2,0.4 --speed 0.03 \
+            --scaffolds 12 --out couch.traj.parquet
     """
+    from limo_driver.app.library.reading import read
     from limo_driver.model import RobotModel
-    from limopa import PlanRequest, Workspace, draw, summarise
+    from limopa import PlanRequest, draw, summarise
     from limopa.page import plan_page
 
     page = require_writable(out, picture, robot)
+    if speed is None:
+        speed = inf if region is None else CONTACT
     request = PlanRequest(
         scaffolds=scaffolds,
         rate=rate,
-        workspace=Workspace(radius=workspace_radius),
+        workspace=_workspace(workspace_radius, near, region),
         surroundings=distances.surroundings,
+        speed=speed,
     )
     model = RobotModel.load(robot)
-    planned = _plan(model, request, seed, quiet=as_json)
+    work = None if near is None else read(near, model)
+    planned = _plan(model, request, work, seed, quiet=as_json)
     planned.trajectory.save(out)
     if picture is not None:
         draw(planned, model, picture)
@@ -125,7 +144,31 @@ def require_writable(out: Path, picture: Path | None, robot: str) -> Path | None
     return page
 
 
-def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) -> Plan:
+def _workspace(radius: float | None, near: Path | None, region: str | None) -> Workspace:
+    """Return where the flange may be, of options of which some exclude others."""
+    from limopa import Workspace
+
+    if radius is not None and (near or region):
+        other = "--near" if near else "--region"
+        raise ConfigError(f"--workspace-radius has no use with {other}, which says where")
+    if region is None:
+        return Workspace() if radius is None else Workspace(radius=radius)
+    try:
+        corners = [float(number) for number in region.split(",")]
+    except ValueError:
+        corners = []
+    if len(corners) != 2 * AXES or not all(map(isfinite, corners)):
+        raise ConfigError(
+            f"--region is {region!r}, expected x,y,z of a corner and x,y,z of the opposite one [m]"
+        )
+    ends = [sorted(pair) for pair in zip(corners[:AXES], corners[AXES:], strict=True)]
+    (x, x_end), (y, y_end), (z, z_end) = ends
+    return Workspace(radius=inf, lower=(x, y, z), upper=(x_end, y_end, z_end), throughout=True)
+
+
+def _plan(
+    model: RobotModel, request: PlanRequest, near: Recording | None, seed: int, *, quiet: bool
+) -> Plan:
     """Plan behind a progress bar."""
     from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
@@ -137,6 +180,7 @@ def _plan(model: RobotModel, request: PlanRequest, seed: int, *, quiet: bool) ->
         return plan(
             model,
             request,
+            near=near,
             seed=seed,
             progress=lambda done, _wanted: bar.update(task, completed=done),
         )

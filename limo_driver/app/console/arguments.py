@@ -26,11 +26,12 @@ if TYPE_CHECKING:
     import zenoh
 
 _SAME: Final = (  # arguments whose options have their names
-    "bound columns connect force into log mapping model out robot ros sign step store table_height "
-    "topic trajectory trust "
+    "bound clearance columns connect force into joint_margin log mapping model out region robot "
+    "ros sign speed step store table_height topic trajectory trust "
 )
 OPTIONS: Final = {name: f"--{name.replace('_', '-')}" for name in _SAME.split()} | {
     "Surroundings.self_collision": "--no-self-collision",
+    "Workspace.radius": "--workspace-radius",
     "arms": "--arm",
     "config": "--zenoh-config",
     "contact_duration": "--contact-for",

@@ -78,8 +78,12 @@ def simulation_of(simulation: Simulation | Path | str) -> Simulation:
     return expected("simulation", simulation, Simulation, "a Simulation or the path of a sim.yaml")
 
 
-def recording_of(recording: Recording | Path | str) -> Recording:
+def recording_of(recording: Recording | Path | str, name: str = "recording") -> Recording:
     """Return a recording, or the one in this file.
+
+    Args:
+        recording: Either.
+        name: Of the argument.
 
     Raises:
         ConfigError: It is none; several are told apart by what they are.
@@ -87,7 +91,7 @@ def recording_of(recording: Recording | Path | str) -> Recording:
     """
     if isinstance(recording, (Path, str)):
         return Recording.load(recording)
-    return expected("recording", recording, Recording, f"one Recording or the path of one; {_READ}")
+    return expected(name, recording, Recording, f"one Recording or the path of one; {_READ}")
 
 
 def recordings_of(

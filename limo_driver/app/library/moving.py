@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.app.library.inputs import expected, model_of, simulation_of
+from limo_driver.app.library.inputs import expected, model_of, recording_of, simulation_of
 from limo_driver.errors import ConfigError
 from limo_driver.robot.playback import Playback, cycles_per_row, kept_in, recorded, trajectory_of
 from limo_driver.robot.registry import open_for
@@ -44,6 +44,7 @@ def plan(
     robot: RobotModel | Path | str,
     request: PlanRequest | None = None,
     *,
+    near: Recording | Path | str | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Plan:
@@ -53,6 +54,8 @@ def plan(
         robot: The arm, or its built-in name or URDF.
         request: Number of poses, sampling rate, workspace, surroundings, speeds; by default the
             paper's: 150 poses, which last about an hour.
+        near: Recording of this arm at work, or its file: poses are drawn around those in it instead
+            of all over the workspace, and the flange is no faster than there.
         seed: Of every random draw; the same request and seed give the same plan.
         progress: Told the poses done and those wanted.
 
@@ -61,7 +64,9 @@ def plan(
 
     Raises:
         InfeasiblePathError: No such motion; names the condition that fails.
-        ConfigError: There is no such robot, or its collision shapes cannot be read.
+        ConfigError: There is no such robot, its collision shapes cannot be read, or nothing moves
+            in the recording.
+        RecordingError: The recording is of another robot, or cannot be used.
 
     Example:
         >>> found = limo.plan("iiwa14", limo.PlanRequest(scaffolds=4), seed=1)
@@ -70,7 +75,8 @@ def plan(
     import limopa
 
     wanted = expected("request", request or limopa.PlanRequest(), limopa.PlanRequest)
-    return limopa.plan(model_of(robot), wanted, seed_of(seed), progress)
+    work = None if near is None else recording_of(near, "near")
+    return limopa.plan(model_of(robot), wanted, seed_of(seed), progress, work)
 
 
 def excite(

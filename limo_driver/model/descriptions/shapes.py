@@ -82,7 +82,14 @@ class ShapeDistances:
         self._angular = np.concatenate([angular[pairs].any(axis=1), angular])
 
     def sharpen(
-        self, position: FloatArray, gap: FloatArray, lowest: FloatArray, near: float, low: float
+        self,
+        position: FloatArray,
+        gap: FloatArray,
+        lowest: FloatArray,
+        near: float,
+        low: FloatArray,
+        *,
+        all_of: bool = True,
     ) -> None:
         """Replace the distances of capsules by those of the shapes in them, where it matters.
 
@@ -91,20 +98,28 @@ class ShapeDistances:
             gap: Between the capsules of each pair, (T, c) [m]; written to.
             lowest: Height of each capsule, (T, m) [m]; written to.
             near: Gap from which on that of the capsules is enough [m].
-            low: Height from which on that of the capsules is enough [m].
+            low: Height from which on that of the capsules is enough, (m,) [m].
+            all_of: False: once one is too small, the others of that position become infinite.
         """
-        close = np.concatenate([gap < near, lowest < low], axis=1) & self._angular
-        pairs = gap.shape[1]
+        limits = np.concatenate([np.full(gap.shape[1], near), low])
+        below = np.concatenate([gap, lowest], axis=1)
+        close = (below < limits) & self._angular
         for t in np.flatnonzero(close.any(axis=1)).tolist():
+            if not all_of and (below[t] < limits)[~self._angular].any():
+                below[t, close[t]] = np.inf
+                continue
             pin.updateGeometryPlacements(
                 self._model, self._data, self._geometry, self._found, position[t]
             )
-            for k in np.flatnonzero(close[t]).tolist():
+            asked = np.flatnonzero(close[t])
+            worst_first = asked[np.argsort((below[t] - limits)[asked], kind="stable")].tolist()
+            for done, k in enumerate(worst_first, 1):
                 found = pin.computeDistance(self._geometry, self._found, k).min_distance
-                if k < pairs:
-                    gap[t, k] = max(gap[t, k], found)
-                else:
-                    lowest[t, k - pairs] = max(lowest[t, k - pairs], found)
+                below[t, k] = max(below[t, k], found)
+                if not all_of and below[t, k] < limits[k]:
+                    below[t, worst_first[done:]] = np.inf
+                    break
+        gap[:], lowest[:] = np.split(below, [gap.shape[1]], axis=1)
 
 
 def read_shapes(description: RobotDescription, model: pin.Model) -> ArmShapes:

@@ -12,7 +12,8 @@ import pyarrow.parquet as pq
 import pytest
 from sessions import PATIENCE, wait_until
 
-from limo_driver.app.cli import main
+from limo_driver.app.cli import controller, main
+from limo_driver.errors import ConfigError
 from limo_driver.recordings.files.recorder import partial_path, read_header
 from limo_driver.trajectory import Segment, Trajectory
 
@@ -157,6 +158,13 @@ def test_trajectory_planned_for_another_robot_is_refused(tmp_path, trajectory, m
     assert "was planned for iiwa14, but the robot is" in stderr
     assert "plan again" in stderr
     assert not (tmp_path / "r.parquet").exists()
+
+
+def test_a_simulated_controller_refuses_the_plan_of_another_arm(commanded, tmp_path):
+    plan = write_trajectory(tmp_path / "six.parquet", 1.0, n=6)
+    refused = commanded(controller.command)("--trajectory", plan).exception
+    assert isinstance(refused, ConfigError)
+    assert "six.parquet: the trajectory moves 6 joints, but iiwa14 has 7" in str(refused)
 
 
 def run_here(monkeypatch, options):
