@@ -67,7 +67,7 @@ class StreamState(NamedTuple):
     torques: DelayLine | None = None  # of the model, and measured ones, where they are filtered
 
 
-class Rows(NamedTuple):
+class DelayedRows(NamedTuple):
     """Fields of a `LiveEstimate` of T samples, which a stream of single ones need not make."""
 
     simulation: FloatArray
@@ -245,7 +245,7 @@ class Stream:
 
     def _advance_stretch(
         self, state: StreamState, time: FloatArray, moved: FloatArray, signals: FloatArray
-    ) -> tuple[Rows, StreamState]:
+    ) -> tuple[DelayedRows, StreamState]:
         """Advance over T positions that follow each other without a gap.
 
         `moved` are the times of the motion that the filter makes of them, (T,) [s].
@@ -272,14 +272,14 @@ class Stream:
         torque, smoother = estimate.simulation, self.smoother
         learned, std, outside = estimate.learned, estimate.std, estimate.outside
         if smoother is None:
-            late = Rows(torque, learned, std, outside, moved, measured)
+            late = DelayedRows(torque, learned, std, outside, moved, measured)
             return late, StreamState(line, model)
         both = torque if measured is None else np.concatenate((torque, measured), axis=1)
         torques, after = smoother.filter(state.torques or smoother.init(both.shape[1]), moved, both)
         if measured is not None:
             measured = torques[0, :, n:]
         moved = moved - smoother.delay
-        late = Rows(torques[0, :, :n], learned, std, outside, moved, measured)
+        late = DelayedRows(torques[0, :, :n], learned, std, outside, moved, measured)
         return late, StreamState(line, model, after)
 
 

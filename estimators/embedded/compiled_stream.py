@@ -23,7 +23,7 @@ import llvmlite.binding
 import numpy as np
 
 from estimators.embedded.export import source_of
-from estimators.stream import Rows, Stream
+from estimators.stream import DelayedRows, Stream
 from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.recordings.filters.causal_differentiation import LARGEST
 from limo_driver.runtime.machine_code import CodePlace
@@ -123,7 +123,7 @@ class CompiledStream(Stream):
         time: FloatArray,
         moved: FloatArray,  # noqa: ARG002
         signals: FloatArray,
-    ) -> tuple[Rows, Any]:
+    ) -> tuple[DelayedRows, Any]:
         """Advance over T positions, see `Stream`; the interpreter is free meanwhile."""
         time, given = np.ascontiguousarray(time), np.ascontiguousarray(signals)
         measured, rows = given.shape[1] > self.n, np.empty((time.size, 1 + _FIELDS * self.n))
@@ -133,7 +133,7 @@ class CompiledStream(Stream):
             raise _refused(time.item(taken))
         simulation, learned, std, filtered, outside = np.split(rows[:, 1:], _FIELDS, axis=1)
         torques = filtered if measured else None
-        return Rows(simulation, learned, std, outside != 0.0, rows[:, 0], torques), state
+        return DelayedRows(simulation, learned, std, outside != 0.0, rows[:, 0], torques), state
 
     def _prove(self, stream: Stream) -> None:
         """Compare the code with Python on a motion of all joints.

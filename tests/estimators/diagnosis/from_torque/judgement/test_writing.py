@@ -114,7 +114,7 @@ def test_a_body_that_makes_a_joint_better_is_written_beside_what_makes_another_w
     given = plus(rigid, replace(VISCOUS, f_v=2.9))
     improved = observed.under(replace(plus(rigid, VISCOUS), inertials={link: heavy}))
 
-    def change(parts, than=()):
+    def change(parts, than=()):  # noqa: ARG001  # as of `Elsewhere`
         bodies, friction = (name not in parts for name in (BODIES, "viscous friction, joint 2"))
         middle = np.array([-0.9 * bodies, 0.02 * friction + 1e-4 * bodies])
         return np.stack([middle, middle - 1e-3, middle + 1e-3])
