@@ -20,6 +20,7 @@ from estimators.base import Estimate
 from estimators.residual_model import SimulationOnly
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.physics import Simulation
+from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.recordings.filters.causal_differentiation import (
     FEWEST_SAMPLES,
     RATE_TOLERANCE,
@@ -98,7 +99,8 @@ class Stream:
     and where time is set back by as much: a wrong time costs a start, not all that follow.
 
     Args:
-        model: Fitted or loaded; a bare simulation is taken for one that has learned nothing.
+        model: Fitted or loaded; a bare simulation is taken for one that has learned nothing,
+            at its own bandwidth or the usual one.
         rate: Of the positions [Hz].
         delay: Wanted delay [s]; the nearest number of samples is taken. A tenth of a second suits
             the usual bandwidth of 10 Hz, see `causal_differentiation` for what less costs.
@@ -110,7 +112,9 @@ class Stream:
     """
 
     def __init__(self, model: LiveEstimator | Simulation, rate: float, delay: float = 0.1) -> None:
-        self.model = SimulationOnly(model) if isinstance(model, Simulation) else model
+        if isinstance(model, Simulation):
+            model = SimulationOnly(model, model.bandwidth or BANDWIDTH)
+        self.model = model
         self.rate, self.n = rate, self.model.n
         self.differentiator, self.smoother = _filters(self.model, rate, delay)
         after = self.smoother.samples if self.smoother else 0

@@ -23,6 +23,7 @@ from threadpoolctl import threadpool_limits
 from estimators.base import Estimate
 from estimators.joint_physics.calibration import Calibration, calibrate
 from estimators.joint_physics.columns import WIDTHS, JointColumns
+from estimators.joint_physics.confirmed import confirmed_fit
 from estimators.joint_physics.normal_equations import MotionEquations
 from estimators.joint_physics.prediction import (
     Prediction,
@@ -62,6 +63,30 @@ _LEAST_TORQUE: Final = 1e-6  # [N m], so that a joint that bears none has finite
 
 
 @dataclass(frozen=True)
+class Learning:
+    """What joint physics learn.
+
+    Args:
+        confirmed: Of each joint the families that other poses confirm, see `confirmed`; else what
+            is most probable of all of them.
+        without: Joints (0-based) that stay as the simulation has them.
+    """
+
+    confirmed: bool = False
+    without: tuple[int, ...] = ()
+
+    def as_record(self, n: int) -> dict[str, Any]:
+        """Return what the manifest says of it; nothing where all is learned."""
+        if self == EVERYTHING:
+            return {}
+        learned = [j not in self.without for j in range(n)]
+        return {"learning": {"confirmed": self.confirmed, "joints": learned}}
+
+
+EVERYTHING: Final = Learning()
+
+
+@dataclass(frozen=True)
 class FittedPhysics:
     """Posterior of the weights of K columns for each of n joints."""
 
@@ -79,9 +104,10 @@ class FittedPhysics:
         columns: JointColumns,
         simulation: Simulation,
         recordings: Sequence[Recording],
+        learning: Learning,
     ) -> FittedPhysics:
         """Fit the weights, and calibrate their uncertainty on motion that was left out."""
-        fits = [_fit_joint(sums, columns, j) for j in range(columns.n)]
+        fits = [_fit_joint(sums, columns, j, learning) for j in range(columns.n)]
         rmse = {
             "simulation": _rmse(simulation, recordings, columns.bandwidth).tolist(),
             "held_out": [float(np.sqrt(found.held_out)) for found in fits],
@@ -94,7 +120,8 @@ class FittedPhysics:
             columns.friction,
             calibrate(sums, fits),
             UnknownMemory.of(columns, weights, moments, simulation),
-            {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse},
+            {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse}
+            | learning.as_record(columns.n),
         )
 
     @classmethod
@@ -161,13 +188,20 @@ class JointPhysics(ResidualModel[FittedPhysics]):
     Args:
         simulation: Gives tau_S, and with its rigid body the columns.
         bandwidth: Of the zero-phase filters on motion and torque [Hz].
+        learning: What of it is learned.
     """
 
     name = "joint-physics"
     held_out_is = "in each eighth of the poses, by a fit to the rest"
 
-    def __init__(self, simulation: Simulation, bandwidth: float = BANDWIDTH) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        bandwidth: float = BANDWIDTH,
+        learning: Learning = EVERYTHING,
+    ) -> None:
         super().__init__(simulation)
+        self.learning = learning
         self.columns = JointColumns(simulation.body, bandwidth)
 
     @classmethod
@@ -216,7 +250,9 @@ class JointPhysics(ResidualModel[FittedPhysics]):
             RecordingError: There is none, one is of another robot, or they are too short.
         """
         sums = MotionEquations.of(self.simulation, self.columns, recordings)
-        self.fitted_ = FittedPhysics.of(sums, self.columns, self.simulation, recordings)
+        self.fitted_ = FittedPhysics.of(
+            sums, self.columns, self.simulation, recordings, self.learning
+        )
         return self
 
     def init(self, rate: float | None = None) -> JointPhysicsState:  # noqa: ARG002  # any will do
@@ -250,9 +286,13 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         return Estimate(torque, learned, std, outside), JointPhysicsState(simulation, columns)
 
 
-def _fit_joint(sums: MotionEquations, columns: JointColumns, joint: int) -> RegionalFit:
+def _fit_joint(
+    sums: MotionEquations, columns: JointColumns, joint: int, learning: Learning
+) -> RegionalFit:
     everything = sums.regions.equations(joint)
     known = tolerances(columns, joint, everything.rms)
+    if learning.confirmed or joint in learning.without:
+        return confirmed_fit(sums, columns, joint, known, learns=joint not in learning.without)
     return fit(everything, sums.regions.each_left_out(joint), columns.family, known)
 
 

@@ -84,6 +84,15 @@ class Sums:
             float(self.count[use, joint].sum()),
         )
 
+    def of_part(self, joint: int, part: int) -> NormalEquations:
+        """Return the sums of one joint (0-based) over one part."""
+        return NormalEquations(
+            self.gram[part, joint],
+            self.product[part, joint],
+            float(self.energy[part, joint]),
+            float(self.count[part, joint]),
+        )
+
     def each_left_out(self, joint: int) -> list[NormalEquations]:
         """Return the sums of one joint (0-based) without each part."""
         return [self.equations(joint, without=part) for part in range(len(self.count))]

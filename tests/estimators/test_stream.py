@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from lanes import later
@@ -196,3 +198,9 @@ def test_a_memory_needs_a_rate_that_it_can_reach(model: HybridModel) -> None:
 def test_an_untrained_model_has_no_stream() -> None:
     with pytest.raises(NotFittedError, match="not fitted"):
         Stream(HybridModel(NOMINAL), 200.0)
+
+
+@pytest.mark.parametrize(("own", "expected"), [(None, 10.0), (20.0, 20.0), (7.0, 7.0)])
+def test_a_bare_simulation_is_streamed_at_its_own_bandwidth(own, expected):
+    stream = Stream(replace(TRUE, bandwidth=own), 500.0, 0.2)
+    assert stream.model.bandwidth == expected

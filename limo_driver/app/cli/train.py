@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,6 +15,7 @@ from limo_driver.app.console.terminal import (
     WorkersOption,
     print_notes,
     progress,
+    progress_bar,
     terminal,
     told_progress,
 )
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.residual_model import ResidualModel
+    from estimators.studies.model_choice import ModelChoice
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -87,7 +89,7 @@ def command(
     *,
     sim: Path,
     out: Path,
-    model: str = "mlp7",
+    model: str = "auto",
     network: NetworkOptions,
     mapping: MappingOption = None,
     sweep: Path | None = None,
@@ -97,6 +99,10 @@ def command(
     as_json: bool = False,
 ) -> None:
     r"""Learn the torque that a simulation leaves unexplained, by a network or by joint physics.
+
+    Without --model, a few are compared on motion held out, which takes minutes, and the best is
+    trained; joints of which nothing is confirmed stay as the simulation has them. With an option of
+    networks, it is an mlp7.
 
     Simulation and network are the hybrid tau_HYB = tau_RBD + F_NN(q, dq, ddq, r, tau_RBD), with r
     the rotation since the last reversal. Its part is scaled, joint by joint, by how much of it is
@@ -113,13 +119,14 @@ def command(
         recordings: Recordings of one robot.
         sim: The identified simulation, a sim.yaml.
         out: Model folder to write.
-        model: joint-physics, or a network: mlp7, lstm-2, lstm-fcl, transformer; or an estimator
-            that another package registers.
+        model: auto, the best on motion held out; joint-physics; a network: mlp7, lstm-2, lstm-fcl,
+            transformer; or an estimator that another package registers.
         sweep: Train with every setting of this space.yaml; OUT is a folder of all.
         test: With --sweep: recording on which each network is evaluated.
         as_json: Print the figures as JSON.
 
     Examples:
+        limo train run.parquet --sim sim.yaml --out model/
         limo train run.parquet --sim sim.yaml --model lstm-fcl --out model/
         limo train a.parquet b.parquet --sim sim.yaml --features drive \
             --out model/
@@ -131,10 +138,13 @@ def command(
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
-    from limo_driver.app.library.inputs import require_model
+    from limo_driver.app.library.inputs import AUTO, require_model
     from limo_driver.app.library.reading import read
 
-    require_model(model)
+    if any(_given(context, name) for name in _OF_NETWORKS) and not _given(context, "model"):
+        model = "mlp7"
+    if model != AUTO:
+        require_model(model)
     if sweep is not None:
         refuse_options(context, OPTIONS, "is said in the space of a sweep, not beside --sweep")
         simulation, measured = _load(recordings, sim, out, mapping)
@@ -153,15 +163,25 @@ def command(
     width, note = fitting_bandwidth(simulation, measured, network.bandwidth, most)
     for line in note:
         terminal(stderr=True, soft_wrap=True).print(line)
-    trained = _train(simulation, measured, model, width, settings)
+    if model == AUTO:
+        trained = _train_best(simulation, measured, width, quiet=as_json)
+    else:
+        trained = _train(simulation, measured, model, width, settings)
     trained.save(out)
-    rmse = trained.fitted.record.get("rmse", {})
-    gain = [] if settings is None else trained.fitted.gain.tolist()
+    _show(trained, out, width, as_json=as_json)
+
+
+def _show(trained: ResidualModel[Any], out: Path, width: float, *, as_json: bool) -> None:
+    """Print the errors of a model that was trained at a bandwidth [Hz]."""
+    record = trained.fitted.record
+    rmse, gain = record.get("rmse", {}), getattr(trained.fitted, "gain", None)
     if as_json:
-        values = {"model": str(out), "rmse": rmse} | ({"gain": gain} if gain else {})
+        values = {"model": str(out), "rmse": rmse}
+        values |= {} if gain is None else {"gain": gain.tolist()}
+        values |= {"choice": record["choice"]} if "choice" in record else {}
         terminal().print_json(data=values)
-    elif gain:
-        terminal().print(_network_table(rmse, gain, width))
+    elif gain is not None:
+        terminal().print(_network_table(rmse, gain.tolist(), width))
     elif {"simulation", "held_out"} <= set(rmse):
         terminal().print(_table(rmse, trained, width))
     else:
@@ -215,6 +235,45 @@ def _train(
         return train(simulation, recordings, model, settings=settings, progress=on_epoch)
 
 
+def _train_best(
+    simulation: Simulation, recordings: list[Recording], bandwidth: float, *, quiet: bool
+) -> ResidualModel[Any]:
+    """Compare models behind a progress bar, show that, and train the one that is chosen."""
+    from estimators.studies.model_choice import choose_model, fit_chosen
+
+    notes = terminal(stderr=True, soft_wrap=True)
+    with progress_bar(notes) as tell:
+        choice = choose_model(
+            simulation, recordings, bandwidth, lambda what, part: tell(what, _COMPARED * part)
+        )
+        tell(f"training {choice.chosen.name}", _COMPARED)
+        trained = fit_chosen(choice, simulation, recordings, bandwidth)
+        tell("done", 1.0)
+    for one in choice.tried:
+        if one.refused:
+            notes.print(f"{one.name} was not compared: {one.refused}")
+    if not quiet:
+        terminal(soft_wrap=True).print(choice.headline())
+        terminal().print(_choice_table(choice))
+    return trained
+
+
+def _choice_table(choice: ModelChoice) -> Table:
+    from rich.table import Table
+
+    columns = choice.figures()
+    table = Table(
+        title="RMSE of the simulation, and the part of it that each model leaves",
+        caption="on stretches that the model did not see, of which it learns what the others "
+        "confirm; 1.00: a joint stays as the simulation has it",
+    )
+    for name in columns:
+        table.add_column(name, justify="right")
+    for row in zip(*columns.values(), strict=True):
+        table.add_row(*map(str, row))
+    return table
+
+
 def _network_table(
     rmse: dict[str, dict[str, list[float]]], gain: list[float], bandwidth: float
 ) -> Table:
@@ -260,6 +319,14 @@ _OF_A_SWEEP: Final = frozenset(("test", "workers", "on"))
 _OF_EVERY_MODEL: Final = frozenset(
     ("recordings", "sim", "out", "model", "bandwidth", "mapping", "as_json")
 )
+_OF_NETWORKS: Final = frozenset(item.name for item in fields(NetworkOptions)) - _OF_EVERY_MODEL
+_COMPARED: Final = 0.7  # of the work; the rest is training
+
+
+def _given(context: typer.Context, name: str) -> bool:
+    """Say whether an option stands on the command line."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def run_sweep(

@@ -94,7 +94,11 @@ def export(
         raise ConfigError(f"there is no export to {to!r}, expected one of {', '.join(KINDS)}")
     found = simulation_of(simulation)
     recorded = None if on is None else recording_of(on)
-    motion = None if recorded is None else recorded.motion(bandwidth_for([recorded]))
+    motion = (
+        None
+        if recorded is None
+        else recorded.motion(bandwidth_for([recorded], found=found.bandwidth))
+    )
     folder, name = Path(out), ""
     if folder.suffix in _FILES:
         if _FILES[folder.suffix] != edited_format(to):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from estimators.residual_model import ResidualModel
 
 _T = TypeVar("_T")
+AUTO: Final = "auto"  # the model that motion held out speaks for
 _READ: Final = "`limo.read(log, robot)` makes one of arrays by name, a DataFrame or any log"
 
 

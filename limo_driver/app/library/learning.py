@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, overload
 
 from limo_driver.app.library.inputs import (
+    AUTO,
     expected,
     model_for,
     recording_of,
@@ -78,7 +79,7 @@ def identify(
         >>> limo.identify("iiwa14", "run.parquet").simulation.save("sim.yaml")
     """
     from estimators.base import check_recordings
-    from estimators.diagnosis.from_torque.residuals.plausibility import as_it_hangs
+    from estimators.diagnosis.from_torque.residuals.plausibility import as_it_hangs, turned
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body import identify as found
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
@@ -98,23 +99,8 @@ def identify(
     simulation = result.simulation
     if rows.bandwidth != bandwidth_for(measured):
         simulation = replace(simulation, bandwidth=rows.bandwidth)
-    warnings = (*_turned(model, hung), *doubts, *result.warnings, *note)
+    warnings = (*turned(model, hung), *doubts, *result.warnings, *note)
     return replace(result, simulation=simulation, warnings=warnings)
-
-
-def _turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:
-    """Say how an arm hangs that hangs otherwise than its description says."""
-    import numpy as np
-
-    from estimators.diagnosis.from_torque.residuals.mistakes import mounted_otherwise
-
-    if hung is stated:
-        return ()
-    said, found = (", ".join(f"{x:.3g}" for x in model.gravity) for model in (stated, hung))
-    return (
-        f"{mounted_otherwise(np.array(hung.gravity))}: gravity is ({found}) m/s² in the frame of "
-        f"its base, not ({said}); the simulation states it so",
-    )
 
 
 def nominal(
@@ -355,7 +341,8 @@ def train(
         simulation: Normally an identified one, or its file.
         recordings: Of its robot: one or several, or their files.
         model: `joint-physics`, fitted in closed form with standard deviations; a network: mlp7,
-            lstm-2, lstm-fcl, transformer; or an estimator of another distribution.
+            lstm-2, lstm-fcl, transformer; an estimator of another distribution; or `auto`, which
+            compares a few on motion held out.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, that of
             `settings` or of the simulation, or else found on motion held out.
         settings: Of a network's training; the usual ones if not given. `model` is its name.
@@ -375,16 +362,20 @@ def train(
         >>> limo.train("sim.yaml", "run.parquet", "lstm-fcl").save("model/")
     """
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
+    from estimators.studies.model_choice import best_model
 
-    estimator = require_model(model)
+    estimator = None if model == AUTO else require_model(model)
     simulation, measured = simulation_of(simulation), recordings_of(recordings)
-    if estimator is not None:
+    on_epoch: Callable[[Epoch], None] = progress or (lambda _epoch: None)
+    if model == AUTO or estimator is not None:
         if settings is not None:
             raise ConfigError(f"settings are of networks; {model} has no such choice")
         width, _ = fitting_bandwidth(simulation, measured, bandwidth)
         if not width > 0:
             raise ConfigError(f"a bandwidth of {width:g} Hz, expected a positive number")
-        return estimator.unfitted(simulation, width).fit(measured)
+        if estimator is not None:
+            return estimator.unfitted(simulation, width).fit(measured)
+        return best_model(simulation, measured, width, on_epoch)
     from estimators.hybrid import HybridModel
     from estimators.hybrid.model import train as fitted
     from estimators.hybrid.training.settings import TrainingSettings
@@ -396,5 +387,5 @@ def train(
         width, _ = fitting_bandwidth(simulation, measured, bandwidth, most)
         chosen = replace(chosen, bandwidth=width)
     hybrid = HybridModel(simulation, chosen)
-    hybrid.fitted_ = fitted(simulation, measured, chosen, progress or (lambda _epoch: None))
+    hybrid.fitted_ = fitted(simulation, measured, chosen, on_epoch)
     return hybrid

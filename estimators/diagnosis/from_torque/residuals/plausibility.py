@@ -21,7 +21,13 @@ from estimators.diagnosis.from_torque.residuals.body_fit import (
     usual_misfit,
     without_payload,
 )
-from estimators.diagnosis.from_torque.residuals.mistakes import Mistake, RowSample, mistakes, stuck
+from estimators.diagnosis.from_torque.residuals.mistakes import (
+    Mistake,
+    RowSample,
+    mistakes,
+    mounted_otherwise,
+    stuck,
+)
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.usable_joints import (
@@ -109,6 +115,17 @@ def as_it_hangs(
         return model, _doubts_in(observed)
     hung = model.with_gravity(gravity)
     return hung, doubts_about(hung, recordings, bandwidth)
+
+
+def turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:
+    """Say how an arm hangs that hangs otherwise than its description says."""
+    if hung is stated:
+        return ()
+    said, found = (", ".join(f"{x:.3g}" for x in model.gravity) for model in (stated, hung))
+    return (
+        f"{mounted_otherwise(np.array(hung.gravity))}: gravity is ({found}) m/s² in the frame of "
+        f"its base, not ({said}); the simulation states it so",
+    )
 
 
 def _unchecked(error: RecordingError) -> str:
