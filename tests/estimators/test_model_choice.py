@@ -146,7 +146,6 @@ def test_the_command_shows_what_was_tried(limo, rigid, record, tmp_path):
     assert done.returncode == 0, done.stderr
     for name in (CONFIRMED, PHYSICS, NETWORK):
         assert name in done.stdout
-    assert f"trying {CONFIRMED}" in done.stderr
     manifest = json.loads((tmp_path / "model" / "manifest.json").read_text())
     assert manifest["training"]["choice"]["chosen"] == CONFIRMED
     told = json.loads(limo("train", *given, "--json").stdout)
