@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from estimators.residual_model import ResidualModel
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.runtime.declarations import JsonGiven
+    from limo_driver.runtime.declarations import JsonNode
 
 WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"
@@ -54,7 +54,7 @@ class ModelFolder:
     """Content of a model folder, checked to fit together."""
 
     path: Path
-    manifest: JsonGiven
+    manifest: JsonNode
     simulation: Simulation
 
     @classmethod
@@ -232,7 +232,7 @@ def provenance(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _read_simulation(folder: Path, manifest: JsonGiven) -> Simulation:
+def _read_simulation(folder: Path, manifest: JsonNode) -> Simulation:
     expected = manifest["simulation"].text("sha256")
     try:
         simulation = Simulation.load(folder / SIMULATION)
@@ -272,7 +272,7 @@ def _close(a: dict[str, Any], b: dict[str, Any]) -> bool:
     return all(np.allclose(a[key], b[key], rtol=1e-9, atol=1e-12) for key in a)
 
 
-def read_manifest(folder: Path) -> JsonGiven:
+def read_manifest(folder: Path) -> JsonNode:
     """Read the manifest of a folder.
 
     Raises:

@@ -90,9 +90,9 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
     """
     side, excitation, shown = "", list[str](), tuple["ShownParameter", ...]()
     if not recording.has_torque:
-        told = "no torque: commands and positions identify and diagnose the drives instead"
+        sentences = "no torque: commands and positions identify and diagnose the drives instead"
         channels = tuple(channels_of(recording, model.sliding))
-        return Telemetry(tuple(sampling_of(recording)), channels, "", (told,))
+        return Telemetry(tuple(sampling_of(recording)), channels, "", (sentences,))
     from estimators.rigid_body.identifiability import shown_by
 
     try:
@@ -136,24 +136,24 @@ def sampling_of(recording: Recording) -> list[str]:
         if spread > _JITTER
         else "evenly" + (f" to {spread:.0%} of a period" if spread > _EVEN else "")
     )
-    told = [f"sampled at {1 / period:.4g} Hz for {recording.duration:.4g} s, {even}"]
+    sentences = [f"sampled at {1 / period:.4g} Hz for {recording.duration:.4g} s, {even}"]
     gaps = len(recording.segments) - 1
     left = sum(len(item.rows) for item in recording.left_out)
     lost = max(recording.duration / period + 1 - len(recording) - left, 0.0)
     if recording.spread:
-        told.append(
+        sentences.append(
             f"judged by {gaps + 1} stretches spread over {recording.spread} rows; dropouts between "
             "them are not seen"
         )
     elif gaps or lost > _LOST * len(recording):
         many = f"{gaps} gap{'s' * (gaps != 1)}" if gaps else "no long gap"
         share = lost / (lost + left + len(recording))
-        told.append(f"{many}; about {lost:.0f} samples were never recorded ({share:.1%})")
+        sentences.append(f"{many}; about {lost:.0f} samples were never recorded ({share:.1%})")
     out = recording.rows_total - len(recording)
     if out:
         reasons = ", ".join(f"{len(item.rows)} {item.reason}" for item in recording.left_out)
-        told.append(f"{out} of {recording.rows_total} rows cannot be used: {reasons}")
-    return told
+        sentences.append(f"{out} of {recording.rows_total} rows cannot be used: {reasons}")
+    return sentences
 
 
 def _by_joint(known: Sequence[tuple[int, float]], units: Sequence[str]) -> str:
@@ -174,7 +174,7 @@ def channels_of(recording: Recording, sliding: Sequence[bool] = ()) -> list[str]
         recording: T samples of n joints.
         sliding: Whether each joint slides, (n,); none does if not given.
     """
-    told: list[str] = []
+    sentences: list[str] = []
     slides = sliding or (False,) * recording.n
     for name, turning, along in (("position", "rad", "m"), ("torque", "N m", "N")):
         if name == "torque" and not recording.has_torque:
@@ -185,21 +185,21 @@ def channels_of(recording: Recording, sliding: Sequence[bool] = ()) -> list[str]
         least = _STILL if name == "position" else 0.0  # a joint at rest repeats its position
         units = [along if own else turning for own in slides]
         if known:
-            told.append(f"{name} comes in steps of {_by_joint(known, units)}")
+            sentences.append(f"{name} comes in steps of {_by_joint(known, units)}")
         if name == "torque":
-            told += _coarse(values, steps)
-            told += _chattering(recording, steps)
+            sentences += _coarse(values, steps)
+            sentences += _chattering(recording, steps)
         slow = [
             j + 1
             for j, column in enumerate(values.T)
             if np.ptp(column) > least and not steps[j] and np.mean(np.diff(column) == 0) > _SLOWER
         ]
         if slow:
-            told.append(
+            sentences.append(
                 f"{name} of {_joints(slow)} changes in fewer than half of the rows: it was "
                 "measured more slowly than logged"
             )
-    return told
+    return sentences
 
 
 def _coarse(torque: FloatArray, steps: Sequence[float]) -> list[str]:
@@ -303,11 +303,11 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
         condition = f"condition number {found.fit.condition:.3g}"
     else:
         condition = "at least one is not in this motion at all (condition number infinite)"
-    told = [f"{known_of(found)}; {condition}"]
+    sentences = [f"{known_of(found)}; {condition}"]
     still = np.flatnonzero(np.ptp(recording.position, axis=0) < _STILL)
     if still.size:
         one = still.size == 1
-        told.append(
+        sentences.append(
             f"{_joints((still + 1).tolist())} never move{'s' * one}: nothing is said of "
             f"{'its' if one else 'their'} friction"
         )
@@ -317,7 +317,7 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
     if unknown:
         names = ", ".join(x.name for x in unknown[:_LISTED])
         more = f" and {len(unknown) - _LISTED} more" if len(unknown) > _LISTED else ""
-        told.append(f"this motion says nothing about {names}{more}; {_LEGEND}")
+        sentences.append(f"this motion says nothing about {names}{more}; {_LEGEND}")
     known = (x.deviation / size[x.name] for x in estimates if x not in unknown)
     worst = max(known, default=0.0)
     if worst > WELL:
@@ -327,8 +327,8 @@ def _excitation(found: Identification, recording: Recording) -> list[str]:
             if needed < _LONGEST
             else f"another motion ({_planner(found.simulation.model)}) rather than more of this one"
         )
-        told.append(f"to know all the others to {WELL:.0%} takes {advice}")
-    return told
+        sentences.append(f"to know all the others to {WELL:.0%} takes {advice}")
+    return sentences
 
 
 def _planner(model: RobotModel) -> str:

@@ -29,7 +29,7 @@ from limo_driver.types import RobotSpec
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from limo_driver.runtime.declarations import Given
+    from limo_driver.runtime.declarations import ConfigNode
     from limo_driver.types import FloatArray
 
 CIA402: Final = "cia402"
@@ -271,6 +271,6 @@ def _read(path: Path) -> ArmConfig:
     return given.make(ArmConfig, parts)
 
 
-def _bus(given: Given) -> Bus:
+def _bus(given: ConfigNode) -> Bus:
     options = given.optional("options").entries
     return given.make(Bus, {"options": {name: value.plain() for name, value in options.items()}})

@@ -89,8 +89,8 @@ def application_position(message: Monitoring, wire: WireLimits) -> Joints | None
 
     A position that is not finite, or out of the arm's range, is none.
     """
-    told = None if message.ipo is None else message.ipo.joint_position
-    return told if told is not None and wire.usable(told) else None
+    reported = None if message.ipo is None else message.ipo.joint_position
+    return reported if reported is not None and wire.usable(reported) else None
 
 
 def left_position(message: Monitoring, wire: WireLimits) -> Joints | None:
@@ -98,8 +98,8 @@ def left_position(message: Monitoring, wire: WireLimits) -> Joints | None:
 
     Only 1.x says so.
     """
-    told = None if message.data is None else message.data.commanded_position
-    return told if told is not None and wire.usable(told) else None
+    reported = None if message.data is None else message.data.commanded_position
+    return reported if reported is not None and wire.usable(reported) else None
 
 
 def answer_to(
@@ -147,9 +147,9 @@ def _monitored(
     data = message.data
     if generation is not Generation.ONE or data is None:
         return CommandData(io=outputs) if outputs else None
-    told = data.commanded_position
-    usable = told is not None and wire.usable(told)
-    return CommandData(told if usable else data.measured_position, io=outputs)
+    reported = data.commanded_position
+    usable = reported is not None and wire.usable(reported)
+    return CommandData(reported if usable else data.measured_position, io=outputs)
 
 
 def _active(
@@ -191,8 +191,8 @@ def _mirrored(
         if not all(map(math.isfinite, ipo.pose.elements)):
             return None
         return CommandData(pose=ipo.pose, redundancy=ipo.redundancy, io=outputs)
-    told = application_position(message, wire)
-    position = None if told is None else wire.position(told)
+    reported = application_position(message, wire)
+    position = None if reported is None else wire.position(reported)
     if position is None:
         return None
     if mode is _TORQUE:
@@ -308,8 +308,8 @@ class Lead:
         elif not self.commanded and self._contract.at_rest:
             # Once commanded, the arm stays where that took it, not where the application would be;
             # nor does it follow a measurement: an arm told to be where it is would sink.
-            told = self._leading(message) or numbers(self._contract.setpoint)
-            self._contract.lead(np.array(self._wire.reachable(told)))
+            reported = self._leading(message) or numbers(self._contract.setpoint)
+            self._contract.lead(np.array(self._wire.reachable(reported)))
         if state is _ACTIVE:
             if not self.commanded:
                 self.mode = command_mode(message)
@@ -379,14 +379,14 @@ class Lead:
         setpoint, self._wire.sent, self.said = effect
         self._contract.take_back(setpoint)
 
-    def _begin(self, told: Joints | None, measured: Joints) -> None:
+    def _begin(self, reported: Joints | None, measured: Joints) -> None:
         """Begin where the arm is told to be, or where it is; nowhere if neither can be."""
-        if told is None and self._wire.usable(measured):
-            told = measured
-        self._wire.begin(told)
+        if reported is None and self._wire.usable(measured):
+            reported = measured
+        self._wire.begin(reported)
         self.commanded, self.said = False, None
-        if told is not None:
-            self._contract.lead(np.array(told))
+        if reported is not None:
+            self._contract.lead(np.array(reported))
         self._session.begin((self._contract.present, self._wire.sent, None))
 
     def _leading(self, message: Monitoring) -> Joints | None:

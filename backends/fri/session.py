@@ -314,19 +314,19 @@ def _nanoseconds(stamp: Timestamp | None) -> int | None:
 def advice(message: Monitoring) -> list[str]:
     """Return what keeps a session from taking commands, the most likely first."""
     robot, connection = message.robot, message.connection
-    said = [text for text in (safety_stop(message), drives_off(message)) if text]
+    sentences = [text for text in (safety_stop(message), drives_off(message)) if text]
     if robot is not None and robot.operation_mode in {OperationMode.T1, OperationMode.T2}:
         mode = OperationMode(robot.operation_mode).name
-        said.append(
+        sentences.append(
             f"the cell is in {mode}: the motion stops when the enabling switch or the start "
             "key is let go"
         )
     if connection is None:
-        return [*said, "the robot does not say how the session stands"]
-    said += [text for text in (low_quality(message), long_period(message)) if text]
+        return [*sentences, "the robot does not say how the session stands"]
+    sentences += [text for text in (low_quality(message), long_period(message)) if text]
     if connection.session_state is not SessionState.COMMANDING_ACTIVE:
-        said.append(_ADVICE[connection.session_state])
-    return said
+        sentences.append(_ADVICE[connection.session_state])
+    return sentences
 
 
 def why_not_ready(message: Monitoring | None, waited: float, malformed: str) -> str:

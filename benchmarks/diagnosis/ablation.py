@@ -104,7 +104,7 @@ PARTS: dict[str, Change] = {
     ),
     "reach: three lines of a ripple": _without(hypotheses__RIPPLE__lines=3),
     "reach: no lateness of all of it": Change(
-        {}, {f"{FROM_TORQUE}.events.made_late": lambda *_: None}
+        {}, {f"{FROM_TORQUE}.events.with_torque_delay": lambda *_: None}
     ),
     "reach: no pushes": Change({}, {f"{FROM_TORQUE}.events.pushes": lambda *_: ()}),
     "reach: no jolts": Change({}, {f"{FROM_TORQUE}.events.jolts": lambda *_: ()}),

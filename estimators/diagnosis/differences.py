@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from estimators.diagnosis.quantities import listed, of_several, once, quantity, unit_of
 from estimators.diagnosis.verdict import Interval
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 from limo_driver.runtime.display import joint_called
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def name_of_value(item: StatedValue) -> str:
     if (item.effect, item.name) == ("position_servo", "kd"):
         return "kd (damping within the torque limit)"
     amount = AMOUNTS.get(item.effect) if item.name in _MAIN else None
-    return amount or f"{item.name} ({spoken(item.effect)})"
+    return amount or f"{item.name} ({display_name(item.effect)})"
 
 
 def fitted_of(item: StatedValue) -> str:

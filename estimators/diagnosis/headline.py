@@ -32,7 +32,7 @@ from limo_driver.physics import (
     QuadraticDrag,
     StribeckFriction,
     ViscousFriction,
-    spoken,
+    display_name,
 )
 from limo_driver.physics.catalogue import description_of, known_as
 
@@ -134,7 +134,7 @@ def _missing(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
 def named(item: Finding) -> str:
     """Name what a finding is of: an effect, or the value of a drive that is off."""
     amount = AMOUNTS.get(item.effect) if item.kind == "wrong_parameter" else None
-    return amount or spoken(item.effect)
+    return amount or display_name(item.effect)
 
 
 def place_of(item: Finding, names: Sequence[str]) -> str:
@@ -179,7 +179,7 @@ def quantity_of(item: Finding) -> str:
 
 def _value(known: Interval) -> str:
     if isinstance(known.value, str):
-        return spoken(known.value)
+        return display_name(known.value)
     if isinstance(known.value, (int, float)):
         return quantity(known)
     return several(known) + unit_of(known.unit)
@@ -295,7 +295,7 @@ def _sentence(parts: Sequence[str]) -> str:
 def signature_of(effect: str) -> str:
     """Say how an effect shows; completes "At joint 3 …"."""
     said = _OTHERWISE.get(effect) or description_of(effect).signature
-    return said or f"the error is what {spoken(effect)} makes"
+    return said or f"the error is what {display_name(effect)} makes"
 
 
 def is_of_bodies(effect: str) -> bool:

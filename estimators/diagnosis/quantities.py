@@ -22,15 +22,15 @@ def quantity(known: Interval) -> str:
     unit = unit_of(known.unit)
     if known.ci95 is None or None in known.ci95 or known.ci95[0] == known.ci95[1]:
         return f"{value:.3g}{unit}"
-    said, low, high = to_interval(value, *map(float, known.ci95))
-    return f"{said}{unit} [{low}, {high}]"
+    shown, low, high = to_interval(value, *map(float, known.ci95))
+    return f"{shown}{unit} [{low}, {high}]"
 
 
 def to_interval(value: float, low: float, high: float) -> tuple[str, str, str]:
     """Return a value and the ends of its interval, to two digits of half that interval."""
     decimals = decimals_of((high - low) / 2)
-    said = [f"{each:.{decimals}f}" for each in (value, low, high)]
-    return said[0], said[1], said[2]
+    shown = [f"{each:.{decimals}f}" for each in (value, low, high)]
+    return shown[0], shown[1], shown[2]
 
 
 def give_or_take(known: Interval) -> str:

@@ -11,7 +11,7 @@ from estimators.diagnosis.headline import headline, named, place_of, values_of
 from estimators.diagnosis.quantities import give_or_take, listed, rounded, several
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN
 from estimators.regression.evidence import REACH
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,7 +62,7 @@ def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]
         for name, known in item.parameters.items():
             if known.ci95:
                 one = isinstance(known.value, float)
-                heading = (spoken(item.effect), name, f"[{known.unit}]")
+                heading = (display_name(item.effect), name, f"[{known.unit}]")
                 column = columns.setdefault(heading, [""] * len(joints))
                 column[joints.index(item.joint)] = (give_or_take if one else several)(known)
     return columns
@@ -127,8 +127,8 @@ def _seen(verdict: Verdict) -> list[str]:
         return []
     fastest = (high for _, high in verdict.holds.speed)
     speeds = listed([rounded(speed, 2) if speed > 0 else "-" for speed in fastest])
-    said = f"The joints moved at up to {speeds} rad/s; faster motion is extrapolated."
-    return [said, *filter(None, [hardly_shown(verdict)])]
+    sentence = f"The joints moved at up to {speeds} rad/s; faster motion is extrapolated."
+    return [sentence, *filter(None, [hardly_shown(verdict)])]
 
 
 def coverage(verdict: Verdict) -> str:
@@ -148,7 +148,7 @@ def _say(item: Finding, names: Sequence[str]) -> list[str]:
     """Return name and place, values, evidence and confidence of a finding."""
     name = "something unknown" if item.effect == UNKNOWN else named(item)
     values = values_of(item) if item.effect != CONTACT else ""
-    same = ", ".join(spoken(other) for other in item.equivalent)
+    same = ", ".join(display_name(other) for other in item.equivalent)
     sure = f"confidence {100 * item.confidence:.0f} %"
     return [
         f"{name} ({place_of(item, names)}){f': {values}' if values else ''}",
@@ -171,8 +171,8 @@ def _identified(verdict: Verdict) -> list[str]:
         laws: dict[str, list[str]] = {}
         for (effect, name, unit), values in columns.items():
             if values[k]:
-                said = f"{name} {values[k]}" + f" {unit.strip('[]')}" * (unit != "[1]")
-                laws.setdefault(effect, []).append(said)
+                sentence = f"{name} {values[k]}" + f" {unit.strip('[]')}" * (unit != "[1]")
+                laws.setdefault(effect, []).append(sentence)
         found = (f"{effect}: {', '.join(values)}" for effect, values in laws.items())
         lines.append(f"joint {joint}  {'; '.join(found)}")
     return lines
@@ -201,6 +201,6 @@ def _table(verdict: Verdict) -> list[str]:
             texts = [text + " *"[j in worse] for j, text in enumerate(texts, start=1)]
         first, _, second = heading.rpartition(" ")
         cells.append([first, second, *texts])
-    said = (coverage(verdict) if verdict.rows.fitted else "", WORSE if worse else "")
+    sentence = (coverage(verdict) if verdict.rows.fitted else "", WORSE if worse else "")
     unit = verdict.fit.unit
-    return ["", f"held-out RMSE [{unit}]", *_aligned(cells), *filter(None, said)]
+    return ["", f"held-out RMSE [{unit}]", *_aligned(cells), *filter(None, sentence)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import HOLDING
-from limo_driver.physics import ArmEffect, BodyEffect, spoken
+from limo_driver.physics import ArmEffect, BodyEffect, display_name
 from limo_driver.physics.catalogue import known_as
 from limo_driver.runtime import written_by
 from limo_driver.runtime.display import joint_called
@@ -126,7 +126,7 @@ class StatedValue:
     def in_words(self) -> str:
         """The value with its joint and effect, as what a motion hardly shows is named."""
         place = f" of joint {self.joints[0]}" if self.joints else ""
-        return f"{self.name}{place} ({spoken(self.effect)})"
+        return f"{self.name}{place} ({display_name(self.effect)})"
 
     @property
     def is_known_well(self) -> bool:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.neural import Network
-    from limo_driver.runtime.declarations import Given, JsonGiven
+    from limo_driver.runtime.declarations import ConfigNode, JsonNode
     from limo_driver.types import FloatArray
 
 _RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory runs at another speed
@@ -252,7 +252,7 @@ def _network(kind: str, opened: ModelFolder, features: Features) -> Network:
     return network
 
 
-def _features(entries: Given, n: int) -> Features:
+def _features(entries: ConfigNode, n: int) -> Features:
     return Features(
         n,
         entries.flag("own_joint"),
@@ -284,7 +284,7 @@ def _described(features: tuple[Feature, ...], **numbers: FloatArray) -> list[dic
     ]
 
 
-def _input_scaling(manifest: JsonGiven, expected: tuple[Feature, ...]) -> InputScaling:
+def _input_scaling(manifest: JsonNode, expected: tuple[Feature, ...]) -> InputScaling:
     entries = _entries_of(manifest, "inputs", expected)
     mean, std = _numbers(entries, "mean"), _numbers(entries, "std", lower=0.0, above=True)
     lowest = _numbers(entries, "lowest")
@@ -295,7 +295,7 @@ def _input_scaling(manifest: JsonGiven, expected: tuple[Feature, ...]) -> InputS
 
 
 def _output_scaling(
-    manifest: JsonGiven, expected: tuple[Feature, ...]
+    manifest: JsonNode, expected: tuple[Feature, ...]
 ) -> tuple[Scaling, FloatArray]:
     """Return normalisation and gain."""
     entries = _entries_of(manifest, "outputs", expected)
@@ -303,7 +303,9 @@ def _output_scaling(
     return Scaling(_numbers(entries, "mean"), _numbers(entries, "std", lower=0.0, above=True)), gain
 
 
-def _entries_of(manifest: JsonGiven, what: str, expected: tuple[Feature, ...]) -> tuple[Given, ...]:
+def _entries_of(
+    manifest: JsonNode, what: str, expected: tuple[Feature, ...]
+) -> tuple[ConfigNode, ...]:
     """Return the entries of `what`, which have to be those expected, in order."""
     entries = manifest[what].sections()
     given = [(entry.text("name"), entry.text("unit")) for entry in entries]
@@ -318,5 +320,5 @@ def _entries_of(manifest: JsonGiven, what: str, expected: tuple[Feature, ...]) -
     return entries
 
 
-def _numbers(entries: tuple[Given, ...], name: str, **bounds: Any) -> FloatArray:  # noqa: ANN401  # of a `Parameter`
+def _numbers(entries: tuple[ConfigNode, ...], name: str, **bounds: Any) -> FloatArray:  # noqa: ANN401  # of a `Parameter`
     return np.array([entry.number(name, **bounds) for entry in entries])

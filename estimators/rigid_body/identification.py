@@ -169,8 +169,8 @@ def identify(
     surely = replace(consistent, spread=np.concatenate([consistent.spread, apart]))
     covariance = surely.spread.T @ surely.spread
     known = tolerances_of(consistent.parameters, covariance, equations, terms)
-    told = equations.count > 0  # joints of which something is
-    estimates = _estimates(terms, surely, told)
+    observable = equations.count > 0  # joints of which something is
+    estimates = _estimates(terms, surely, observable)
     rmse = equations.rmse(consistent.parameters)
     return Identification(
         model,
@@ -179,7 +179,7 @@ def identify(
         base,
         nominal,
         fit,
-        _simulation(model, terms, consistent, known, stated, told),
+        _simulation(model, terms, consistent, known, stated, observable),
         rmse,
         tolerance,
         estimates,
@@ -260,9 +260,9 @@ class _Bodies:
         absent[drives] = found.parameters[drives] <= _SIGNIFICANT * found.deviation[drives]
         held, in_doubt = np.zeros_like(self.stated), absent & (self.stated > 0)
         if in_doubt.any():
-            told = self.fit(tolerance, found.parameters, any_sign=in_doubt)
-            apart = np.abs(told.parameters - self.stated)
-            held[apart <= _SIGNIFICANT * told.deviation] = 1.0
+            observable = self.fit(tolerance, found.parameters, any_sign=in_doubt)
+            apart = np.abs(observable.parameters - self.stated)
+            held[apart <= _SIGNIFICANT * observable.deviation] = 1.0
             held *= self.stated
         return self.fit(tolerance, found.parameters, absent, held)
 
@@ -294,7 +294,7 @@ def _simulation(
     fit: ConsistentFit,
     known: Tolerances,
     beside: tuple[Effect, ...],
-    told: NDArray[np.bool_],
+    observable: NDArray[np.bool_],
 ) -> Simulation:
     bodies = {
         link: inertial_of(fit.parameters[PER_LINK * i : PER_LINK * (i + 1)])
@@ -307,7 +307,7 @@ def _simulation(
     effects = tuple(
         term.make(joint, value)
         for term, joint, value, deviation in _by_joint(model.n, terms, fit)
-        if (told[joint - 1] and (deviation > 0 or term.effect.endswith("friction")))
+        if (observable[joint - 1] and (deviation > 0 or term.effect.endswith("friction")))
         or (term.effect, joint) in stated
     )
     every = (*effects, *beside, *mounting_of(model))
@@ -329,12 +329,12 @@ def _by_joint(
 
 
 def _estimates(
-    terms: JointTerms, fit: ConsistentFit, told: NDArray[np.bool_]
+    terms: JointTerms, fit: ConsistentFit, observable: NDArray[np.bool_]
 ) -> tuple[TermEstimate, ...]:
     return tuple(
         TermEstimate(term.effect, term.parameter, joint, value, deviation, term.unit)
-        for term, joint, value, deviation in _by_joint(told.size, terms, fit)
-        if told[joint - 1] and (deviation > 0 or term.effect.endswith("friction"))
+        for term, joint, value, deviation in _by_joint(observable.size, terms, fit)
+        if observable[joint - 1] and (deviation > 0 or term.effect.endswith("friction"))
     )
 
 

@@ -12,7 +12,7 @@ from limo_driver.pages import Charts, Page, Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
 from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 from limo_driver.quoting import in_shell
 
 if TYPE_CHECKING:
@@ -112,12 +112,12 @@ def _terms(found: Identification, charts: Charts) -> str:
     drawn = [
         charts.place(
             _term([item for item in found.estimates if item.effect == effect], unit),
-            f"{spoken(effect).capitalize()}: {parameter} [{unit}]",
+            f"{display_name(effect).capitalize()}: {parameter} [{unit}]",
         )
         for effect, parameter, unit in kinds
     ]
     rows: dict[str, list[object]] = {
-        "term": [f"{spoken(item.effect)}, joint {item.joint}" for item in found.estimates],
+        "term": [f"{display_name(item.effect)}, joint {item.joint}" for item in found.estimates],
         "value": [item.value for item in found.estimates],
         "±": [f"{item.deviation:.1g}" if item.deviation else "bound" for item in found.estimates],
         "unit": [item.unit for item in found.estimates],

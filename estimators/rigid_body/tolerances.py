@@ -123,7 +123,7 @@ def stated_beside(model: RobotModel, terms: JointTerms) -> tuple[Effect, ...]:
     return tuple(
         effect
         for effect in described_effects(model)
-        if not effect.rubs and effect.name not in modelled
+        if not effect.is_friction and effect.name not in modelled
     )
 
 

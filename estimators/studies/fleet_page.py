@@ -29,7 +29,7 @@ from limo_driver.pages.markup import (
     table,
     typeset,
 )
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
 from limo_driver.runtime.outputs import whole
 
@@ -241,7 +241,10 @@ def _named(verdict: Verdict) -> list[str]:
     """Return what a recording has: findings, and stated values that differ."""
     values = (item for item in verdict.values if item.reported)
     return [
-        *(f"{spoken(x.effect)}, {of_joints(x.joints, verdict.names)}" for x in verdict.findings),
+        *(
+            f"{display_name(x.effect)}, {of_joints(x.joints, verdict.names)}"
+            for x in verdict.findings
+        ),
         *(
             f"{name_of_value(x)}, {of_joints(x.joints, verdict.names)}: not as stated"
             for x in values

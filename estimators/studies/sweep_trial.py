@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from estimators.hybrid.fitted_network import FittedNetwork
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.runtime.declarations import Given
+    from limo_driver.runtime.declarations import ConfigNode
     from limo_driver.types import FloatArray
 
 MODEL: Final = "model"  # folder of a trial's model, as `limo train` writes it
@@ -297,7 +297,7 @@ class SweepSpace:
             ) from None
 
 
-def _values(given: Given, known: Parameter) -> tuple[Any, ...]:
+def _values(given: ConfigNode, known: Parameter) -> tuple[Any, ...]:
     found = dict.fromkeys(item.value(known) for item in given.items or ())
     if not found:
         given.refuse(f"{known.expected}, or a list of such")

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.runtime.declarations import Given
+    from limo_driver.runtime.declarations import ConfigNode
     from limo_driver.types import FloatArray
 
 SCHEMA: Final = 1
@@ -131,7 +131,7 @@ def _digest(path: Path) -> str:
     return sha256(path.read_bytes()).hexdigest()
 
 
-def _starts(given: Given, limo: Recording) -> FloatArray:
+def _starts(given: ConfigNode, limo: Recording) -> FloatArray:
     """Read the times at which scaffolds start."""
     starts = np.array(given.value(_STARTS))
     if starts.size < 2:  # noqa: PLR2004

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.exports.formats import ISAAC_LAB, MJCF, USD
-from limo_driver.physics import Armature, Backlash, PreslidingHysteresis, SensorEffect, spoken
+from limo_driver.physics import Armature, Backlash, PreslidingHysteresis, SensorEffect, display_name
 from limo_driver.runtime.parameters import parameters_of
 from limo_driver.types import Motion
 
@@ -84,7 +84,7 @@ def _instead(effect: Effect, instead: Effect | None) -> str:
     if type(instead) is type(effect):
         return f"is written without its domain ({getattr(effect, 'domain', None)})"
     if instead is not None:
-        return f"is written as {spoken(instead.name)}"
+        return f"is written as {display_name(instead.name)}"
     if isinstance(effect, Backlash) and effect.displaces:
         return "is not expressible (MJCF has play of joints with an armature, without keyframes)"
     if isinstance(effect, SensorEffect):

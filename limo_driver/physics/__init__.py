@@ -1,6 +1,6 @@
 """The catalogue of joint physics, and simulations made of it."""
 
-from limo_driver.physics.catalogue import CATALOGUE, spoken
+from limo_driver.physics.catalogue import CATALOGUE, display_name
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.drives import (
     DcMotor,
@@ -12,12 +12,12 @@ from limo_driver.physics.drives import (
 from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
+    DiagnosisContext,
     Effect,
     Friction,
     Hypothesis,
     JointEffect,
     MotionEffect,
-    Recorded,
     SensorEffect,
     State,
     TorqueEffect,
@@ -68,6 +68,7 @@ __all__ = [
     "CoulombFriction",
     "DcMotor",
     "Description",
+    "DiagnosisContext",
     "Effect",
     "EncoderOffset",
     "ExternalContact",
@@ -86,7 +87,6 @@ __all__ = [
     "PositionServo",
     "PreslidingHysteresis",
     "QuadraticDrag",
-    "Recorded",
     "Score",
     "SensorEffect",
     "Sensors",
@@ -106,6 +106,6 @@ __all__ = [
     "TorqueRipple",
     "VelocityServo",
     "ViscousFriction",
+    "display_name",
     "parameter",
-    "spoken",
 ]

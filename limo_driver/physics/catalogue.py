@@ -132,7 +132,7 @@ def identical_to(name: str) -> tuple[str, ...]:
     )
 
 
-def spoken(effect: str) -> str:
+def display_name(effect: str) -> str:
     """Return an effect's identifier in words."""
     return effect.replace("_", " ")
 

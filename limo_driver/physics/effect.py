@@ -84,8 +84,8 @@ class Effect(Declared, ABC):
 
     name: ClassVar[str]  # the identifier in sim.yaml and in a diagnosis
     description: ClassVar[Description] = Description()
-    rubs: ClassVar[bool] = False  # whether it is friction, as every joint has some of
-    lasts: ClassVar[bool] = True  # whether another recording of the arm has it, too, as it is
+    is_friction: ClassVar[bool] = False  # whether it is friction, as every joint has some of
+    persists: ClassVar[bool] = True  # whether another recording of the arm has it, too, as it is
     sized_by: ClassVar[tuple[str, ...]] = ()  # parameters without which, all zero, it does nothing
 
     @classmethod
@@ -112,12 +112,12 @@ class Effect(Declared, ABC):
         return STATELESS
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterable[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterable[Hypothesis]:  # noqa: ARG003
         """Return the hypotheses of a diagnosis about a joint (1-based); none by default."""
         return ()
 
     @classmethod
-    def on_arm(cls, recorded: Recorded) -> Iterable[Hypothesis]:  # noqa: ARG003
+    def on_arm(cls, recorded: DiagnosisContext) -> Iterable[Hypothesis]:  # noqa: ARG003
         """Return the hypotheses of a diagnosis about an effect of the arm as a whole."""
         return ()
 
@@ -285,7 +285,7 @@ class Friction(TorqueEffect):
     The simulated robot takes it as a damping, so that it dissipates at any step size.
     """
 
-    rubs: ClassVar[bool] = True
+    is_friction: ClassVar[bool] = True
 
 
 class MotionEffect(JointEffect):
@@ -328,7 +328,7 @@ Enter: TypeAlias = Callable[[Sequence[Effect], "FloatArray"], tuple[Effect, ...]
 
 
 @dataclass(frozen=True)
-class Recorded:
+class DiagnosisContext:
     """Recordings of an arm of n joints beside its simulation, before any fit; K rows, T samples."""
 
     position: FloatArray  # (K, n) [rad]

@@ -152,7 +152,7 @@ class Simulation(Displayed):
 
     def without_friction(self) -> Simulation:
         """Return the same without what joints take by friction alone."""
-        return replace(self, effects=tuple(each for each in self.effects if not each.rubs))
+        return replace(self, effects=tuple(each for each in self.effects if not each.is_friction))
 
     @cached_property
     def body(self) -> RobotModel:

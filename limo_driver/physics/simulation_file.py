@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from limo_driver.physics.drives import JointDrive
     from limo_driver.physics.effect import Effect
-    from limo_driver.runtime.declarations import Given
+    from limo_driver.runtime.declarations import ConfigNode
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _DOMAIN = "domain"  # of an effect, in which it was learned
@@ -211,13 +211,13 @@ def _shortened(value: Any) -> Any:  # noqa: ANN401  # values of YAML
     return float(f"{value:.5g}") if isinstance(value, float) else value
 
 
-def _drives(given: Given, model: RobotModel) -> tuple[JointDrive, ...]:
+def _drives(given: ConfigNode, model: RobotModel) -> tuple[JointDrive, ...]:
     if "drives" not in given:
         return described_drives(model)
     return tuple(_drive(entry, model.n) for entry in given["drives"].sections())
 
 
-def _drive(given: Given, n: int) -> JointDrive:
+def _drive(given: ConfigNode, n: int) -> JointDrive:
     """Read a drive, which may tell how well each of its parameters is known."""
     kind = DRIVES[given.named("drive", tuple(DRIVES))]
     own = given.of_kind(kind, ("drive",)).optional("tolerances")
@@ -266,7 +266,7 @@ def _effect_entry(effect: Effect) -> dict[str, Any]:
     return entry
 
 
-def _inertial(given: Given, nominal: Inertial) -> Inertial:
+def _inertial(given: ConfigNode, nominal: Inertial) -> Inertial:
     """Read mass, centre of mass and inertia; what is not given stays nominal."""
     given.only(*_INERTIAL)
     body = Inertial(
@@ -279,14 +279,14 @@ def _inertial(given: Given, nominal: Inertial) -> Inertial:
     return body
 
 
-def _vector(given: Given, name: str, nominal: _Vector) -> _Vector:
+def _vector(given: ConfigNode, name: str, nominal: _Vector) -> _Vector:
     """Read as many numbers as the nominal vector has; the nominal ones if none are given."""
     if name not in given:
         return nominal
     return cast("_Vector", given.numbers(name, len(nominal)))
 
 
-def _effect(given: Given, model: RobotModel) -> Effect:
+def _effect(given: ConfigNode, model: RobotModel) -> Effect:
     """Read an effect; one of another distribution is imported when its name is read."""
     name = given.named("effect", known_names())
     try:
@@ -310,7 +310,7 @@ def _effect(given: Given, model: RobotModel) -> Effect:
     return Payload(mass=body.mass, com=body.com, inertia=body.inertia)
 
 
-def _sensors(given: Given, n: int) -> Sensors:
+def _sensors(given: ConfigNode, n: int) -> Sensors:
     sensors = given.make(Sensors)
     for name, entry in given.entries.items():
         if len(getattr(sensors, name)) not in {1, n}:

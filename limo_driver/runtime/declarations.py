@@ -18,7 +18,7 @@ import yaml
 
 from limo_driver.errors import ConfigError
 from limo_driver.runtime import written_by
-from limo_driver.runtime.given import Given
+from limo_driver.runtime.given import ConfigNode
 from limo_driver.runtime.given_files import json_of, read_text, text_of
 from limo_driver.runtime.parameters import FLAG, REAL, TEXT, WHOLE, shown
 
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
     from limo_driver.errors import PlacedError
 
-__all__ = ["Given", "JsonGiven", "YamlGiven", "read_json", "read_yaml"]
+__all__ = ["ConfigNode", "JsonNode", "YamlNode", "read_json", "read_yaml"]
 _LARGEST_YAML = 1 << 18  # bytes; ten times the largest that anybody wrote
 _NULL = "tag:yaml.org,2002:null"
 _DEEPEST: Final = 64  # levels; files of limo have five
 
 
-class YamlGiven(Given):
+class YamlNode(ConfigNode):
     """What stands at a place of a YAML file; `content` is a node, or None in an empty file."""
 
     mapping = "a mapping"
@@ -45,13 +45,13 @@ class YamlGiven(Given):
         return self.content is None or self.content.tag == _NULL
 
     @cached_property
-    def entries(self) -> Mapping[str, Given]:
+    def entries(self) -> Mapping[str, ConfigNode]:
         """The entries of a mapping, by name; refuses what is none."""
         if self.is_empty:
             return {}
         if not isinstance(self.content, yaml.MappingNode):
             self.refuse(f"{self.mapping} of `key: value`")
-        found: dict[str, Given] = {}
+        found: dict[str, ConfigNode] = {}
         for key, node in self.content.value:
             line = key.start_mark.line + 1
             if not isinstance(key, yaml.ScalarNode):
@@ -62,7 +62,7 @@ class YamlGiven(Given):
         return found
 
     @cached_property
-    def items(self) -> Sequence[Given] | None:
+    def items(self) -> Sequence[ConfigNode] | None:
         """The items of a list; none if it is left empty, and a value alone is a list of one."""
         if self.is_empty:
             return []
@@ -99,13 +99,13 @@ class YamlGiven(Given):
         """What is given, for messages."""
         return "nothing" if self.content is None else _said(self.content)
 
-    def _inner(self, node: yaml.Node, called: str, line: int) -> YamlGiven:
-        inner = YamlGiven(node, self.path, self.error, self, called)
+    def _inner(self, node: yaml.Node, called: str, line: int) -> YamlNode:
+        inner = YamlNode(node, self.path, self.error, self, called)
         inner.line = line
         return inner
 
 
-def read_yaml(path: Path, needs: str = "") -> YamlGiven:
+def read_yaml(path: Path, needs: str = "") -> YamlNode:
     """Read a YAML file.
 
     Args:
@@ -125,7 +125,7 @@ def read_yaml(path: Path, needs: str = "") -> YamlGiven:
         raise ConfigError("is no YAML: control characters, or nested too deep", path=path) from None
     if root is None and needs:
         raise ConfigError(f"is empty; it needs {needs}", path=path)
-    given = YamlGiven(root, path)
+    given = YamlNode(root, path)
     given.line = None if root is None else root.start_mark.line + 1
     if isinstance(root, yaml.MappingNode):
         named = {key.value: value.value for key, value in root.value if key.id == "scalar"}
@@ -148,7 +148,7 @@ def _said(node: yaml.Node) -> str:
     return "a list" if isinstance(node, yaml.SequenceNode) else "a mapping"
 
 
-class JsonGiven(Given):
+class JsonNode(ConfigNode):
     """What stands at a place of a JSON file; `content` is a value."""
 
     mapping = "an object"
@@ -159,14 +159,14 @@ class JsonGiven(Given):
         return self.content is None
 
     @cached_property
-    def entries(self) -> Mapping[str, Given]:
+    def entries(self) -> Mapping[str, ConfigNode]:
         """The entries of an object, by name; refuses what is none."""
         if not isinstance(self.content, dict):
             self.refuse(self.mapping)
         return {name: self._inner(value, name) for name, value in self.content.items()}
 
     @cached_property
-    def items(self) -> Sequence[Given] | None:
+    def items(self) -> Sequence[ConfigNode] | None:
         """The items of a list; None if it is none."""
         if not isinstance(self.content, list):
             return None
@@ -185,13 +185,13 @@ class JsonGiven(Given):
         """What is given, for messages."""
         return shown(self.content)
 
-    def _inner(self, value: Any, called: str) -> JsonGiven:  # noqa: ANN401  # from JSON
-        return JsonGiven(value, self.path, self.error, self, called)
+    def _inner(self, value: Any, called: str) -> JsonNode:  # noqa: ANN401  # from JSON
+        return JsonNode(value, self.path, self.error, self, called)
 
 
 def read_json(
     path: Path, error: type[PlacedError], schema: int, data: bytes | None = None
-) -> JsonGiven:
+) -> JsonNode:
     """Read a JSON file, an object of a schema.
 
     Args:
@@ -207,7 +207,7 @@ def read_json(
     content: Any = json_of(text, path, error)
     if not _is_shallow(content):
         raise error(f"is nested more than {_DEEPEST} levels deep", path=path)
-    given = JsonGiven(content, path, error)
+    given = JsonNode(content, path, error)
     given.writer = written_by.writer_of(content)
     if not isinstance(content, dict) or content.get("schema") != schema:
         given.fail(f"its schema is not {schema}")

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from limo_driver.errors import PlacedError
 
 _Declared = TypeVar("_Declared", bound=Declared)
-_Given = TypeVar("_Given", bound="Given")
+_Node = TypeVar("_Node", bound="ConfigNode")
 
 
-class Given(ABC):
+class ConfigNode(ABC):
     """What stands at one place of a file: a value, a list, or a mapping whose entries are taken.
 
     Args:
@@ -50,7 +50,7 @@ class Given(ABC):
         content: Any,  # noqa: ANN401  # of the format
         path: Path,
         error: type[PlacedError] = ConfigError,
-        within: Given | None = None,
+        within: ConfigNode | None = None,
         called: str = "",
     ) -> None:
         self.content, self.path, self.error = content, path, error
@@ -71,12 +71,12 @@ class Given(ABC):
 
     @cached_property
     @abstractmethod
-    def entries(self) -> Mapping[str, Given]:
+    def entries(self) -> Mapping[str, ConfigNode]:
         """The entries of a mapping, by name; refuses what is none."""
 
     @cached_property
     @abstractmethod
-    def items(self) -> Sequence[Given] | None:
+    def items(self) -> Sequence[ConfigNode] | None:
         """The items of a list; None if it is none."""
 
     @abstractmethod
@@ -91,30 +91,30 @@ class Given(ABC):
         """Say whether an entry is given."""
         return name in self.entries
 
-    def __getitem__(self, name: str) -> Given:
+    def __getitem__(self, name: str) -> ConfigNode:
         """Return an entry, which has to be given."""
         if name not in self.entries:
             self.fail(f"lacks {name}")
         return self.entries[name]
 
-    def optional(self, name: str) -> Given:
+    def optional(self, name: str) -> ConfigNode:
         """Return an entry, one that is empty where it is not given."""
         return self.entries.get(name) or type(self)(None, self.path, self.error, self, name)
 
-    def only(self: _Given, *known: str) -> _Given:
+    def only(self: _Node, *known: str) -> _Node:
         """Refuse entries that are not known."""
         for name, entry in self.entries.items():
             if name not in known and not (name == written_by.KEY and self.within is None):
                 self.fail(f"has no {name!r}; it has {', '.join(known)}", entry.line)
         return self
 
-    def needs(self: _Given, *names: str) -> _Given:
+    def needs(self: _Node, *names: str) -> _Node:
         """Refuse the lack of entries."""
         if missing := [name for name in names if name not in self.entries]:
             self.fail(f"lacks {', '.join(missing)}")
         return self
 
-    def sections(self) -> tuple[Given, ...]:
+    def sections(self) -> tuple[ConfigNode, ...]:
         """Return the items of a list of mappings."""
         if self.items is None or self.items[:1] == [self]:  # a value alone
             self.refuse(f"a list of {self.mapping.split()[-1]}s")
@@ -172,7 +172,7 @@ class Given(ABC):
         """Return a list of finite numbers within bounds, of a length if one is given."""
         return self.take(Parameter(name, is_list=True, length=length, **bounds))
 
-    def of_kind(self: _Given, kind: type[Declared], beside: Iterable[str] = ()) -> _Given:
+    def of_kind(self: _Node, kind: type[Declared], beside: Iterable[str] = ()) -> _Node:
         """Refuse entries that a kind does not have, and the lack of those that it needs."""
         keys = {item.name: item.in_file for item in parameters_of(kind)}
         declared = fields(kind)  # type: ignore[arg-type]  # each subclass is a dataclass

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 from limo_driver.physics.catalogue import confusion_of, description_of
 from limopa.separation import motions
 from limopa.separation.chain import first_feasible
@@ -62,7 +62,9 @@ def separation_of(pair: tuple[str, str]) -> Separation:
     known = confusion_of(first, second)
     if known is not None:
         if known.motion is None:
-            reason = f"no motion tells {spoken(first)} from {spoken(second)}: {known.reason}"
+            reason = (
+                f"no motion tells {display_name(first)} from {display_name(second)}: {known.reason}"
+            )
             raise InfeasiblePathError(SEPARATION, reason)
         return Separation(_KINDS[known.motion], known.reason)
     if first == second:
@@ -72,9 +74,10 @@ def separation_of(pair: tuple[str, str]) -> Separation:
         )
     for effect in pair:
         if (motion := _shows(effect)) is not None:
-            return Separation(motion, f"it makes {spoken(effect)} show")
+            return Separation(motion, f"it makes {display_name(effect)} show")
     raise InfeasiblePathError(
-        SEPARATION, f"no motion is known that tells {spoken(first)} from {spoken(second)}"
+        SEPARATION,
+        f"no motion is known that tells {display_name(first)} from {display_name(second)}",
     )
 
 
@@ -94,7 +97,7 @@ def purpose_of(pair: tuple[str, str], joints: Sequence[int]) -> str:
         joints: Joints concerned, 1-based.
     """
     found = separation_of(pair)
-    which = f"{spoken(pair[0])} or {spoken(pair[1])}"
+    which = f"{display_name(pair[0])} or {display_name(pair[1])}"
     where = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
     return f"{_NAMES[found.motion]}; decides between {which} at {where}: {found.reason}."
 

@@ -77,9 +77,11 @@ def test_bodies_are_found_for_torques_that_no_bodies_have() -> None:
     rest = np.deg2rad([10, 40, -20, -70, 30, 50, -40])
     position = rest + 0.3 * np.sin(2 * np.pi * time[:, None] * pace)
     robot = RobotModel.load("iiwa14")
-    rubs = 2.0 * np.sign(np.gradient(position, axis=0))
+    is_friction = 2.0 * np.sign(np.gradient(position, axis=0))
     noise = np.random.default_rng(0).normal(0.0, 0.02, position.shape)
-    weightless = robot.gravity_torque(position) + rubs + noise  # nothing resists acceleration
+    weightless = (
+        robot.gravity_torque(position) + is_friction + noise
+    )  # nothing resists acceleration
     found = identify(robot, [Recording.from_arrays(time, position, weightless)])
     left = found.simulation.score(Recording.from_arrays(time, position, weightless)).rmse
     assert (left < np.sqrt(np.mean(weightless**2, axis=0))).all()

@@ -54,7 +54,10 @@ def test_corrupt_rows_of_the_ur10e_are_named_and_left_out():
     wild = np.flatnonzero((np.abs(values) > 1e3).any(axis=1)).tolist()
     recording = Recording.load(path)
     reasons = {item.reason: item.rows for item in recording.left_out}
-    beyond = ("a value is impossible", "a value is missing or not finite")  # above 1e100: as if none
+    beyond = (
+        "a value is impossible",
+        "a value is missing or not finite",
+    )  # above 1e100: as if none
     assert sorted(row for reason in beyond for row in reasons.pop(reason)) == wild
     assert wild == list(range(1, 10))
     assert reasons == {"fewer than 10 rows between gaps": (0,)}  # alone, once those are out

@@ -284,7 +284,7 @@ class Signals:
         }
 
 
-def spoken(data: bytes, version: FriVersion) -> str:
+def display_name(data: bytes, version: FriVersion) -> str:
     """Say whose command a datagram is that is none of this version; empty if nobody's."""
     for generation in Generation:
         if generation is version.generation:

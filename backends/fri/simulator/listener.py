@@ -20,8 +20,8 @@ from backends.fri.simulator.judge import (
     CommandJudge,
     Signals,
     Wanted,
+    display_name,
     monitored_as_of,
-    spoken,
 )
 from backends.fri.simulator.ledger import Arrival, Ledger
 from backends.fri.simulator.scenario import FlangeForce
@@ -154,7 +154,10 @@ class Listener:
             command = self._commands.decode(datagram.data)
         except WireFormatError as error:
             self._findings.malformed += 1
-            said = spoken(datagram.data, version) or f"no command of FRI {version.value}: {error}"
+            said = (
+                display_name(datagram.data, version)
+                or f"no command of FRI {version.value}: {error}"
+            )
             self._findings.complain(said, now)
             return
         header = command.header

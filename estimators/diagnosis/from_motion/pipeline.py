@@ -149,7 +149,7 @@ def diagnose_drives(
         *sags(final),
         *plays(final.fits),
     )
-    hidden = not_shown(given, conventions.told, stated=stated)
+    hidden = not_shown(given, conventions.determined, stated=stated)
     verdict = verdict_of(simulation, given, evidence, before, after, notes, hidden)
     progress("done", 1.0)
     return DriveDiagnosis(

@@ -63,7 +63,7 @@ def contact_of(
             kind="missing",
             joints=tuple(joint + 1 for joint in felt),
             equivalent=(),
-            confidence=_confidence(max(push.rarity for push in found)),
+            confidence=_confidence(max(push.surprisal for push in found)),
             parameters={
                 "windows": Interval(windows, "s"),
                 "wrench": Interval(
@@ -83,10 +83,12 @@ def contact_of(
     )
 
 
-def _confidence(rarity: float) -> float:
+def _confidence(surprisal: float) -> float:
     """Return the probability that what looks like a push is one, by how rare it is [nat]."""
     one, rare = CONFIDENCE.of_contact
-    return min(CONFIDENCE.highest, 1.0 / (1.0 + math.exp(-one - rare * math.log(max(rarity, 1.0)))))
+    return min(
+        CONFIDENCE.highest, 1.0 / (1.0 + math.exp(-one - rare * math.log(max(surprisal, 1.0))))
+    )
 
 
 def _at_rest(observed: Observations, proven: FloatArray) -> FloatArray:

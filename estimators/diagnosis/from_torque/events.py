@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
-from estimators.diagnosis.from_torque.fitting.lateness import made_late
+from estimators.diagnosis.from_torque.fitting.lateness import with_torque_delay
 from estimators.diagnosis.from_torque.fitting.settling import (
-    curved,
+    linearisation_is_poor,
+    prune_refine_simplify,
     pruned,
-    settled,
     settled_around,
     suspects,
 )
@@ -85,7 +85,7 @@ def apart_from_events(
         problem, solution = _without(problem, known, progress)
     found = budget.within(
         "values that are not linear, and simpler laws",
-        lambda: settled(problem, solution, progress),
+        lambda: prune_refine_simplify(problem, solution, progress),
         None,
     )
     problem, solution = found or (problem, pruned(problem, solution))
@@ -114,7 +114,7 @@ def _once_more(
     problem: RegressionProblem, known: tuple[Event, ...], progress: Progress, budget: Budget
 ) -> tuple[RegressionProblem, JudgedSet, tuple[Event, ...]]:
     """Solve, settle and judge without the rows of events; return the problem with both results."""
-    problem, solution = settled(*_without(problem, known, progress), progress)
+    problem, solution = prune_refine_simplify(*_without(problem, known, progress), progress)
     return problem, *_round(problem, solution, progress, budget)
 
 
@@ -159,7 +159,9 @@ def _best(judged: JudgedSet, progress: Progress) -> JudgedSet:
     """Return what is found around a set, where that may differ and predicts no worse."""
     problem, solution = judged.problem, judged.solution
     several = len(solution.members) >= ROUNDS.several
-    if not (several or judged.remaining.clearly_predictable.any()) or not curved(problem, solution):
+    if not (several or judged.remaining.clearly_predictable.any()) or not linearisation_is_poor(
+        problem, solution
+    ):
         return judged
     return judged.or_better(JudgedSet.of(*settled_around(problem, solution, progress)))
 
@@ -169,7 +171,7 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
 
     It counts if it names a delay, leaves less unknown than before, or serves where that does not.
     """
-    late = made_late(judged.problem, judged.solution, judged.unknown)
+    late = with_torque_delay(judged.problem, judged.solution, judged.unknown)
     if late is None:
         return judged
     again = JudgedSet.of(*settled_around(*late, progress))
@@ -180,8 +182,12 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     if not larger and not worse_at(nearer.problem, nearer.proven, again.proven, again.remaining):
         again = nearer
     found = {effect for effect, _ in again.places(again.named)}
-    serves = again.serves and not judged.serves
-    if not serves and TimeDelay.name not in found and not set(again.unknown) < set(judged.unknown):
+    improves_held_out = again.improves_held_out and not judged.improves_held_out
+    if (
+        not improves_held_out
+        and TimeDelay.name not in found
+        and not set(again.unknown) < set(judged.unknown)
+    ):
         return judged
     return judged.or_better(again)
 
@@ -199,7 +205,7 @@ def beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> 
     if not held or harmed(problem, judged.proven, judged.remaining):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
-    again = JudgedSet.of(*settled(*solve(problem, progress), progress))
+    again = JudgedSet.of(*prune_refine_simplify(*solve(problem, progress), progress))
     again = around(again, progress, budget)
     found = again.places(again.findings)
     if not found <= judged.places(solution.members) | held:

@@ -36,7 +36,7 @@ from estimators.diagnosis.result import DiagnosisResult, Traces
 from estimators.diagnosis.stages import Attempts, Budget, Failure, Progress, forward, quiet
 from estimators.diagnosis.verdict import IMPROVED, NEXT_MOTION, REPORT, VERDICT, Finding, Identified
 from limo_driver.errors import ConfigError, LimoError, RecordingError
-from limo_driver.physics import Tolerances, spoken
+from limo_driver.physics import Tolerances, display_name
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.runtime.outputs import require_folder
 
@@ -103,7 +103,7 @@ def diagnose(
         lambda: beyond_tolerances(judged, progress, budget),
         judged,
     )
-    judged, harmful = judged.harmless()
+    judged, harmful = judged.without_harmful_members()
     judged = judged.beyond_ordinary()
     progress("fitting to all rows", 0.95)
     found = _concluded(given, judged, events, budget, harmful=harmful)
@@ -181,7 +181,9 @@ def _concluded(
         shifts,
         members=problem.beyond_base(solution.members),
         harmful=harmful,
-        passing=sorted({spoken(e.name) for e in improved.simulation.effects if not e.lasts}),
+        passing=sorted(
+            {display_name(e.name) for e in improved.simulation.effects if not e.persists}
+        ),
         recordings=len(observed.recordings),
     )
     of_gains = attempts.at(
@@ -272,7 +274,7 @@ def _said(problem: RegressionProblem, member: int) -> tuple[str, tuple[int, ...]
 def _lasting(improved: Simulation, given: Simulation) -> Simulation:
     """Return the improved simulation without found effects that other recordings do not share."""
     stated = {effect.place for effect in given.effects}
-    kept = tuple(item for item in improved.effects if item.lasts or item.place in stated)
+    kept = tuple(item for item in improved.effects if item.persists or item.place in stated)
     # what was stated exactly, to prove a set, is tolerated as before
     known = given.tolerances
     if "gain" in known.assumed:  # that of these recordings: others may be of no currents

@@ -86,17 +86,17 @@ def _motion(diagnosis: DiagnosisResult, recording: int) -> PlayedMotion:
               _ghost(replay, time, position, "position_after")),
     )  # fmt: skip
     name = names_of(diagnosis.recordings)[recording]
-    said = f"Solid: the recorded motion of {name}."
+    texts = f"Solid: the recorded motion of {name}."
     if replay is not None:
-        said += (
+        texts += (
             f" Translucent, from {replay.time[0]:.1f} to {replay.time[-1]:.1f} s: the simulated "
             "robot, told to follow that motion by its own drives; its distance from the recorded "
             "pose is enlarged as chosen above."
         )
     pushes = _pushes(diagnosis.verdict.findings, recording)
     if pushes:
-        said += " Pink arrow: the force at the flange that explains a push best."
-    return PlayedMotion(time, position, ghosts, pushes, said)
+        texts += " Pink arrow: the force at the flange that explains a push best."
+    return PlayedMotion(time, position, ghosts, pushes, texts)
 
 
 def _ghost(
@@ -147,8 +147,8 @@ def pins(verdict: Verdict) -> tuple[Pin, ...]:
         for place in _places(item, len(verdict.names)):
             at.setdefault(place, []).append((name, quantity_of(item), number))
     return tuple(
-        Pin(_together(said, joint, verdict.names), joint, f"#finding-{said[0][2]}")
-        for joint, said in at.items()
+        Pin(_together(texts, joint, verdict.names), joint, f"#finding-{texts[0][2]}")
+        for joint, texts in at.items()
     )
 
 
@@ -161,10 +161,12 @@ def _places(item: Finding, n: int) -> tuple[int | None, ...]:
     return tuple(j - 1 for j in joints) or (0,)
 
 
-def _together(said: Sequence[tuple[str, str, int]], joint: int | None, names: Sequence[str]) -> str:
+def _together(
+    texts: Sequence[tuple[str, str, int]], joint: int | None, names: Sequence[str]
+) -> str:
     where = "flange" if joint is None else of_joints((joint + 1,), names)
-    if len(said) == 1:
-        name, value, _ = said[0]
+    if len(texts) == 1:
+        name, value, _ = texts[0]
         return f"{where}: {name} {value}".rstrip()
-    names = [name for name, _, _ in said]
-    return f"{where}: " + (", ".join(names) if len(said) < _ALL else f"{len(said)} findings")
+    names = [name for name, _, _ in texts]
+    return f"{where}: " + (", ".join(names) if len(texts) < _ALL else f"{len(texts)} findings")

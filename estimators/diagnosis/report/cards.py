@@ -22,7 +22,7 @@ from limo_driver.pages.markup import (
     table,
     typeset,
 )
-from limo_driver.physics import PreslidingHysteresis, spoken
+from limo_driver.physics import PreslidingHysteresis, display_name
 from limo_driver.physics.domain import JointMotion
 from limo_driver.quoting import in_html as escape
 
@@ -117,7 +117,7 @@ def _card(
         does = "leaves" if unknown else "removes"
         facts.insert(1, (does, f"{meter(item.share)} of the error{beside}"))
     if item.equivalent:
-        names = ", ".join(spoken(e) for e in item.equivalent)
+        names = ", ".join(display_name(e) for e in item.equivalent)
         facts.append(("cannot be told from", escape(typeset(names))))
     if where := _where(item, verdict.names, recordings):
         facts.append(("where", where))
@@ -164,19 +164,19 @@ def _drop(item: Finding, unit: str, names: Sequence[str]) -> str:
 
 
 def _where(item: Finding, names: Sequence[str], recordings: Sequence[str]) -> str:
-    said = [item.where.region] if item.where.region else []
+    sentences = [item.where.region] if item.where.region else []
     of = [f" of {recordings[k - 1]}" for k in item.where.recording if len(recordings) > 1]
     stretches = [f"{a:.1f} to {b:.1f} s" for a, b in item.where.time[:_LISTED]]
-    said += [text + (of[k] if of else "") for k, text in enumerate(stretches)]
+    sentences += [text + (of[k] if of else "") for k, text in enumerate(stretches)]
     if item.effect == CONTACT:
-        return escape("; ".join(said)) + ' (<a href="#pushes">courses</a>)'
+        return escape("; ".join(sentences)) + ' (<a href="#pushes">courses</a>)'
     shows = item.where.figure.removeprefix("joint-")
     joints = (int(shows),) if is_of_bodies(item.effect) and shows.isdigit() else item.joints
     joints = [j for j in joints if j <= len(names)]
     links = ", ".join(f'<a href="#joint-{j}">{escape(of_joints((j,), names))}</a>' for j in joints)
-    if not said:
+    if not sentences:
         return links
-    return escape("; ".join(said)) + (f" (maps: {links})" if links else "")
+    return escape("; ".join(sentences)) + (f" (maps: {links})" if links else "")
 
 
 def _parameters(item: Finding, stated: Mapping[str, str] | None = None) -> str:
@@ -259,9 +259,9 @@ def _value_and_interval(known: Interval, unit: str) -> tuple[str, str, str]:
     ends = [(low, high) for low, high in pairs if low is not None and high is not None]
     if not values or len(values) != len(ends):
         return _value(known.value), unit, _interval(known)
-    said = [to_interval(value, *pair) for value, pair in zip(values, ends, strict=True)]
-    ranges = [f"{low} to {high}" for _, low, high in said]
-    return _listed([value for value, _, _ in said]), unit, _listed(ranges)
+    sentences = [to_interval(value, *pair) for value, pair in zip(values, ends, strict=True)]
+    ranges = [f"{low} to {high}" for _, low, high in sentences]
+    return _listed([value for value, _, _ in sentences]), unit, _listed(ranges)
 
 
 def _numbers(value: Value) -> Iterator[float]:
@@ -279,7 +279,7 @@ def _unit(unit: str) -> str:
 
 def _value(value: Value) -> str:
     if isinstance(value, str):
-        return escape(typeset(spoken(value)))
+        return escape(typeset(display_name(value)))
     if isinstance(value, (int, float)):
         return number(float(value), 4)
     return _listed([_value(item) for item in value])

@@ -28,7 +28,7 @@ from limo_driver.pages.markup import (
     percent,
     table,
 )
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
@@ -75,11 +75,11 @@ def badge(verdict: Verdict) -> tuple[str, str]:
     return "; ".join(verdict.states), coloured
 
 
-def doubted(said: Sequence[str]) -> str:
+def doubted(sentences: Sequence[str]) -> str:
     """Return what makes all of a diagnosis doubtful, above what to do with it."""
-    if not said:
+    if not sentences:
         return ""
-    return f'<aside class="doubted"><h2>Is this right?</h2>{listed(said)}</aside>'
+    return f'<aside class="doubted"><h2>Is this right?</h2>{listed(sentences)}</aside>'
 
 
 def errors(verdict: Verdict, charts: Charts) -> str:
@@ -96,7 +96,9 @@ def _next(verdict: Verdict) -> str:
     """Return the way to the motion to record next, if one would decide between explanations."""
     if verdict.next_motion is None:
         return ""
-    pairs = "; ".join(f"{spoken(a)} or {spoken(b)}" for a, b in verdict.next_motion.separates)
+    pairs = "; ".join(
+        f"{display_name(a)} or {display_name(b)}" for a, b in verdict.next_motion.separates
+    )
     asked = f"To decide between {pairs}: " if pairs else "To know more: "
     return f'<p>{escape(asked)}<a href="#next">the motion to record next</a>.</p>'
 
@@ -107,8 +109,8 @@ def put(before: Simulation, after: Simulation, verdict: Verdict) -> str:
     if not values:
         return ""
     if verdict.states == ("agrees",):
-        said = "Nothing has to change in your simulation."
-        return f'<aside class="put">{paragraph(said)}</aside>'
+        sentences = "Nothing has to change in your simulation."
+        return f'<aside class="put">{paragraph(sentences)}</aside>'
     kind = before.model.description.kind.lower()
     line = f"limo export {IMPROVED} --to {kind} --out improved/"
     where = "In the folder of this report; writes a copy of your own file with the values in it:"
@@ -124,20 +126,20 @@ def put(before: Simulation, after: Simulation, verdict: Verdict) -> str:
     )
 
 
-def notes(said: Sequence[str]) -> str:
+def notes(sentences: Sequence[str]) -> str:
     """Return what a reader has to know before trusting the figures."""
-    if not said:
+    if not sentences:
         return ""
-    return f'<section id="notes"><h2>Before you use the values</h2>{listed(said)}</section>'
+    return f'<section id="notes"><h2>Before you use the values</h2>{listed(sentences)}</section>'
 
 
 def compared_with(recordings: Sequence[Recording]) -> str:
     """Say which recordings a simulation was compared with."""
-    said = [
+    sentences = [
         f"{name} ({item.duration:.0f} s at {item.rate:.0f} Hz)"
         for name, item in zip(names_of(recordings), recordings, strict=True)
     ]
-    return f"Compared with {'; '.join(said)}."
+    return f"Compared with {'; '.join(sentences)}."
 
 
 def _errors(verdict: Verdict) -> str:
@@ -234,5 +236,5 @@ def _by_tolerances(fit: Fit, *, findings: bool) -> str:
     taken = reducible_removed(*map(np.array, errors))
     if taken < WORDING.by_tolerances:
         return ""
-    said = f"Moving values within their tolerances alone removes {percent(taken)} of the error"
-    return said + ("; the findings are about what remains." if findings else ".")
+    sentences = f"Moving values within their tolerances alone removes {percent(taken)} of the error"
+    return sentences + ("; the findings are about what remains." if findings else ".")

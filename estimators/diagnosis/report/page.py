@@ -29,7 +29,7 @@ from limo_driver.pages.markup import (
     table,
 )
 from limo_driver.pages.page import FOOTER
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
@@ -144,20 +144,20 @@ def telemetry(diagnosis: DiagnosisResult) -> tuple[str, str]:
     Returns:
         A line that leads to the details, and the section that holds them.
     """
-    said = {
+    sentences = {
         recording.source or f"recording {number}": telemetry_in(diagnosis.after, recording)
         for number, recording in enumerate(diagnosis.recordings, start=1)
     }
     items = "".join(
-        f"<li>{prose(f'{name}: ' + '; '.join(lines))}.</li>" for name, lines in said.items()
+        f"<li>{prose(f'{name}: ' + '; '.join(lines))}.</li>" for name, lines in sentences.items()
     )
-    return _line(said), section("What the recordings are worth", f"<ul>{items}</ul>", _ANCHOR)
+    return _line(sentences), section("What the recordings are worth", f"<ul>{items}</ul>", _ANCHOR)
 
 
-def _line(said: Mapping[str, Sequence[str]]) -> str:
+def _line(sentences: Mapping[str, Sequence[str]]) -> str:
     """Return the first sentence of the first recordings, and the way to the others."""
-    first = "; ".join(dict.fromkeys(lines[0] for lines in list(said.values())[:_SHOWN]))
-    many = "Recordings" if len(said) > 1 else "Recording"
+    first = "; ".join(dict.fromkeys(lines[0] for lines in list(sentences.values())[:_SHOWN]))
+    many = "Recordings" if len(sentences) > 1 else "Recording"
     return (
         f'<p class="lead">{many}: {prose(first)}. '
         f'<a href="#{_ANCHOR}">What the data are worth</a></p>'
@@ -174,7 +174,9 @@ def doubts(diagnosis: DiagnosisResult, charts: Charts) -> str:
 
 def unobservable(verdict: Verdict) -> str:
     """Return the table of effects that these recordings cannot show; empty if there are none."""
-    unseen = [[prose(spoken(item.effect)), prose(item.reason)] for item in verdict.not_observable]
+    unseen = [
+        [prose(display_name(item.effect)), prose(item.reason)] for item in verdict.not_observable
+    ]
     title = "<h3>What these recordings cannot show</h3>"
     return title + table(("effect", "why"), unseen) if unseen else ""
 
@@ -191,14 +193,14 @@ def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
         for item in shifts
     ]  # fmt: skip
     listed = table(("parameter", "nominal", "fitted", "unit", "sigmas"), rows)
-    said = (
+    sentences = (
         "Inertias, friction and sensor errors (nuisance parameters) are fitted beside every "
         "effect, within their stated tolerances, so that a slightly wrong value is not taken for "
         "missing physics."
     )
     return (
         "<h3>How far nominal values moved</h3>"
-        + paragraph(said, "small")
+        + paragraph(sentences, "small")
         + chart
         + folded(f"All {len(rows)} values", listed)
     )
@@ -208,8 +210,8 @@ def next_motion(diagnosis: DiagnosisResult, charts: Charts) -> str:
     """Return the motion to record next, and what it would decide."""
     wanted = diagnosis.verdict.next_motion
     body = ""
-    if said := diagnosis.next_motion_purpose or diagnosis.next_motion_note:
-        body = paragraph(said)
+    if sentences := diagnosis.next_motion_purpose or diagnosis.next_motion_note:
+        body = paragraph(sentences)
     if diagnosis.next_motion is not None:
         file = wanted.file if wanted else NEXT_MOTION
         minutes = diagnosis.next_motion.duration / 60
@@ -247,12 +249,12 @@ def _held(verdict: Verdict) -> str:
         [escape(joint), *(f"{rounded(low, 2)} to {rounded(high, 2)}" for low, high in ranges)]
         for joint, *ranges in zip(verdict.labels, *columns, strict=True)
     ]
-    said = (
+    sentences = (
         "What was found was seen on this motion. On faster motion, in other poses and under other "
         "loads the improved simulation extrapolates."
     )
     headings = ("joint", "position [rad]", "speed [rad/s]", "load [N m]")
-    text = " ".join(filter(None, [said, hardly_shown(verdict)]))
+    text = " ".join(filter(None, [sentences, hardly_shown(verdict)]))
     return f"<div>{table(headings, rows, numeric=1)}{paragraph(text, 'small')}</div>"
 
 
@@ -266,13 +268,13 @@ def _compared(verdict: Verdict) -> str:
     ]
     if not rows:
         return ""
-    said = (
+    sentences = (
         f"All is compared on {_count(count.total)} rows, thinned behind the filter, of which "
         f"{_count(count.held_out)} lie in blocks of time that nothing was fitted to. "
         f"{coverage(verdict)}"
     )
     headings = ("joint", "usable rows", "fitted", "judged", "judged, of those held out")
-    return f"<div>{table(headings, rows, numeric=1)}{paragraph(said, 'small')}</div>"
+    return f"<div>{table(headings, rows, numeric=1)}{paragraph(sentences, 'small')}</div>"
 
 
 def _count(number: int) -> str:

@@ -33,7 +33,7 @@ from limo_driver.pages.markup import (
     table,
     typeset,
 )
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
@@ -142,11 +142,11 @@ def _beyond(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
         charts.place(before, "Remaining residual over position and velocity", "within tolerances"),
         charts.place(after, "Remaining residual over position and velocity", "improved"),
     ]
-    said = (
+    sentences = (
         "Green: the given simulation with its values moved within their tolerances, and no effect "
         "added. The findings are what explains the difference to blue, the improved simulation."
     )
-    body = f"{paragraph(said, 'small')}{grid(drawn, 'three')}{grid(maps)}"
+    body = f"{paragraph(sentences, 'small')}{grid(drawn, 'three')}{grid(maps)}"
     title = f"{_called(diagnosis, j)}: what is left when values move within their tolerances"
     return f'<div id="beyond-{j + 1}">{folded(title, body)}</div>'
 
@@ -242,30 +242,31 @@ def _closest(tried: Sequence[Explanation], chosen: Explanation, names: Sequence[
     """Say which explanation comes closest to the chosen one."""
     others = [item for item in tried if item is not chosen]
     less = [item for item in others if item.log_evidence <= chosen.log_evidence]
-    said = f"Chosen: {_name(chosen, names)}. "
+    sentences = f"Chosen: {_name(chosen, names)}. "
     if less:
         best = max(less, key=lambda item: item.log_evidence)
         lead = _compared_to(best.log_evidence - chosen.log_evidence)
-        said += f"The next best, {_name(best, names)}, is {lead}. "
+        sentences += f"The next best, {_name(best, names)}, is {lead}. "
     if len(less) < len(others):
-        said += "What is likelier was rejected: held-out motion speaks against it. "
-    return said
+        sentences += "What is likelier was rejected: held-out motion speaks against it. "
+    return sentences
 
 
 def _compared_to(lead: float) -> str:
     """Say how likely an explanation is beside the chosen one, from its lead [nat]."""
     if lead == 0.0:
         return "chosen"
-    said = likelier(abs(lead)).rstrip(",")
-    return said if lead > 0 else said.replace("likelier", "less likely")
+    sentences = likelier(abs(lead)).rstrip(",")
+    return sentences if lead > 0 else sentences.replace("likelier", "less likely")
 
 
 def _name(item: Explanation, names: Sequence[str] = ()) -> str:
     joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
-    said = [
-        f"{spoken(e)} ({of_joints(j, names)})" for e, j in zip(item.effects, joints, strict=False)
+    sentences = [
+        f"{display_name(e)} ({of_joints(j, names)})"
+        for e, j in zip(item.effects, joints, strict=False)
     ]
-    return " + ".join(said) or "no effect"
+    return " + ".join(sentences) or "no effect"
 
 
 def _against(item: Explanation, chosen: Explanation) -> str:
@@ -286,7 +287,7 @@ def _against(item: Explanation, chosen: Explanation) -> str:
 def _each(item: Explanation) -> list[str]:
     joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
     pairs = zip(item.effects, joints, strict=False)
-    return [f"{spoken(e)} {' '.join(map(str, j))}".strip() for e, j in pairs]
+    return [f"{display_name(e)} {' '.join(map(str, j))}".strip() for e, j in pairs]
 
 
 def _few(names: Sequence[str]) -> str:

@@ -24,7 +24,7 @@ from limo_driver.pages.markup import (
     table,
     typeset,
 )
-from limo_driver.physics import Payload, spoken
+from limo_driver.physics import Payload, display_name
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
@@ -106,11 +106,11 @@ def _concealed(effect: Effect, joints: Sequence[str]) -> str:
     ]
     value = sizes[0] if sizes else ""
     where = "the flange" if isinstance(effect, Payload) else of_several(effect.joints, joints)
-    return f"{spoken(effect.name)}{value} at {where}"
+    return f"{display_name(effect.name)}{value} at {where}"
 
 
 def _values(item: Finding) -> str:
-    return f"{spoken(item.effect)}: {quantity_of(item) or values_of(item) or 'found'}"
+    return f"{display_name(item.effect)}: {quantity_of(item) or values_of(item) or 'found'}"
 
 
 def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdict]) -> Page:
@@ -234,7 +234,7 @@ def _at(place: str) -> str:
 
 
 def _name(effect: str) -> str:
-    return "something unknown" if effect == UNKNOWN else spoken(effect)
+    return "something unknown" if effect == UNKNOWN else display_name(effect)
 
 
 def _place(pair: _Pair, joints: Sequence[str]) -> str:

@@ -28,7 +28,7 @@ class SOLVING:
         "higher lets what little the motion shows be anywhere; lower draws it back")
     surely: float = setting(3.0, "standard errors", "by which data put a value beyond its limit",
         "higher misses values just beyond; lower doubts what is badly known")
-    curved: float = setting(0.4, "of the remaining residual",
+    linearisation_is_poor: float = setting(0.4, "of the remaining residual",
         "by which a simulation may be off its linear fit",
         "higher keeps fits that are not what is simulated; lower searches again too often")
 

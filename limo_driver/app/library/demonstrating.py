@@ -14,7 +14,7 @@ from limo_driver.physics import (
     Sensors,
     Simulation,
     ViscousFriction,
-    spoken,
+    display_name,
 )
 from limo_driver.runtime.outputs import require_folder
 
@@ -122,7 +122,7 @@ _PLANNED, _RECORDED = 0.05, 0.25  # of the work
 def _describe(effect: object) -> str:
     if isinstance(effect, Payload):
         return f"payload of {effect.mass:g} kg at the flange"
-    name, joints = spoken(getattr(effect, "name", "")), getattr(effect, "joints", ())
+    name, joints = display_name(getattr(effect, "name", "")), getattr(effect, "joints", ())
     return f"{name} at joint {', '.join(map(str, joints))}"
 
 

@@ -140,7 +140,7 @@ def nominal(
     own = frozenset(name for name, is_asked in asked.items() if is_asked)
     if not measured:
         known = Tolerances(inertia=inertia_tolerance, gain=gain_tolerance, stated=own)
-        stated = tuple(effect for effect in described_effects(model) if not effect.rubs)
+        stated = tuple(effect for effect in described_effects(model) if not effect.is_friction)
         return Simulation(model.name, stated, tolerances=known)
     found = identify(model, measured).simulation
     own |= {"friction"}  # as the recordings tell it

@@ -35,7 +35,7 @@ from limo_driver.physics import (
     Effect,
     PreslidingHysteresis,
     ViscousFriction,
-    spoken,
+    display_name,
 )
 from limo_driver.physics.described import REFLECTED, described_effects, reflected
 from limo_driver.physics.effect import Friction
@@ -294,4 +294,4 @@ def _describe(effect: Effect) -> str:
         case Backlash():
             return f"play {effect.gap:g} rad"
         case _:
-            return spoken(effect.name)
+            return display_name(effect.name)

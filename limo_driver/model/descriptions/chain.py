@@ -256,7 +256,7 @@ def unstated_limits(
     model: pin.Model, names: Sequence[str], sliding: Sequence[bool], *, assumed: bool
 ) -> tuple[str, ...]:
     """Say which limits the description leaves out, and what stands for them."""
-    told: list[str] = []
+    notes: list[str] = []
     slow = f"{_SLOW:g} rad/s is taken" + (
         f", {_SLOW_SLIDE:g} m/s of slides" if any(sliding) else ""
     )
@@ -272,8 +272,8 @@ def unstated_limits(
                 who = f"joint {lacking[0]} states"
             elif len(lacking) == len(names):
                 who = f"all {len(names)} joints state"
-            told.append(f"{who} no {what} limit; {stands}")
-    return tuple(told)
+            notes.append(f"{who} no {what} limit; {stands}")
+    return tuple(notes)
 
 
 def joint_limits(
@@ -360,7 +360,7 @@ def with_drives_apart(
         Those links that change, and what to say of them.
     """
     changed: dict[str, Inertial] = {}
-    told: list[str] = []
+    notes: list[str] = []
     for index, ((link, body), joint) in enumerate(zip(inertials.items(), joints, strict=True)):
         if is_nearly_possible(body) or body.mass <= 0:
             continue
@@ -378,8 +378,8 @@ def with_drives_apart(
         stated = description.dynamics.get(joint, JointDynamics())
         description.dynamics[joint] = replace(stated, armature=stated.armature + surplus)
         changed[link] = found
-        told.append(
+        notes.append(
             f"link {link} has {about:.3g} kg m² about the axis of joint {joint}, more than its "
             f"mass brings: {surplus:.3g} kg m² are taken as the inertia of the drive (armature)"
         )
-    return changed, tuple(told)
+    return changed, tuple(notes)

@@ -27,7 +27,13 @@ from limo_driver.runtime.parameters import JOINT, parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import ArmMotion, Effect, JointMotion, Recorded, SimulatedPlant
+    from limo_driver.physics.effect import (
+        ArmMotion,
+        DiagnosisContext,
+        Effect,
+        JointMotion,
+        SimulatedPlant,
+    )
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -112,7 +118,7 @@ class JointCoupling(ArmEffect):
         robot.expect_late(self.joint, inertia=self.inertia)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it with neighbours, and with every other joint, about which a wrist turns too."""
         for other in (joint - 2, joint - 1, joint + 1, joint + 2):
             for ratio in (1, -1):
@@ -179,7 +185,7 @@ class SpringLoad(TorqueEffect):
         return self.stiffness * (motion.position - inside.position)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield a linear spring, and cubic ones that rest in several places."""
         position = recorded.position[:, joint - 1]
         span = float(position.min()), float(position.max())

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from limo_driver.model import RobotModel
-    from limo_driver.physics.effect import Effect, Recorded
+    from limo_driver.physics.effect import DiagnosisContext, Effect
     from limo_driver.types import FloatArray
 
 _TILT = 0.1  # [m/s²]
@@ -141,7 +141,7 @@ class GravityDirection(BodyEffect):
         return more if isinstance(more, GravityDirection) else None
 
     @classmethod
-    def on_arm(cls, recorded: Recorded) -> Iterator[Hypothesis]:
+    def on_arm(cls, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield a base that is not mounted as the simulation says."""
         nominal = np.array(recorded.gravity)
         across = [axis for axis in np.eye(3) if abs(axis @ nominal) < 1.0]

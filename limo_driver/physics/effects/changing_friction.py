@@ -31,7 +31,7 @@ from limo_driver.runtime.parameters import parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import Effect, Recorded, SimulatedPlant
+    from limo_driver.physics.effect import DiagnosisContext, Effect, SimulatedPlant
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -121,7 +121,7 @@ class LoadDependentFriction(DryFriction):
         return np.abs(motion.load) * fade
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield every variant; a wide sign would make it a part of gravity's torque."""
         for variant in ("absolute", "positive", "negative", "quadratic"):
             effect = cls(joint=joint, coefficient=0.1, variant=variant)
@@ -192,7 +192,7 @@ class PositionDependentFriction(DryFriction):
         return np.interp(motion.position, self.positions, self.excess)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it at places all over the range that the joint turned in."""
         q, eps = recorded.position[:, joint - 1], sign_width_at(joint, recorded)
         low, high = float(q.min()), float(q.max())
@@ -312,7 +312,7 @@ class TemperatureDependentFriction(DryFriction):
         return (self.per_kelvin or 0.0) * (temperature - reference)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield what fades at several rates, and what a temperature does where it was measured."""
         eps = sign_width_at(joint, recorded)
         for part in WARMING_TIMES if recorded.shows_slow_change else ():

@@ -16,7 +16,7 @@ from limo_driver.runtime.parameters import parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import Recorded, SensedTorque
+    from limo_driver.physics.effect import DiagnosisContext, SensedTorque
     from limo_driver.types import FloatArray
 
 UNIT_DELAY = 1e-3  # [s]
@@ -90,7 +90,7 @@ class TimeDelay(SensorEffect):
         return result.reshape(torque.shape)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield a short delay, of which the torque is linear."""
         delay = cls(joint=joint, delay=UNIT_DELAY)
         yield Hypothesis.of_one(delay, "delay", positive=True, law=DELAYED)

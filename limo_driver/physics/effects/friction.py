@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedPlant
+    from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion, SimulatedPlant
     from limo_driver.types import FloatArray
 
 SIGN_WIDTH = 0.002  # [rad/s], width of the smoothed sign where an effect has no own
@@ -39,7 +39,7 @@ def sign_width():  # noqa: ANN201  # a dataclass field
     )
 
 
-def sign_width_at(joint: int, recorded: Recorded) -> float:
+def sign_width_at(joint: int, recorded: DiagnosisContext) -> float:
     """Return the width of the smoothed sign at a joint of what is known of an arm [rad/s].
 
     All dry friction of a joint shares it: two widths at one joint look like a Stribeck effect.
@@ -50,7 +50,7 @@ def sign_width_at(joint: int, recorded: Recorded) -> float:
     return SIGN_WIDTH
 
 
-def dry_at(joint: int, recorded: Recorded) -> float:
+def dry_at(joint: int, recorded: DiagnosisContext) -> float:
     """Return the dry friction at a joint of what is known of an arm, either way [N m].
 
     Not what presses on it or where it is adds.
@@ -189,7 +189,7 @@ class CoulombFriction(VelocityFriction):
         return self.tau_c, self.v_eps
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it with the sign of the joint."""
         yield cls.of_unit_size(joint, sign_width_at(joint, recorded))
 
@@ -250,7 +250,7 @@ class AsymmetricFriction(VelocityFriction):
         return self.tau_plus, self.tau_minus, self.v_eps
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it with the sign of the joint.
 
         Alone, it cannot push; entered, it also takes from the Coulomb friction of the joint.
@@ -335,7 +335,7 @@ class ViscousFriction(VelocityFriction):
         return self.slopes
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield one slope both ways."""
         yield cls.of_unit_size(joint)
 
@@ -387,7 +387,7 @@ class QuadraticDrag(VelocityFriction):
         return (self.coefficient,)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield it."""
         yield Hypothesis.of_one(cls(joint=joint, coefficient=1.0), "coefficient", positive=True)
 
@@ -432,7 +432,7 @@ class StribeckFriction(VelocityFriction):
         return self.tau_s, self.v_s, self.delta, self.v_eps
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it at several speeds, sharp and soft."""
         eps = sign_width_at(joint, recorded)
         for v_s in CREEP_SPEEDS:

@@ -26,7 +26,7 @@ from limo_driver.runtime.parameters import parameter
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedPlant
+    from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion, SimulatedPlant
     from limo_driver.types import FloatArray, Motion
 
 
@@ -114,7 +114,7 @@ class PreslidingHysteresis(TorqueEffect):
             ),
         ),
     )
-    rubs: ClassVar[bool] = True
+    is_friction: ClassVar[bool] = True
     law: str = parameter("text", of=LAWS, default="maxwell_slip")
     stiffness: tuple[float, ...] = _list(
         "N m/rad", "stiffness of each element", 0.0, MOST_STIFFNESS
@@ -207,7 +207,7 @@ class PreslidingHysteresis(TorqueEffect):
         robot.expect_late(self.joint, stiffness=self.initial_stiffness, damping=self.sigma_1 or 0.0)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield several laws."""
         yield cls.maxwell_slip(joint, STOP_WIDTHS)
         for width in BUILD_UP:

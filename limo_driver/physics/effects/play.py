@@ -19,7 +19,7 @@ from limo_driver.runtime.parameters import parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import Effect, JointMotion, Recorded
+    from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion
     from limo_driver.types import FloatArray
 
 GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
@@ -127,7 +127,7 @@ class Backlash(MotionEffect):
         return super().with_more(more) if all(forms) else None
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield several gaps of both forms; of drags, those that leave a friction in the gap.
 
         More would drive the joint after each reversal, as friction does that still acts the way it

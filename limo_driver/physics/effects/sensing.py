@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from limo_driver.physics.effect import (
+        DiagnosisContext,
         Effect,
         JointMotion,
-        Recorded,
         SensedTorque,
         SimulatedPlant,
     )
@@ -64,7 +64,7 @@ class TorqueOffset(TorqueEffect):
         robot.add_torque_offset(self.joint, self.offset)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield it."""
         yield Hypothesis.of_one(cls(joint=joint, offset=1.0), "offset")
 
@@ -95,7 +95,7 @@ class TorqueDrift(TorqueEffect):
             ),
         ),
     )
-    lasts: ClassVar[bool] = False
+    persists: ClassVar[bool] = False
     times: tuple[float, ...] = parameter("s", lower=-1e12, upper=1e12, chosen=True)
     offset: tuple[float, ...] = parameter(
         "N m", lower=-MOST_TORQUE, upper=MOST_TORQUE, deviation="largest"
@@ -115,7 +115,7 @@ class TorqueDrift(TorqueEffect):
         robot.sense(self)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it with knots from the first to the last sample, if those are far apart."""
         if not recorded.shows_slow_change:
             return
@@ -172,7 +172,7 @@ class EncoderOffset(MotionEffect):
         robot.add_encoder_offset(self.joint, self.offset)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield it."""
         yield Hypothesis.of_one(cls(joint=joint, offset=UNIT_ANGLE), "offset")
 
@@ -208,7 +208,7 @@ class TorqueGain(SensorEffect):
         return self.gain * sensed.torque[:, self.joint - 1], state
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield it."""
         yield Hypothesis.of_one(cls(joint=joint, gain=0.01), "gain")
 
@@ -252,7 +252,7 @@ class TorqueCrosstalk(SensorEffect):
         return self.gain * sensed.torque[:, self.source - 1], state
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it from every other joint."""
         for source in range(1, recorded.n + 1):
             if source != joint:

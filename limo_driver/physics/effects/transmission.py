@@ -22,7 +22,7 @@ from limo_driver.runtime.parameters import parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import Effect, JointMotion, Recorded, SimulatedPlant
+    from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion, SimulatedPlant
     from limo_driver.types import FloatArray
 
 LOW_ORDERS = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torque sensor's spokes
@@ -84,7 +84,7 @@ class JointElasticity(MotionEffect):
         return replace(self, stiffness=1.0 / (1.0 / self.stiffness + 1.0 / more.stiffness))
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield a gear of one stiffness at any load."""
         soft = cls(joint=joint, stiffness=1.0 / _UNIT_COMPLIANCE)
         yield Hypothesis(
@@ -166,7 +166,7 @@ class Armature(TorqueEffect):
         robot.add_inertia(self.joint, self.inertia)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:  # noqa: ARG003
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
         """Yield it."""
         yield Hypothesis.of_one(cls(joint=joint, inertia=1.0), "inertia", positive=True)
 
@@ -215,7 +215,7 @@ class TorqueRipple(TorqueEffect):
         return torque, state
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: Recorded) -> Iterator[Hypothesis]:
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield ripples of low orders, as far as the joint turns through them."""
         turns = float(np.ptp(recorded.position[:, joint - 1])) / (2 * np.pi)
         for cycles in LOW_ORDERS:

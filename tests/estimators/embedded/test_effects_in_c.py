@@ -47,9 +47,9 @@ def test_all_effects_at_once_equal_their_laws(motion: Motion, tmp_path: Path) ->
 
 @pytest.mark.slow("compiles many effects")
 def test_friction_is_told_apart_from_other_torque(motion: Motion, tmp_path: Path) -> None:
-    rubs = [case for case in EXPORTED if make(case[0], **case[1]).rubs]
+    is_friction = [case for case in EXPORTED if make(case[0], **case[1]).is_friction]
     others = [("spring_load", {"stiffness": 20.0, "rest": 0.3}), ("armature", {"inertia": 0.4})]
-    with_both = Simulation("iiwa14", tuple(make(n, **values) for n, values in rubs + others))
+    with_both = Simulation("iiwa14", tuple(make(n, **values) for n, values in is_friction + others))
     without = Simulation("iiwa14", tuple(make(n, **values) for n, values in others))
     found = CModel.of(with_both, tmp_path, RATE).along(motion)
     rubbed = with_both.predict(motion) - without.predict(motion)

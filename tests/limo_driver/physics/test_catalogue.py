@@ -13,11 +13,11 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics import (
     CATALOGUE,
     CoulombFriction,
+    DiagnosisContext,
     Hypothesis,
     JointElasticity,
     Payload,
     PreslidingHysteresis,
-    Recorded,
     SpringLoad,
     TimeDelay,
 )
@@ -33,7 +33,7 @@ SOUGHT_OTHERWISE = {"payload", "external_contact"}  # by the regressor, and by a
 def recorded():
     position = np.linspace([-1.0] * 3, [1.0] * 3, 50)
     warm = np.full((200, 3), 30.0)
-    return Recorded(position, warm, 0.0, 60.0, 60.0, np.array([0.0, 0.0, -9.81]), ())
+    return DiagnosisContext(position, warm, 0.0, 60.0, 60.0, np.array([0.0, 0.0, -9.81]), ())
 
 
 def tried(effect, recorded):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from limo_driver.errors import ConfigError, ModelStoreError
-from limo_driver.runtime.declarations import Given, read_json, read_yaml
+from limo_driver.runtime.declarations import ConfigNode, read_json, read_yaml
 from limo_driver.runtime.parameters import JOINT, WHOLE, Declared, Parameter, parameter
 
 
@@ -32,19 +32,19 @@ class Silence(Declared):
 KINDS = {"push": Push, "silence": Silence}
 
 
-def yaml(tmp_path: Path, text: str) -> Given:
+def yaml(tmp_path: Path, text: str) -> ConfigNode:
     path = tmp_path / "a.yaml"
     path.write_text(text)
     return read_yaml(path, needs="`events:`")
 
 
-def json(tmp_path: Path, text: str) -> Given:
+def json(tmp_path: Path, text: str) -> ConfigNode:
     path = tmp_path / "a.json"
     path.write_text(text)
     return read_json(path, ModelStoreError, 1)
 
 
-def events(given: Given) -> list[Declared]:
+def events(given: ConfigNode) -> list[Declared]:
     return [entry.make_one_of("event", KINDS, 7) for entry in given["events"].sections()]
 
 

@@ -110,13 +110,13 @@ def check_set_points(recordings: Sequence[Recording]) -> tuple[str, ...]:
 
 def _unit_mistake(recording: Recording) -> str:
     """Say which unit commands and positions alike seem to have, if it is not rad."""
-    told, does = (_reach(each) for each in (commands_of(recording), recording.position))
-    beyond = np.flatnonzero(np.minimum(told, does) > _TURNS)
+    target, does = (_reach(each) for each in (commands_of(recording), recording.position))
+    beyond = np.flatnonzero(np.minimum(target, does) > _TURNS)
     if not beyond.size:
         return _at_one(recording)
     j = int(beyond[0])
     return (
-        f"position_{j + 1} and command_{j + 1} reach {does[j]:.3g} and {told[j]:.3g}; expected "
+        f"position_{j + 1} and command_{j + 1} reach {does[j]:.3g} and {target[j]:.3g}; expected "
         "rad; are both in degrees, or normalised, as -100 to 100?"
     )
 
@@ -152,8 +152,8 @@ def _no_commands(recording: Recording) -> str:
             "row; was the arm led by hand, or its torque disabled?"
         )
     for ahead in range(min(_AHEAD + 1, len(position) // 2)):
-        told, did = command[: len(command) - ahead, moves], position[ahead:, moves]
-        same = np.flatnonzero(moves)[np.abs(told - did).mean(axis=0) < _SAME]
+        target, did = command[: len(command) - ahead, moves], position[ahead:, moves]
+        same = np.flatnonzero(moves)[np.abs(target - did).mean(axis=0) < _SAME]
         if same.size:
             j = int(same[0]) + 1
             later = f"of {ahead} row{'s' * (ahead > 1)} later" if ahead else "itself"
@@ -167,23 +167,23 @@ def _no_commands(recording: Recording) -> str:
 def _scale_mistake(recording: Recording) -> str:
     """Say which unit the commands alone seem to have, if it is not rad."""
     command, position = commands_of(recording), recording.position
-    told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
-    judged = np.flatnonzero((does > _MOVES) & (told > 0))
-    beyond = judged[told[judged] > _NORMALISED * does[judged]]
+    target, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
+    judged = np.flatnonzero((does > _MOVES) & (target > 0))
+    beyond = judged[target[judged] > _NORMALISED * does[judged]]
     if any(correlation(command[:, j], position[:, j]) > _UNLIKE for j in beyond.tolist()):
         j = int(beyond[0])
-        unit = _unit(told[beyond], does[beyond], command)
+        unit = _unit(target[beyond], does[beyond], command)
         return (
-            f"command_{j + 1} spans {told[j]:.3g} while position_{j + 1} spans {does[j]:.3g} "
+            f"command_{j + 1} spans {target[j]:.3g} while position_{j + 1} spans {does[j]:.3g} "
             f"rad; expected set-points in rad; are the commands {unit}?"
         )
-    far = np.flatnonzero((told > _MOVES) & (does > _NORMALISED * told))
+    far = np.flatnonzero((target > _MOVES) & (does > _NORMALISED * target))
     if far.size and correlation(command[:, far[0]], position[:, far[0]]) > _ALIKE:
         j = int(far[0])
-        unit = _unit(does[far], told[far], position)
+        unit = _unit(does[far], target[far], position)
         return (
-            f"position_{j + 1} spans {does[j]:.3g} while command_{j + 1} spans {told[j]:.3g} rad; "
-            f"expected positions in rad; are the positions {unit}?"
+            f"position_{j + 1} spans {does[j]:.3g} while command_{j + 1} spans {target[j]:.3g} "
+            f"rad; expected positions in rad; are the positions {unit}?"
         )
     for j in judged.tolist():
         slope = _slope(command[:, j], position[:, j])
@@ -221,9 +221,9 @@ def _exchange_mistake(recording: Recording) -> str:
     as it is told in the other's column.
     """
     command, position = commands_of(recording), recording.position
-    told, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
+    target, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
     alike = _likeness(command, position)
-    far = does[:, None] / np.maximum(told, _SAME)  # (n, n), of each joint by each command
+    far = does[:, None] / np.maximum(target, _SAME)  # (n, n), of each joint by each command
     own, moved = np.diag(alike)[:, None], does > _MOVES
     follows = (alike > _ALIKE) & (far > _SHORT) & (far < _FURTHER)
     better = follows & ((own < _UNLIKE) | (alike > own + _BETTER))
@@ -277,14 +277,14 @@ def _mistake(recording: Recording) -> str:
 
 def _likeness(command: FloatArray, position: FloatArray) -> FloatArray:
     """Return the correlation of each position with each command, (n, n)."""
-    return np.array([[correlation(told, did) for told in command.T] for did in position.T])
+    return np.array([[correlation(target, did) for target in command.T] for did in position.T])
 
 
 def _is_change(command: FloatArray, position: FloatArray, j: int) -> bool:
     """Say whether a command tells how a position changes: at once, or summed up."""
-    told, did = command[:, j], position[:, j]
-    at_once = correlation(told[:-1], np.diff(did))
-    return max(at_once, correlation(np.cumsum(told), did)) > _ALIKE
+    target, did = command[:, j], position[:, j]
+    at_once = correlation(target[:-1], np.diff(did))
+    return max(at_once, correlation(np.cumsum(target), did)) > _ALIKE
 
 
 def _odd(recording: Recording, name: str) -> Iterator[str]:
@@ -349,10 +349,10 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
                     f"({name}, {rests})"
                 )
             return
-        told = float(np.ptp(asked[: rows // 2]))  # later ones may not have come into force
-        if rests and told > span:
+        target = float(np.ptp(asked[: rows // 2]))  # later ones may not have come into force
+        if rests and target > span:
             yield (
-                f"joint {j + 1} is stalled: it rests while its command moves {told:.2f} rad "
+                f"joint {j + 1} is stalled: it rests while its command moves {target:.2f} rad "
                 f"({name}, {rests})"
             )
             return
@@ -392,5 +392,5 @@ def _slope(command: FloatArray, position: FloatArray) -> float:
     """Return how far a joint moves for each unit of its command; 0 if they are not much alike."""
     if correlation(command, position) < _STRAIGHT:
         return 0.0
-    told = command - command.mean()
-    return float(told @ position) / float(told @ told)
+    target = command - command.mean()
+    return float(target @ position) / float(target @ target)

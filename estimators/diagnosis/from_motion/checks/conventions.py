@@ -90,12 +90,12 @@ class Conventions:
         if self.confirmed:
             sure = f"{likelier(max(self.log_odds, 0.0))} than as described"
             return f"By gravity, positions are counted otherwise: {self._changes()} ({sure})."
-        told, open_ = self.told, [j for j in self.joints if j not in self.told]
+        determined, open_ = self.determined, [j for j in self.joints if j not in self.determined]
         said = list[str]()
-        if told:
-            least = min(self.odds[self.joints.index(j)] for j in told)
+        if determined:
+            least = min(self.odds[self.joints.index(j)] for j in determined)
             said.append(
-                f"Signs and zeros of {of_joints(told)} are those of the description "
+                f"Signs and zeros of {of_joints(determined)} are those of the description "
                 f"({likelier(least)} than others)."
             )
         if open_:
@@ -104,7 +104,7 @@ class Conventions:
         return " ".join(said)
 
     @property
-    def told(self) -> tuple[int, ...]:
+    def determined(self) -> tuple[int, ...]:
         """Joints that surely count as the description does, 1-based."""
         pairs = zip(self.joints, self.odds, strict=True)
         return tuple(j for j, odds in pairs if odds > _TOLD)
@@ -158,8 +158,8 @@ def conventions_of(
     ranked = sorted(scores, key=lambda item: -scores[item])
     odds = scores[ranked[0]] - scores[ranked[1] if ranked[0] == described else described]
     own = tuple(_odds_of(scores, j) for j in joints)
-    told = tuple(j + 1 for j in joints)
-    return Conventions(ranked[0], told, own, odds, as_described=ranked[0] == described)
+    determined = tuple(j + 1 for j in joints)
+    return Conventions(ranked[0], determined, own, odds, as_described=ranked[0] == described)
 
 
 def confirmed(
@@ -309,8 +309,8 @@ def from_zeros(recording: Recording, zero: FloatArray) -> Recording:
     if not zero.any():
         return recording
     command = commands_of(recording)
-    told = np.where(led_by(POSITION, recording.channels), command - zero, command)
-    return replace(recording, position=recording.position - zero, command=told, extras={})
+    determined = np.where(led_by(POSITION, recording.channels), command - zero, command)
+    return replace(recording, position=recording.position - zero, command=determined, extras={})
 
 
 def as_counted(zero: FloatArray, change: ArmChange) -> FloatArray:

@@ -76,7 +76,7 @@ def check_commanded(simulation: Simulation, recordings: Sequence[Recording]) -> 
     return (*check_commands(commanded), *check_timing(given, commanded))
 
 
-def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:
+def check_forward(simulation: Simulation, orders: Commanded) -> tuple[str, ...]:
     """Refuse commands from which no motion should be simulated; tell what is odd about the others.
 
     They are held against the motion that was recorded, by the same rules as where that is fitted
@@ -84,29 +84,29 @@ def check_forward(simulation: Simulation, told: Commanded) -> tuple[str, ...]:
 
     Args:
         simulation: With a drive for each joint.
-        told: The commands.
+        orders: The commands.
 
     Raises:
         RecordingError: They are of another robot, or no set-points of its joints in rad that came
             before the motion.
     """
-    told.check_robot(simulation.model)
-    simulation = simulation.with_motors(told.channels)
-    told = told.led(simulation.channels)
-    if told.recorded is None:
-        return check_alone(simulation.model, told)
-    told.recorded.check_robot(simulation.model)
-    check_torques(simulation, told.recorded)
-    odd = check_set_points([told.recorded])
-    return (*odd, *check_timing(simulation, [told.recorded]))
+    orders.check_robot(simulation.model)
+    simulation = simulation.with_motors(orders.channels)
+    orders = orders.led(simulation.channels)
+    if orders.recorded is None:
+        return check_alone(simulation.model, orders)
+    orders.recorded.check_robot(simulation.model)
+    check_torques(simulation, orders.recorded)
+    odd = check_set_points([orders.recorded])
+    return (*odd, *check_timing(simulation, [orders.recorded]))
 
 
-def check_alone(model: RobotModel, told: Commanded) -> tuple[str, ...]:
+def check_alone(model: RobotModel, orders: Commanded) -> tuple[str, ...]:
     """Refuse commands that lead joints far beyond their ends; tell what else is odd.
 
     Args:
         model: The robot.
-        told: Its commands.
+        orders: Its commands.
 
     Returns:
         A sentence, if the arm begins where no command leads it.
@@ -114,21 +114,21 @@ def check_alone(model: RobotModel, told: Commanded) -> tuple[str, ...]:
     Raises:
         RecordingError: Commands are in another unit.
     """
-    low, high = told.command.min(axis=0), told.command.max(axis=0)
+    low, high = orders.command.min(axis=0), orders.command.max(axis=0)
     turning = np.array(model.turning)
-    least = np.where(turning, told.start - _TURNS, model.limits.position_min)
-    most = np.where(turning, told.start + _TURNS, model.limits.position_max)
+    least = np.where(turning, orders.start - _TURNS, model.limits.position_min)
+    most = np.where(turning, orders.start + _TURNS, model.limits.position_max)
     beyond = np.maximum(least - low, high - most)
     j = int(beyond.argmax())
     if beyond[j] > _BEYOND:
         raise RecordingError(
             f"command_{j + 1} spans {low[j]:.3g} to {high[j]:.3g}, where joint {j + 1} of "
-            f"{model.name} begins at {told.start[j]:.3g} rad and is led from {least[j]:.3g} to "
+            f"{model.name} begins at {orders.start[j]:.3g} rad and is led from {least[j]:.3g} to "
             f"{most[j]:.3g} rad at most; expected set-points in rad; are the commands in degrees, "
             "or normalised, as -100 to 100?",
-            path=told.source or None,
+            path=orders.source or None,
         )
-    away = np.maximum(low - told.start, told.start - high)
+    away = np.maximum(low - orders.start, orders.start - high)
     j = int(away.argmax())
     if away[j] <= _FAR:
         return ()
@@ -226,8 +226,8 @@ def _following_mistake(
     def left(j: int, k: int, sign: float = 1.0) -> float:
         """Return the torque of a joint that commands of a column leave unexplained [N m]."""
         columns = zip(parts[j], parts[k], strict=True)
-        told = [replace(own, command=sign * other.command) for own, other in columns]
-        return min(regressed(told, rows[j], delay)[0] for delay in _DELAYS)
+        orders = [replace(own, command=sign * other.command) for own, other in columns]
+        return min(regressed(orders, rows[j], delay)[0] for delay in _DELAYS)
 
     known = {j: own for j in joints if 0.0 < (own := left(j, j)) < np.inf}
     ratio = {(j, k): left(j, k) / known[j] for j, k in permutations(known, 2)}

@@ -68,9 +68,9 @@ class _Told:
     def follows(self, j: int, k: int, late: bool = True) -> float:
         """Return how much the velocity of a joint is like a command, as it may follow later."""
         most = round(_LATE * self.recording.rate) if late else 0
-        told, does = self.command[:, k], self.velocity[:, j]
-        every = range(min(most, len(told) // 2) + 1)
-        found = [correlation(told[: len(told) - m], does[m:]) for m in every]
+        commanded, does = self.command[:, k], self.velocity[:, j]
+        every = range(min(most, len(commanded) // 2) + 1)
+        found = [correlation(commanded[: len(commanded) - m], does[m:]) for m in every]
         return max(found, key=abs)
 
     def moves(self, j: int) -> bool:
@@ -100,12 +100,12 @@ def check_velocities(recording: Recording, number: int) -> tuple[str, ...]:
     if not joints:
         return ()
     velocity = recording.motion(bandwidth_for([recording])).velocity
-    told = _Told(recording, joints, commands_of(recording), velocity)
+    commanded = _Told(recording, joints, commands_of(recording), velocity)
     for j in joints:
-        if told.moves(j) and (mistake := _mistake(told, j)):
+        if commanded.moves(j) and (mistake := _mistake(commanded, j)):
             raise RecordingError(mistake, path=recording.source or None)
     name = recording.source or f"recording {number}"
-    return tuple(text for j in joints for text in _odd(told, j, name))
+    return tuple(text for j in joints for text in _odd(commanded, j, name))
 
 
 def set_points_alone(recording: Recording) -> Recording:
@@ -123,24 +123,24 @@ def set_points_alone(recording: Recording) -> Recording:
     return replace(recording, position=position, command=command)
 
 
-def _mistake(told: _Told, j: int) -> str:
+def _mistake(commanded: _Told, j: int) -> str:
     """Say what is wrong with the commands of a joint that moves."""
-    name, command = f"{VELOCITY.name}_{j + 1}", told.command[:, j]
+    name, command = f"{VELOCITY.name}_{j + 1}", commanded.command[:, j]
     if not command.any():
         return (
             f"{name} is always 0 while joint {j + 1} moves; expected the velocity in force at "
             "each row; was the arm led by hand, or its torque disabled?"
         )
-    if _is_measured(told, j):
+    if _is_measured(commanded, j):
         return (
             f"{name} is the velocity of joint {j + 1} itself; expected the one that was commanded; "
             "was what was measured recorded as command?"
         )
-    own = told.follows(j, j)
-    others = [k for k in told.joints if k != j and abs(own) < _UNLIKE]
-    if (k := next((k for k in others if told.follows(j, k) > _ALIKE), None)) is not None:
+    own = commanded.follows(j, j)
+    others = [k for k in commanded.joints if k != j and abs(own) < _UNLIKE]
+    if (k := next((k for k in others if commanded.follows(j, k) > _ALIKE), None)) is not None:
         return f"joint {j + 1} follows {VELOCITY.name}_{k + 1}, not {name}; are joints exchanged?"
-    position = told.recording.position[:, j]
+    position = commanded.recording.position[:, j]
     if correlation(command, position) > max(_ALIKE, abs(own) + _BETTER):
         return (
             f"{name} follows position_{j + 1}, not its velocity; expected rad/s; are these "
@@ -148,12 +148,12 @@ def _mistake(told: _Told, j: int) -> str:
         )
     if own < -_ALIKE:
         return f"joint {j + 1} moves against {name}; has one of them the other sign?"
-    return _unit_mistake(told, j) if own > _ALIKE else ""
+    return _unit_mistake(commanded, j) if own > _ALIKE else ""
 
 
-def _is_measured(told: _Told, j: int) -> bool:
+def _is_measured(commanded: _Told, j: int) -> bool:
     """Say whether commands are what was measured, as the log has it or as positions change."""
-    recording, command = told.recording, told.command[:, j]
+    recording, command = commanded.recording, commanded.command[:, j]
     position, time = recording.position[:, j], recording.time
     known = [np.gradient(position, time), np.append(np.diff(position) / np.diff(time), command[-1])]
     if recording.velocity is not None:
@@ -162,12 +162,12 @@ def _is_measured(told: _Told, j: int) -> bool:
     return any(float(np.abs(own - command).mean()) < _SAME * size for own in known)
 
 
-def _unit_mistake(told: _Told, j: int) -> str:
+def _unit_mistake(commanded: _Told, j: int) -> str:
     """Say which unit commands seem to have that a joint follows, if it is not rad/s."""
-    slope, name = told.slope(j), f"{VELOCITY.name}_{j + 1}"
+    slope, name = commanded.slope(j), f"{VELOCITY.name}_{j + 1}"
     if _LESS < slope < _MORE:
         return ""
-    by_row = told.recording.rate  # rad/s that a change of 1 rad by row is
+    by_row = commanded.recording.rate  # rad/s that a change of 1 rad by row is
     if slope > _MORE and 1.0 / _NEAR[1] < slope / by_row < 1.0 / _NEAR[0]:
         what = "changes of the position by row"
     else:
@@ -179,13 +179,13 @@ def _unit_mistake(told: _Told, j: int) -> str:
     )
 
 
-def _odd(told: _Told, j: int, name: str) -> Iterator[str]:
+def _odd(commanded: _Told, j: int, name: str) -> Iterator[str]:
     """Yield what a joint did that no servo of velocity in order does."""
-    recording = told.recording
+    recording = commanded.recording
     rows = max(2, round(_LASTING * recording.rate))
     for start in range(0, len(recording) - rows, rows):
         part, before = slice(start, start + rows), slice(max(0, start - rows), start + rows)
-        command, moved = told.command[part, j], float(np.ptp(recording.position[part, j]))
+        command, moved = commanded.command[part, j], float(np.ptp(recording.position[part, j]))
         where = f"{name}, {recording.time[start]:.1f} s"
         slowest = float(np.abs(command).min())
         if moved < AT_REST and slowest > _TOLD and abs(float(np.sign(command).sum())) == rows:
@@ -193,7 +193,7 @@ def _odd(told: _Told, j: int, name: str) -> Iterator[str]:
                 f"joint {j + 1} is stalled: it rests while it is told {slowest:.2f} rad/s ({where})"
             )
             return
-        if not told.command[before, j].any() and moved > _LOOSE * _LASTING:
+        if not commanded.command[before, j].any() and moved > _LOOSE * _LASTING:
             yield (
                 f"joint {j + 1} moves by {moved:.2f} rad while it is told to rest; was its torque "
                 f"disabled? ({where})"

@@ -75,7 +75,7 @@ def restarted_run(simulation: Simulation, recording: Recording) -> FloatArray:
     return run_forward(ServoArm.of(simulation), recording.led(simulation.channels))
 
 
-def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
+def commanded_run(simulation: Simulation, commands: Commanded) -> FloatArray:
     """Simulate an arm forward from commands, from where it was at the first of them.
 
     What it was told before a gap stays in force; after a minute of that it rests, unless it is
@@ -83,7 +83,7 @@ def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
 
     Args:
         simulation: With a servo for each joint.
-        told: T set-points of n joints, and the first position.
+        commands: T set-points of n joints, and the first position.
 
     Returns:
         Positions as the encoders would read them, (T, n) [rad].
@@ -91,12 +91,12 @@ def commanded_run(simulation: Simulation, told: Commanded) -> FloatArray:
     Raises:
         ConfigError: As for `free_run`.
     """
-    simulation = simulation.with_motors(told.channels)
-    told, arm = told.led(simulation.channels), ServoArm.of(simulation).without_restarts()
-    rests = np.inf if drifting(told.channels) else _RESTS  # what is told to turn, turns on
-    steps = np.minimum(np.diff(told.time), rests)
-    time = told.time[0] + np.concatenate([[0.0], np.cumsum(steps)])
-    return follow(arm, time, told.command, told.start[None, :], np.zeros((1, told.n)))
+    simulation = simulation.with_motors(commands.channels)
+    commands, arm = commands.led(simulation.channels), ServoArm.of(simulation).without_restarts()
+    rests = np.inf if drifting(commands.channels) else _RESTS  # what is told to turn, turns on
+    steps = np.minimum(np.diff(commands.time), rests)
+    time = commands.time[0] + np.concatenate([[0.0], np.cumsum(steps)])
+    return follow(arm, time, commands.command, commands.start[None, :], np.zeros((1, commands.n)))
 
 
 def run_forward(arm: ServoArm, recording: Recording) -> FloatArray:
@@ -347,9 +347,9 @@ def commanded_range(recordings: Sequence[Recording]) -> FloatArray:
 def _range(recording: Recording) -> FloatArray:
     command = commands_of(recording)
     rest = np.where(led_by(VELOCITY, recording.channels), 0.0, command[0])
-    told = np.ptp(np.vstack([command, rest]), axis=0)
+    commands = np.ptp(np.vstack([command, rest]), axis=0)
     pushed = led_by(TORQUE, recording.channels)
-    return np.where(pushed & command.any(axis=0), np.ptp(recording.position, axis=0), told)
+    return np.where(pushed & command.any(axis=0), np.ptp(recording.position, axis=0), commands)
 
 
 def busiest(recordings: Sequence[Recording]) -> Recording:

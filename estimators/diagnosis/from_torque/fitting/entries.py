@@ -147,7 +147,7 @@ def sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
     return ends[0], ends[1], (reached[0] - reached[1]) or np.inf
 
 
-def merely_sharper(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def changes_only_sign_width(problem: RegressionProblem, solution: Solution, member: int) -> bool:
     """Say whether a member makes stated friction sharper or softer, of a size that it may have."""
     candidate = problem.candidates[member]
     if not candidate.other_width:

@@ -57,7 +57,7 @@ def has_long(candidate: Candidate) -> bool:
     )
 
 
-def made_late(
+def with_torque_delay(
     problem: RegressionProblem, solution: Solution, unknown: Collection[int]
 ) -> tuple[RegressionProblem, Solution] | None:
     """Return a set with the lag or delay in it that brings most, to be taken up again around it.

@@ -258,5 +258,5 @@ def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> C
         kind=candidate.kind,
         variants=candidate.variants,
         laws=candidate.laws,
-        rarity=candidate.rarity,
+        prior_penalty=candidate.prior_penalty,
     )

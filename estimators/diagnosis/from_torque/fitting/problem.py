@@ -24,8 +24,8 @@ from estimators.diagnosis.from_torque.selection.nuisance import (
 from estimators.diagnosis.from_torque.selection.search import (
     Search,
     base_of,
+    is_friction,
     level_of,
-    rubs,
     with_friction,
 )
 from estimators.diagnosis.held_out import Split, rmse
@@ -198,7 +198,7 @@ class RegressionProblem:
     def without_places(self, places: Collection[tuple[str, tuple[int, ...]]]) -> RegressionProblem:
         """Return the same, where no set has some effects at some joints (0-based)."""
         fewer = [
-            replace(item, rarity=np.inf) if item.place in places else item
+            replace(item, prior_penalty=np.inf) if item.place in places else item
             for item in self.candidates
         ]
         return self.with_candidates(fewer)
@@ -238,7 +238,7 @@ class RegressionProblem:
         own = entered(candidate.hypothesis, self.observed, self.columns, self.level)
         if own is None:
             raise AssertionError("what was found acts on the torque")
-        own = replace(own, variants=candidate.variants, rarity=candidate.rarity)
+        own = replace(own, variants=candidate.variants, prior_penalty=candidate.prior_penalty)
         self.candidates.append(own)
         return len(self.candidates) - 1
 
@@ -251,7 +251,9 @@ class RegressionProblem:
         kept = tuple(member for member in members if member not in some)
         base = {self.candidates[i].place for i in self.base}
         gone = [self.candidates[member] for member in some]
-        joints = {item.joints for item in gone if item.place not in base and rubs(item.effect)}
+        joints = {
+            item.joints for item in gone if item.place not in base and is_friction(item.effect)
+        }
         taken = {self.candidates[member].slot for member in kept}
         plain = (i for i in self.base if self.candidates[i].joints in joints)
         return (*kept, *(i for i in plain if self.candidates[i].slot not in taken))

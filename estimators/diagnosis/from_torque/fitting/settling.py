@@ -15,7 +15,7 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     sure,
     without,
 )
-from estimators.diagnosis.from_torque.fitting.entries import merely_sharper
+from estimators.diagnosis.from_torque.fitting.entries import changes_only_sign_width
 from estimators.diagnosis.from_torque.fitting.laws import Setting, confused, likeliest, replaced
 from estimators.diagnosis.from_torque.fitting.problem import (
     RegressionProblem,
@@ -26,7 +26,7 @@ from estimators.diagnosis.from_torque.fitting.problem import (
 )
 from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.from_torque.fitting.solving import solve
-from estimators.diagnosis.from_torque.selection.search import rubs
+from estimators.diagnosis.from_torque.selection.search import is_friction
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.definite import ranked
@@ -69,7 +69,7 @@ def _helps(problem: RegressionProblem, solution: Solution, member: int) -> bool:
         return True
     everywhere = range(problem.observed.n)
     size = material(problem, solution, member, everywhere)
-    if rubs(problem.candidates[member].effect) and size >= CONTRIBUTION.felt:
+    if is_friction(problem.candidates[member].effect) and size >= CONTRIBUTION.felt:
         return size >= CONTRIBUTION.material or sure(problem, solution, member, everywhere)
     return size >= CONTRIBUTION.material and sure(problem, solution, member, everywhere)
 
@@ -214,7 +214,7 @@ def refined(
     return problem, fitted(problem, tuple(members), solution.noise)
 
 
-def settled(
+def prune_refine_simplify(
     problem: RegressionProblem, solution: Solution, progress: Progress
 ) -> tuple[RegressionProblem, Solution]:
     """Prune, refine and simplify a set; return it with the problem that has its candidates.
@@ -227,7 +227,7 @@ def settled(
     simple = pruned(problem, loaded(problem, simple))
     if not (silent := _not_recorded(problem, simple)):
         return problem, simple
-    return settled(*solve(problem.without_places(silent), progress), progress)
+    return prune_refine_simplify(*solve(problem.without_places(silent), progress), progress)
 
 
 def _not_recorded(
@@ -276,7 +276,7 @@ def _of_one_width(
         rest = tuple(other for other in solution.members if other != member)
         beside = [other for other in rest if candidates[other].joints == candidates[member].joints]
         if not any(
-            candidates[other].kind == "missing" and rubs(candidates[other].effect)
+            candidates[other].kind == "missing" and is_friction(candidates[other].effect)
             for other in beside
         ):
             continue
@@ -298,7 +298,7 @@ def settled_around(
     like one effect more, or hides one.
     """
     problem, near = relinearised(problem, solution, progress)
-    return settled(*solve(problem, progress, near), progress)
+    return prune_refine_simplify(*solve(problem, progress, near), progress)
 
 
 def suspects(
@@ -315,7 +315,7 @@ def suspects(
     turned = {
         problem.candidates[member].place
         for member in solution.members
-        if merely_sharper(problem, solution, member)
+        if changes_only_sign_width(problem, solution, member)
     }
     limited &= ~problem.nuisance.of(turned)
     far = limited & _surely_beyond(problem, solution, limited)
@@ -342,12 +342,12 @@ def _surely_beyond(
     return np.abs(off) - SOLVING.surely * sure > REACH * nuisance.deviation
 
 
-def curved(problem: RegressionProblem, solution: Solution) -> bool:
+def linearisation_is_poor(problem: RegressionProblem, solution: Solution) -> bool:
     """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
     linear = problem.left_without_sensors(solution.fitted)
     moving = problem.observed.moving
     off, rest = rmse(simulated(problem, solution) - linear, moving), rmse(linear, moving)
-    return bool((off > SOLVING.curved * rest).any())
+    return bool((off > SOLVING.linearisation_is_poor * rest).any())
 
 
 def relinearised(

@@ -15,7 +15,7 @@ from estimators.diagnosis.from_torque.hypotheses.responses import Response, diff
 from estimators.diagnosis.settings.hypotheses import REVISION
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics.catalogue import every_effect, known_as
-from limo_driver.physics.effect import Recorded
+from limo_driver.physics.effect import DiagnosisContext
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -44,10 +44,10 @@ def rivals(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
         yield from effect.further_laws(hypothesis)
 
 
-def recorded_in(observed: Observations) -> Recorded:
+def recorded_in(observed: Observations) -> DiagnosisContext:
     """Return what recordings show of an arm before anything is fitted."""
     recordings = observed.recordings
-    return Recorded(
+    return DiagnosisContext(
         position=observed.slow.position,
         temperature=observed.motion.temperature,
         start=min(float(recording.time[0]) for recording in recordings),

@@ -141,7 +141,7 @@ def conclude(
     stand_ins = [  # of what passes, the improved simulation has nothing
         member
         for member in solution.members
-        if member not in named and problem.candidates[member].lasts
+        if member not in named and problem.candidates[member].persists
     ]
     values = to_identify(problem, solution)
     plain = [member for member in named if member in values]

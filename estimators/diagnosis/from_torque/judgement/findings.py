@@ -45,7 +45,7 @@ from estimators.diagnosis.held_out import reducible_removed
 from estimators.diagnosis.quantities import listed, of_joints, rounded
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
-from limo_driver.physics import Payload, spoken
+from limo_driver.physics import Payload, display_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -271,7 +271,7 @@ def _placed(items: Sequence[Candidate]) -> list[str]:
     at: dict[str, list[int]] = {}
     for item in items:
         at.setdefault(item.effect, []).extend(j + 1 for j in item.joints)
-    return [f"{spoken(effect)} ({of_joints(sorted({*on}))})" for effect, on in at.items()]
+    return [f"{display_name(effect)} ({of_joints(sorted({*on}))})" for effect, on in at.items()]
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from estimators.diagnosis.quantities import listed, of_joints
 from estimators.diagnosis.settings.judgement import GUESSES
 from estimators.regression.evidence import Evidence, Prior, joined
 from limo_driver.logs.readers.columns import CURRENT
-from limo_driver.physics import TorqueGain, spoken
+from limo_driver.physics import TorqueGain, display_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -141,4 +141,6 @@ def _sentence(guess: _Guess, gone: Sequence[_Place], come: Sequence[_Place]) -> 
 
 
 def _places(some: Sequence[_Place]) -> str:
-    return listed([f"{spoken(effect)} ({of_joints([j + 1 for j in on])})" for effect, on in some])
+    return listed(
+        [f"{display_name(effect)} ({of_joints([j + 1 for j in on])})" for effect, on in some]
+    )

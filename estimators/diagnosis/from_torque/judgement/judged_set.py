@@ -85,7 +85,7 @@ class JudgedSet:
         return {self.problem.candidates[member].place for member in members}
 
     @property
-    def serves(self) -> bool:
+    def improves_held_out(self) -> bool:
         """Say whether the arm is surely predicted better than given, and no joint clearly worse."""
         return self._surely_better and not self._harmed
 
@@ -95,12 +95,12 @@ class JudgedSet:
         Where this does not serve, and would be taken apart for that, the other just has to serve:
         a fit that follows one joint further than the arm allows is no measure of that joint.
         """
-        if other.serves and not self.serves:
+        if other.improves_held_out and not self.improves_held_out:
             return other
         worse = worse_at(other.problem, other.proven, self.proven, self.remaining)
         return self if worse else other
 
-    def harmless(self) -> tuple[JudgedSet, bool]:
+    def without_harmful_members(self) -> tuple[JudgedSet, bool]:
         """Return this without what makes motion held out worse.
 
         First what acts on the harmed joints alone, then bodies and then all values that moved

@@ -34,7 +34,7 @@ from estimators.diagnosis.stages import Attempts
 from estimators.regression.definite import is_more, ranked
 from estimators.regression.evidence import REACH
 from estimators.telemetry import MOTOR_SIDE, friction_share
-from limo_driver.physics import spoken
+from limo_driver.physics import display_name
 from limo_driver.physics.catalogue import identical_to
 
 if TYPE_CHECKING:
@@ -327,7 +327,7 @@ def trusted_gains(
     shares = [friction_share(simulation, recording) for recording in recordings]
     share = float(np.median([known for known in shares if not np.isnan(known)] or [0.0]))
     if share > MOTOR_SIDE:
-        alike = listed([*dict.fromkeys(map(spoken, bodies))])
+        alike = listed([*dict.fromkeys(map(display_name, bodies))])
         yield (
             "The torques seem to be measured at the drives, friction included: it is "
             f"{100 * share:.1f} % of the effort limits. Gains of drives are seldom known better "

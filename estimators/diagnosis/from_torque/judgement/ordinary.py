@@ -27,10 +27,10 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     contribution,
     convincing,
 )
-from estimators.diagnosis.from_torque.fitting.entries import change_of, merely_sharper
+from estimators.diagnosis.from_torque.fitting.entries import change_of, changes_only_sign_width
 from estimators.diagnosis.from_torque.hypotheses.responses import responses
 from estimators.diagnosis.from_torque.selection.candidates import BASE, without_friction
-from estimators.diagnosis.from_torque.selection.search import rubs
+from estimators.diagnosis.from_torque.selection.search import is_friction
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
@@ -60,7 +60,7 @@ def ordinary(
         member: candidate
         for member in members
         if (candidate := problem.candidates[member]).joints in bare
-        and (rubs(candidate.effect) or candidate.effect == Armature.name)
+        and (is_friction(candidate.effect) or candidate.effect == Armature.name)
     }
     effects = [candidate.effect for candidate in of_drives.values()]
     most = ORDINARY.part * max(len(bare), ORDINARY.siblings)
@@ -88,7 +88,7 @@ def convinced(
         members: Of the set, as indices of its candidates; all or some.
     """
     found = [i for i in members if convincing(problem, solution, i)]
-    unsure = [i for i in members if i not in found and rubs(problem.candidates[i].effect)]
+    unsure = [i for i in members if i not in found and is_friction(problem.candidates[i].effect)]
     for joints in dict.fromkeys(problem.candidates[i].joints for i in unsure):
         group = [i for i in unsure if problem.candidates[i].joints == joints]
         if len(group) == 1:
@@ -114,7 +114,7 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
     """
     members, candidates = solution.members, problem.candidates
     plain = ordinary(problem, solution, members)
-    laws = [i for i in members if i not in plain and rubs(candidates[i].effect)]
+    laws = [i for i in members if i not in plain and is_friction(candidates[i].effect)]
     surely = convinced(problem, solution, laws)
     lacking = {candidates[i].joints for i in surely if _is_missing(candidates[i])}
     findings = [
@@ -130,7 +130,7 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
         if i in plain
         or (i in laws and i not in findings)
         or _is_detail(problem, solution, i)
-        or merely_sharper(problem, solution, i)
+        or changes_only_sign_width(problem, solution, i)
     )
 
 

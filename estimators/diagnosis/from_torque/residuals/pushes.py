@@ -24,9 +24,9 @@ from estimators.diagnosis.from_torque.residuals.noise import Noise, usual_errors
 from estimators.diagnosis.from_torque.residuals.reversals import (
     about_reversals,
     ends_of_motion,
-    rarity,
     rows_in,
     steadily_moving,
+    surprisal,
     usual_about_reversals,
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import doubtful_encoders
@@ -50,7 +50,7 @@ class Push:
     end: float  # [s]
     evidence: float  # [nat] against errors as they are elsewhere
     joints: tuple[int, ...]  # 0-based, that felt it
-    rarity: float = 0.0  # [nat], how seldom errors that scatter as those elsewhere are as large
+    surprisal: float = 0.0  # [nat], how seldom errors that scatter as those elsewhere are as large
     held: bool = False  # at one strength, rather than in the course of half a sine
     friction: tuple[float, ...] = ()  # [N m], that each joint may bear as well at rest
 
@@ -73,10 +73,10 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
         if not any(_near(push, other) for other in strong):
             strong.append(push)
     # many hide one another, so the weakest that is rare beside all stronger ones ends the list
-    rare = [scan.rarity(push, strong[:k]) > PUSHES.rare for k, push in enumerate(strong)]
+    rare = [scan.surprisal(push, strong[:k]) > PUSHES.rare for k, push in enumerate(strong)]
     found: list[Push] = []
     for push in strong[: len(rare) - [*reversed(rare), True].index(True)]:
-        found.append(scan.settled(push, found))
+        found.append(scan.with_final_times(push, found))
     others = [trial for trial in trials if not any(_near(trial, push) for push in found)]
     events: list[Push] = []
     for push in found:
@@ -84,8 +84,8 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
             events.append(push)
         else:  # so it tells what there is besides events
             others.append(push)
-    events = [replace(push, rarity=scan.rarity(push, events)) for push in events]
-    return tuple(push for push in events if push.rarity > PUSHES.rare)
+    events = [replace(push, surprisal=scan.surprisal(push, events)) for push in events]
+    return tuple(push for push in events if push.surprisal > PUSHES.rare)
 
 
 class TimeSpan(Protocol):
@@ -204,7 +204,7 @@ class _Scan:
         the start or the end of the arm's motion is what friction does there, unless many joints
         feel one and the same course; single joints stop and turn at any time, also while the arm is
         pushed. While the whole arm rests, its physics does nothing that recurs, once it has
-        settled: as it stops, all joints creep within their friction, and in one course.
+        with_final_times: as it stops, all joints creep within their friction, and in one course.
         """
         within = self._within(push)
         judged = self.judged[within].any(axis=1)
@@ -287,7 +287,7 @@ class _Scan:
         """Mark windows (S, n) in which a joint turns: they do not tell what is usual."""
         return np.asarray(_sums((self.judged & ~self.steady).astype(float), rows) > 0)
 
-    def rarity(self, push: Push, stronger: Sequence[Push] = ()) -> float:
+    def surprisal(self, push: Push, stronger: Sequence[Push] = ()) -> float:
         """Return how seldom errors that scatter as those of other stretches are as large [nat].
 
         Of all joints together. While the whole arm rests its physics scatters nothing: there it is
@@ -315,12 +315,12 @@ class _Scan:
             for j, (use, away, far) in enumerate(zip(enough.T, others.T, apart.T, strict=True)):
                 usual = far if 2 * far.sum() > away.sum() else away
                 if usual.sum() >= PUSHES.fewest and (use & within).any():
-                    rare = rarity(energy[use & within, j], energy[usual, j], independent)
+                    rare = surprisal(energy[use & within, j], energy[usual, j], independent)
                     total[use & within] += np.maximum(rare - PUSHES.joint, 0.0)
             most = max(most, float(total.max(initial=0.0)))
         return most
 
-    def settled(self, push: Push, others: Sequence[Push]) -> Push:
+    def with_final_times(self, push: Push, others: Sequence[Push]) -> Push:
         """Move start and end to where half a sine, or a hold, leaves least of what was felt.
 
         Of rows on which other pushes act nothing is asked.

@@ -176,7 +176,7 @@ def rows_in(observed: Observations, seconds: float) -> int:
     return round(seconds / observed.row_period)
 
 
-def rarity(energy: FloatArray, others: FloatArray, freedom: float) -> FloatArray:
+def surprisal(energy: FloatArray, others: FloatArray, freedom: float) -> FloatArray:
     """Return how seldom stretches have so much energy by chance, -log of it, (S,) [nat].
 
     Args:

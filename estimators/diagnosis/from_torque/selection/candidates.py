@@ -62,7 +62,7 @@ class Candidate:
     prior: Prior
     enter: Enter
     hypothesis: Hypothesis | None = None
-    rarity: float = CANDIDATES.missing  # [nat] it has to bring before it is believed
+    prior_penalty: float = CANDIDATES.missing  # [nat] it has to bring before it is believed
     variants: int = 1  # with how many of its kind it shares its chance
     other_width: bool = False  # acts over another width than is stated, which a sibling does
     laws: tuple[LawEvidence, ...] = ()  # of which the hypothesis is the best, once they competed
@@ -73,15 +73,15 @@ class Candidate:
         return self.effect, self.joints
 
     @property
-    def lasts(self) -> bool:
+    def persists(self) -> bool:
         """Whether another recording has it, too, so that the improved simulation does."""
         known = known_as(self.effect)
-        return known is None or known.lasts
+        return known is None or known.persists
 
     @property
     def price(self) -> float:
         """What it has to bring before it is believed, the chance of many of its kind included."""
-        return self.rarity + float(np.log(self.variants))
+        return self.prior_penalty + float(np.log(self.variants))
 
     @cached_property
     def slot(self) -> tuple[str, tuple[int, ...]]:
@@ -117,7 +117,7 @@ def candidates_of(
             if candidate is not None:
                 found.append(candidate)
     bare, usual = without_friction(observed.simulation), _usual(observed.simulation)
-    return _counted([replace(item, rarity=_rarity(item, bare, usual)) for item in found])
+    return _counted([replace(item, prior_penalty=_rarity(item, bare, usual)) for item in found])
 
 
 def _of_no_scale(observed: Observations) -> set[int]:
@@ -132,7 +132,9 @@ def _of_no_scale(observed: Observations) -> set[int]:
     bare = without_friction(observed.simulation)
     own = {(j + 1,) for j in bare}
     around = observed.reference
-    known = tuple(effect for effect in around.effects if not (effect.rubs and effect.joints in own))
+    known = tuple(
+        effect for effect in around.effects if not (effect.is_friction and effect.joints in own)
+    )
     if len(known) == len(around.effects):
         return set()
     all_of, rest = observed.predicted, observed.predict(replace(around, effects=known))
@@ -142,7 +144,9 @@ def _of_no_scale(observed: Observations) -> set[int]:
 
 def without_friction(simulation: Simulation) -> tuple[int, ...]:
     """Return the joints (0-based) that a simulation gives no friction of any kind."""
-    known = {joint for effect in simulation.effects if effect.rubs for joint in effect.joints}
+    known = {
+        joint for effect in simulation.effects if effect.is_friction for joint in effect.joints
+    }
     return tuple(j for j in range(simulation.model.n) if j + 1 not in known)
 
 
@@ -159,7 +163,7 @@ def _rarity(candidate: Candidate, bare: Sequence[int], usual: set[str]) -> float
     """
     if candidate.effect in BASE and candidate.joints[0] in bare:
         return CANDIDATES.certain
-    return CANDIDATES.deviating if candidate.effect in usual else candidate.rarity
+    return CANDIDATES.deviating if candidate.effect in usual else candidate.prior_penalty
 
 
 def _usual(simulation: Simulation) -> set[str]:
@@ -266,7 +270,7 @@ def _revised(
         "wrong_parameter",
         Prior.free(columns.add(joints, values), deviation),
         enter,
-        rarity=CANDIDATES.deviating,
+        prior_penalty=CANDIDATES.deviating,
     )
 
 

@@ -31,7 +31,7 @@ from limo_driver.physics import (
     TimeDelay,
     TorqueGain,
     TorqueOffset,
-    spoken,
+    display_name,
 )
 from limo_driver.physics.effects.delay import UNIT_DELAY
 
@@ -276,7 +276,7 @@ def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noq
     joint = getattr(effect, "joint", None)
     where = "" if joint is None else f" of joint {joint}"
     return Tolerated(
-        f"{known.name}{where} ({spoken(effect.name)})",
+        f"{known.name}{where} ({display_name(effect.name)})",
         known.unit,
         value,
         value,

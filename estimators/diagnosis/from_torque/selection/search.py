@@ -149,10 +149,10 @@ class Search:
             best = better
 
 
-def rubs(effect: str) -> bool:
+def is_friction(effect: str) -> bool:
     """Say whether an effect is a law of a joint's friction."""
     known = known_as(effect)
-    return known is not None and known.rubs
+    return known is not None and known.is_friction
 
 
 def base_of(candidates: Sequence[Candidate], simulation: Simulation) -> tuple[int, ...]:

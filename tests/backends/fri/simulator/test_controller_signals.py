@@ -20,9 +20,9 @@ from backends.fri.codec.version import FriVersion, Generation
 from backends.fri.simulator.judge import (
     Signals,
     check_signal_name,
+    display_name,
     monitored_as_of,
     parse_io,
-    spoken,
 )
 from limo_driver.errors import ConfigError
 
@@ -99,9 +99,9 @@ def command(version: FriVersion, data: CommandData | None) -> bytes:
 def test_clients_of_another_version_are_told_by_how_they_answer() -> None:
     old, new, framed = (FriVersion.named(name) for name in ("1.15", "2.5", "2.7"))
     mirrored, header = CommandData(SEVEN), None
-    assert "version mismatch" in spoken(command(framed, header), old)
-    assert "not framed" in spoken(command(old, mirrored), framed)
-    assert spoken(b"GET / HTTP/1.1", framed) == ""
+    assert "version mismatch" in display_name(command(framed, header), old)
+    assert "not framed" in display_name(command(old, mirrored), framed)
+    assert display_name(b"GET / HTTP/1.1", framed) == ""
     for version, data, said in (
         (old, mirrored, ""),
         (old, header, "as those of FRI 2.5"),

@@ -85,7 +85,9 @@ def test_a_force_is_said_only_where_the_poses_tell_all_of_it(observed):
 def test_what_is_hardly_rarer_than_other_stretches_is_hardly_sure(observed):
     def confidence(*rarities):
         pushed = Push(1, *SECOND, 200.0, EVERY, held=True)
-        return finding_of([replace(pushed, rarity=each) for each in rarities], observed).confidence
+        return finding_of(
+            [replace(pushed, surprisal=each) for each in rarities], observed
+        ).confidence
 
     assert confidence(14.0) == pytest.approx(0.5, abs=0.05)
     assert confidence(400.0) > 0.95

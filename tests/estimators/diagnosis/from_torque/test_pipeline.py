@@ -421,8 +421,8 @@ def test_a_joint_that_a_fit_harms_stays_as_stated_and_the_others_are_mended(give
     """Joint 2 rubs less in the blocks held out than elsewhere; a spring acts on joint 1."""
     whole = record(plus(given, SpringLoad(joint=1, stiffness=3.0, rest=0.2)), 0)
     part = (8 * np.arange(len(whole)) // len(whole))[:, None]  # of eight, (2, 5) are held out
-    rubs = given.predict(whole) - replace(given, effects=given.effects[::2]).predict(whole)
-    more = np.where(np.isin(part, HELD_OUT.which), -0.3, 0.3) * rubs
+    is_friction = given.predict(whole) - replace(given, effects=given.effects[::2]).predict(whole)
+    more = np.where(np.isin(part, HELD_OUT.which), -0.3, 0.3) * is_friction
     recording = Recording.from_arrays(whole.time, whole.position, whole.torque + more)
     found = diagnose(given, [recording])
     assert ("spring_load", "missing", (1,)) in names(found)
@@ -436,7 +436,7 @@ def test_values_held_exact_to_prove_a_set_are_tolerated_as_before(given, monkeyp
         problem = self.problem.with_stated_values()
         return JudgedSet.of(problem, fitted(problem, (), self.solution.noise)), False
 
-    monkeypatch.setattr(JudgedSet, "harmless", held)
+    monkeypatch.setattr(JudgedSet, "without_harmful_members", held)
     assert diagnose(given, [record(given, 0, 10.0)]).after.tolerances == given.tolerances
 
 

@@ -54,7 +54,7 @@ def test_identify_takes_the_log_itself_and_says_how_it_was_read(run, tmp_path):
     status, _, notes = run("identify", "log.csv", "--robot", "iiwa14", "--out", "sim.yaml")
     assert status == 0, notes
     assert "log.csv: read as time t_ms [ms], position q0 … q6 [deg], torque tau0 … tau6" in notes
-    friction = [e for e in limo.Simulation.load(tmp_path / "sim.yaml").effects if e.rubs]
+    friction = [e for e in limo.Simulation.load(tmp_path / "sim.yaml").effects if e.is_friction]
     assert friction
 
 

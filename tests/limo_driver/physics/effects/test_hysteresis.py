@@ -14,7 +14,7 @@ from limo_driver.physics import (
     PreslidingHysteresis,
     ViscousFriction,
 )
-from limo_driver.physics.effect import JointMotion, Recorded
+from limo_driver.physics.effect import DiagnosisContext, JointMotion
 from limo_driver.physics.effects.laws import STEP, dahl
 from limo_driver.physics.effects.play import DRAGGED_GAPS, MOST_DRAG
 
@@ -200,7 +200,7 @@ DRY = CoulombFriction(joint=2, tau_c=3.0, v_eps=0.01)
 
 
 def recorded(*effects):
-    return Recorded(
+    return DiagnosisContext(
         position=np.zeros((10, 2)),
         temperature=None,
         start=0.0,

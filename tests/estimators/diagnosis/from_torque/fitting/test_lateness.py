@@ -120,7 +120,7 @@ def test_of_joints_that_are_late_the_unexplained_and_then_the_clearest_comes_fir
     beside = fitted(problem, (), Noise.independent(np.full(2, 0.01), problem.split.fitted))
     found = [lateness._Late(j, "lag", 0.02, gains[j], beside, [0], np.array([0.3])) for j in (0, 1)]
     monkeypatch.setattr(lateness, "_of_joint", lambda *given, **_: found[given[2]])
-    made = lateness.made_late(problem, beside, unknown)
+    made = lateness.with_torque_delay(problem, beside, unknown)
     assert (made is None) == (late is None)
     if made is not None:
         (member,) = made[1].members

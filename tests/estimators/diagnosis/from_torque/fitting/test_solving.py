@@ -339,13 +339,13 @@ def test_friction_has_to_bring_nothing_to_be_believed_where_none_is_stated(seen,
     stated = replace(seen().simulation, effects=(CoulombFriction(joint=1, tau_c=0.5),))
     other, _ = laid_out(seen().under(stated))
 
-    def rarity(problem, effect, joint):
-        return problem.candidates[place_of(problem, effect, joint)].rarity
+    def prior_penalty(problem, effect, joint):
+        return problem.candidates[place_of(problem, effect, joint)].prior_penalty
 
-    assert rarity(problem, "coulomb_friction", 1) == 0.0
-    assert rarity(other, "coulomb_friction", 2) == 0.0
-    assert rarity(other, "coulomb_friction", 1) > 0.0
-    assert rarity(problem, "spring_load", 1) == rarity(other, "spring_load", 1) > 5.0
+    assert prior_penalty(problem, "coulomb_friction", 1) == 0.0
+    assert prior_penalty(other, "coulomb_friction", 2) == 0.0
+    assert prior_penalty(other, "coulomb_friction", 1) > 0.0
+    assert prior_penalty(problem, "spring_load", 1) == prior_penalty(other, "spring_load", 1) > 5.0
 
 
 def test_a_last_link_that_lacks_mass_carries_no_load(seen):

@@ -94,7 +94,7 @@ def test_values_moved_where_they_are_surely_worse_stay_as_stated(right, changed)
     moved = observed.under(replace(observed.simulation, inertials={link: lighter}))
     worse = JudgedSet.beside_one(right, nothing, moved)
     assert worse._harmed == (0,)  # joint 2 does not feel that link
-    found, as_given = worse.harmless()
+    found, as_given = worse.without_harmful_members()
     assert as_given
     np.testing.assert_array_equal(found.proven, observed.residual)
 
@@ -130,7 +130,7 @@ def test_values_of_one_joint_stay_where_bodies_harm_another(rubbing):
     problem, _ = rubbing
     rows, harmful = problem.split.held_out, beside(rubbing, 0.8, 3.0)
     assert rmse(harmful.proven, rows)[0] > 2 * rmse(problem.observed.residual, rows)[0]
-    found, as_given = harmful.harmless()
+    found, as_given = harmful.without_harmful_members()
     assert not as_given
     left, given = rmse(found.proven, rows), rmse(problem.observed.residual, rows)
     assert left[0] < 1.1 * given[0]
@@ -144,17 +144,17 @@ def test_the_lesser_harm_stays_where_nothing_less_can_be(rubbing):
     exact = RegressionProblem.of(problem.observed.under(exact), quiet)
     harmful = beside((exact, true), 0.9, 3.0)
     rows, given = exact.split.held_out, exact.observed.residual
-    found, as_given = harmful.harmless()
+    found, as_given = harmful.without_harmful_members()
     assert not as_given
     assert rmse(found.proven, rows)[0] > 1.2 * rmse(given, rows)[0]
     assert rmse(found.proven, rows)[1] < 0.5 * rmse(given, rows)[1]
-    less, _ = beside(rubbing, 0.9, 3.0).harmless()
+    less, _ = beside(rubbing, 0.9, 3.0).without_harmful_members()
     assert rmse(less.proven, rows)[0] < 1.1 * rmse(given, rows)[0]
 
 
 def test_only_what_acts_on_a_harmed_joint_alone_is_as_stated(rubbing):
     harmful = beside(rubbing, 1.0, 3.0, first=6.0)
-    found, as_given = harmful.harmless()
+    found, as_given = harmful.without_harmful_members()
     assert not as_given
     assert {effect.joint: effect.f_v for effect in found.beside.simulation.effects} == {
         1: 0.5,
@@ -165,9 +165,9 @@ def test_only_what_acts_on_a_harmed_joint_alone_is_as_stated(rubbing):
 def test_a_set_that_serves_takes_the_place_of_one_that_harms(rubbing):
     """Although that follows a joint further, which it would lose together with what harms."""
     harmful, serving = beside(rubbing, 0.8, 3.0), beside(rubbing, 1.0, 1.8)
-    assert not harmful.serves
-    assert serving.serves
-    assert not beside(rubbing, 1.0, 1.0).serves  # it is as given, no better and no worse
+    assert not harmful.improves_held_out
+    assert serving.improves_held_out
+    assert not beside(rubbing, 1.0, 1.0).improves_held_out  # it is as given, no better and no worse
     assert worse_at(serving.problem, serving.proven, harmful.proven, harmful.remaining) == (1,)
     assert harmful.or_better(serving) is serving
     assert serving.or_better(harmful) is serving

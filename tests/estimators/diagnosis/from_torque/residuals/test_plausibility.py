@@ -175,13 +175,13 @@ def test_another_unit_is_refused_where_a_load_explains_less():
 def test_friction_many_times_that_which_is_known_is_no_other_unit():
     load = Payload(mass=0.3, com=(0.05, 0.0, 0.05), inertia=(1e-3, 0.0, 0.0, 1e-3, 0.0, 1e-3))
     known = Simulation("iiwa14", (*GIVEN.effects, load))
-    rubs = tuple(
+    is_friction = tuple(
         CoulombFriction(joint=7, tau_c=20.0 * effect.tau_c)
         if isinstance(effect, CoulombFriction) and effect.joint == 7
         else effect
         for effect in known.effects
     )
-    rubbing = record(Simulation("iiwa14", rubs))
+    rubbing = record(Simulation("iiwa14", is_friction))
     observe(known, [rubbing], BANDWIDTH)
     torque = record(known).torque @ scale(20.0, 6)
     with pytest.raises(RecordingError, match=r"torque_7 is .* times .*in N mm or mA"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from estimators.diagnosis.from_torque.residuals.reversals import rarity
+from estimators.diagnosis.from_torque.residuals.reversals import surprisal
 
 FREEDOM = 4.0
 RANDOM = np.random.default_rng(3)
@@ -16,7 +16,7 @@ SCATTERED = ALIKE / RANDOM.chisquare(3.0, 20000)
 
 def times(factor: float, others: np.ndarray) -> float:
     """Return the rarity of so many times the usual energy."""
-    return float(rarity(factor * np.median(others, keepdims=True), others, FREEDOM)[0])
+    return float(surprisal(factor * np.median(others, keepdims=True), others, FREEDOM)[0])
 
 
 def test_among_errors_that_are_alike_it_is_the_chance_of_such_noise() -> None:

@@ -13,8 +13,8 @@ from estimators.diagnosis.from_torque.selection.candidates import BASE, candidat
 from estimators.diagnosis.from_torque.selection.columns import ColumnTable
 from estimators.diagnosis.from_torque.selection.search import (
     base_of,
+    is_friction,
     level_of,
-    rubs,
     with_friction,
     without_friction,
 )
@@ -67,7 +67,7 @@ def test_a_joint_with_friction_of_any_kind_is_not_bare(bare, effect, joints):
 
 
 def test_which_effects_are_laws_of_friction():
-    assert [rubs(effect) for effect in (*BASE, "payload", "link_inertia")] == [
+    assert [is_friction(effect) for effect in (*BASE, "payload", "link_inertia")] == [
         True,
         True,
         False,

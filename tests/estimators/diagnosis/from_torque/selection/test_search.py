@@ -175,7 +175,7 @@ def test_ranked_additions_are_best_first(columns):
 
 def test_a_candidate_that_passes_is_no_part_of_an_improved_simulation():
     kinds = ("torque_drift", "presliding_hysteresis", "link_inertia")  # the last is no effect
-    assert [candidate(0, effect=effect).lasts for effect in kinds] == [False, True, True]
+    assert [candidate(0, effect=effect).persists for effect in kinds] == [False, True, True]
 
 
 @pytest.mark.parametrize("last_bit", [-1e-13, 0.0, 1e-13])
