@@ -58,13 +58,13 @@ class Found:
     megabytes: float = 0.0  # of the largest
 
 
-def _forked(*given: str, patience: float) -> tuple[str, Any, int]:
+def _forked(*given: str) -> tuple[str, Any, int]:
     """Run what a reader runs apart, without the seconds in which an interpreter starts."""
     told, tell = os.pipe()
     child = os.fork()
     if not child:
         signal.setitimer(signal.ITIMER_PROF, 0)
-        signal.alarm(int(patience))
+        signal.alarm(_PATIENCE)
         os.close(told)
         os.dup2(tell, 1)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)

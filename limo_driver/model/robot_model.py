@@ -10,6 +10,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from importlib.resources import files
+from os.path import isfile  # says no, too, of a name that no file can have
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,7 +58,7 @@ def beside(robot: str, folder: Path) -> str:
     """Return a robot as a file in a folder names it: built in, or a file, sought there first."""
     path, joints = split_reference(robot)
     file = folder / path
-    if robot in BUILT_IN or not file.is_file():
+    if robot in BUILT_IN or not isfile(file):
         return robot
     return joined_reference(str(file.resolve()), joints)
 
@@ -106,7 +107,7 @@ class RobotModel(ArmDynamics, Displayed):
     ) -> None:
         self.urdf, self.chosen = Path(urdf), tuple(joints)
         self.name = name or joined_reference(str(urdf), self.chosen)
-        if not self.urdf.is_file():
+        if not isfile(self.urdf):
             raise ConfigError("no such URDF or MJCF file", path=urdf)
         self.description = read_description(self.urdf, self.chosen)
         chain = read_chain(self.description)
@@ -186,7 +187,7 @@ class RobotModel(ArmDynamics, Displayed):
             path = files("limo_driver") / "assets" / f"{source}.urdf"
             return cls(str(path), name=str(source), inertials=inertials)
         path, joints = split_reference(str(source))
-        if not Path(path).is_file():
+        if not isfile(path):
             raise ConfigError(
                 f"robot {str(source)!r} is neither built in ({', '.join(BUILT_IN)}) nor a URDF file"
                 " nor an MJCF file"

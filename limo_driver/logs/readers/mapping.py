@@ -207,7 +207,7 @@ class LogMapping(Declared, Displayed):
         given = read_yaml(Path(path), needs="at least `joints:`, `time:` and `position:`")
         parts: dict[str, Any] = {"time": given["time"].make(TimeColumns)} if "time" in given else {}
         for quantity in QUANTITIES:
-            if quantity in given and not given[quantity].is_empty:
+            if quantity in given and (quantity == "position" or not given[quantity].is_empty):
                 parts[quantity] = given[quantity].make(Channels)
         return given.make(cls, parts)
 

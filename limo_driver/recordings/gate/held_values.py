@@ -111,6 +111,7 @@ def held_position(
     return held
 
 
+@np.errstate(over="ignore")  # of steps that no clock makes
 def near_jumps(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
     """Mark samples on both sides of jumps of a position, (T,), as many as make a gap.
 
@@ -234,9 +235,10 @@ def velocity_factor(time: FloatArray, position: FloatArray, velocity: FloatArray
     step = np.diff(time)
     swept = (velocity[1:] + velocity[:-1]) / 2 * step
     known = np.isfinite(swept) & (step < longest_step(step))
-    if not known.any():
+    period = float(np.median(step))
+    if not (known.any() and period > 0):
         return None
-    stride = max(1, round(_SWEEP / float(np.median(step))))
+    stride = max(1, round(min(_SWEEP / period, step.size)))
     starts = np.arange(0, step.size, stride)
     says = np.add.reduceat(np.where(known, swept, 0.0), starts)
     does = np.add.reduceat(np.where(known, np.diff(position), 0.0), starts)

@@ -258,3 +258,10 @@ def test_a_motion_without_temperature_is_refused_where_it_is_needed():
     zero = np.zeros((2, 7))
     with pytest.raises(ConfigError, match=r"joint 3: per_kelvin needs the temperature of the joi"):
         Simulation("iiwa14", effects=(warm,)).predict(Motion(np.arange(2.0), zero, zero, zero))
+
+
+def test_a_robot_whose_name_no_file_can_have_is_no_robot(tmp_path):
+    path = tmp_path / "sim.yaml"
+    path.write_text(f"robot: {'a' * 4000}.urdf\n")
+    with pytest.raises(ConfigError, match="neither built in"):
+        Simulation.load(path)

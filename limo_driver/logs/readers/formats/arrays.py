@@ -162,7 +162,8 @@ class _Member:
 
     def labels(self) -> NDArray[Any]:
         texts = self._from_bytes(self.shape[0])
-        if self._kind.kind == "U" and (texts.view(np.uint32) > sys.maxunicode).any():
+        code_points = np.dtype(np.uint32).newbyteorder(self._kind.byteorder)
+        if self._kind.kind == "U" and (texts.view(code_points) > sys.maxunicode).any():
             raise ValueError(f"{self.name} holds texts of characters that there are not")
         return texts
 

@@ -208,3 +208,10 @@ def test_what_the_maker_says_of_the_torque_is_kept():
     names = tuple(f"ext{j}" for j in range(7))
     found = mapping(external_torque=Channels(columns=names, unit=("mN m",), sign=(-1.0,)))
     np.testing.assert_allclose(found.columns(log, arm()).extras["external_torque"], -2e-3)
+
+
+def test_a_mapping_whose_positions_are_left_empty_is_refused(tmp_path):
+    path = tmp_path / "mapping.yaml"
+    path.write_text("joints: [a]\ntime: {columns: [t]}\nposition:\n")
+    with pytest.raises(ConfigError, match=r"position: lacks columns"):
+        LogMapping.load(path)

@@ -64,3 +64,11 @@ def test_numbers_that_nothing_measures_are_none(tmp_path):
     read = read_table(tmp_path / "log.npz")
     assert np.flatnonzero(np.isnan(read.columns["q[2]"])).tolist() == [3, 7]
     assert read.notes[-1] == "q[2] has 2 numbers beyond 1e+100, read as none"
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_labels_of_characters_that_there_are_not_are_refused(tmp_path, order):
+    names = np.full(7, 0x110000, order + "u4").view(order + "U1")
+    np.savez(tmp_path / "log.npz", t=TIME, q=POSITION, names=names)
+    with pytest.raises(RecordingError, match="characters that there are not"):
+        read_table(tmp_path / "log.npz")
