@@ -59,7 +59,7 @@ NOT_RUN = {
     "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
     "ros2.md": ["needs a robot, and ends at Ctrl-C", "writes into a workspace of ROS"],
     "start.md": ["installs limo, and runs what runs this"] * 3,
-    "streaming.md": ["needs two other machines"],
+    "streaming.md": ["needs zenoh-pico, built in zenoh-pico/build", "needs two other machines"],
     "without_torque.md": ["needs a real arm"],
 }
 # A machine with one network, on which an address of the documents is this machine's.

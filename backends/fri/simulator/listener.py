@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from backends.fri.codec.messages import Command
     from backends.fri.simulator.connection.port import Address, Delivered, Disturbance, UdpPort
     from backends.fri.simulator.report import ClientObservations
-    from backends.fri.simulator.scenario import Guide, Now
+    from backends.fri.simulator.scenario import HandGuiding, Now
     from backends.fri.simulator.session import ControllerSession
     from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
@@ -234,7 +234,7 @@ class CommandedArm:
         self.state = self.arm.advance(start[None])
         self.program = np.zeros(JOINTS)  # how far the robot's own program has moved, (7,) [rad]
         self._ipo_base = start
-        self._guide: tuple[Guide | None, FloatArray] = None, start  # and where it began [rad]
+        self._guide: tuple[HandGuiding | None, FloatArray] = None, start  # and where it began [rad]
         self.begin()
 
     @property
@@ -285,7 +285,7 @@ class CommandedArm:
             self.path.rest_at(self.state.position, self.state.velocity)
             self.arm.take_control(ControlMode.POSITION, self.state.position)
 
-    def _guided(self, guide: Guide, time: float) -> FloatArray:
+    def _guided(self, guide: HandGuiding, time: float) -> FloatArray:
         """Return where a hand has the arm, (7,) [rad], on its smooth way."""
         if self._guide[0] is not guide:
             self._guide = guide, self.path.position

@@ -79,7 +79,7 @@ class Now:
     silent: bool = False
     pushes: tuple[SimulatedPush | FlangeForce, ...] = ()
     motions: tuple[ProgramMotion, ...] = ()
-    guide: Guide | None = None
+    guide: HandGuiding | None = None
     exchanges: tuple[Exchange, ...] = ()
 
 
@@ -141,7 +141,7 @@ def together(events: Iterable[ControllerEvent]) -> Now:
                 now = replace(now, pushes=(*now.pushes, event))
             case ProgramMotion():
                 now = replace(now, motions=(*now.motions, event))
-            case Guide():
+            case HandGuiding():
                 now = replace(now, guide=event)
             case Exchange():
                 now = replace(now, exchanges=(*now.exchanges, event))
@@ -290,7 +290,7 @@ class ProgramMotion(ControllerEvent):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Guide(ControllerEvent):
+class HandGuiding(ControllerEvent):
     """Somebody guides the arm by hand to a pose, while no client commands it; it stays there."""
 
     name: ClassVar[str] = "guide"
@@ -320,7 +320,7 @@ EVENTS: dict[str, type[ControllerEvent]] = {
         FlangeForce,
         Silence,
         ProgramMotion,
-        Guide,
+        HandGuiding,
         Exchange,
     )
 }

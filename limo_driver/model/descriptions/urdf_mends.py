@@ -6,7 +6,6 @@ thing alone, and costs nobody anything who only wants to see the arm move.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Final
 from xml.etree import ElementTree as ET
 
@@ -118,7 +117,7 @@ def _with_plain_joints(root: ET.Element) -> Iterator[str]:
 
 def _is_none(text: str) -> bool:
     try:
-        return float(text) < 0.0 or math.isinf(float(text))
+        return float(text) < 0.0 or text.strip().lower().lstrip("+") in {"inf", "infinity"}
     except ValueError:
         return False
 

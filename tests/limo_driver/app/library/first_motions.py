@@ -16,15 +16,14 @@ from ports import free_port
 from backends.can import robot as can_robot
 from backends.can.config import Cia402Joint
 from backends.can.port import BusPort
-from backends.can.simulator.scenario import SWITCHED_ON, BusScenario
-from backends.can.simulator.scenario import Guide as BusGuide
+from backends.can.simulator.scenario import SWITCHED_ON, BusScenario, Guide
 from backends.fri import doctor
 from backends.fri.codec.messages import SessionState
 from backends.fri.robot import FriRobot
 from backends.fri.simulator import monitoring
 from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.scenario import ControllerScenario, Guide, SessionCap
+from backends.fri.simulator.scenario import ControllerScenario, HandGuiding, SessionCap
 from backends.fri.simulator.settings import ControllerSettings
 from limo_driver.app.library.first_motion.arms import CanArm, FriArm
 from limo_driver.app.library.first_motion.records import Folder, Identity, description_digest
@@ -66,7 +65,7 @@ class CanBench:
         )
         self.config = arm_config(joints=joints, rate=100.0, hold_after=3)
         guides = tuple(
-            BusGuide(at=at, lasts=0.8, position=pose)
+            Guide(at=at, lasts=0.8, position=pose)
             for at, pose in zip((1.4, 2.8), POSES, strict=True)
         )
         scenario = BusScenario(faults=(*faults, *guides * guided), origin=SWITCHED_ON)
@@ -134,7 +133,7 @@ class FriBench:
             events.append(SessionCap(at=0.0, duration=1e6, state=ready))
         if guided:
             ways = zip((0.8, 1.6), POSES, strict=True)
-            events += [Guide(at=at, duration=0.5, position=pose) for at, pose in ways]
+            events += [HandGuiding(at=at, duration=0.5, position=pose) for at, pose in ways]
         wanted = ControllerSettings(
             Address("127.0.0.1", self.port),
             position=START,
