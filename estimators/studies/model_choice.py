@@ -229,7 +229,7 @@ def choose_model(
             tried.append(Tried(name, unknown, unknown, str(error)))
             continue
         simulated = np.sqrt(products[:, :, 1, 1].mean(axis=0))
-        tried.append(_judged(name, products, fold))
+        tried.append(_judge(name, products, fold))
     progress("done", 1.0)
     if not simulated.size:
         raise RecordingError(tried[0].refused)
@@ -268,7 +268,7 @@ def _best(tried: Sequence[Tried]) -> Tried | None:
     return best
 
 
-def _judged(name: str, products: FloatArray, fold: NDArray[np.int64]) -> Tried:
+def _judge(name: str, products: FloatArray, fold: NDArray[np.int64]) -> Tried:
     """Find the confirmed share of each joint, and the error that it leaves.
 
     Args:

@@ -34,8 +34,9 @@ _LEAST: Final = 19
 _ABANDONED: Final = 3  # exit status
 _LOOK: Final = 1.0  # [s] between two looks at a process
 _IDLE: Final = 60  # of them in a row, at which it waits and has computed nothing
+_TICK: Final = 1.0 / os.sysconf("SC_CLK_TCK")  # [s] of processor time
 _STATE: Final = 0  # which word of /proc/PID/stat behind the name is the state
-_TICKS: Final = slice(11, 13)  # and which are its time on the CPU, with that in the kernel
+_TICKS: Final = slice(11, 15)  # and which are its time on the CPU, and that of ended children
 
 
 @contextmanager
@@ -56,15 +57,31 @@ def ended_if_idle(process: Popen[bytes]) -> Generator[threading.Event]:
 
 
 def _end_idle(process: Popen[bytes], over: threading.Event, idle: threading.Event) -> None:
-    many, before = 0, [""]
+    many, before = 0, -1.0
     while many < _IDLE:
         if over.wait(_LOOK):
             return
-        words = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
-        waits = words[_STATE] != "R" and words[_TICKS] == before  # one without a turn can run
-        many, before = many + 1 if waits else 0, words[_TICKS]
+        used = processor_time(process.pid)
+        waits = used == before and _stat_of(process.pid)[_STATE] != "R"  # without a turn it can run
+        many, before = many + 1 if waits else 0, used
     idle.set()
     process.kill()
+
+
+def processor_time(process: int) -> float:
+    """Return the processor time of a process and its children [s]; 0 where nobody counts it."""
+    total, waiting = 0, [process]
+    while waiting:
+        own = waiting.pop()
+        with suppress(OSError):  # it has ended
+            total += sum(map(int, _stat_of(own)[_TICKS]))
+            waiting += map(int, Path(f"/proc/{own}/task/{own}/children").read_text().split())
+    return _TICK * total
+
+
+def _stat_of(process: int) -> list[str]:
+    """Return the words of /proc/PID/stat behind the name, which may have blanks."""
+    return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
 
 
 class Closing(ABC):

@@ -17,9 +17,8 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from os import sysconf
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -30,7 +29,7 @@ from estimators.service.store.store import ModelStore
 from estimators.service.store.version import replay
 from estimators.stream import Stream
 from limo_driver.errors import LimoError, ModelStoreError
-from limo_driver.runtime.processes import give_way
+from limo_driver.runtime.processes import give_way, processor_time
 
 if TYPE_CHECKING:
     import threading
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
 _LOOK: Final = 0.2  # [s] between two looks whether it has to end
 TIMEOUT: Final = 120.0  # [s] of processor time; a fresh process compiles first
 _LONGEST: Final = 3600.0  # [s], whoever asked
-_TICK: Final = 1.0 / sysconf("SC_CLK_TCK")  # [s]
 _NICE: Final = 10
 _COMMAND: Final = (sys.executable, "-P", "-m", "estimators.service.store.vetting")
 
@@ -117,24 +115,12 @@ def vet(
                 if stopped is not None and stopped.is_set():
                     process.kill()
                     return Vetted(ok=False, refused="ended", reason="the service ends")
-                if (now := _used(process.pid)) > used:
+                if (now := processor_time(process.pid)) > used:
                     used, at = now, time.monotonic()
                 if used >= timeout or time.monotonic() - at >= timeout:
                     process.kill()
                     reason = f"gave no answer within {timeout:g} s of a processor"
                     return Vetted(ok=False, refused="hanging", reason=reason)
-
-
-def _used(process: int) -> float:
-    """Return the processor time of a process and its children [s]; 0 where nobody counts it."""
-    total, waiting = 0, [process]
-    while waiting:
-        files = Path(f"/proc/{waiting.pop()}")
-        with suppress(OSError):  # it has ended
-            fields = (files / "stat").read_text().rpartition(")")[2].split()
-            total += sum(map(int, fields[11:15]))  # its own, and that of children that have ended
-            waiting += map(int, (files / "task" / files.name / "children").read_text().split())
-    return _TICK * total
 
 
 def _answered(answer: str, told: str, status: int) -> Vetted:

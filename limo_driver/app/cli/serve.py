@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import RosDomain, SessionOptions, describe_options
+from limo_driver.app.console.arguments import (
+    RosDomain,
+    SessionOptions,
+    describe_options,
+    is_on_command_line,
+)
 from limo_driver.app.console.terminal import say, terminal
 from limo_driver.errors import ConfigError
 
@@ -180,8 +185,7 @@ def free_contact(
 
     if model is None:
         raise ConfigError("--free takes --model, whose errors on that motion it judges")
-    source = context.get_parameter_source("contact")
-    if source is not None and source.name == "COMMANDLINE":
+    if is_on_command_line(context, "contact"):
         raise ConfigError("--contact and --free both say what a contact is")
     levels = contact_thresholds(model, free, false_alarms=false_alarms, delay=delay)
     found = ",".join(f"{level:.3g}" for level in levels)

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from limo_driver.app.console.arguments import MappingOption, describe_options, refuse_options
+from limo_driver.app.console.arguments import (
+    MappingOption,
+    describe_options,
+    is_on_command_line,
+    refuse_options,
+)
 from limo_driver.app.console.terminal import (
     Machines,
     OnOption,
@@ -141,7 +147,8 @@ def command(
     from limo_driver.app.library.inputs import AUTO, require_model
     from limo_driver.app.library.reading import read
 
-    if any(_given(context, name) for name in _OF_NETWORKS) and not _given(context, "model"):
+    is_given = partial(is_on_command_line, context)
+    if any(map(is_given, _OF_NETWORKS)) and not is_given("model"):
         model = "mlp7"
     if model != AUTO:
         require_model(model)
@@ -321,12 +328,6 @@ _OF_EVERY_MODEL: Final = frozenset(
 )
 _OF_NETWORKS: Final = frozenset(item.name for item in fields(NetworkOptions)) - _OF_EVERY_MODEL
 _COMPARED: Final = 0.7  # of the work; the rest is training
-
-
-def _given(context: typer.Context, name: str) -> bool:
-    """Say whether an option stands on the command line."""
-    source = context.get_parameter_source(name)
-    return source is not None and source.name == "COMMANDLINE"
 
 
 def run_sweep(

@@ -156,6 +156,12 @@ def in_options(message: str) -> str:
     return re.sub(r"`([^`\n]+)`", lambda found: OPTIONS.get(found[1], found[0]), message)
 
 
+def is_on_command_line(context: typer.Context, name: str) -> bool:
+    """Say whether a parameter of a command was given, not left at its default."""
+    source = context.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
 def refuse_options(context: typer.Context, known: Container[str], why: str) -> None:
     """Refuse options that were given, and that something has no use for.
 
@@ -168,6 +174,5 @@ def refuse_options(context: typer.Context, known: Container[str], why: str) -> N
         ConfigError: Names one.
     """
     for name in context.params:
-        source = context.get_parameter_source(name)
-        if name not in known and source is not None and source.name == "COMMANDLINE":
+        if name not in known and is_on_command_line(context, name):
             raise ConfigError(f"--{name.replace('_', '-')} {why}")

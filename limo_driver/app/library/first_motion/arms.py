@@ -58,7 +58,7 @@ class RealArm(ABC):
     def judge_link(self, found: Examination, robot: Robot) -> None:
         """Add what the link says by itself, after an arm was listened to."""
 
-    def known_from(self, record: dict[str, Any]) -> RealArm:  # noqa: ARG002  # most know all
+    def complete_from(self, record: dict[str, Any]) -> RealArm:  # noqa: ARG002  # most know all
         """Return the arm with what the record of its link knows more."""
         return self
 
@@ -127,7 +127,7 @@ class FriArm(RealArm):
                 f"{robot.malformed}",
             )
 
-    def known_from(self, record: dict[str, Any]) -> RealArm:
+    def complete_from(self, record: dict[str, Any]) -> RealArm:
         """Return the arm with the address at which the first step found it."""
         host = record["figures"].get("host")
         return replace(self, host=host) if self.host is None and isinstance(host, str) else self

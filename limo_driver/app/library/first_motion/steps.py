@@ -126,7 +126,7 @@ def take_step(
     with only_writer(kept.path):
         given, record = arm, kept.read(STEPS[0])
         if record is not None:
-            arm = arm.known_from(record)
+            arm = arm.complete_from(record)
         mine = _identity(arm)
         step = step or kept.next_step(mine)
         kept.require_before(step, mine)
@@ -136,7 +136,7 @@ def take_step(
         taking.check(step)
         kept.begin(step)
         found = taking.take(step)
-        arm = arm.known_from({"figures": found.figures})
+        arm = arm.complete_from({"figures": found.figures})
         record = kept.keep(step, _identity(arm), found, taking.about)
         page = kept.file(step, ".html")
         step_page(record, arm, kept).save(page)

@@ -23,6 +23,7 @@ from estimators.service.store.store import ModelStore
 from estimators.service.store.version import described
 from estimators.service.store.vetting import Demand, check, vet
 from limo_driver.errors import ModelStoreError
+from limo_driver.runtime.processes import processor_time
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -153,12 +154,12 @@ def test_processor_time_is_that_of_a_process_and_its_children() -> None:
     loop = f"{sys.executable} -c 'while True: pass' & wait"
     with subprocess.Popen(["sh", "-c", loop], start_new_session=True) as process:
         try:
-            while vetting._used(process.pid) < 0.2:
+            while processor_time(process.pid) < 0.2:
                 assert process.poll() is None
                 time.sleep(0.01)
         finally:
             os.killpg(process.pid, signal.SIGKILL)
-    assert vetting._used(process.pid) == 0.0
+    assert processor_time(process.pid) == 0.0
 
 
 @pytest.mark.slow("computes for two seconds of a processor")
