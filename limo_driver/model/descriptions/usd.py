@@ -24,6 +24,7 @@ from limo_driver.model.descriptions.description import (
     StatedServo,
 )
 from limo_driver.model.descriptions.geometry import numbers, rpy_of
+from limo_driver.model.descriptions.urdf_checks import check_urdf
 from limo_driver.model.descriptions.usd_joints import (
     KINDS,
     axis_of,
@@ -165,6 +166,7 @@ def read_usd(path: Path) -> RobotDescription:
         _write_joint(root, stage, joint, name, shifts)
         dynamics[joint.GetName()] = dynamics_of(joint)
         notes += contradictions(joint)
+    check_urdf(root, path)  # that this becomes: its parser prints what it refuses
     notes += couple(root, stage, tree.values())
     drives, more = drives_of(stage, tree.values())
     notes += more

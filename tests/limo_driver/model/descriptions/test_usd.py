@@ -92,6 +92,13 @@ def of_a_ball(stage, _):
     prim.SetTypeName("PhysicsSphericalJoint")
 
 
+def nowhere(stage, _):
+    from pxr import Gf
+
+    joint = next(p for p in stage.Traverse() if p.GetTypeName() == "PhysicsRevoluteJoint")
+    joint.GetAttribute("physics:localPos0").Set(Gf.Vec3f(float("nan"), 0.0, 0.0))
+
+
 def from_elsewhere(stage, folder):
     outside = folder.parent / "outside.usda"
     outside.write_text("#usda 1.0\n", encoding="utf-8")
@@ -110,10 +117,11 @@ def _api(name):
         (without_mass, "body link3 states no mass, centerOfMass and diagonalInertia"),
         (in_centimetres, "has metersPerUnit = 0.01, expected 1"),
         (of_a_ball, "is a PhysicsSphericalJoint; limo's joints have one axis"),
+        (nowhere, "xyz of its origin is"),
         (from_elsewhere, "outside.usda, which is outside its folder"),
     ],
 )
-def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, change, said):
+def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, capfd, change, said):
     from pxr import Usd
 
     folder = tmp_path / "own"
@@ -126,6 +134,7 @@ def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, change, said):
         RobotModel(path)
     assert "\n" not in str(error.value)
     assert "pxr" not in str(error.value)
+    assert not capfd.readouterr().err  # where parsers print what they refuse
 
 
 @pytest.mark.parametrize(
