@@ -193,10 +193,12 @@ def main(
     kept = Log(log and log.absolute())
     os.chdir(ROOT)
     kept_all = True
+    opened_by_name = backends()
+    if unknown := sorted(set(only or ()) - set(opened_by_name)):
+        raise typer.BadParameter(f"{', '.join(unknown)}: choose of {', '.join(opened_by_name)}")
     print(f"{'backend':12} {'cycles':>9} {'violations':>10} {'us/cycle':>9}")
-    for name, opened in backends().items():
-        if only and name not in only:
-            continue
+    for name in only or opened_by_name:
+        opened = opened_by_name[name]
         rows = kept.rows.setdefault(name, [])
         done, after = sum(row.cycles for row in rows), max((row.seed for row in rows), default=-1)
         for session in sessions(opened, cycles - done, max(seed, after + 1)):
