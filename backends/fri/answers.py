@@ -233,10 +233,11 @@ _SAID_AS: Final[dict[type[JointCommand], tuple[str, str]]] = {
 
 
 class _Left(NamedTuple):
-    """How an active session was left."""
+    """How an active session was left, and where the arm has been since."""
 
     packet: int  # count of the one that said so
-    measured: FloatArray  # by the one before, (n,) [rad]
+    seen: int  # count of the last one
+    measured: FloatArray  # by the last one, (n,) [rad]
 
 
 class Lead:
@@ -262,6 +263,7 @@ class Lead:
         self._plausible, self._hold = plausible, hold
         self._joined = False  # COMMANDING_ACTIVE while it was so already
         self._measured: FloatArray = np.zeros(0)  # by the message before
+        self._packets = 0  # send periods until then
         self._left: _Left | None = None  # lately, and maybe not really
         self._familiar: tuple[object, object] = (None, None)  # robot and connection, examined
         self.commanded = False  # by this client, since COMMANDING_ACTIVE was entered
@@ -286,14 +288,15 @@ class Lead:
         """
         before, state = states
         if self.commanded and before is state is _ACTIVE and order is _NEXT and self._wire.anchored:
-            ipo, (robot, connection), self._measured = message.ipo, self._familiar, measured
+            ipo, (robot, connection) = message.ipo, self._familiar
+            self._measured, self._packets = measured, self._session.packets
             same = message.robot is robot and message.connection is connection
             if not (same and ipo is not None and ipo.command_mode is self.mode):
                 self._examine(message)
             return  # most often
         if before is _ACTIVE:
             self._note_end(message, order, state)
-        self._measured = measured
+        self._measured, self._packets = measured, self._session.packets
         if self._goes_on(states, measured):
             if state is _ACTIVE:
                 self._left = None
@@ -329,7 +332,7 @@ class Lead:
     def _note_end(self, message: Monitoring, order: Order, state: SessionState | None) -> None:
         """Hold where an active session ends, or may have begun anew unseen."""
         if state is not _ACTIVE and state is not None:
-            self._left = _Left(self._session.packets, self._measured)
+            self._left = _Left(self._session.packets, self._packets, self._measured)
             reasons = "".join(f"; {said}" for said in advice(message)[:1])
             self._hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
         elif order is Order.RESTARTED:
@@ -358,16 +361,17 @@ class Lead:
         """Say whether all stays as it was when the session left COMMANDING_ACTIVE, as it said.
 
         One that did becomes active again only by answers in COMMANDING_WAIT, and gets there by
-        MONITORING, not at once: without any, where the arm has not moved, it never left. One that
+        MONITORING, not at once: without any, where the arm has not jumped, it never left. One that
         is active takes whatever it is answered for a command; without answers for long, it ends
         the session.
         """
         left, (before, state) = self._left, states
         if left is None:
             return False
-        packets = self._session.packets - left.packet
-        if (np.abs(measured - left.measured) > self._plausible.reach(packets)).any():
-            return False
+        packets, steps = self._session.packets - left.packet, self._session.packets - left.seen
+        if (np.abs(measured - left.measured) > self._plausible.reach(steps)).any():
+            return False  # from one packet to the next: torque that stays may carry it far
+        self._left = left._replace(seen=self._session.packets, measured=measured)
         over = packets * self._session.period >= DOUBTED and packets >= FLICKER
         if state in MONITORING:  # until the arm stands, which it may do by what is answered
             return not over or not self._contract.standing

@@ -175,10 +175,19 @@ class TestAnActiveSessionThatSaysSomethingElse:
             assert len(path) > real + 200
 
     @sampled("packets", [LONGEST, 1, FLICKER + 1], "is doubted for as long")
+    @sampled("speed", [1.5, 0.0], "does not change what is believed")
     @pytest.mark.parametrize("state", LEFT_FOR)
-    def test_that_it_ended_does_not_let_torques_drop(self, packets, state):
+    def test_that_it_ended_does_not_let_torques_drop(self, packets, state, speed):
         with stepped(mode=CommandMode.TORQUE) as robot:
             judged = pushing(robot)
+            step = speed * robot.spec.limits.velocity * 1e-3  # a torque that stays carries it far
+            obey, arm = robot.arm.obey, robot.arm
+
+            def carried():
+                obey()
+                arm.position = arm.position - step if arm.state is state else arm.position
+
+            arm.obey = carried
             real = len(judged.torques())
             robot.arm.state = state
             for _ in range(packets):
