@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from limo_driver.errors import BackendError, ConfigError, JointLimitError, ShapeError
-from limo_driver.model import BUILT_IN
+from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.physics import Simulation
 from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.robot.robot import Robot
 from limo_driver.robot.safety import START_TOLERANCE
-from limo_driver.types import RobotSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray, ImpedanceCommand, JointState
+from limo_driver.types import FloatArray, ImpedanceCommand, JointState, RobotSpec
 
 DEFAULT_PERIOD = 1e-3  # [s]
 

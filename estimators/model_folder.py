@@ -22,10 +22,10 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
-from estimators.residual_model import estimator_called, known_estimators
+from estimators.residual_model import ResidualModel, estimator_called, known_estimators
 from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
 from limo_driver.physics import Simulation
-from limo_driver.runtime.declarations import read_json
+from limo_driver.runtime.declarations import JsonNode, read_json
 from limo_driver.runtime.given_files import read_bytes
 from limo_driver.runtime.outputs import replacing
 from limo_driver.types import same_robot
@@ -35,10 +35,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.residual_model import ResidualModel
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.runtime.declarations import JsonNode
 
 WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"

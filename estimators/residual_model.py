@@ -8,9 +8,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from inspect import isabstract
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, Self, TypeVar
 
-from estimators.base import Estimate
+from estimators.base import Estimate, State
 from limo_driver.errors import ConfigError, NotFittedError, ShapeError
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.runtime.plugins import ESTIMATORS, OWN, names, plug_in
@@ -18,9 +18,7 @@ from limo_driver.runtime.plugins import ESTIMATORS, OWN, names, plug_in
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
     from pathlib import Path
-    from typing import Self
 
-    from estimators.base import State
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, JointSample, Motion

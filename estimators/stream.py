@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from estimators.base import Estimate
+from estimators.base import Estimate, LiveEstimator, State
 from estimators.residual_model import SimulationOnly
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.physics import Simulation
@@ -26,18 +26,16 @@ from limo_driver.recordings.filters.causal_differentiation import (
     RATE_TOLERANCE,
     CausalDifferentiator,
     CausalFilter,
+    DelayLine,
 )
 from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH
 from limo_driver.recordings.filters.standstill import RestingDifferentiator
-from limo_driver.types import Motion
+from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from estimators.base import LiveEstimator, State
-    from limo_driver.recordings.filters.causal_differentiation import DelayLine
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
 
 
 EARLY: Final = (

@@ -14,23 +14,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.model.robot_model import beside
-from limo_driver.runtime.declarations import read_yaml
+from limo_driver.runtime.declarations import ConfigNode, read_yaml
 from limo_driver.runtime.parameters import Declared, parameter
-from limo_driver.types import RobotSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from limo_driver.runtime.declarations import ConfigNode
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, RobotSpec
 
 CIA402: Final = "cia402"
 DAMIAO: Final = "damiao"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
-from pathlib import Path  # noqa: TC003  # the constructor's signature is read at run time
+from pathlib import Path  # the constructor's signature is read at run time
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np

@@ -8,15 +8,12 @@ import struct
 import time
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from backends.fri.codec.codec import decode_monitoring, detect
-from backends.fri.codec.messages import MAX_DATAGRAM
+from backends.fri.codec.messages import MAX_DATAGRAM, Joints, Monitoring
 from backends.fri.codec.version import FriVersion, Generation
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, WireFormatError
-
-if TYPE_CHECKING:
-    from backends.fri.codec.messages import Joints, Monitoring
 
 LARGEST_POSITION: Final = 10.0  # [rad], beyond any arm
 LARGEST_TORQUE: Final = 1e4  # [N m], beyond any arm

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
-from backends.fri.codec.messages import SessionState
+from backends.fri.codec.messages import Joints, Monitoring, SessionState
 from backends.fri.connection import LARGEST_POSITION, LARGEST_TORQUE
 from limo_driver.robot.measured import SLACK
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import readonly
-
-if TYPE_CHECKING:
-    from backends.fri.codec.messages import Joints, Monitoring
-    from limo_driver.types import FloatArray, JointLimits
+from limo_driver.types import FloatArray, JointLimits, readonly
 
 LONGEST: Final = 0.1  # [s] of silence that counts; an arm that is commanded holds by then
 _COMMANDED: Final = (SessionState.COMMANDING_ACTIVE, SessionState.COMMANDING_WAIT)

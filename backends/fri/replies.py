@@ -16,24 +16,21 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.fri.answers import MONITORING, answer_to
-from backends.fri.codec.messages import MAX_IO, IoDirection, IoType, IoValue
+from backends.fri.answers import MONITORING, Lead, answer_to
+from backends.fri.codec.messages import MAX_IO, IoDirection, IoType, IoValue, Monitoring
 from backends.fri.codec.template import CommandTemplate
 from limo_driver.errors import ConfigError
 from limo_driver.robot.realtime import LatencyHistogram
-from limo_driver.types import PositionCommand
+from limo_driver.types import JointCommand, PositionCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from backends.fri.answers import Lead
-    from backends.fri.codec.messages import Monitoring
     from backends.fri.connection import Connection
     from backends.fri.session import RobotSession
     from backends.fri.wire_limits import WireLimits
     from limo_driver.robot.output import Setpoint
     from limo_driver.robot.safety import SafetyContract
-    from limo_driver.types import JointCommand
 
 _DIGITAL: Final = 1 << 64
 _HALF: Final = 1 << 31

@@ -15,24 +15,22 @@ from backends.mujoco_sim import layout
 from backends.mujoco_sim.drives import away_from_rest
 from limo_driver.physics import (
     ArmEffect,
+    Effect,
     Friction,
     JointCoupling,
     MotionEffect,
     SensorEffect,
     TorqueEffect,
 )
-from limo_driver.physics.effect import ArmMotion, JointMotion, SensedTorque
+from limo_driver.physics.effect import ArmMotion, JointMotion, SensedTorque, State
 from limo_driver.physics.effects.sensing import quantise
-from limo_driver.types import Motion
+from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from backends.mujoco_sim.realisation import Draft
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Effect
-    from limo_driver.physics.effect import State
-    from limo_driver.types import FloatArray
 
 
 class _Cycle(NamedTuple):

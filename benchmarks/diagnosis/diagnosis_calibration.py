@@ -9,7 +9,7 @@ Never give it cases whose figures are to be reported.
 
 from __future__ import annotations
 
-from pathlib import Path  # noqa: TC003  # read by typer
+from pathlib import Path  # read by typer
 from typing import Annotated
 
 import numpy as np

@@ -23,7 +23,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-from pathlib import Path  # noqa: TC003  # typer reads the annotations
+from pathlib import Path  # typer reads the annotations
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import Final
 
 from estimators.diagnosis.quantities import listed, of_several, once, quantity, unit_of
-from estimators.diagnosis.verdict import Interval
+from estimators.diagnosis.verdict import Interval, StatedValue, Verdict
 from limo_driver.physics import display_name
 from limo_driver.runtime.display import joint_called
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from estimators.diagnosis.verdict import StatedValue, Verdict
 
 AMOUNTS: Final = {  # of drives, the one value that is off, as roboticists call it
     "position_servo": "P gain",

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import Final
 
 from estimators.diagnosis.differences import value_columns
 from estimators.diagnosis.headline import headline, named, place_of, values_of
 from estimators.diagnosis.quantities import give_or_take, listed, rounded, several
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Verdict
 from estimators.regression.evidence import REACH
 from limo_driver.physics import display_name
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from estimators.diagnosis.verdict import Finding, Verdict
 
 ROWS_JUDGED: Final = "rows judged"  # heading of the only column that is no error
 NOT_JUDGED = "near rest, at reversals, under a push or in a jolt"

@@ -14,32 +14,29 @@ from zenoh.handlers import RingChannel
 
 from estimators.service.inference.inbox import (
     RING,
+    Bulletin,
     FollowedSource,
     Inbox,
     LogWatch,
     NetworkOutlet,
     StateSilence,
 )
-from estimators.service.inference.live_model import Window
+from estimators.service.inference.live_model import LiveModel, Window
 from estimators.service.model_changes import ModelChanges
-from estimators.service.opening import ModelQueries, Opening
+from estimators.service.opening import ModelQueries, Opening, Retrainer
 from estimators.service.store.vetting import Demand
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.messages import Attachment, Level, decode_joint_state
 from limo_driver.network.readiness import ServicePhase
-from limo_driver.network.ros import RosReader
+from limo_driver.network.ros import RosReader, RosTopic
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from estimators.service.inference.arm_service import ArmService
-    from estimators.service.inference.inbox import Bulletin
-    from estimators.service.inference.live_model import LiveModel
-    from estimators.service.opening import Retrainer
     from estimators.service.settings import ServiceSettings
     from estimators.service.store.served_models import ServedModels
     from limo_driver.logs.mcap_log import McapLog
-    from limo_driver.network.ros import RosTopic
 
 _WAITING_FOR_STATES: Final = "waiting for joint states"
 _ANSWERING: Final = (ServicePhase.SERVING, ServicePhase.SILENT)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -13,14 +15,15 @@ import pyarrow.parquet as pq
 from estimators.diagnosis.differences import name_of_value
 from estimators.diagnosis.headline import headline
 from estimators.diagnosis.quantities import of_joints
-from estimators.diagnosis.verdict import REPORT
-from estimators.studies.fleet import changed
-from estimators.studies.fleet_row import FLEET
-from estimators.studies.fleet_standing import dates_of
+from estimators.diagnosis.verdict import REPORT, Finding, Identified, StatedValue, Verdict
+from estimators.studies.fleet import FleetDiagnosis, changed
+from estimators.studies.fleet_row import FLEET, FleetRow
+from estimators.studies.fleet_standing import ArmStanding, FleetDrift, UnitSpread, dates_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, layout, numbers
 from limo_driver.pages.markup import (
     UNSAID,
+    Figure,
     folded,
     header,
     number,
@@ -32,16 +35,6 @@ from limo_driver.pages.markup import (
 from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
 from limo_driver.runtime.outputs import whole
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-    from pathlib import Path
-
-    from estimators.diagnosis.verdict import Finding, Identified, StatedValue, Verdict
-    from estimators.studies.fleet import FleetDiagnosis
-    from estimators.studies.fleet_row import FleetRow
-    from estimators.studies.fleet_standing import ArmStanding, FleetDrift, UnitSpread
-    from limo_driver.pages.markup import Figure
 
 _ODD, _ALIKE = BEFORE, AFTER
 _DRAWN: Final = 6  # drifts that have a chart

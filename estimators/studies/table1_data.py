@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
 from importlib.resources import files
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 import yaml
@@ -30,15 +32,9 @@ from limo_driver.model import BUILT_IN, RobotModel
 from limo_driver.model.robot_model import beside
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
-from limo_driver.runtime.declarations import read_json
+from limo_driver.runtime.declarations import ConfigNode, read_json
 from limo_driver.runtime.parameters import Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from limo_driver.runtime.declarations import ConfigNode
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 SCHEMA: Final = 1
 DESCRIPTION: Final = "data.json"

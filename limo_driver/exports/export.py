@@ -12,7 +12,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.joints import sharp
-from limo_driver.exports.changes.target import target_of
+from limo_driver.exports.changes.target import Target, target_of
 from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_format
 from limo_driver.exports.mjcf.assets import assets_of
 from limo_driver.exports.mjcf.file import FIRMNESS, edited_mjcf, rubs_anew
@@ -22,7 +22,7 @@ from limo_driver.exports.remainder import Remainder, proof_motion, remainders, u
 from limo_driver.exports.urdf import actuators, edited_urdf
 from limo_driver.exports.usd import files_of, write_layer
 from limo_driver.model.descriptions.description import DOWN
-from limo_driver.physics import GravityDirection
+from limo_driver.physics import GravityDirection, Simulation
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.installed_mujoco import RELEASE, VERSION
 from limo_driver.runtime.outputs import require_apart, require_folder, whole
@@ -30,9 +30,7 @@ from limo_driver.runtime.outputs import require_apart, require_folder, whole
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from limo_driver.exports.changes.target import Target
     from limo_driver.exports.xml_edits import XmlText
-    from limo_driver.physics import Simulation
     from limo_driver.types import Motion
 
 PROVEN: Final = 0.01  # of a joint's torque, RMS, that a plain simulator's should be near to

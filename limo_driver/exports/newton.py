@@ -10,15 +10,17 @@ add both.
 # pyright: reportMissingImports=false, reportMissingModuleSource=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.origin import alike
 from limo_driver.exports.remainder import BEYOND_ACTUATORS, missing_numbers
-from limo_driver.model.descriptions.description import StatedServo
+from limo_driver.model.descriptions.description import RobotDescription, StatedMotor, StatedServo
 from limo_driver.model.descriptions.usd_joints import (
     ACTUATOR,
     DELAY,
@@ -34,16 +36,9 @@ from limo_driver.model.descriptions.usd_joints import (
     targets_of,
     value_of,
 )
-from limo_driver.physics import PositionServo
+from limo_driver.physics import JointDrive, PositionServo, Simulation
 from limo_driver.physics.drives import DcMotor, as_described
 from limo_driver.runtime.outputs import whole
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    from limo_driver.model.descriptions.description import RobotDescription, StatedMotor
-    from limo_driver.physics import JointDrive, Simulation
 
 _PID: Final = "NewtonPIDControlAPI"
 _NETWORK: Final = "NewtonNeuralControlAPI"

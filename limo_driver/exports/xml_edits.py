@@ -7,16 +7,13 @@ here the text stays, and edits are cut into it.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from pathlib import Path
 from xml.parsers import expat
 
 from limo_driver.errors import ConfigError
 from limo_driver.quoting import in_xml
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
 
 _ATTRIBUTE = re.compile(rb"(\s+)([\w:.\-]+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _NAME = re.compile(rb"<[\w:.\-]+")

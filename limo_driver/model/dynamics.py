@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.types import FloatArray, as_numbers, readonly
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from typing import Self
-
-    from numpy.typing import NDArray
 
 # pinocchio has no stubs and is found through an import hook; this file is an adapter to it.
 # pyright: reportMissingImports=false, reportUnknownParameterType=false

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from importlib.resources import files
 from os.path import isfile  # says no, too, of a name that no file can have
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -40,12 +40,7 @@ from limo_driver.model.descriptions.shapes import (
 )
 from limo_driver.model.dynamics import ArmDynamics
 from limo_driver.runtime.display import Displayed, shortened
-from limo_driver.types import FloatArray, as_numbers
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from limo_driver.types import Motion
+from limo_driver.types import FloatArray, Motion, as_numbers
 
 BUILT_IN = ("iiwa14",)
 _MOST_NEGATIVE = 0.5  # of the largest principal moment, that a negative one may still be a slip

@@ -26,20 +26,17 @@ import json
 import re
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
-from typing import TYPE_CHECKING, Final, cast
+from typing import Final, Self, cast
 from weakref import WeakSet
 
 import zenoh
 
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.processes import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from typing import Self
 
 LINKING: Final = 0.5  # [s] in which those who are there are linked
 PATIENCE: Final = 5.0  # [s] in which those who are linked tell whom they see

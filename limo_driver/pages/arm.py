@@ -3,24 +3,19 @@
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from limo_driver.model import Capsule
+from limo_driver.model import Capsule, RobotModel
 from limo_driver.model.descriptions.shapes import enclosing_capsule
 from limo_driver.model.drawn import Drawing, LinkMesh, drawing_of
 from limo_driver.model.kinematics import KinematicChain
 from limo_driver.pages.markup import typeset
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 STICK: Final = 0.03  # of the arm's length: radius of links that have no shape
 RING: Final = 0.05  # of the arm's length: radius of the ring at a joint that has no shape

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.model.kinematics import KinematicChain
-from limo_driver.pages.arm import PlayedMotion, arm_view
+from limo_driver.pages.arm import ArmView, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import joint_motion
-from limo_driver.pages.markup import grid
+from limo_driver.pages.markup import Charts, grid
 
 if TYPE_CHECKING:
     from limo_driver.model import RobotModel
-    from limo_driver.pages.arm import ArmView
-    from limo_driver.pages.markup import Charts
     from limo_driver.trajectory import Trajectory
 
 _ROWS: Final = 3000  # that are played: an hour of them is a file that a phone opens

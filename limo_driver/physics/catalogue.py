@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from functools import cache
 from inspect import isabstract
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from limo_driver.errors import ConfigError, PlugInError
-from limo_driver.physics.description import Description
+from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     ArmEffect,
     BodyEffect,
+    Effect,
     MotionEffect,
     SensorEffect,
     TorqueEffect,
@@ -30,12 +31,7 @@ from limo_driver.physics.effects import (
     sensing,
     transmission,
 )
-from limo_driver.runtime.plugins import EFFECTS, names, plug_in
-
-if TYPE_CHECKING:
-    from limo_driver.physics.description import Confusion
-    from limo_driver.physics.effect import Effect
-    from limo_driver.runtime.plugins import PlugIn
+from limo_driver.runtime.plugins import EFFECTS, PlugIn, names, plug_in
 
 # limo's own, in the order in which a diagnosis tries them
 CATALOGUE: dict[str, type[Effect]] = {

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final, TypeGuard
 
 import numpy as np
 
-from limo_driver.model.descriptions.description import JointDynamics
-from limo_driver.physics.effect import MOST_SLOPE, BodyEffect, SensorEffect
+from limo_driver.model.descriptions.description import JointDynamics, StatedBristles
+from limo_driver.physics.effect import MOST_SLOPE, BodyEffect, Effect, SensorEffect, State
 from limo_driver.physics.effects.arm import SpringLoad
 from limo_driver.physics.effects.friction import (
     CoulombFriction,
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from limo_driver.model import RobotModel
-    from limo_driver.model.descriptions.description import StatedBristles
-    from limo_driver.physics.effect import Effect, State
     from limo_driver.types import FloatArray, Motion
 
 # A description means a sign; smoothed over as little as recordings of slow arms resolve.

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from limo_driver.runtime.display import Displayed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 
 @dataclass(frozen=True, repr=False)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from pathlib import Path
+from typing import Any, TypeVar, cast
 
 import yaml
 
@@ -14,22 +16,14 @@ from limo_driver.model.robot_model import beside
 from limo_driver.physics.catalogue import effect_called, known_names
 from limo_driver.physics.described import described_effects
 from limo_driver.physics.domain import Domain
-from limo_driver.physics.drives import DRIVES, TOLERANCE, described_drives
-from limo_driver.physics.effect import TorqueEffect
+from limo_driver.physics.drives import DRIVES, TOLERANCE, JointDrive, described_drives
+from limo_driver.physics.effect import Effect, TorqueEffect
 from limo_driver.physics.effects.body import Payload
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.runtime import written_by
-from limo_driver.runtime.declarations import read_yaml
+from limo_driver.runtime.declarations import ConfigNode, read_yaml
 from limo_driver.runtime.outputs import whole
 from limo_driver.runtime.parameters import TEXT, Declared, Parameter, parameter, parameters_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from limo_driver.physics.drives import JointDrive
-    from limo_driver.physics.effect import Effect
-    from limo_driver.runtime.declarations import ConfigNode
 
 _Vector = TypeVar("_Vector", bound=tuple[float, ...])
 _DOMAIN = "domain"  # of an effect, in which it was learned

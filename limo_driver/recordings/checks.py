@@ -5,23 +5,18 @@ A robot that a file names is known by its joints, not by the name of its file.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from limo_driver.errors import LimoError, RecordingError, ShapeError
 from limo_driver.model.descriptions.description import joined_reference, split_reference
 from limo_driver.model.robot_model import BUILT_IN, RobotModel
-from limo_driver.types import same_robot
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import ArrayLike
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, same_robot
 
 _APART: Final = 0.005  # [m, rad] of axes, by which calibrations of one arm differ
 _LIMITS: Final = 0.01  # [rad, m] of ranges, which formats round

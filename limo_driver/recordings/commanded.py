@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import POSITION, channels_of, chosen, led_by
+from limo_driver.recordings.channels import POSITION, Columns, channels_of, chosen, led_by
 from limo_driver.recordings.checks import check_arm
 from limo_driver.recordings.gate.doubts import LeftOut, about_gaps, with_one_clock
 from limo_driver.recordings.gate.rows import inspect_commands
 from limo_driver.recordings.recording import Recording
-from limo_driver.types import readonly
+from limo_driver.types import FloatArray, readonly
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.channels import Columns
-    from limo_driver.types import FloatArray
 
 _MOST: Final = 0.5  # of the rows, that have positions where commands can be held against them
 _STILL: Final = 2e-3  # [rad], range of positions that stand for none

@@ -11,22 +11,18 @@ Numbers may be written in any form that Python's `float` takes: YAML 1.1 itself 
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import yaml
 
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, PlacedError
 from limo_driver.runtime import written_by
 from limo_driver.runtime.given import ConfigNode
 from limo_driver.runtime.given_files import json_of, read_text, text_of
 from limo_driver.runtime.parameters import FLAG, REAL, TEXT, WHOLE, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from limo_driver.errors import PlacedError
 
 __all__ = ["ConfigNode", "JsonNode", "YamlNode", "read_json", "read_yaml"]
 _LARGEST_YAML = 1 << 18  # bytes; ten times the largest that anybody wrote

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from math import isnan
-from typing import TYPE_CHECKING
 
 from limo_driver.quoting import in_html, in_line, on_terminal
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 
 class Displayed:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, TypeVar
+from pathlib import Path
+from typing import Any, ClassVar, NoReturn, TypeVar
 
-from limo_driver.errors import ConfigError, ParameterError
+from limo_driver.errors import ConfigError, ParameterError, PlacedError
 from limo_driver.runtime import written_by
 from limo_driver.runtime.parameters import (
     FLAG,
@@ -19,12 +21,6 @@ from limo_driver.runtime.parameters import (
     parameters_of,
     word,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from limo_driver.errors import PlacedError
 
 _Declared = TypeVar("_Declared", bound=Declared)
 _Node = TypeVar("_Node", bound="ConfigNode")

@@ -18,18 +18,14 @@ import signal
 import stat
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from time import thread_time
-from typing import TYPE_CHECKING, Any, Final, NoReturn, TypeVar
+from typing import Any, Final, NoReturn, TypeVar
 
-from limo_driver.errors import LimoError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from limo_driver.errors import PlacedError, RecordingError
+from limo_driver.errors import LimoError, PlacedError, RecordingError
 
 __all__ = [
     "ReadingBudget",

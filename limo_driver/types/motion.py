@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limo_driver.errors import ConfigError, PathError, ShapeError
 from limo_driver.runtime.display import Displayed
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 FloatArray: TypeAlias = NDArray[np.float64]
 _FLOAT64 = np.dtype(np.float64)

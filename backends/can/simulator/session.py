@@ -13,25 +13,22 @@ from typing import TYPE_CHECKING, Any, Final
 
 from backends.can.cia402 import sdo
 from backends.can.cia402.sdo import DEVICE_TYPE
-from backends.can.config import Cia402Joint
+from backends.can.config import ArmConfig, Cia402Joint, Joint
 from backends.can.damiao import codec as damiao
 from backends.can.port import SDO_REPLY, SDO_REQUEST, BusPort
-from backends.can.simulator.station import Station
+from backends.can.simulator.station import Station, StationCounts
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.robot.interrupts import interrupts
 from limo_driver.robot.realtime import Realtime
 from limo_driver.runtime.processes import Closing
-from limo_driver.types import same_robot
+from limo_driver.types import FloatArray, same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from backends.can.config import ArmConfig, Joint
     from backends.can.simulator.scenario import BusScenario
-    from backends.can.simulator.station import StationCounts
     from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray
 
 ANSWER_TIME: Final = 0.1  # [s] in which drives answer that are there already
 ENDING: Final = 120.0  # [s] in which the process has to end once it is told; it may compile

@@ -12,20 +12,15 @@ A few layouts are in use at a time, since counters and nanoseconds take one to f
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter, itemgetter
-from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
-from backends.fri.codec.codec import datagram_of, decode, encode, payload_of, protobuf_of
-from backends.fri.codec.fields import MisfitError, Nested
+from backends.fri.codec.codec import Version, datagram_of, decode, encode, payload_of, protobuf_of
+from backends.fri.codec.fields import MisfitError, Nested, Part
 from backends.fri.codec.messages import Command, Monitoring
 from backends.fri.codec.schema import MESSAGES
 from backends.fri.codec.version import unframed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from backends.fri.codec.codec import Version
-    from backends.fri.codec.fields import Part
 
 MOST_LAYOUTS: Final = 32  # that are remembered
 MOST_WRITTEN: Final = 4  # messages

@@ -11,15 +11,13 @@ from backends.fri.simulator.connection.port import Channel, ConnectionQuality, U
 from backends.fri.simulator.listener import CommandedArm, Listener
 from backends.fri.simulator.monitoring import MonitoringWriter, Standing
 from backends.fri.simulator.report import ClientObservations, ControllerReport
-from backends.fri.simulator.scenario import ControllerScenario, Now, ScenarioClock
-from backends.fri.simulator.session import Circumstances, ControllerSession
+from backends.fri.simulator.scenario import ControllerScenario, Exchange, Now, ScenarioClock
+from backends.fri.simulator.session import Circumstances, ControllerSession, ControllerVisit
 from limo_driver.robot.realtime import Pace, Realtime, sleeper
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from backends.fri.simulator.arm import ArmState
-    from backends.fri.simulator.scenario import Exchange
-    from backends.fri.simulator.session import ControllerVisit
     from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
 

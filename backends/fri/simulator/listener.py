@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from backends.fri.codec.messages import JOINTS, ControlMode, SessionState
+from backends.fri.codec.messages import JOINTS, Command, ControlMode, SessionState
 from backends.fri.codec.template import CommandTemplate
 from backends.fri.simulator.arm import ControlledArm, SetpointPath
-from backends.fri.simulator.connection.port import Channel
+from backends.fri.simulator.connection.port import Address, Channel, Delivered, Disturbance, UdpPort
 from backends.fri.simulator.judge import (
     MOST_INTERVALS,
     CommandJudge,
@@ -24,14 +24,11 @@ from backends.fri.simulator.judge import (
     monitored_as_of,
 )
 from backends.fri.simulator.ledger import Arrival, Ledger
-from backends.fri.simulator.scenario import FlangeForce
+from backends.fri.simulator.scenario import FlangeForce, HandGuiding, Now
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
-    from backends.fri.codec.messages import Command
-    from backends.fri.simulator.connection.port import Address, Delivered, Disturbance, UdpPort
     from backends.fri.simulator.report import ClientObservations
-    from backends.fri.simulator.scenario import HandGuiding, Now
     from backends.fri.simulator.session import ControllerSession
     from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation

@@ -9,19 +9,16 @@ import numpy as np
 from estimators.diagnosis.headline import carrier_of, is_of_bodies, named, names_of, quantity_of
 from estimators.diagnosis.quantities import heading_of, of_joints
 from estimators.diagnosis.report import figures
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN
-from limo_driver.pages.arm import Ghost, Pin, PlayedMotion, PushArrow, arm_view
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Verdict
+from limo_driver.pages.arm import ArmView, Ghost, Pin, PlayedMotion, PushArrow, arm_view
 from limo_driver.pages.arm_section import arm_section
-from limo_driver.pages.markup import grid
+from limo_driver.pages.markup import Charts, grid
 from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.result import DiagnosisResult, Replay
-    from estimators.diagnosis.verdict import Finding, Verdict
-    from limo_driver.pages.arm import ArmView
-    from limo_driver.pages.markup import Charts
     from limo_driver.types import FloatArray
 
 GIVEN, IMPROVED = "given simulation", "improved simulation"

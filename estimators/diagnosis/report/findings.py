@@ -14,7 +14,7 @@ from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.summary import WORSE, columns_of, coverage
-from estimators.diagnosis.verdict import IMPROVED, TORQUE
+from estimators.diagnosis.verdict import IMPROVED, TORQUE, Fit, Verdict
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
@@ -28,15 +28,13 @@ from limo_driver.pages.markup import (
     percent,
     table,
 )
-from limo_driver.physics import display_name
+from limo_driver.physics import Simulation, display_name
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.result import DiagnosisResult
-    from estimators.diagnosis.verdict import Fit, Verdict
-    from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
 

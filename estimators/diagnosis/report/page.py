@@ -13,7 +13,7 @@ from estimators.diagnosis.report.arm import arm
 from estimators.diagnosis.report.findings import overview
 from estimators.diagnosis.report.truth import beside_the_truth
 from estimators.diagnosis.summary import coverage, hardly_shown
-from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION
+from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION, Finding, Verdict
 from estimators.telemetry import telemetry_in
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import joint_motion
@@ -29,7 +29,7 @@ from limo_driver.pages.markup import (
     table,
 )
 from limo_driver.pages.page import FOOTER
-from limo_driver.physics import display_name
+from limo_driver.physics import Effect, display_name
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.diagnosis.result import DiagnosisResult, Shift
-    from estimators.diagnosis.verdict import Finding, Verdict
-    from limo_driver.physics import Effect
 
 _FOOTER = (
     f"{FOOTER} Positive torque acts along the joint axis. The same content for programs: "

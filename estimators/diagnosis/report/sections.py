@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,11 +14,11 @@ from estimators.diagnosis.quantities import heading_of, of_joints, rounded
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.binning import loop_stretch
-from estimators.diagnosis.result import CHOSEN
+from estimators.diagnosis.result import CHOSEN, DiagnosisResult, Explanation, Replay
 from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.summary import identified_columns
-from estimators.diagnosis.verdict import CONTACT
+from estimators.diagnosis.verdict import CONTACT, Finding, Verdict
 from estimators.regression.evidence import REACH
 from limo_driver.pages.markup import (
     UNSAID,
@@ -35,12 +36,6 @@ from limo_driver.pages.markup import (
 )
 from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from estimators.diagnosis.result import DiagnosisResult, Explanation, Replay
-    from estimators.diagnosis.verdict import Finding, Verdict
 
 OPEN = 3  # joints whose maps are open from the start
 _QUANTITIES = ("position", "velocity", "since_reversal", "load", "time")

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import MOST, headline, place_of, quantity_of, values_of
 from estimators.diagnosis.quantities import of_several, quantity, rounded, several, unit_of
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Interval, Verdict
 from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.arm import Pin, arm_view
@@ -24,15 +24,13 @@ from limo_driver.pages.markup import (
     table,
     typeset,
 )
-from limo_driver.physics import Payload, display_name
+from limo_driver.physics import Effect, Payload, display_name
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.verdict import Finding, Interval, Verdict
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Effect
 
 _LEAD = (
     "The arm had this in it, and the diagnosis was told of none of it. In brackets: the 95 % "

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.service.inference.contact import ContactReport
-from estimators.service.inference.live_model import Answer, History, RateWatch, Window
+from estimators.service.inference.contact import Contact, ContactReport, ContactWatchdog
+from estimators.service.inference.live_model import Answer, History, LiveModel, RateWatch, Window
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.contact_state import ContactState
 from limo_driver.network.messages import (
     Attachment,
     EstimateDraft,
+    JointStateMessage,
     Level,
     LiveJointStateCodec,
     TorqueEstimateCodec,
@@ -28,10 +29,7 @@ from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
-    from estimators.service.inference.contact import Contact, ContactWatchdog
     from estimators.service.inference.inbox import NetworkOutlet
-    from estimators.service.inference.live_model import LiveModel
-    from limo_driver.network.messages import JointStateMessage
     from limo_driver.types import FloatArray
 
 _TURNED: Final = 0.05  # [rad], after which how friction stood before hardly counts

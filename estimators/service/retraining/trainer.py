@@ -26,10 +26,10 @@ from threadpoolctl import threadpool_limits
 
 from estimators.hybrid import HybridModel
 from estimators.neural import NETWORKS
-from estimators.residual_model import to_train, trained_by_name
+from estimators.residual_model import ResidualModel, to_train, trained_by_name
 from estimators.service.gate import BLOCK, accuracy, compare, plain
 from estimators.service.inference.contact import MARGIN
-from estimators.service.retraining.logged_motion import Span, newest_motion
+from estimators.service.retraining.logged_motion import LoggedMotion, Span, newest_motion
 from estimators.service.store.aliases import draft
 from estimators.service.store.store import ModelStore
 from estimators.stream import Stream
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 
     from estimators.base import LiveEstimator
     from estimators.hybrid.training.settings import TrainingSettings
-    from estimators.residual_model import ResidualModel
-    from estimators.service.retraining.logged_motion import LoggedMotion
     from estimators.service.store.version import Version
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray

@@ -7,7 +7,7 @@ import re
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from shutil import copyfile
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,17 +20,15 @@ from estimators.model_folder import (
     read_manifest,
 )
 from estimators.service.store.aliases import write
-from estimators.service.store.version import SCHEMA, described, digest
+from estimators.service.store.version import SCHEMA, Golden, StreamReplay, described, digest
 from limo_driver.errors import ModelStoreError
 from limo_driver.model import BUILT_IN
 from limo_driver.runtime.outputs import sync
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from estimators.residual_model import ResidualModel
-    from estimators.service.store.version import Golden, StreamReplay
 
 _NAME: Final = re.compile(r"\w[\w.+-]*")
 

@@ -9,11 +9,11 @@ from limo_driver.app.library.inputs import model_of
 from limo_driver.app.library.reading import mapping_of, model_is_enough, table_of_log
 from limo_driver.errors import ConfigError, LimoError
 from limo_driver.logs.readers.columns import NO_COLUMN, TIME, read_name, si_unit
-from limo_driver.logs.readers.inspection import Inspection
+from limo_driver.logs.readers.inspection import Inspection, ShownParameter
 from limo_driver.logs.readers.mapping import QUANTITIES, Channels, LogMapping
 from limo_driver.logs.readers.proposals.proposal import Proposal, Taken, propose, without_questions
 from limo_driver.logs.readers.proposals.recorded_joints import mapped_part
-from limo_driver.logs.readers.table import TimeColumns
+from limo_driver.logs.readers.table import LogTable, TimeColumns
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import spanned
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from limo_driver.logs.readers.inspection import ShownParameter
-    from limo_driver.logs.readers.table import LogTable
     from limo_driver.model import RobotModel
 
 

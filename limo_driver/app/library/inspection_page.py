@@ -12,8 +12,8 @@ import numpy as np
 
 from limo_driver.errors import LimoError, RecordingError
 from limo_driver.logs.readers.columns import NO_COLUMN, UNITS, read_name, si_unit
-from limo_driver.logs.readers.inspection import NO_MOTION
-from limo_driver.logs.readers.mapping import QUANTITIES, values_of
+from limo_driver.logs.readers.inspection import NO_MOTION, Inspection, ShownParameter
+from limo_driver.logs.readers.mapping import QUANTITIES, Channels, TimeColumns, values_of
 from limo_driver.logs.readers.proposals.times import time_columns
 from limo_driver.pages import Page, arm_view
 from limo_driver.pages.arm_section import lost_meshes, stage, still
@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from limo_driver.logs.readers.inspection import Inspection, ShownParameter
-    from limo_driver.logs.readers.mapping import Channels, TimeColumns
     from limo_driver.logs.readers.table import LogTable
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray

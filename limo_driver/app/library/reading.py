@@ -21,10 +21,10 @@ from limo_driver.logs.readers.formats.reading import (
     read_table,
 )
 from limo_driver.logs.readers.mapping import LogMapping
-from limo_driver.logs.readers.proposals.proposal import propose
+from limo_driver.logs.readers.proposals.proposal import Proposal, propose
 from limo_driver.logs.readers.proposals.recorded_joints import mapped_part
 from limo_driver.logs.readers.table import LogTable, table_of
-from limo_driver.recordings.channels import CHANNELS
+from limo_driver.recordings.channels import CHANNELS, Columns
 from limo_driver.recordings.commanded import Commanded
 from limo_driver.recordings.files.recording_file import LOG_SUFFIX, read_columns
 from limo_driver.recordings.recording import Recording
@@ -33,9 +33,7 @@ from limo_driver.runtime.display import shortened
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from limo_driver.logs.readers.proposals.proposal import Proposal
     from limo_driver.model import RobotModel
-    from limo_driver.recordings.channels import Columns
 
 _T = TypeVar("_T")
 _PARQUET: Final = b"PAR1"  # its first bytes

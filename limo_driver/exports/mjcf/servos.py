@@ -13,8 +13,8 @@ import math
 from typing import TYPE_CHECKING, Final
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.xml_edits import as_list, differ
-from limo_driver.model.descriptions.description import StatedMotor, StatedServo
+from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
+from limo_driver.model.descriptions.description import JointDynamics, StatedMotor, StatedServo
 from limo_driver.physics.drives import as_described
 from limo_driver.quoting import in_xml
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.exports.changes.target import Target
-    from limo_driver.exports.xml_edits import Element, XmlText
-    from limo_driver.model.descriptions.description import JointDynamics
 
 _GENERAL: Final = "general"
 _ROUNDING: Final = 1e-9  # time steps

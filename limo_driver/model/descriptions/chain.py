@@ -12,18 +12,16 @@ import numpy as np
 import pinocchio as pin
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.description import SITE, JointDynamics
+from limo_driver.model.descriptions.description import SITE, JointDynamics, RobotDescription
 from limo_driver.model.dynamics import JointLinkage, linkage_of
 from limo_driver.runtime.display import shortened
-from limo_driver.types import JointLimits
+from limo_driver.types import FloatArray, JointLimits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from limo_driver.model.descriptions.description import RobotDescription
     from limo_driver.model.descriptions.geometry import Inertial
-    from limo_driver.types import FloatArray
 
 JOINT = "/joint"  # added to the name of a joint for pinocchio, where a link has the same
 _SLIDE = "JointModelP"  # begins the names of prismatic joints; planar ones are refused before

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, NamedTuple
+from pathlib import Path
+from typing import Final, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.types import readonly
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, readonly
 
 _MARK: Final = "#"  # between the path of a description and the joints that are chosen
 SITE: Final = "site_"  # begins the link that stands for a site of an MJCF file

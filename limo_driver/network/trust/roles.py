@@ -15,12 +15,9 @@ from __future__ import annotations
 import ipaddress
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Self
 
 from limo_driver.errors import ConfigError
-
-if TYPE_CHECKING:
-    from typing import Self
 
 _CACHE: Final = "/@adv/**"  # what zenoh.ext adds to the keys of its caches
 _INDEX: Final = "limo/*/model/index"

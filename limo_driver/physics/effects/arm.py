@@ -16,7 +16,12 @@ from limo_driver.physics.effect import (
     MOST_STIFFNESS,
     MOST_TORQUE,
     ArmEffect,
+    ArmMotion,
+    DiagnosisContext,
+    Effect,
     Hypothesis,
+    JointMotion,
+    SimulatedPlant,
     State,
     TorqueEffect,
 )
@@ -27,13 +32,6 @@ from limo_driver.runtime.parameters import JOINT, parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import (
-        ArmMotion,
-        DiagnosisContext,
-        Effect,
-        JointMotion,
-        SimulatedPlant,
-    )
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 

@@ -11,9 +11,14 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     MOST_TORQUE,
+    DiagnosisContext,
+    Effect,
     Hypothesis,
+    JointMotion,
     MotionEffect,
+    SensedTorque,
     SensorEffect,
+    SimulatedPlant,
     State,
     TorqueEffect,
 )
@@ -22,13 +27,6 @@ from limo_driver.runtime.parameters import JOINT, Declared, parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import (
-        DiagnosisContext,
-        Effect,
-        JointMotion,
-        SensedTorque,
-        SimulatedPlant,
-    )
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 

@@ -10,21 +10,17 @@ as few at once as fit into memory.
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Final, NamedTuple
+from pathlib import Path
+from typing import Final, NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from limo_driver.errors import RecordingError
+from limo_driver.errors import PlacedError, RecordingError
 from limo_driver.recordings.files.batches import STRETCH, most_rows
 from limo_driver.runtime.given_files import Spent
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator
-    from pathlib import Path
-
-    from limo_driver.errors import PlacedError
 
 DAMAGE: Final = (OSError, pa.ArrowException, UnicodeDecodeError)  # of a file that is none
 _WIDEST: Final = 1 << 15  # bytes of a column in one row: 4096 numbers; images have more

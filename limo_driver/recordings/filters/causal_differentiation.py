@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import factorial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -30,10 +30,7 @@ from limo_driver.errors import ConfigError, RecordingError, ShapeError
 from limo_driver.recordings.filters.differentiation import HIGHEST_BANDWIDTH, impulse_responses
 from limo_driver.recordings.gate.held_values import LONGEST_STEP, LONGEST_STEP_PERIODS
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import JointSample, Motion
-
-if TYPE_CHECKING:
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, JointSample, Motion
 
 FEWEST_SAMPLES: Final = 3  # of delay; fewer cannot be exact to degree 5
 LONGEST_DELAY: Final = 5.0  # [s]; far beyond what the filter remembers at any usual bandwidth

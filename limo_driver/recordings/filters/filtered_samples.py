@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.recordings.checks import numbers
@@ -20,11 +21,6 @@ from limo_driver.recordings.filters.differentiation import (
 )
 from limo_driver.recordings.gate.held_values import contiguous
 from limo_driver.types import FloatArray, Motion, readonly
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
 SHARPER = 4.0  # times the bandwidth, for the velocity that friction depends on
 LIVELIER = 1.25  # times the bandwidth, for the acceleration

@@ -7,13 +7,15 @@ time is cut, and a gap put there.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from limo_driver.recordings.channels import VELOCITY, led_by, of_numbers
+from limo_driver.recordings.channels import VELOCITY, Columns, led_by, of_numbers
 from limo_driver.recordings.gate.held_values import (
     LEAST_JUMP,
     contiguous,
@@ -23,14 +25,7 @@ from limo_driver.recordings.gate.held_values import (
     one_factor,
     velocity_factors,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from numpy.typing import NDArray
-
-    from limo_driver.recordings.channels import Columns
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 SYSTEMATIC: Final = 0.02  # share of rows above which a fault is no accident
 _GAP: Final = 2.0  # times the longest step that is none, put where a clock was set

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from scipy.optimize import nnls
@@ -16,13 +17,8 @@ from estimators.diagnosis.from_motion.simulation.constants import (
     value_in,
     with_values,
 )
-from estimators.diagnosis.from_motion.simulation.one_joint import lag
+from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint, lag
 from limo_driver.types import FloatArray
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
 
 _USUAL: Final = {COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
 TYPICAL: Final = {  # by gain: of servos of position, of velocity, and of no servo

@@ -7,8 +7,9 @@ them, bent a little, would take the place of the one thing that is there.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -36,13 +37,8 @@ from estimators.diagnosis.from_motion.simulation.constants import (
     with_values,
 )
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
-from estimators.diagnosis.from_motion.simulation.loads import ArmChange
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
-    from limo_driver.types import FloatArray
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
+from limo_driver.types import FloatArray
 
 FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
 OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses

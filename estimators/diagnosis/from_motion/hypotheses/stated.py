@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_motion.checks.conventions import conventions_of, likeliest_order
-from estimators.diagnosis.from_motion.fitting.arm import ArmFit, fit_arm
+from estimators.diagnosis.from_motion.fitting.arm import ArmFit, ArmGuess, fit_arm
 from estimators.diagnosis.from_motion.fitting.identification import (
     ASKED,
     SURE,
@@ -51,15 +51,13 @@ from estimators.diagnosis.from_motion.simulation.free_run import (
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
 from limo_driver.model.descriptions.geometry import Inertial
-from limo_driver.physics import EncoderOffset, Payload
+from limo_driver.physics import EncoderOffset, Payload, Simulation
 from limo_driver.recordings.channels import TORQUE, led_by
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from estimators.diagnosis.from_motion.fitting.arm import ArmGuess
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-    from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.joint import errors
+from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors
 from estimators.diagnosis.from_motion.hypotheses.search import OFFSET
 from estimators.diagnosis.from_motion.judgement.findings import (
     as_it_is_stated,
@@ -34,15 +34,13 @@ from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerance
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import VALUES
 from estimators.diagnosis.verdict import StatedValue
-from limo_driver.physics import PositionServo
+from limo_driver.physics import PositionServo, Simulation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from estimators.diagnosis.from_motion.fitting.joint import JointFit
     from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-    from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
 SERVO: Final = PositionServo.name

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.joint import NORMAL
+from estimators.diagnosis.from_motion.fitting.joint import NORMAL, JointFit
 from estimators.diagnosis.from_motion.judgement.findings import (
     findings_of,
     is_known,
@@ -39,7 +39,7 @@ from estimators.diagnosis.verdict import (
     Unexplained,
     Verdict,
 )
-from limo_driver.physics import DcMotor
+from limo_driver.physics import DcMotor, Simulation
 from limo_driver.recordings.channels import TORQUE, VELOCITY, drifting
 
 if TYPE_CHECKING:
@@ -48,11 +48,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
-    from estimators.diagnosis.from_motion.fitting.joint import JointFit
     from estimators.diagnosis.from_motion.hypotheses.suspects import Suspect
     from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 

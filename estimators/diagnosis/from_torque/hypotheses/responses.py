@@ -37,7 +37,7 @@ from limo_driver.physics.effect import (
     TorqueEffect,
 )
 from limo_driver.physics.simulation import displaced
-from limo_driver.types import FloatArray  # noqa: TC001  # read by singledispatch
+from limo_driver.types import FloatArray  # read by singledispatch
 
 if TYPE_CHECKING:
     from estimators.rigid_body.fitting.extent import Extent, Extents
