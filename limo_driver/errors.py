@@ -29,7 +29,7 @@ LimoError
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from limo_driver.quoting import in_line
 
@@ -53,6 +53,17 @@ class LimoError(Exception):
 
     def __init__(self, *args: object) -> None:
         super().__init__(*(in_line(item) if isinstance(item, str) else item for item in args))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say how a pickle makes it anew: by its message and facts, not by its own arguments."""
+        return _made_again, (type(self), self.args, vars(self))
+
+
+def _made_again(kind: type[LimoError], args: tuple[object, ...], facts: dict[str, Any]) -> LimoError:
+    error = kind.__new__(kind)
+    LimoError.__init__(error, *args)
+    vars(error).update(facts)
+    return error
 
 
 class PlacedError(LimoError):
