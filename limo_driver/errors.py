@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from limo_driver.quoting import in_line
 
@@ -50,6 +51,19 @@ class LimoError(Exception):
 
     def __init__(self, *args: object) -> None:
         super().__init__(*(in_line(item) if isinstance(item, str) else item for item in args))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say how a pickle makes it anew: by its message and facts, not by its own arguments."""
+        return _made_again, (type(self), self.args, vars(self))
+
+
+def _made_again(
+    kind: type[LimoError], args: tuple[object, ...], facts: dict[str, Any]
+) -> LimoError:
+    error = kind.__new__(kind)
+    LimoError.__init__(error, *args)
+    vars(error).update(facts)
+    return error
 
 
 class PlacedError(LimoError):

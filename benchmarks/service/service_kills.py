@@ -32,6 +32,7 @@ from service_processes import (
     configurations,
     describe_machine,
     running,
+    save_trajectory,
     serve,
     two_versions,
     wait_for,
@@ -49,7 +50,6 @@ from limo_driver.network.messages import (
 from limo_driver.network.model_client import ModelClient
 from limo_driver.network.streaming import Keys, open_session
 from limo_driver.recordings.files.recorder import read_log
-from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import zenoh
@@ -117,7 +117,7 @@ class Bench:
         self.folder, self.model, self.config, self.session = folder, model, config, session
         motion = Motion(model)
         self.store = two_versions(folder / "models", model, motion)
-        save_trajectory(folder / "motion.traj.parquet", motion, self.store.robot)
+        save_trajectory(folder / "motion.traj.parquet", motion, self.store.robot, LENGTH)
         self.observer = Observer(session)
         self.runs = 0
         self.lost: dict[str, list[float]] = {"driver": [], "service": []}
@@ -264,19 +264,6 @@ def write_versions(root: Path, model: Path) -> None:
     while True:
         version = store.add(model, golden=golden, parent=store.aliases.champion)
         store.challenge(version.number, "trained")
-
-
-def save_trajectory(path: Path, motion: Motion, robot: str) -> None:
-    """Save motion that starts at rest in the middle of the benchmark's."""
-    w, t = 2 * np.pi * 0.3, np.arange(0.0, LENGTH, 0.02)[:, None]
-    q = motion.at(np.zeros(1)) + 0.0 * t
-    Trajectory(
-        time=t[:, 0],
-        position=q + 0.05 * (1.0 - np.cos(w * t)),
-        velocity=0.05 * w * np.sin(w * t) + 0.0 * q,
-        acceleration=0.05 * w**2 * np.cos(w * t) + 0.0 * q,
-        robot=robot,
-    ).save(path)
 
 
 def report(bench: Bench, killed: Counter[str]) -> None:

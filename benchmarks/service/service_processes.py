@@ -16,6 +16,7 @@ import numpy as np
 
 from limo_driver.network.messages import Attachment
 from limo_driver.network.streaming import JointStatePublisher, Keys
+from limo_driver.trajectory import Trajectory
 from limo_driver.types import JointState
 
 if TYPE_CHECKING:
@@ -57,9 +58,11 @@ def configurations(folder: Path, mode: str = "peer") -> tuple[Path, Path]:
 
 
 @contextmanager
-def running(*commands: Sequence[str]) -> Generator[list[subprocess.Popen[bytes]]]:
-    """Run processes until the block ends."""
-    processes = [subprocess.Popen(command) for command in commands]
+def running(
+    *commands: Sequence[str], started: Sequence[subprocess.Popen[bytes]] = ()
+) -> Generator[list[subprocess.Popen[bytes]]]:
+    """Run processes, and those that are started, until the block ends."""
+    processes = [*started, *(subprocess.Popen(command) for command in commands)]
     try:
         yield processes  # may be changed, where some are killed and begun anew
     finally:
@@ -209,6 +212,19 @@ def two_versions(root: Path, model: Path, motion: Motion) -> ModelStore:
         store.add(model, golden=motion.recording(), delay=DELAY)
     store.promote(1, "the first")
     return store
+
+
+def save_trajectory(path: Path, motion: Motion, robot: str, length: float) -> None:
+    """Save motion of so many seconds that starts at rest in the middle of the benchmark's."""
+    w, t = 2 * np.pi * 0.3, np.arange(0.0, length, 0.02)[:, None]
+    q = motion.at(np.zeros(1)) + 0.0 * t
+    Trajectory(
+        time=t[:, 0],
+        position=q + 0.05 * (1.0 - np.cos(w * t)),
+        velocity=0.05 * w * np.sin(w * t) + 0.0 * q,
+        acceleration=0.05 * w**2 * np.cos(w * t) + 0.0 * q,
+        robot=robot,
+    ).save(path)
 
 
 def sleep_until(instant: float) -> None:

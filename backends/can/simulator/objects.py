@@ -46,7 +46,10 @@ class SdoAbort(Exception):  # noqa: N818  # CiA 301's word
 
     def __init__(self, code: int) -> None:
         self.code = code
-        super().__init__(f"SDO abort 0x{code:08X}")
+        super().__init__(code)
+
+    def __str__(self) -> str:
+        return f"SDO abort 0x{self.code:08X}"
 
 
 @dataclass

@@ -37,7 +37,10 @@ class MisfitError(Exception):
 
     def __init__(self, path: str, why: str, before: str = "") -> None:
         self.path, self.why, self.before = path, why, before
-        super().__init__(f"{before}{path}{why}")
+        super().__init__(path, why, before)
+
+    def __str__(self) -> str:
+        return f"{self.before}{self.path}{self.why}"
 
     def inside(self, name: str) -> MisfitError:
         """Return the same of a message that has the value."""

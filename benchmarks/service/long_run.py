@@ -1,0 +1,363 @@
+"""Driver, service and watch for hours, on a disk that fills, a clock that steps, a router that dies.
+
+    python benchmarks/service/long_run.py OUT --model model/ --hours 2
+    python benchmarks/service/long_run.py OUT --model model/ --hours 0.1 --every 60 --rate 200
+    python benchmarks/service/long_run.py OUT
+
+`limo run --stream` moves an ideal arm in real time, `limo serve` answers, logs and retrains, `limo
+watch` listens, each in a process of its own behind a router. Once in each period (`--every`) the
+router is killed and comes back after ten seconds; in every second one a file fills the disk of the
+logs for a minute, a tmpfs of the run's own mount namespace; in every third one the wall clock of
+the processes steps by an hour, forward and back in turn, and their monotonic clock does not, by a
+library that answers them in libc's stead. Each minute is
+a row of OUT/samples.csv, on the disk before the next one. Without --model, only what OUT holds is
+judged: so a run that was killed can be, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import psutil
+from service_processes import (
+    ARM,
+    LIMO,
+    Motion,
+    configurations,
+    describe_machine,
+    running,
+    save_trajectory,
+    serve,
+    two_versions,
+)
+
+from limo_driver.logs.mcap_log import log_files
+
+PARTS = ("driver", "service", "watch")
+ARRIVALS = ("received", "lost", "late", "duplicated", "restarts")
+MEASURES = {"rss": 2.0, "handles": 1.0, "threads": 1.0}  # bars: MB, number and number an hour
+LOST_BAR = 0.1  # % of the states, outside of outages
+WARM = 15.0  # [min] that count for no slope: caches fill, memory is first used
+DOWN = 10.0  # [s] without a router
+FULL = 0.1  # of a period without room
+ROOM = "64M"  # of the disk of the logs
+LOGS = "0.03"  # [GB] of logs, beyond which the oldest are deleted
+HOUR = 3600.0
+CLOCK = r"""
+#define _GNU_SOURCE
+#include <fcntl.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <sys/time.h>
+#include <time.h>
+#include <unistd.h>
+
+static volatile long *ahead; /* [s] that the wall clock is set forward by */
+
+__attribute__((constructor)) static void look(void) {
+    int file = open(getenv("CLOCK_AHEAD"), O_RDONLY);
+    ahead = mmap(NULL, sizeof *ahead, PROT_READ, MAP_SHARED, file, 0);
+    close(file);
+    if (ahead == MAP_FAILED) abort();
+}
+int clock_gettime(clockid_t clock, struct timespec *now) {
+    int failed = syscall(SYS_clock_gettime, clock, now);
+    int wall = clock == CLOCK_REALTIME || clock == CLOCK_REALTIME_COARSE;
+    if (!failed && wall && ahead) now->tv_sec += *ahead;
+    return failed;
+}
+int gettimeofday(struct timeval *restrict now, void *restrict zone) {
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    *now = (struct timeval){t.tv_sec, t.tv_nsec / 1000};
+    return 0;
+}
+time_t time(time_t *at) {
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    if (at) *at = t.tv_sec;
+    return t.tv_sec;
+}
+"""
+ROUTER = """
+import sys, threading
+from limo_driver.network.streaming import open_session
+
+with open_session(config=sys.argv[1]):
+    threading.Event().wait()
+"""
+
+
+class Status:
+    """The newest status and all events that `limo watch --json` prints.
+
+    Args:
+        lines: What it prints.
+        events: File for the events.
+    """
+
+    def __init__(self, lines: IO[bytes], events: Path) -> None:
+        self.newest: dict[str, Any] = {}
+        self.count = 0
+        self._events = events.open("a", buffering=1)
+        threading.Thread(target=self._read, args=(lines,), daemon=True).start()
+
+    def _read(self, lines: IO[bytes]) -> None:
+        for line in lines:
+            heard = json.loads(line)
+            if "status" in heard:
+                self.newest, self.count = heard["status"], self.count + 1
+            else:
+                self._events.write(f"{line.decode().strip()}\n")
+
+
+class World:
+    """What happens to the processes: router, disk and clock.
+
+    Args:
+        folder: Where the disk of the logs is mounted, and the clock's offset is kept.
+        config: Of the router.
+    """
+
+    def __init__(self, folder: Path, config: Path) -> None:
+        self.disk, self._config = folder / "disk", config
+        self.disk.mkdir()
+        subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={ROOM}", "tmpfs", self.disk], check=True)
+        self._ballast = self.disk / "ballast"
+        self._ahead = np.memmap(folder / "ahead", np.int64, "w+", shape=(1,))
+        self.environment = os.environ | self._clock(folder)
+        self.forward, self.outages, self.fillings, self.steps = False, 0, 0, 0
+        self._start_router()
+
+    def _clock(self, folder: Path) -> dict[str, str]:
+        """Compile what stands between the processes and the wall clock, and only that clock."""
+        library = folder / "clock.so"
+        command = ["cc", "-x", "c", "-", "-shared", "-fPIC", "-O2", "-o", str(library)]
+        subprocess.run(command, input=CLOCK.encode(), check=True)
+        return {"LD_PRELOAD": str(library), "CLOCK_AHEAD": str(folder / "ahead")}
+
+    def _start_router(self) -> None:
+        command = [sys.executable, "-c", ROUTER, str(self._config)]
+        self.router = subprocess.Popen(bound(command), env=self.environment)
+
+    def lose_router(self) -> None:
+        """Kill it, and begin it anew after a while."""
+        self.outages += 1
+        self.router.kill()
+        self.router.wait()
+        time.sleep(DOWN)
+        self._start_router()
+
+    def fill(self, seconds: float) -> None:
+        """Leave no room on the disk of the logs for a while."""
+        self.fillings += 1
+        with suppress(OSError), self._ballast.open("wb", buffering=0) as file:
+            while True:
+                file.write(bytes(4096))
+        ends = time.monotonic() + seconds
+        while time.monotonic() < ends:  # what retention frees is taken, too
+            with suppress(OSError), self._ballast.open("ab", buffering=0) as file:
+                file.write(bytes(4096))
+            time.sleep(0.05)
+        self._ballast.unlink()
+
+    def step_clock(self) -> None:
+        """Set the wall clock forward by an hour, or back."""
+        self.steps += 1
+        self.forward = not self.forward
+        self._ahead[0] = HOUR if self.forward else 0
+
+
+def main() -> None:
+    """Run, and judge what was seen."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="of samples and logs; made, or judged")
+    parser.add_argument("--model", type=Path, help="model folder of limo train")
+    parser.add_argument("--hours", type=float, default=2.0)
+    parser.add_argument("--rate", type=float, default=1000.0, help="of the states [Hz]")
+    parser.add_argument("--every", type=float, default=600.0, help="one outage of the router [s]")
+    parser.add_argument("--minute", type=float, default=60.0, help="between two samples [s]")
+    given = parser.parse_args()
+    samples = given.folder / "samples.csv"
+    if given.model is None:
+        judge(samples)
+        return
+    if "LIMO_MOUNTS" not in os.environ:  # the disk is mounted where nobody else sees it
+        user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
+        os.environ["LIMO_MOUNTS"] = "own"
+        os.execvp("unshare", ["unshare", *user, "--mount", sys.executable, *sys.argv])
+    given.folder.mkdir(parents=True)
+    run(given, samples)
+    judge(samples)
+    print(describe_machine())
+
+
+def run(given: argparse.Namespace, samples: Path) -> None:
+    """Run everything, and write a row a minute, until the time is over or a process ends."""
+    folder = given.folder.resolve()
+    motion = Motion(given.model)
+    store = two_versions(folder / "models", given.model, motion)
+    save_trajectory(folder / "motion.traj.parquet", motion, store.robot, HOUR * given.hours + 120.0)
+    here, there = configurations(folder, "router")
+    world = World(folder, here)
+    sim = str(given.model / "sim.yaml")
+    driver = [*LIMO, "run", "--backend", "virtual", "--sim", sim, "--stream", "--name", ARM]
+    driver += ["--trajectory", str(folder / "motion.traj.parquet"), "--json"]
+    driver += ["--record", str(folder / "run.parquet"), "--rate", str(given.rate)]
+    driver += ["--zenoh-config", str(there)]
+    logs = world.disk / "logs"
+    service = serve(there, "--store", str(store.root), "--log", str(logs), "--log-size", LOGS)
+    watch = [*LIMO, "watch", "--arm", ARM, "--json", "--zenoh-config", str(there)]
+    with ExitStack() as open_:
+        out = [open_.enter_context((folder / f"{part}.txt").open("wb")) for part in PARTS[:2]]
+        processes = [
+            subprocess.Popen(bound(command), env=world.environment, stdout=to, stderr=to)
+            for command, to in zip((driver, service), out, strict=True)
+        ]
+        processes.append(
+            subprocess.Popen(bound(watch), env=world.environment, stdout=subprocess.PIPE)
+        )
+        open_.enter_context(running(started=processes))
+        lines = processes[-1].stdout
+        assert lines is not None
+        status = Status(lines, folder / "events.jsonl")
+        open_.callback(lambda: world.router.kill())
+        threading.Thread(target=trouble, args=(world, given.every), daemon=True).start()
+        watch_over(given, samples, world, dict(zip(PARTS, processes, strict=True)), status)
+
+
+def trouble(world: World, every: float) -> None:
+    """Let everything happen, one after the other, period after period."""
+    began, number = time.monotonic(), 0
+    while True:
+        for part, due, what in ((0.3, 3, world.step_clock), (0.5, 1, world.lose_router), (0.7, 2, lambda: world.fill(FULL * every))):
+            left = began + (number + part) * every - time.monotonic()
+            time.sleep(max(0.0, left))
+            if number % due == 0:
+                what()
+        number += 1
+
+
+def watch_over(
+    given: argparse.Namespace,
+    samples: Path,
+    world: World,
+    processes: dict[str, subprocess.Popen[bytes]],
+    status: Status,
+) -> None:
+    """Write a row a minute."""
+    seen = {part: psutil.Process(process.pid) for part, process in processes.items()}
+    began = time.monotonic()
+    with samples.open("w", newline="") as file:
+        table = None
+        for k in range(1, round(HOUR * given.hours / given.minute) + 1):
+            time.sleep(max(0.0, began + k * given.minute - time.monotonic()))
+            now = status.newest
+            row: dict[str, Any] = {"minutes": round((time.monotonic() - began) / 60.0, 3)}
+            for part, process in seen.items():
+                ended = processes[part].poll()
+                if ended is not None:
+                    print(f"{part} ended with exit status {ended} after {row['minutes']} minutes")
+                    return
+                row |= {f"{part}_{name}": value for name, value in look(process).items()}
+            arrivals = now.get("arrivals", {})
+            row |= {f"arrivals_{name}": arrivals.get(name) for name in ARRIVALS}
+            row |= {f"log_{name}": now.get("log", {}).get(name) for name in ("written", "dropped")}
+            row |= {"statuses": status.count, "model": now.get("model")}
+            row |= {"files": len(log_files(world.disk / "logs")) if (world.disk / "logs").exists() else 0}
+            row |= {"free": shutil.disk_usage(world.disk).free, "clock_forward": world.forward}
+            row |= {name: getattr(world, name) for name in ("outages", "fillings", "steps")}
+            row |= {"rate": given.rate, "load": os.getloadavg()[0]}
+            if table is None:
+                table = csv.DictWriter(file, row)
+                table.writeheader()
+            table.writerow(row)
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def look(process: psutil.Process) -> dict[str, float]:
+    """Return what a process holds and has used."""
+    with process.oneshot():
+        return {
+            "rss": process.memory_info().rss / 1e6,
+            "handles": process.num_fds(),
+            "threads": process.num_threads(),
+            "children": len(process.children(recursive=True)),
+            "cpu": sum(process.cpu_times()[:2]),
+        }
+
+
+def bound(command: list[str]) -> list[str]:
+    """Return a command whose process ends with this one, however this one ends."""
+    return ["setpriv", "--pdeathsig", "TERM", *command]
+
+
+def judge(samples: Path) -> None:
+    """Print what was seen by the hour, how it grew, and the verdict."""
+    with samples.open() as file:
+        rows = list(csv.DictReader(file))
+    columns = {
+        name: np.array([float(row[name]) if row[name] else np.nan for row in rows])
+        for name in rows[0]
+        if name not in ("model", "clock_forward")
+    }
+    minutes = columns["minutes"]
+    hour = minutes // 60
+    counted = minutes > min(WARM, 0.3 * minutes[-1])
+    print(f"{minutes[-1]:.0f} min at {columns['rate'][0]:g} Hz, load {columns['load'].mean():.1f} on average")
+    ends = [np.flatnonzero(hour == h)[-1] for h in np.unique(hour)]
+    print(f"{'at the end of the hour, from minute':36}" + "".join(f"{60 * h:>10.0f}" for h in np.unique(hour)) + f"{'an hour':>12}{'bar':>6}")
+    failed = []
+    for part in PARTS:
+        for name, bar in MEASURES.items():
+            values = columns[f"{part}_{name}"]
+            slope, error = trend(minutes[counted] / 60.0, values[counted])
+            label = f"{part} {name}{' [MB]' if name == 'rss' else ''}"
+            print(f"{label:36}" + "".join(f"{values[k]:10.1f}" for k in ends) + f"{slope:+8.2f} ±{error:.2f}{bar:5g}")
+            if slope > bar:
+                failed.append(label)
+        used = np.diff(columns[f"{part}_cpu"][[0, -1]])[0] / np.diff(minutes[[0, -1]])[0] / 0.6
+        print(f"{part + ' processor [% of one]':36}{used:10.1f}")
+    lost = losses(columns)
+    print(f"states: {columns['arrivals_received'][-1]:.0f} received, {columns['arrivals_lost'][-1]:.0f} lost with the router, {lost:.3f} % without that   bar {LOST_BAR:g}")
+    print(f"log: {columns['log_written'][-1]:.0f} written, {columns['log_dropped'][-1]:.0f} dropped, {columns['files'][-1]:.0f} files at the end")
+    print(f"{columns['outages'][-1]:.0f} outages of the router, {columns['fillings'][-1]:.0f} full disks, {columns['steps'][-1]:.0f} steps of the clock")
+    if lost > LOST_BAR:
+        failed.append("losses")
+    print("verdict: " + (f"grows or fails: {', '.join(failed)}" if failed else "flat"))
+
+
+def trend(hours: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Return the slope of a straight line through values, and its standard error."""
+    if hours.size < 3:
+        return np.nan, np.nan
+    away = hours - hours.mean()
+    slope = away @ values / (away @ away)
+    left = values - values.mean() - slope * away
+    return slope, float(np.sqrt(left @ left / (hours.size - 2) / (away @ away)))
+
+
+def losses(columns: dict[str, np.ndarray]) -> float:
+    """Return the share of states that was lost in minutes without an outage [%]."""
+    calm = np.diff(columns["outages"]) == 0
+    calm[1:] &= calm[:-1]  # it comes back in the minute after
+    lost, came = (np.diff(columns[f"arrivals_{name}"])[calm].sum() for name in ("lost", "received"))
+    return 100.0 * lost / max(lost + came, 1.0)
+
+
+if __name__ == "__main__":
+    main()
