@@ -4,6 +4,8 @@ Held out are the other motions: the closed loop is simulated forward from their 
 compared with where the arm was. Beside limo stand
 
 - the vendor's MJCF as it is;
+- a published fit of shoulder pan and lift, on these two joints, as it is and with limo's delays and
+  offsets, of which it has none;
 - a PACE-style fit: armature, viscous and Coulomb friction, bias and one delay of each joint by
   CMA-ES on the free-running position error, with the gains of the vendor's MJCF, and once more with
   the gain that the vendor guesses in `joints_properties.xml`;
@@ -67,6 +69,8 @@ DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shar
 SO101 = DATA / "so101"
 GUESSED = 17.8  # [N m/rad], the gain of the vendor's joints_properties.xml
 DEEP = 0.04  # [m] below the base's underside, where no recorded joint follows its command
+# gain [N m/rad], damping of servo and joint [N m s/rad], armature [kg m²], dry friction [N m]
+PUBLISHED = ((48.4, 3.34 + 1.59, 0.068, 0.35), (47.8, 2.56 + 0.56, 0.028, 0.35))
 PEERS = {"pace": "cma", "sysid": "mujoco.sysid"}  # and what each needs
 REVERTED = {
     "kp": ("kp",),
@@ -102,6 +106,7 @@ def main() -> None:
     spent = time.perf_counter() - begun
     limo = report(f"limo, fitted in {spent:.0f} s", ours, unseen)
     evaluations = sum(rows) // (sum(map(len, seen)) * vendor.model.n)
+    by_publication(vendor, ours, unseen)
     print(f"each fit may simulate each joint {evaluations} times, what limo took", flush=True)
     if "pace" in peers:
         by_pace(vendor, seen, unseen, evaluations, limo)
@@ -114,6 +119,27 @@ def main() -> None:
         report(f"limo with {name} as stated", reverted(ours, vendor, constants), unseen)
     speed(ours, unseen)
     timing(vendor, recordings, 60.0 * minutes)
+
+
+def by_publication(vendor: Simulation, ours: Simulation, unseen: Sequence[Recording]) -> None:
+    """Print the errors of the published fit's two joints over limo's."""
+    few, known = slice(len(PUBLISHED)), rows_of(ours)
+    rows, later = rows_of(vendor), rows_of(vendor)
+    for j, values in enumerate(PUBLISHED):
+        published = dict(zip(("kp", DAMPING, "inertia", COULOMB), values, strict=True))
+        rows[j] = with_values(rows[j], {"kd": 0.0, **published})
+        later[j] = with_values(rows[j], {x: value_in(known[j], x) for x in ("delay", "offset")})
+    limo = _error(ours, unseen).mean(axis=0)[few]
+    for name, own in (("as it is", rows), ("with limo's delays and offsets", later)):
+        theirs = _error(with_rows(vendor, list(own)), unseen).mean(axis=0)[few]
+        each = "  ".join(f"{a:.5f} / {b:.5f}" for a, b in zip(limo, theirs, strict=True))
+        print(f"limo's error over that of the published fit {name}, joints 1 and 2: {each}, "
+              f"{limo.mean() / theirs.mean():.2f} (bar 1)", flush=True)  # fmt: skip
+
+
+def _error(simulation: Simulation, recordings: Sequence[Recording]) -> FloatArray:
+    """Return how far each joint is off, (rows, n) [rad]."""
+    return np.concatenate([np.abs(free_run(simulation, r) - r.position) for r in recordings])
 
 
 def by_pace(
@@ -160,7 +186,7 @@ def by_sysid(
 def report(name: str, simulation: Simulation, recordings: Sequence[Recording]) -> float:
     """Print the errors of each joint and their mean, and return that [rad]."""
     try:
-        error = np.concatenate([np.abs(free_run(simulation, r) - r.position) for r in recordings])
+        error = _error(simulation, recordings)
     except ConfigError as reason:
         print(f"{name:40s} cannot be simulated: {reason}", flush=True)
         return float("nan")

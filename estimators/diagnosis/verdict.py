@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import HOLDING
 from limo_driver.physics import ArmEffect, BodyEffect, display_name
 from limo_driver.physics.catalogue import known_as
 from limo_driver.runtime import written_by
-from limo_driver.runtime.display import joint_called
+from limo_driver.runtime.display import call_joints, joint_called
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -211,6 +211,9 @@ class Fit:
         )
 
 
+_Placed = TypeVar("_Placed", Finding, Unexplained)
+
+
 @dataclass(frozen=True)
 class RowCount:
     """Rows: samples of all recordings, and rows of the slow grid, on which all is compared."""
@@ -259,6 +262,28 @@ class Verdict:
     doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
     values: tuple[StatedValue, ...] = ()  # stated ones, and those that fit
     joint_names: tuple[str, ...] = ()  # (n,), as the description has them
+
+    def __post_init__(self) -> None:
+        """Let sentences, which count joints, call them as the description does."""
+
+        def named(text: str) -> str:
+            return call_joints(text, self.joint_names)
+
+        def placed(item: _Placed) -> _Placed:
+            return replace(item, where=replace(item.where, region=named(item.where.region)))
+
+        hidden = tuple(replace(item, reason=named(item.reason)) for item in self.not_observable)
+        found = tuple(
+            placed(replace(item, evidence=named(item.evidence))) for item in self.findings
+        )
+        for name, value in (
+            ("findings", found),
+            ("unexplained", placed(self.unexplained)),
+            ("not_observable", hidden),
+            ("notes", tuple(map(named, self.notes))),
+            ("doubts", tuple(map(named, self.doubts))),
+        ):
+            object.__setattr__(self, name, value)
 
     @property
     def names(self) -> tuple[str, ...]:

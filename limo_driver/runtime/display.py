@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from math import isnan
+from typing import Final
 
 from limo_driver.quoting import in_html, in_line, on_terminal
 
@@ -78,3 +79,23 @@ def joint_called(joint: int, name: str) -> str:
     """Return a joint by its number, and by its name where that says more than the number."""
     plain = re.sub(r"[^a-z0-9]", "", name.lower())
     return str(joint) if not plain or plain.endswith(f"joint{joint}") else f"{joint} ({name})"
+
+
+_JOINTS: Final = re.compile(
+    r"\b(?:[Jj]oint \d+|[Jj]oints \d+(?:(?:, | and | or )\d+)*)(?!\d|\.\d| \()"
+)
+
+
+def call_joints(text: str, names: Sequence[str]) -> str:
+    """Return a text in which joints that stand by number stand by name, too.
+
+    Args:
+        text: Such as "at joint 2 the error grows".
+        names: Of all joints of the arm.
+    """
+
+    def called(number: re.Match[str]) -> str:
+        joint = int(number[0])
+        return joint_called(joint, names[joint - 1]) if 0 < joint <= len(names) else number[0]
+
+    return _JOINTS.sub(lambda found: re.sub(r"\d+", called, found[0]), text)

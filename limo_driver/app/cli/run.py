@@ -11,7 +11,7 @@ import typer
 from limo_driver.app.cli import INTERRUPTED
 from limo_driver.app.console.arguments import ROBOTS, RosDomain, SessionOptions, describe_options
 from limo_driver.app.console.terminal import progress, say, terminal
-from limo_driver.errors import ConfigError
+from limo_driver.errors import BackendError, ConfigError, HoldingError
 from limo_driver.runtime.outputs import require_apart
 
 if TYPE_CHECKING:
@@ -125,9 +125,19 @@ def command(
     except NotBegunError:
         typer.echo("limo: interrupted before the arm moved; nothing was recorded", err=True)
         raise typer.Exit(INTERRUPTED) from None
+    except HoldingError as error:
+        raise BackendError(_how_to_go_on(error.reason, record, fifo=fifo)) from error
     _report(summary, as_json=as_json)
     if summary.interrupted:
         raise typer.Exit(INTERRUPTED)
+
+
+def _how_to_go_on(reason: str, record: Path, *, fifo: bool) -> str:
+    """Return what somebody at the arm can do: `resume` is for programs."""
+    kept = f"what it did until then is in {record}; " if record.exists() else ""
+    late = "" if fifo else ", with --fifo if this machine was late"
+    again = f"bring it back to the first pose and run again{late}"
+    return f"the arm holds ({reason}); {kept}{again}"
 
 
 def _say_it_stands(name: str) -> None:

@@ -229,7 +229,7 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
     if isinstance(joint, int):
         joint, words = _joint_in(words_of(_AXIS.sub(" axis ", rest)), ())
     if not unit:
-        unit, words = _unit_at_end(words)
+        unit, words = _unit_at_end(words, least=0 if isinstance(joint, str) else 1)
     quantities = [word for word in words if word in _QUANTITY]
     quantity = _QUANTITY[quantities[-1]] if quantities else NOTHING
     if quantity == CURRENT and any(_QUANTITY[word] == TORQUE for word in quantities):
@@ -300,11 +300,11 @@ def _joint_in(
     return None, words
 
 
-def _unit_at_end(words: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-    """Return the unit that the last words write, and the words before it."""
+def _unit_at_end(words: tuple[str, ...], *, least: int) -> tuple[str, tuple[str, ...]]:
+    """Return the unit that the last words write, and the `least` words or more before it."""
     for many in (2, 1):
         last, before = words[len(words) - many :], words[: len(words) - many]
-        if not before or len(last) < many:
+        if len(before) < least or len(last) < many:
             continue
         for written in ("/".join(last), "".join(last)):
             if written in WRITTEN and written not in _IN_BRACKETS:

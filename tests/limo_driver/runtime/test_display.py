@@ -5,7 +5,7 @@ import pytest
 
 import limo_driver as limo
 from limo_driver.physics import CoulombFriction
-from limo_driver.runtime.display import Displayed
+from limo_driver.runtime.display import Displayed, call_joints
 
 T = np.linspace(0.0, 2.0, 201)
 SWING = 0.1 * np.sin(np.pi * T)[:, None] * np.ones(7)
@@ -48,3 +48,20 @@ def test_text_of_a_value_is_no_markup_of_a_page():
     assert "&lt;i&gt;" in Named()._repr_html_()
     assert "&amp;" in Named()._repr_html_()
     assert str(Named()) == "<b>\n<i>\n  &"
+
+
+@pytest.mark.parametrize(
+    ("text", "called"),
+    [
+        ("At joint 2 it is, 2.5 N m", "At joint 2 (stick) it is, 2.5 N m"),
+        ("Joint 2, 2.5 N m.", "Joint 2 (stick), 2.5 N m."),
+        ("of joints 1, 2 and 3.", "of joints 1 (lift), 2 (stick) and 3."),  # named joint3
+        ("joint 1 (lift) and joint 22", "joint 1 (lift) and joint 22"),
+        ("both joints, 2 of 3 times", "both joints, 2 of 3 times"),
+    ],
+)
+def test_joints_that_are_counted_are_called_by_name(text, called):
+    names = ("lift", "stick", "joint3")
+    assert call_joints(text, names) == called
+    assert call_joints(called, names) == called  # as of a verdict that is read
+    assert call_joints(text, ()) == text

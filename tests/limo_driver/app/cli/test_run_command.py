@@ -13,7 +13,7 @@ import pytest
 from sessions import PATIENCE, wait_until
 
 from limo_driver.app.cli import controller, main
-from limo_driver.errors import ConfigError
+from limo_driver.errors import ConfigError, HoldingError
 from limo_driver.recordings.files.recorder import partial_path, read_header
 from limo_driver.trajectory import Segment, Trajectory
 
@@ -158,6 +158,26 @@ def test_trajectory_planned_for_another_robot_is_refused(tmp_path, trajectory, m
     assert "was planned for iiwa14, but the robot is" in stderr
     assert "plan again" in stderr
     assert not (tmp_path / "r.parquet").exists()
+
+
+def test_an_arm_that_holds_says_what_somebody_at_it_can_do(
+    tmp_path, trajectory, monkeypatch, capsys
+):
+    def held(_backend, _motion, record, **_):
+        record.touch()
+        raise HoldingError("no measurement for 0.1 s")
+
+    monkeypatch.setattr("limo_driver.app.library.moving.play", held)
+    record = tmp_path / "run.parquet"
+    options = {"backend": "fri", "trajectory": trajectory, "record": record}
+    assert run_here(monkeypatch, options) == 2
+    held_so = (
+        f"limo: the arm holds (no measurement for 0.1 s); what it did until then is in {record}; "
+    )
+    again = "bring it back to the first pose and run again"
+    assert capsys.readouterr().err == f"{held_so}{again}, with --fifo if this machine was late\n"
+    assert run_here(monkeypatch, options | {"fifo": None}) == 2
+    assert capsys.readouterr().err == f"{held_so}{again}\n"
 
 
 def test_a_simulated_controller_refuses_the_plan_of_another_arm(commanded, tmp_path):
