@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from limo_driver.model.units import common_unit, unit_of
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import (
@@ -25,7 +26,7 @@ from limo_driver.pages.figures import (
     layout,
     rounded_ticks,
 )
-from limo_driver.pages.markup import columns, folded, grid, header, next_steps, section
+from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,7 +46,8 @@ _ERRORS: Final = (
     "RMSE: root mean square of measured minus predicted torque. Noise floor: what the torque "
     "sensor's noise leaves behind the filter, from the torque's spectrum; unknown where the torque "
     "was filtered before it was recorded. The intervals are right where they hold about 95 % of "
-    "the measured torques; on motion unlike what was learned, they are a guess."
+    "the measured torques; on motion unlike what was learned, they are a guess. With what changed: "
+    "where offset, friction and size of the errors follow those before each row, slowly."
 )
 _CURVES: Final = (
     "The 6 s in which the joints reverse most often. Grey: measured. Orange: rigid body with "
@@ -60,9 +62,10 @@ def evaluation_page(found: EvaluationResult) -> Page:
     view = _arm(found)
     rigid, model = (float(np.sqrt(side.mean_mse)) for side in (found.rigid_body, found.hybrid))
     seen = ", on motion that it was trained on" if found.trained_on else ""
+    unit = common_unit("N m", found.robot.sliding)
     title = (
-        f"{found.model[:1].upper()}{found.model[1:]} is {model:.3g} N m off the measured torque, "
-        f"the rigid body alone {rigid:.3g} N m (RMS over joints){seen}{_harmed(found)}."
+        f"{found.model[:1].upper()}{found.model[1:]} is {model:.3g} {unit} off the measured "
+        f"torque, the rigid body alone {rigid:.3g} {unit} (RMS over joints){seen}{_harmed(found)}."
     )
     of = f" of {found.recording.source}" if found.recording.source else ""
     source = (
@@ -121,7 +124,7 @@ def _errors(found: EvaluationResult, charts: Charts) -> str:
         ),
         (found.hybrid.rmse, found.model, {"symbol": "circle", "size": 11, "color": AFTER}),
     )
-    axes = layout("RMSE [N m], logarithmic", "")
+    axes = layout(f"RMSE [{common_unit('N m', found.robot.sliding)}], logarithmic", "")
     axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate([e for e, _, _ in errors]))
     axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
     marks = [
@@ -133,7 +136,7 @@ def _errors(found: EvaluationResult, charts: Charts) -> str:
     values = dict(found.figures()) | {
         "unlike what was learned": [f"{part:.0%}" for part in found.outside]
     }
-    return charts.place(chart, "Error of each joint") + columns(values)
+    return charts.place(chart, "Error of each joint") + columns(values) + listed(found.changed)
 
 
 def _arm(found: EvaluationResult) -> ArmView:
@@ -197,9 +200,11 @@ def _joint(found: EvaluationResult, charts: Charts, j: int) -> str:
         own = torque[rows, j] - found.frictionless[rows, j]
         over_time.append(curve(time, own, name, *style))
         loops.append(curve(position, own, name, *style))
+    friction = f"friction [{found.units[j]}]"
+    place = f"position [{unit_of('rad', is_sliding=found.robot.sliding[j])}]"
     drawn = (
-        (over_time, layout("time [s]", "friction [N m]"), "Friction over time", True),
-        (loops, layout("position [rad]", "friction [N m]"), "Friction over position", False),
+        (over_time, layout("time [s]", friction), "Friction over time", True),
+        (loops, layout(place, friction), "Friction over position", False),
     )
     return grid(
         charts.place(
@@ -259,7 +264,7 @@ def torque_figure(evaluation: EvaluationResult, window: float = _WINDOW) -> Figu
     for j, ax in enumerate(axes):
         for name, torque in torques_of(evaluation):
             ax.plot(time, torque[rows, j], label=name, **_LINES.get(name, _MODEL))
-        ax.set_ylabel(f"$\\tau_{{{j + 1}}}$ [N m]")
+        ax.set_ylabel(f"$\\tau_{{{j + 1}}}$ [{evaluation.units[j]}]")
         ax.margins(x=0)
         ax.text(
             1.005,
@@ -293,7 +298,7 @@ def loop_figure(evaluation: EvaluationResult, window: float = _WINDOW) -> Figure
             ax.plot(np.rad2deg(position), own, label=name, **_LINES.get(name, _MODEL))
         ax.set_title(f"{evaluation.joint_names[j]}  {_rmse_of(evaluation, j)}", fontsize="x-small")
         ax.set_xlabel(f"$q_{{{j + 1}}}$ [°]")
-        ax.set_ylabel(f"friction, joint {j + 1} [N m]")
+        ax.set_ylabel(f"friction, joint {j + 1} [{evaluation.units[j]}]")
     for ax in axes[n:]:
         ax.set_visible(False)
     _finish(
@@ -320,7 +325,7 @@ def _rmse_of(evaluation: EvaluationResult, j: int) -> str:
     rigid_body, hybrid = evaluation.rigid_body.rmse[j], evaluation.hybrid.rmse[j]
     if not evaluation.recording.measured_joints[j]:
         return "torque not measured"
-    return f"RMSE {rigid_body:.3f} → {hybrid:.3f} N m"
+    return f"RMSE {rigid_body:.3f} → {hybrid:.3f} {evaluation.units[j]}"
 
 
 def lively_rows(evaluation: EvaluationResult, window: float = _WINDOW) -> slice:

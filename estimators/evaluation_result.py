@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimators.base import DEVIATIONS
+from estimators.change import SlowChange
+from limo_driver.model.units import common_unit, unit_of
 from limo_driver.runtime.display import Displayed
 
 if TYPE_CHECKING:
@@ -78,11 +81,42 @@ class EvaluationResult(Displayed):
     @property
     def coverage(self) -> FloatArray:
         """Part of the rows within 1.96 standard deviations, (n,); NaN where these are unknown."""
-        error = np.abs(self.measured - self.estimate.torque)[self.scored]
         std = self.estimate.std[self.scored]
-        within = np.mean(error <= DEVIATIONS * std, axis=0)
+        within = np.mean(np.abs(self._residual) <= DEVIATIONS * std, axis=0)
         known = np.isfinite(std).all(axis=0) & self.recording.measured_joints
         return np.where(known, within, np.nan)
+
+    @cached_property
+    def change(self) -> SlowChange | None:
+        """What slowly changed since training; None where a model does not know its errors."""
+        std = self.estimate.std[self.scored]
+        if not (np.isfinite(std) & (std > 0)).all():
+            return None
+        velocity, time = self.motion.velocity[self.scored], self.recording.time[self.scored]
+        return SlowChange.of(self._residual, std, velocity, time)
+
+    @property
+    def coverage_with_change(self) -> FloatArray:
+        """Likewise, where offset, friction and size of the errors follow those before, (n,)."""
+        if self.change is None:
+            return np.full(len(self.joint_names), np.nan)
+        within = self.change.held(self._residual)
+        return np.where(self.recording.measured_joints, within, np.nan)
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Offsets and friction that surely changed since training, in words."""
+        return () if self.change is None else self.change.told(self.joint_names, self.units)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the joints' torques: N of those that slide."""
+        return tuple(unit_of("N m", is_sliding=each) for each in self.robot.sliding)
+
+    @property
+    def _residual(self) -> FloatArray:
+        """Measured less predicted torque of the scored rows, (T, n) [N m]."""
+        return (self.measured - self.estimate.torque)[self.scored]
 
     @property
     def outside(self) -> FloatArray:
@@ -114,14 +148,14 @@ class EvaluationResult(Displayed):
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the errors of each joint beside the noise floor."""
+        unit = common_unit("N m", self.robot.sliding)
         return {
             "joint": self.joint_names,
-            "RMSE of the rigid body [N m]": self.rigid_body.rmse.tolist(),
-            "of the model [N m]": self.hybrid.rmse.tolist(),
-            "noise floor [N m]": self.noise_floor.tolist(),
-            "within the 95 % interval": [
-                "-" if np.isnan(part) else f"{part:.0%}" for part in self.coverage
-            ],
+            f"RMSE of the rigid body [{unit}]": self.rigid_body.rmse.tolist(),
+            f"of the model [{unit}]": self.hybrid.rmse.tolist(),
+            f"noise floor [{unit}]": self.noise_floor.tolist(),
+            "within the 95 % interval": _percents(self.coverage),
+            "with what changed": _percents(self.coverage_with_change),
         }
 
     def as_values(self) -> dict[str, Any]:
@@ -135,8 +169,11 @@ class EvaluationResult(Displayed):
             "mse_ratio": self.mse_ratio,
             "noise_floor": self.noise_floor,
             "coverage_of_95_percent": self.coverage,
+            "coverage_with_change": self.coverage_with_change,
             "outside": self.outside,
         }
+        if self.change is not None:
+            per_joint |= {"offset": self.change.offset, "friction_change": self.change.friction}
         return {
             "schema": 1,
             "model": self.model,
@@ -145,11 +182,17 @@ class EvaluationResult(Displayed):
             "bandwidth": self.bandwidth,
             "samples": int(self.scored.sum()),
             "joints": list(self.joint_names),
+            "torque_units": list(self.units),
             **{
                 name: [float(v) if np.isfinite(v) else None for v in values]
                 for name, values in per_joint.items()
             },
+            "changed": list(self.changed),
             "mean_mse_rigid_body": self.rigid_body.mean_mse,
             "mean_mse_hybrid": self.hybrid.mean_mse,
             "mean_mse_ratio": self.mean_mse_ratio,
         }
+
+
+def _percents(parts: FloatArray) -> list[str]:
+    return ["-" if np.isnan(part) else f"{part:.0%}" for part in parts]

@@ -30,6 +30,7 @@ from estimators.rigid_body.tolerances import (
     without_stated,
 )
 from limo_driver.errors import ConfigError
+from limo_driver.model.units import common_unit, unit_of
 from limo_driver.physics import Armature, Simulation
 from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -107,9 +108,10 @@ class Identification(Displayed):
         for item in self.estimates:
             column = terms.setdefault(f"{item.parameter} [{item.unit}]", [""] * self.model.n)
             column[item.joint - 1] = item.value
+        unit = common_unit("N m", self.model.sliding)
         return {
             "joint": self.model.joint_names,
-            "RMSE, in sample [N m]": self.rmse_consistent.tolist(),
+            f"RMSE, in sample [{unit}]": self.rmse_consistent.tolist(),
             **terms,
         }
 
@@ -170,7 +172,7 @@ def identify(
     covariance = surely.spread.T @ surely.spread
     known = tolerances_of(consistent.parameters, covariance, equations, terms)
     observable = equations.count > 0  # joints of which something is
-    estimates = _estimates(terms, surely, observable)
+    estimates = _estimates(terms, surely, observable, model.sliding)
     rmse = equations.rmse(consistent.parameters)
     return Identification(
         model,
@@ -329,10 +331,17 @@ def _by_joint(
 
 
 def _estimates(
-    terms: JointTerms, fit: ConsistentFit, observable: NDArray[np.bool_]
+    terms: JointTerms, fit: ConsistentFit, observable: NDArray[np.bool_], sliding: Sequence[bool]
 ) -> tuple[TermEstimate, ...]:
     return tuple(
-        TermEstimate(term.effect, term.parameter, joint, value, deviation, term.unit)
+        TermEstimate(
+            term.effect,
+            term.parameter,
+            joint,
+            value,
+            deviation,
+            unit_of(term.unit, is_sliding=sliding[joint - 1]),
+        )
         for term, joint, value, deviation in _by_joint(observable.size, terms, fit)
         if observable[joint - 1] and (deviation > 0 or term.effect.endswith("friction"))
     )

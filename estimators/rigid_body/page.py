@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.rigid_body.tables import base_estimates, known_of, notes_of
+from limo_driver.model.units import common_unit
 from limo_driver.pages import Charts, Page, Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
@@ -56,7 +57,7 @@ def identification_page(found: Identification, file: str) -> Page:
     errors = found.rmse_consistent
     title = (
         f"Inertias and friction of {found.model.n} joints explain the recorded torque to "
-        f"{errors.min():.2g} to {errors.max():.2g} N m RMSE; {known_of(found)}."
+        f"{errors.min():.2g} to {errors.max():.2g} {_torque(found)} RMSE; {known_of(found)}."
     )
     known = found.simulation.tolerances
     source = (
@@ -93,9 +94,14 @@ def identification_page(found: Identification, file: str) -> Page:
     return Page(title, body, charts, view)
 
 
+def _torque(found: Identification) -> str:
+    """Return the unit of the joints' torques."""
+    return common_unit("N m", found.model.sliding)
+
+
 def _errors(found: Identification) -> Figure:
     names = [f"joint {j}" for j in range(1, found.model.n + 1)]
-    axes = layout("RMSE [N m]", "")
+    axes = layout(f"RMSE [{_torque(found)}]", "")
     axes["xaxis"] |= {"rangemode": "tozero"}
     axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
     free = {"symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}

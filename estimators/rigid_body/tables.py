@@ -10,6 +10,8 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
+from limo_driver.model.units import common_unit, unit_of
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -35,15 +37,16 @@ def joint_table(found: Identification) -> Table:
         padding=0,
         show_edge=False,
     )
-    for heading in ("#", "base\n\nN m", "body\n\nN m"):
+    torque = common_unit("N m", found.model.sliding)
+    for heading in ("#", f"base\n\n{torque}", f"body\n\n{torque}"):
         table.add_column(heading, justify="right", no_wrap=True)
     names = dict.fromkeys((item.effect, item.parameter, item.unit) for item in found.estimates)
     for effect, parameter, unit in names:
         heading = f"{effect.split('_')[0]}\n{parameter}\n{unit}"
         table.add_column(heading, justify="right", no_wrap=True)
-    by_place = {(item.effect, item.joint): item for item in found.estimates}
+    by_place = {(item.effect, item.joint, item.unit): item for item in found.estimates}
     for j in range(found.model.n):
-        cells = [_estimate(by_place.get((effect, j + 1))) for effect, _, _ in names]
+        cells = [_estimate(by_place.get((effect, j + 1, unit))) for effect, _, unit in names]
         errors = found.fit.rmse[j], found.rmse_consistent[j]
         known = found.fit.effective[j] > 0
         said = [f"{error:.3g}" if known else _NOTHING for error in errors]
@@ -107,6 +110,7 @@ def as_values(found: Identification) -> dict[str, Any]:
         "effective_rows": found.fit.effective.tolist(),
         "inertia_tolerance": found.tolerance,
         "known_to": found.simulation.tolerances.as_values(),
+        "torque_units": [unit_of("N m", is_sliding=each) for each in found.model.sliding],
         "rmse": {
             "base_parameters": found.fit.rmse.tolist(),
             "consistent": found.rmse_consistent.tolist(),
@@ -225,7 +229,9 @@ def _labels(found: Identification) -> list[tuple[str, str]]:
     numbers = range(1, found.model.linkage.links + 1)
     links = [(f"{name}_{i}", unit) for i in numbers for name, unit in _PER_LINK]
     terms = [
-        (f"{term.parameter}_{j + 1}", term.unit) for term in found.terms.all() for j in range(n)
+        (f"{term.parameter}_{j + 1}", unit_of(term.unit, is_sliding=found.model.sliding[j]))
+        for term in found.terms.all()
+        for j in range(n)
     ]
     return links + terms
 

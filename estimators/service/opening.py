@@ -23,7 +23,7 @@ from limo_driver.errors import LimoError
 from limo_driver.network.claims import PacedQueryable
 from limo_driver.network.messages import Level
 from limo_driver.network.streaming import to_json
-from limo_driver.recordings.bandwidth import bandwidth_at
+from limo_driver.recordings.bandwidth import BANDWIDTH, bandwidth_at
 from limo_driver.recordings.filters.causal_differentiation import RATE_TOLERANCE
 from limo_driver.types import readonly
 
@@ -93,7 +93,7 @@ class Opening:
         arm = ServedArm(
             self._arm, tuple(simulation.model.joint_names), rate, settings.history, bound
         )
-        physics = SimulationOnly(simulation, bandwidth_at(rate))
+        physics = SimulationOnly(simulation, bandwidth_at(rate, simulation.bandwidth or BANDWIDTH))
         stream = fastest(Stream(physics, rate, settings.delay))
         warm_up(stream)
         service = ArmService(

@@ -14,13 +14,13 @@ first one extrapolates least. Where nothing is confirmed, the simulation stays a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.base import check_every_joint, check_recordings
+from estimators.base import DEVIATIONS, Estimate, check_every_joint, check_recordings
 from estimators.hybrid import HybridModel
 from estimators.hybrid.model import train
 from estimators.hybrid.training.settings import usual_settings
@@ -59,6 +59,7 @@ class Tried:
     name: str
     left: FloatArray  # (n,), error over the simulation's, of what is confirmed; NaN if it failed
     shares: FloatArray  # (n,) in [0, 1], part of the learned torque that is confirmed
+    coverage: FloatArray  # (n,), part of the rows within the 95 % interval; NaN where unknown
     refused: str = ""  # why it could not be tried
 
     @property
@@ -115,6 +116,7 @@ class ModelChoice(Displayed):
                     "mean": one.mean,
                     "left": one.left.tolist(),
                     "shares": one.shares.tolist(),
+                    "coverage": one.coverage.tolist() if np.isfinite(one.coverage).all() else None,
                 }
                 for one in self.tried
             ],
@@ -223,18 +225,18 @@ def choose_model(
             progress(f"trying {name}", (number + part) / len(models))
 
         try:
-            products, fold = _held_out(make, folds, bandwidth, tell)
+            products, fold, coverage = _held_out(make, folds, bandwidth, tell)
         except (RecordingError, DivergedError) as error:
             unknown = np.full(simulation.model.n, np.nan)
-            tried.append(Tried(name, unknown, unknown, str(error)))
+            tried.append(Tried(name, unknown, unknown, unknown, str(error)))
             continue
         simulated = np.sqrt(products[:, :, 1, 1].mean(axis=0))
-        tried.append(_judge(name, products, fold))
+        tried.append(replace(_judge(name, products, fold), coverage=coverage))
     progress("done", 1.0)
     if not simulated.size:
         raise RecordingError(tried[0].refused)
     n = simulated.size
-    nothing = Tried(SIMULATION, np.ones(n), np.zeros(n))
+    nothing = Tried(SIMULATION, np.ones(n), np.zeros(n), np.full(n, np.nan))
     return ModelChoice((*tried, nothing), _best(tried) or nothing, simulated)
 
 
@@ -243,20 +245,23 @@ def _held_out(
     folds: Sequence[tuple[list[Recording], list[Recording]]],
     bandwidth: float,
     tell: Callable[[float], None],
-) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return the products of all blocks (b, n, 2, 2), see `_judged`, and their folds (b,)."""
+) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+    """Return the products of all blocks (b, n, 2, 2), see `_judge`, folds (b,), coverage (n,)."""
     blocks: list[FloatArray] = []
+    within: list[FloatArray] = []
     fold: list[int] = []
     for k, (rest, held) in enumerate(folds):
         tell(k / len(folds))
         model = make().fit(rest)
         for one in held:
-            own = list(_blocks(model, one, bandwidth))
+            error, estimate = _errors(model, one, bandwidth)
+            own = list(_blocks(error, estimate))
+            within.append(_within(error, estimate))
             blocks += own
             fold += [k] * len(own)
     if len(set(fold)) < len(folds):
         raise RecordingError("the motion is too short to hold stretches of it out")
-    return np.array(blocks), np.array(fold)
+    return np.array(blocks), np.array(fold), np.concatenate(within).mean(axis=0)
 
 
 def _best(tried: Sequence[Tried]) -> Tried | None:
@@ -290,15 +295,29 @@ def _judge(name: str, products: FloatArray, fold: NDArray[np.int64]) -> Tried:
                 judged[:, 1, 1] - 2 * share * judged[:, 0, 1] + share**2 * judged[:, 0, 0]
             )
         left[j] = np.sqrt(max(error, _LEAST) / len(own))
-    return Tried(name, left, shares)
+    return Tried(name, left, shares, np.full(n, np.nan))
 
 
-def _blocks(model: ResidualModel[Any], held: Recording, bandwidth: float) -> Iterator[FloatArray]:
-    """Give the products of learned and residual torque of blocks of a stretch, (n, 2, 2) each."""
+def _errors(
+    model: ResidualModel[Any], held: Recording, bandwidth: float
+) -> tuple[FloatArray, Estimate]:
+    """Return what the simulation leaves of a stretch, (T, n) [N m], and the estimate of it."""
     estimate = model.estimate(held).filtered(held, bandwidth)
     scored = ~held.edges(bandwidth)
     residual = (held.filtered_torque(bandwidth) - estimate.simulation)[scored]
-    learned = estimate.learned[scored]
+    parts = (getattr(estimate, item.name)[scored] for item in fields(estimate))
+    return residual, Estimate(*parts)
+
+
+def _within(residual: FloatArray, estimate: Estimate) -> FloatArray:
+    """Return 1 where a row is within the 95 % interval, else 0, (T, n); NaN where unknown."""
+    within = np.abs(residual - estimate.learned) <= DEVIATIONS * estimate.std
+    return np.where(np.isfinite(estimate.std), within, np.nan)
+
+
+def _blocks(residual: FloatArray, estimate: Estimate) -> Iterator[FloatArray]:
+    """Give the products of learned and residual torque of blocks of a stretch, (n, 2, 2) each."""
+    learned = estimate.learned
     for rows in np.array_split(np.arange(len(residual)), _BLOCKS):
         if rows.size:
             both = np.stack([learned[rows], residual[rows]], axis=-1)

@@ -45,7 +45,7 @@ def physics_alone(monkeypatch):
 
 def of(name, *left):
     shares = np.array([1.0 if one < 1.0 else 0.0 for one in left])
-    return Tried(name, np.array(left), shares)
+    return Tried(name, np.array(left), shares, np.full(2, 0.95))
 
 
 @pytest.mark.usefixtures("physics_alone")
@@ -98,12 +98,12 @@ def test_another_takes_the_place_of_the_first_where_it_errs_a_quarter_less():
     assert model_choice._best([first, close]) is first
     assert model_choice._best([first, close, better]) is better
     assert model_choice._best([of(PHYSICS, 1.0, 1.0)]) is None
-    refused = Tried(CONFIRMED, *np.full((2, 2), np.nan), "is too short")
+    refused = Tried(CONFIRMED, *np.full((3, 2), np.nan), "is too short")
     assert model_choice._best([refused, close]) is close
 
 
 def test_what_could_not_be_compared_stands_in_headline_and_manifest():
-    refused = Tried(CONFIRMED, *np.full((2, 2), np.nan), "is too short")
+    refused = Tried(CONFIRMED, *np.full((3, 2), np.nan), "is too short")
     network = of(NETWORK, 0.5, 1.0)
     choice = ModelChoice((refused, network), network, np.array([0.1, 0.2]))
     assert f"{CONFIRMED} not compared" in choice.headline()

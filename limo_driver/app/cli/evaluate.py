@@ -88,6 +88,8 @@ def command(
             terminal(soft_wrap=True).print(reason)
     else:
         terminal().print(table(evaluation), certainty(evaluation))
+        for line in evaluation.changed:
+            terminal(soft_wrap=True).print(line)
 
 
 def _check(model: Path | None, sim: Path | None, against: Path | None) -> None:
@@ -201,12 +203,16 @@ def certainty(evaluation: Evaluation) -> Table:
     result = table_of(
         "joint",
         "within the\n95 % interval",
+        "with what\nchanged",
         "outside",
         title="How sure the model is",
-        caption="outside: motion unlike what was learned, where the interval is a guess",
+        caption="with what changed: where offset, friction and size of the errors follow those "
+        "before each row; outside: motion unlike what was learned, where the interval is a guess",
     )
-    rows = zip(evaluation.joint_names, evaluation.coverage, evaluation.outside, strict=True)
-    for name, within, outside in rows:
-        known = "unknown" if isnan(within) else f"{within:.1%}"
-        result.add_row(name, known, f"{outside:.1%}")
+    parts = evaluation.coverage, evaluation.coverage_with_change
+    for name, *within, outside in zip(
+        evaluation.joint_names, *parts, evaluation.outside, strict=True
+    ):
+        known = ("unknown" if isnan(part) else f"{part:.1%}" for part in within)
+        result.add_row(name, *known, f"{outside:.1%}")
     return result

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 from limo_driver.app.console.arguments import MappingOption, describe_options
 from limo_driver.app.console.terminal import terminal
 from limo_driver.errors import ConfigError
+from limo_driver.model.units import common_unit, unit_of
 from limo_driver.runtime.outputs import require_file, require_parquet, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_UNITS = {"torque": " [N m]", "std": " [N m]", "position": " [rad]"}
+_UNITS = {"torque": "N m", "std": "N m", "position": "rad"}
 
 
 @describe_options
@@ -90,12 +91,19 @@ def command(
         left_out = {item.reason: item.rows for item in measured.left_out}
         rows = {"used": len(measured), "left_out": left_out}
         warnings = [*measured.warnings, *odd]
-        terminal().print_json(data={"file": str(out), "rows": rows, "warnings": warnings})
+        units = {
+            name: [unit_of(_UNITS[name], is_sliding=each) for each in physics.model.sliding]
+            for name in columns
+            if name in _UNITS
+        }
+        terminal().print_json(
+            data={"file": str(out), "units": units, "rows": rows, "warnings": warnings}
+        )
         return
     notes = terminal(stderr=True, soft_wrap=True)
     for item in (*measured.warnings, *measured.left_out, *odd):
         notes.print(f"{recording}: {item}")
-    terminal(soft_wrap=True).print(_written(out, measured, columns))
+    terminal(soft_wrap=True).print(_written(out, measured, columns, physics.model.sliding))
 
 
 def _check_free_running(model: Path | None, bandwidth: float | None, delay: float | None) -> None:
@@ -113,12 +121,16 @@ def _check_free_running(model: Path | None, bandwidth: float | None, delay: floa
 
 
 def _written(
-    out: Path, recording: Recording | Commanded, columns: Mapping[str, NDArray[Any]]
+    out: Path,
+    recording: Recording | Commanded,
+    columns: Mapping[str, NDArray[Any]],
+    sliding: Sequence[bool],
 ) -> str:
     """Say what the file holds."""
     empty = recording.rows_total - len(recording)
     rows = f"{recording.rows_total} rows" + (f", {empty} of them empty" if empty else "")
-    named = ", ".join(f"{name}_1 … {name}_{recording.n}{_UNITS.get(name, '')}" for name in columns)
+    units = {name: f" [{common_unit(unit, sliding)}]" for name, unit in _UNITS.items()}
+    named = ", ".join(f"{name}_1 … {name}_{recording.n}{units.get(name, '')}" for name in columns)
     return f"{out}: {rows}: time [s], {named}"
 
 

@@ -115,7 +115,8 @@ def command(
     confirmed by motion not trained on. joint-physics is no network: it fits friction, hysteresis,
     elasticity and errors of the rigid body joint by joint in closed form, needs little motion, and
     says how sure it is. The folder holds weights, manifest and simulation, and is all that
-    `limo evaluate` needs.
+    `limo evaluate` needs; beside them, report.html shows what was tried and how large errors are,
+    and card.md says on what data, for which robot and within which limits.
 
     With --sweep, a space.yaml says what is tried, such as `hidden: [8, 16]` or `learning_rate:
     {from: 3e-4, to: 1e-2, scale: log}` with `draws: 4`: every combination. What is trained is kept,
@@ -144,6 +145,7 @@ def command(
     from estimators.hybrid.training.settings import usual_settings
     from estimators.neural import NETWORKS
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
+    from estimators.training_page import save_training
     from limo_driver.app.library.inputs import AUTO, require_model
     from limo_driver.app.library.reading import read
 
@@ -175,7 +177,9 @@ def command(
     else:
         trained = _train(simulation, measured, model, width, settings)
     trained.save(out)
+    page, card = save_training(trained, measured, out)
     _show(trained, out, width, as_json=as_json)
+    terminal(stderr=True, soft_wrap=True).print(f"wrote {out} with {page.name} and {card.name}")
 
 
 def _show(trained: ResidualModel[Any], out: Path, width: float, *, as_json: bool) -> None:

@@ -13,6 +13,7 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+from limo_driver.model.units import unit_of
 from limo_driver.runtime.display import spanned
 
 if TYPE_CHECKING:
@@ -176,9 +177,7 @@ _SAID = {MEASURED: "measured", PLAIN: "", COMMANDED: "commanded", DERIVED: "deri
 
 def si_unit(quantity: str, *, is_sliding: bool = False) -> str:
     """Return the SI unit of a quantity of a joint that turns, or slides."""
-    slides = {"rad": "m", "rad/s": "m/s", "N m": "N"}
-    unit = next(iter(UNITS[quantity]))
-    return slides.get(unit, unit) if is_sliding else unit
+    return unit_of(next(iter(UNITS[quantity])), is_sliding=is_sliding)
 
 
 def quantity_of(unit: str) -> str:

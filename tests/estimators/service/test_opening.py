@@ -76,6 +76,14 @@ def test_where_the_champion_hears_too_much_physics_serve_with_what_states_can_be
     assert opened.service(1000.0).model.stream.model.bandwidth == 10.0
 
 
+def test_physics_serve_at_the_bandwidth_that_was_found_for_them(two_links_urdf):
+    found = Simulation(str(two_links_urdf), bandwidth=5.0)
+    opened, _ = opening(found, delay=0.5, champion=10.0)
+    assert opened.service(10.0).model.stream.model.bandwidth == 3.6
+    opened, _ = opening(found, delay=0.5, champion=900.0)
+    assert opened.service(1000.0).model.stream.model.bandwidth == 5.0
+
+
 def test_a_delay_of_fewer_states_than_a_filter_takes_is_refused(two_links_urdf):
     opened, _ = opening(Simulation(str(two_links_urdf)), delay=0.1, champion=2.0)
     with pytest.raises(ConfigError, match=r"at least 0\.3 s, 3 samples, are needed"):

@@ -1,0 +1,75 @@
+"""What slowly changed since training is found from errors, and not from a push."""
+
+import numpy as np
+import pytest
+
+from estimators.change import SlowChange
+
+RATE, SECONDS, STD = 100.0, 60.0, 0.2
+TIME = np.arange(int(RATE * SECONDS)) / RATE
+VELOCITY = np.sin(2 * np.pi * 0.2 * TIME)[:, None]
+
+
+def changed(error):
+    return SlowChange.of(error, np.full(error.shape, STD), VELOCITY, TIME)
+
+
+def noise(seed=0):
+    """Return errors of STD that are alike for about a second."""
+    white = np.random.default_rng(seed).normal(0.0, 1.0, TIME.size)
+    kernel = np.exp(-np.arange(0.0, 3.0, 1 / RATE) / 0.5)
+    found = np.convolve(white, kernel)[: TIME.size, None]
+    return STD * found / found.std()
+
+
+def test_an_offset_and_friction_are_found_and_told():
+    error = 0.8 + 0.5 * np.tanh(VELOCITY / 0.02) + noise()
+    found = changed(error)
+    assert found.offset[0] == pytest.approx(0.8, abs=0.12)
+    assert found.friction[0] == pytest.approx(0.5, abs=0.12)
+    lines = found.told(("lift",), ("N",))
+    assert [line.split(":")[0] for line in lines] == [
+        "offset since training",
+        "friction since training",
+    ]
+    assert lines[0].endswith(" N at lift")
+    left = (error - found.torque)[TIME > 10.0]
+    assert left.std() < 1.5 * STD
+    assert found.held(error)[0] > 0.9
+
+
+def test_errors_as_large_as_the_model_says_tell_no_change():
+    for seed in range(5):
+        found = changed(noise(seed))
+        assert found.told(("lift",), ("N m",)) == ()
+        assert found.held(noise(seed))[0] > 0.9
+
+
+def test_a_row_is_told_nothing_of_errors_after_it():
+    error = noise()
+    before = changed(error)
+    error[3000:] += 5.0
+    after = changed(error)
+    same = int(3000 + 0.5 * RATE)
+    np.testing.assert_array_equal(after.torque[:same], before.torque[:same])
+    assert np.abs(after.torque[same + 1 :] - before.torque[same + 1 :]).min() > 0.0
+
+
+def test_a_push_of_a_second_hardly_moves_it():
+    error = noise()
+    error[4000:4100] += 10.0
+    moved = np.abs(changed(error).torque - changed(noise()).torque)
+    assert moved.max() < 1.5 * STD
+
+
+def test_too_narrow_intervals_widen_and_too_wide_ones_narrow():
+    for factor in (3.0, 0.3):
+        left = changed(factor * noise()).std[-1, 0] / STD
+        assert (left > 1.0) is (factor > 1.0)
+        assert left == pytest.approx(factor, rel=0.4)
+
+
+def test_a_joint_whose_torque_is_not_known_stays_as_it_is():
+    found = changed(np.full((TIME.size, 1), np.nan))
+    assert not found.torque.any()
+    assert found.told(("lift",), ("N m",)) == ()
