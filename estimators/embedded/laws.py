@@ -97,7 +97,11 @@ def _in_domain(effect: physics.Effect, code: LawCode) -> LawCode:
         held = f"fmin(fmax({q}, {low}), {high})"
         if effect.fades:
             span = number(max(domain.position[1] - domain.position[0], NARROWEST))
-            value = f"({value}) * fmax(1.0 - fabs({q} - {held}) / {span}, 0.0)"
+            fade = f"fmax(1.0 - fabs({q} - {held}) / {span}, 0.0)"
+            value = f"({value}) * {fade}"
+            if isinstance(effect, physics.PositionDependentFriction):
+                simplest = f"{number(effect.mean)} * {_sign(effect.joint, effect.v_eps)}"
+                value = f"{value} + {simplest} * (1.0 - {fade})"
         elif isinstance(effect, physics.SpringLoad):
             more = f"{number(effect.stiffness)} * ({q} - {held})"
             value = f"{value.replace(q, held)} + {more}"

@@ -191,6 +191,18 @@ class PositionDependentFriction(DryFriction):
         """Return the excess at the position of each sample [N m], (T,)."""
         return np.interp(motion.position, self.positions, self.excess)
 
+    @property
+    def mean(self) -> float:
+        """The mean excess over its positions [N m]."""
+        if len(self.positions) == 1:
+            return self.excess[0]
+        area = float(np.trapezoid(self.excess, self.positions))
+        return area / (self.positions[-1] - self.positions[0])
+
+    def simplest_part(self, motion: JointMotion) -> FloatArray:
+        """Return friction of the mean height [N m], (T,)."""
+        return self.mean * np.tanh(motion.velocity / self.v_eps)
+
     @classmethod
     def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it at places all over the range that the joint turned in."""
