@@ -94,10 +94,7 @@ class Domain(Declared):
         return beyond
 
     def fade(self, motion: JointMotion) -> FloatArray:
-        """Return 1 in the range of positions, and less beyond: 0 a whole range away, (T,).
-
-        It weighs what a law has beyond its simplest part.
-        """
+        """Return 1 in the range of positions, and less beyond: 0 a whole range away, (T,)."""
         if self.position is None:
             return np.ones_like(motion.position)
         away = np.abs(motion.position - self.held(motion).position)

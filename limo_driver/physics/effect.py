@@ -252,7 +252,6 @@ class TorqueEffect(JointEffect):
     """An effect that adds torque to that of the rigid body."""
 
     known_by: ClassVar[tuple[str, ...]] = ()  # what its domain has; without, it has none
-    fades: ClassVar[bool] = False  # beyond its domain, into its simplest part
     domain: Domain | None = None  # that it was learned from
 
     @abstractmethod
@@ -264,16 +263,9 @@ class TorqueEffect(JointEffect):
         domain = self.domain
         if domain is None:
             return self.advance(state, motion)
-        inside = motion if self.fades else domain.held(motion)
+        inside = domain.held(motion)
         values, state = self.advance(state, inside)
-        if self.fades:
-            simplest = self.simplest_part(motion)
-            return simplest + (values - simplest) * domain.fade(motion), state
         return values + self.goes_on(inside, motion), state
-
-    def simplest_part(self, motion: JointMotion) -> FloatArray | float:  # noqa: ARG002
-        """Return the torque that is left far from the domain of what fades, (T,) [N m]."""
-        return 0.0
 
     def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray | float:  # noqa: ARG002
         """Return what is added beyond the domain to the torque at its end, (T,) [N m]."""

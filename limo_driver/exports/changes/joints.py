@@ -24,6 +24,7 @@ from limo_driver.physics import (
     Effect,
     GravityDirection,
     Payload,
+    PositionDependentFriction,
     PreslidingHysteresis,
     QuadraticDrag,
     SpringLoad,

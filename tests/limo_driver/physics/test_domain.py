@@ -58,9 +58,7 @@ def test_a_spring_goes_on_linearly():
 def test_what_varies_with_the_position_fades_to_its_mean_over_the_range_that_was_seen(effect, mean):
     limited, q = replace(effect, domain=HALF), np.array([1.0, 1.5, 9.0])
     varies = torque(effect, q, 0.1) - mean
-    np.testing.assert_allclose(
-        torque(limited, q, 0.1), mean + varies * [0.5, 0.0, 0.0], atol=1e-9
-    )
+    np.testing.assert_allclose(torque(limited, q, 0.1), mean + varies * [0.5, 0.0, 0.0], atol=1e-9)
     np.testing.assert_allclose(torque(limited, -9.0, -0.1), -mean, atol=1e-9)
 
 
