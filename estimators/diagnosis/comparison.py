@@ -338,6 +338,21 @@ def parts_of(improved: Simulation, given: Simulation) -> Iterator[ComparedPart]:
         yield ComparedPart(BODIES, (), replace(improved, inertials=given.inertials))
 
 
+def widths_of(improved: Simulation, given: Simulation) -> Iterator[ComparedPart]:
+    """Yield the widths of the sign of dry friction that was stated, and that differ."""
+    stated = {effect.place: effect for effect in given.effects}
+    for k, effect in enumerate(improved.effects):
+        before = stated.get(effect.place)
+        for known in effect.parameters() if before else ():
+            if not known.smooths or getattr(before, known.name) == getattr(effect, known.name):
+                continue
+            as_given = replace(effect, **{known.name: getattr(before, known.name)})
+            effects = (*improved.effects[:k], as_given, *improved.effects[k + 1 :])
+            name = f"{known.name} of {effect.place.replace('_', ' ')}"
+            trial = replace(improved, effects=effects)
+            yield ComparedPart(name, effect.joints, trial, place=effect.place)
+
+
 def _by_place(simulation: Simulation) -> dict[str, tuple[Effect, ...]]:
     found: dict[str, tuple[Effect, ...]] = {}
     for effect in simulation.effects:

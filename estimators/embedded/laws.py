@@ -95,9 +95,13 @@ def _in_domain(effect: physics.Effect, code: LawCode) -> LawCode:
     if domain.position is not None:
         low, high = map(number, domain.position)
         held = f"fmin(fmax({q}, {low}), {high})"
-        if effect.fades:
-            span = number(max(domain.position[1] - domain.position[0], NARROWEST))
-            value = f"({value}) * fmax(1.0 - fabs({q} - {held}) / {span}, 0.0)"
+        span = number(max(domain.position[1] - domain.position[0], NARROWEST))
+        fade = f"fmax(1.0 - fabs({q} - {held}) / {span}, 0.0)"
+        if isinstance(effect, physics.TorqueRipple):
+            value = f"({value}) * {fade}"
+        elif isinstance(effect, physics.PositionDependentFriction):
+            mean = f"{number(effect.mean)} * {_sign(effect.joint, effect.v_eps)}"
+            value = f"{value.replace(q, held)} * {fade} + {mean} * (1.0 - {fade})"
         elif isinstance(effect, physics.SpringLoad):
             more = f"{number(effect.stiffness)} * ({q} - {held})"
             value = f"{value.replace(q, held)} + {more}"

@@ -252,7 +252,6 @@ class TorqueEffect(JointEffect):
     """An effect that adds torque to that of the rigid body."""
 
     known_by: ClassVar[tuple[str, ...]] = ()  # what its domain has; without, it has none
-    fades: ClassVar[bool] = False  # beyond its domain, since nothing says how it goes on
     domain: Domain | None = None  # that it was learned from
 
     @abstractmethod
@@ -264,10 +263,8 @@ class TorqueEffect(JointEffect):
         domain = self.domain
         if domain is None:
             return self.advance(state, motion)
-        inside = motion if self.fades else domain.held(motion)
+        inside = domain.held(motion)
         values, state = self.advance(state, inside)
-        if self.fades:
-            return values * domain.fade(motion), state
         return values + self.goes_on(inside, motion), state
 
     def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray | float:  # noqa: ARG002

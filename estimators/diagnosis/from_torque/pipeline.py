@@ -25,7 +25,7 @@ from estimators.diagnosis.from_torque.judgement.guesses import guessed_notes, wi
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
 from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
 from estimators.diagnosis.from_torque.judgement.stated_values import stated_values
-from estimators.diagnosis.from_torque.judgement.telling import as_told
+from estimators.diagnosis.from_torque.judgement.telling import as_told, with_offsets
 from estimators.diagnosis.from_torque.judgement.writing import Written, written
 from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
@@ -172,9 +172,10 @@ def _concluded(
         lambda: stated_values(whole, fit, mounted, verdict.findings),
         (),
     )
-    told = as_told(keep, replace(verdict, values=values))
+    stated = replace(verdict, values=values)
+    told = with_offsets(as_told(keep, stated), stated)
     if told is not keep:
-        judged, improved = told.judged, told.improved
+        keep, judged, improved = told, told.judged, told.improved
         verdict = _verdict(given, judged, fit, contact, attempts, named)
     shifts = shifts_of(problem, solution)
     said = remarks(

@@ -24,6 +24,7 @@ from limo_driver.physics import (
     Effect,
     GravityDirection,
     Payload,
+    PositionDependentFriction,
     PreslidingHysteresis,
     QuadraticDrag,
     SpringLoad,
@@ -121,7 +122,7 @@ def stand_in(effect: Effect, target: str) -> Effect | None:
     """Return what comes nearest to an effect among those that a target has numbers for.
 
     Hysteresis is dry friction once it slides, and MuJoCo has bristles for what goes before;
-    friction that differs by direction has a mean.
+    friction that differs by direction or position has a mean.
 
     Args:
         effect: That was found.
@@ -135,6 +136,8 @@ def stand_in(effect: Effect, target: str) -> Effect | None:
         case AsymmetricFriction():
             mean = 0.5 * (effect.tau_plus + effect.tau_minus)
             return CoulombFriction(joint=effect.joint, tau_c=mean, v_eps=effect.v_eps)
+        case PositionDependentFriction() if effect.mean > 0:
+            return CoulombFriction(joint=effect.joint, tau_c=effect.mean, v_eps=effect.v_eps)
         case ViscousFriction(f_v_plus=float(plus), f_v_minus=float(minus)):
             return ViscousFriction(joint=effect.joint, f_v=0.5 * (plus + minus))
         case _:

@@ -20,7 +20,9 @@ from limo_driver.physics.effect import (
     State,
 )
 from limo_driver.physics.effects.friction import (
+    BUMPS,
     CREEP_SPEEDS,
+    PLACES,
     CoulombFriction,
     sign_width,
     sign_width_at,
@@ -37,8 +39,6 @@ if TYPE_CHECKING:
 
 VARIANTS = ("absolute", "positive", "negative", "stribeck", "quadratic")
 REFERENCE = 25.0  # [°C]
-PLACES = 14  # of friction over a joint's range
-_ALIKE = 3.0  # places over which friction is alike, since a bearing or a seal is wider than one
 WARMING_TIMES = (0.1, 0.3, 1.0)  # of the length of the recordings
 _CONSTANT = 1e6  # [s], time constant of what does not change
 _WARMING = 0.01  # [rad/s] beyond which motion warms a gear
@@ -185,11 +185,21 @@ class PositionDependentFriction(DryFriction):
         self._increasing("positions")
 
     known_by: ClassVar[tuple[str, ...]] = ("position",)
-    fades: ClassVar[bool] = True
 
     def height(self, motion: JointMotion) -> FloatArray:
         """Return the excess at the position of each sample [N m], (T,)."""
         return np.interp(motion.position, self.positions, self.excess)
+
+    @property
+    def mean(self) -> float:
+        """The mean excess over its positions [N m]."""
+        span = self.positions[-1] - self.positions[0]
+        return float(np.trapezoid(self.excess, self.positions)) / span if span else self.excess[0]
+
+    def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray:
+        """Return what takes the height at the end to the mean one."""
+        gone = 1.0 - self.domain.fade(motion) if self.domain else 0.0
+        return gone * (self.mean - self.height(inside)) * np.tanh(motion.velocity / self.v_eps)
 
     @classmethod
     def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
@@ -199,28 +209,14 @@ class PositionDependentFriction(DryFriction):
         knots = tuple(np.linspace(low, max(high, low + 1e-3), PLACES).tolist())
         terms = tuple(
             cls(joint=joint, positions=knots, excess=tuple(bump), v_eps=eps)
-            for bump in _BUMPS.tolist()
+            for bump in BUMPS.tolist()
         )
         yield Hypothesis(
             cls.name,
             (joint - 1,),
             terms,
-            lambda c: (replace(terms[0], excess=tuple((_BUMPS @ c).tolist())),),
+            lambda c: (replace(terms[0], excess=tuple((BUMPS @ c).tolist())),),
         )
-
-
-def _bumps() -> FloatArray:
-    """Return heights at all places, (PLACES, PLACES), that make neighbours alike if drawn equally.
-
-    Their product with itself is the covariance exp(-distance / _ALIKE). A place that the motion
-    hardly passes then follows its neighbours; alone, it would be whatever suits a few rows.
-    """
-    place = np.arange(PLACES)
-    values, vectors = np.linalg.eigh(np.exp(-np.abs(place[:, None] - place) / _ALIKE))
-    return vectors * np.sqrt(values) @ vectors.T
-
-
-_BUMPS = _bumps()
 
 
 @dataclass(frozen=True, kw_only=True)

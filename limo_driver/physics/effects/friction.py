@@ -25,6 +25,22 @@ if TYPE_CHECKING:
 
 SIGN_WIDTH = 0.002  # [rad/s], width of the smoothed sign where an effect has no own
 CREEP_SPEEDS = (0.006, 0.015, 0.04, 0.1)  # [rad/s], of the Stribeck effect
+PLACES = 14  # of friction over a joint's range
+_ALIKE = 3.0  # places over which friction is alike, since a bearing or a seal is wider than one
+
+
+def _bumps() -> FloatArray:
+    """Return heights at all places, (PLACES, PLACES), that make neighbours alike if drawn equally.
+
+    Their product with itself is the covariance exp(-distance / _ALIKE). A place that the motion
+    hardly passes then follows its neighbours; alone, it would be whatever suits a few rows.
+    """
+    place = np.arange(PLACES)
+    values, vectors = np.linalg.eigh(np.exp(-np.abs(place[:, None] - place) / _ALIKE))
+    return vectors * np.sqrt(values) @ vectors.T
+
+
+BUMPS = _bumps()
 
 
 def sign_width():  # noqa: ANN201  # a dataclass field

@@ -12,6 +12,7 @@ from limo_driver.physics.effect import (
     MOST_INERTIA,
     MOST_STIFFNESS,
     MOST_TORQUE,
+    STATELESS,
     Hypothesis,
     MotionEffect,
     State,
@@ -205,7 +206,6 @@ class TorqueRipple(TorqueEffect):
         self._same_length("cycles_per_rev", "amplitude", "phase")
 
     known_by: ClassVar[tuple[str, ...]] = ("position",)
-    fades: ClassVar[bool] = True
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return the sum of the harmonics at the position of each sample [N m], (T,)."""
@@ -213,6 +213,11 @@ class TorqueRipple(TorqueEffect):
         for N, A, phi in zip(self.cycles_per_rev, self.amplitude, self.phase, strict=True):
             torque += A * np.sin(N * motion.position + phi)
         return torque, state
+
+    def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray:
+        """Return what takes the ripple at the end to one that fades."""
+        (there, _), (at_end, _) = (self.advance(STATELESS, some) for some in (motion, inside))
+        return there * (self.domain.fade(motion) if self.domain else 1.0) - at_end
 
     @classmethod
     def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:

@@ -54,12 +54,19 @@ def test_a_spring_goes_on_linearly():
     np.testing.assert_allclose(there, [11.25, 21.25, -21.25])
 
 
-@pytest.mark.parametrize("effect", [RIPPLE, KNOTS])
-def test_ripple_and_knots_fade_over_the_range_that_was_seen(effect):
+@pytest.mark.parametrize(("effect", "mean"), [(RIPPLE, 0.0), (KNOTS, 1.5)])
+def test_what_varies_with_the_position_fades_to_its_mean_over_the_range_that_was_seen(effect, mean):
     limited, q = replace(effect, domain=HALF), np.array([1.0, 1.5, 9.0])
-    np.testing.assert_allclose(
-        torque(limited, q, 0.1), torque(effect, q, 0.1) * [0.5, 0.0, 0.0], atol=1e-9
-    )
+    varies = torque(effect, q, 0.1) - mean
+    np.testing.assert_allclose(torque(limited, q, 0.1), mean + varies * [0.5, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(torque(limited, -9.0, -0.1), -mean, atol=1e-9)
+
+
+def test_the_mean_of_friction_is_that_over_its_range_wherever_its_positions_lie():
+    uneven = replace(KNOTS, positions=(-0.5, 0.4, 0.5), excess=(1.0, 1.0, 3.0))
+    assert uneven.mean == pytest.approx(1.1)
+    alone = replace(KNOTS, positions=(0.2,), excess=(0.7,), domain=HALF)
+    np.testing.assert_allclose(torque(alone, 9.0, 0.1), 0.7)
 
 
 @pytest.mark.parametrize(

@@ -358,7 +358,8 @@ def remarks(
     if sensed and not harmful:
         yield (
             f"The fit also moved what sensors may be off by: {'; '.join(map(_moved, sensed))}. "
-            "Lags and offsets of sensors are not written into the improved simulation."
+            "Lags of sensors are not written into the improved simulation, and offsets only where "
+            "a note says so."
         )
     if members >= SEARCH.largest:
         yield (

@@ -12,18 +12,13 @@ where it errs by more than noise as given, they take that away together, and non
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.fitting.contribution import TINY, surely_less
-from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in
-from estimators.diagnosis.from_torque.fitting.linearised import Linearised
+from estimators.diagnosis.from_torque.fitting.contribution import TINY
 from estimators.diagnosis.from_torque.hypotheses.responses import difference
-from estimators.diagnosis.from_torque.judgement.conclusion import above_floor
-from estimators.diagnosis.from_torque.judgement.judged_set import places_of
-from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.from_torque.judgement.value_comparison import ValueComparison
 from estimators.diagnosis.settings.judgement import VALUES
 from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.diagnosis.verdict import LINK_INERTIA, Z95, StatedValue, is_felt_by_all
@@ -33,8 +28,6 @@ from limo_driver.physics import BodyEffect, TorqueGain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
     from estimators.diagnosis.from_torque.residuals.observations import Observations
@@ -59,65 +52,12 @@ def stated_values(
     """
     if improved.simulation is stated:
         return ()
-    return tuple(_Comparison.of(judged, improved, stated, tuple(findings)).values())
+    return tuple(_Values.of(judged, improved, stated, tuple(findings)).values())
 
 
 @dataclass(frozen=True)
-class _Comparison:
-    judged: JudgedSet
-    improved: Observations
-    stated: Simulation
-    findings: tuple[Finding, ...]
-    around: Linearised
-    deviation: FloatArray  # (c,) of the coefficients of what may move within its tolerance
-    found: dict[tuple[int, str], float]  # deviations of sizes of what was found, by effect and name
-
-    @classmethod
-    def of(
-        cls,
-        judged: JudgedSet,
-        improved: Observations,
-        stated: Simulation,
-        findings: tuple[Finding, ...],
-    ) -> _Comparison:
-        """Linearise around the improved simulation, whose values were known as they are stated."""
-        own = [
-            found_in(improved.simulation, effect, on, missing=missing)
-            for effect, on, missing in places_of(judged.problem, judged.solution)
-        ]
-        found = tuple({id(effect): effect for effect in own if effect is not None}.values())
-        around = Linearised.of(improved, found, (), stated)
-        deviation, of_found = around.deviations()
-        spread = {
-            (id(effect), entry.name): sigma
-            for effect, sigmas in zip(found, of_found, strict=True)
-            for entry, sigma in zip(entries_of(effect), sigmas.tolist(), strict=True)
-        }
-        return cls(judged, improved, stated, findings, around, deviation, spread)
-
-    @property
-    def proof(self) -> Observations:
-        """The recordings and a simulation that was fitted to no row held out."""
-        return self.judged.beside
-
-    @cached_property
-    def before(self) -> FloatArray:
-        """Held-out RMSE of the given simulation, (n,) [N m]."""
-        problem = self.judged.problem
-        return rmse(problem.observed.residual, problem.split.held_out)
-
-    @cached_property
-    def above(self) -> NDArray[np.bool_]:
-        """Mark the joints (n,) at which the given simulation surely errs by more than noise."""
-        problem, floor = self.judged.problem, self.judged.remaining.floor
-        found = above_floor(problem, problem.observed.residual, floor)
-        return np.isin(np.arange(self.improved.n), found)
-
-    @cached_property
-    def tolerated(self) -> dict[tuple[str, tuple[int, ...], str], int]:
-        """Which coefficient each value has that may move, by effect, joints (0-based) and name."""
-        every = enumerate(self.around.nuisance.parameters)
-        return {(*x.place, x.known.name): k for k, x in every if x.known is not None}
+class _Values(ValueComparison):
+    """Values that are stated, one by one and in families."""
 
     def values(self) -> Iterator[StatedValue]:
         """Yield single values, then families."""
@@ -128,10 +68,14 @@ class _Comparison:
             joints = value.joints or tuple(range(1, self.improved.n + 1))
             reported |= {*joints} if value.reported else set()
             yield value
+        bodies = np.zeros_like(changes)  # of links that are reported alone
         if any(item.effect == LINK_INERTIA for item in self.findings):
             yield from self._masses()
-        elif len(reported) < self.improved.n:
-            yield from self._families(changes, reported)
+        else:
+            for value, change in self._links():
+                bodies += change
+                yield value
+            yield from self._families(changes, reported, bodies)
 
     def _sizes(self) -> Iterator[tuple[StatedValue, FloatArray]]:
         """Yield the sizes of stated effects, with what the proven ones add, (K, n) [N m]."""
@@ -166,7 +110,7 @@ class _Comparison:
         spread, joints = self._spread(fitted, known), effect.joints
         off, wrong = abs(value - stated), self._is_wrong(effect)
         doubtless = spread is not None and not known.smooths and off > VALUES.doubtless * spread
-        share, sure = self._taken(change, np.abs(change).max(axis=0) > 0.0, doubtless=doubtless)
+        share, sure = self.taken(change, np.abs(change).max(axis=0) > 0.0, doubtless=doubtless)
         own = TOLERATED.width if known.smooths else self.stated.tolerances.friction
         tolerance = own * abs(stated)
         reported = (wrong and not known.smooths) or (
@@ -176,7 +120,7 @@ class _Comparison:
             name=known.name,
             effect=effect.name,
             joints=joints,
-            joint_names=self._names(joints),
+            joint_names=self.names(joints),
             unit=known.unit,
             stated=stated,
             fitted=value,
@@ -207,9 +151,6 @@ class _Comparison:
             for item in self.findings
         )
 
-    def _names(self, joints: Sequence[int]) -> tuple[str, ...]:
-        return tuple(self.stated.model.joint_names[j - 1] for j in joints)
-
     def _added(self, ahead: Effect, behind: Effect) -> FloatArray:
         """Return what one effect adds more than another of its kind, (K, n) [N m]."""
         change = np.zeros_like(self.improved.measured)
@@ -217,36 +158,6 @@ class _Comparison:
             joints, values = difference(ahead, behind, self.proof)
             change[:, list(joints)] = values.T
         return change
-
-    def _taken(
-        self, change: FloatArray, acts: NDArray[np.bool_], *, doubtless: bool = False
-    ) -> tuple[float, bool]:
-        """Return which part of a joint's reducible error a change takes, and whether that counts.
-
-        Args:
-            change: Torque by which the proven simulation differs from another, (K, n) [N m].
-            acts: Joints at which it acts, (n,).
-            doubtless: Whether it counts also where the given simulation errs hardly more than
-                noise.
-        """
-        judged, rows = self.judged, self.judged.problem.split.held_out
-        after, floor = judged.proven, judged.remaining.floor
-        lost = rmse(after + change, rows) ** 2 - rmse(after, rows) ** 2
-        reducible = self.before**2 - floor**2
-        some = acts & (self.above | doubtless) & rows.any(axis=0)
-        part = np.divide(lost, reducible, out=np.zeros_like(lost), where=some & (reducible > 0))
-        joint = int(np.argmax(part))
-        if part[joint] < VALUES.share:
-            return max(float(part[joint]), 0.0), False
-        own = [joint]
-        sure = surely_less(
-            after[:, own],
-            (after + change)[:, own],
-            floor[own],
-            judged.problem.observed,
-            rows[:, own],
-        )
-        return min(float(part[joint]), 1.0), sure
 
     def _gains(self) -> Iterator[tuple[StatedValue, FloatArray]]:
         """Yield the scales of torques, where a tolerance lets them move and none is stated."""
@@ -257,7 +168,7 @@ class _Comparison:
             if not isinstance(effect, TorqueGain) or effect.place in places:
                 continue
             change = self._added(effect, replace(effect, gain=0.0))
-            share, sure = self._taken(change, np.abs(change).max(axis=0) > 0.0)
+            share, sure = self.taken(change, np.abs(change).max(axis=0) > 0.0)
             gain = 1.0 + sum(
                 x.gain
                 for x in self.improved.simulation.effects
@@ -273,7 +184,7 @@ class _Comparison:
                     name="gain",
                     effect=effect.name,
                     joints=effect.joints,
-                    joint_names=self._names(effect.joints),
+                    joint_names=self.names(effect.joints),
                     unit="1",
                     stated=1.0,
                     fitted=gain,
@@ -289,39 +200,74 @@ class _Comparison:
 
     def _masses(self) -> Iterator[StatedValue]:
         """Yield the masses of links that were found wrong."""
-        own, names = self.stated.model.linkage.own, self.stated.model.link_names
         for item in self.findings:
             mass = item.parameters.get("mass")
-            if item.effect != LINK_INERTIA or mass is None:
-                continue
-            body = self.stated.model.inertials[names[int(own[item.joints[0] - 1])]]
-            tolerance = self.stated.tolerances.inertia * body.mass
-            yield StatedValue(
-                name="mass",
-                effect=item.effect,
-                joints=item.joints,
-                joint_names=self._names(item.joints),
-                unit=mass.unit,
-                stated=body.mass,
-                fitted=float(mass.value),  # pyright: ignore[reportArgumentType]  # a number
-                ci95=mass.ci95,
-                tolerance=tolerance,
-                assumed="inertia" in self.stated.tolerances.assumed,
-                beyond=True,
-                reported=True,
-                share=item.share,
-            )
+            if item.effect == LINK_INERTIA and mass is not None:
+                value = float(mass.value)  # pyright: ignore[reportArgumentType]  # a number
+                yield self._mass(item.joints[0], value, mass.ci95, item.share, wrong=True)
 
-    def _families(self, changes: FloatArray, reported: set[int]) -> Iterator[StatedValue]:
+    def _links(self) -> Iterator[tuple[StatedValue, FloatArray]]:
+        """Yield the masses that torques tell alone, as the last link's, with what they add."""
+        proof, improved = self.proof.simulation, self.improved.simulation
+        at = {x.name: k for k, x in enumerate(self.around.nuisance.parameters)}
+        for joint in range(1, self.improved.n + 1):
+            name = self._link(joint)
+            body = self.stated.model.inertials[name]
+            value = improved.model.inertials[name].mass
+            reach = Z95 * float(self.deviation[at[f"mass of {name}"]]) * body.mass
+            if abs(value - body.mass) <= VALUES.sure / Z95 * reach:
+                continue
+            before = replace(proof, inertials={**proof.inertials, name: body})
+            change = self._of_bodies(proof) - self._of_bodies(before)
+            share, sure = self.taken(change, np.abs(change).max(axis=0) > 0.0)
+            if sure:
+                interval = max(value - reach, 0.0), value + reach
+                yield self._mass(joint, value, interval, share), change
+
+    def _link(self, joint: int) -> str:
+        model = self.stated.model
+        return model.link_names[int(model.linkage.own[joint - 1])]
+
+    def _mass(
+        self,
+        joint: int,
+        value: float,
+        interval: tuple[float, float] | None,
+        share: float,
+        *,
+        wrong: bool = False,
+    ) -> StatedValue:
+        body, known = self.stated.model.inertials[self._link(joint)], self.stated.tolerances
+        tolerance = known.inertia * body.mass
+        return StatedValue(
+            name="mass",
+            effect=LINK_INERTIA,
+            joints=(joint,),
+            joint_names=self.names((joint,)),
+            unit="kg",
+            stated=body.mass,
+            fitted=value,
+            ci95=interval,
+            tolerance=tolerance,
+            assumed="inertia" in known.assumed,
+            beyond=wrong or abs(value - body.mass) > REACH * tolerance,
+            reported=True,
+            share=share,
+        )
+
+    def _families(
+        self, changes: FloatArray, reported: set[int], alone: FloatArray
+    ) -> Iterator[StatedValue]:
         """Yield the bodies, where they take enough; then all of joints that nothing is reported of.
 
         Args:
             changes: What single values add, as proven, (K, n) [N m].
             reported: Joints, 1-based, that single values are reported of.
+            alone: What bodies add that are reported alone, as proven, (K, n) [N m].
         """
         simulations = self.stated, self.proof.simulation, self.improved.simulation
         given, proven, final = map(self._of_bodies, simulations)
-        bodies, n = proven - given, self.improved.n
+        bodies, n = proven - given - alone, self.improved.n
         felt = {j: share for j in range(n) if (share := self._sure_share(bodies, j))}
         if felt:
             worst = max(felt, key=lambda j: felt[j])
@@ -330,7 +276,9 @@ class _Comparison:
             name = f"masses and centres of links{' and loads' if loads else ''}"
             yield self._family(name, given, final, worst, felt, known=known)
         rest = [j for j in range(n) if j + 1 not in reported and j not in felt]
-        together = {j: share for j in rest if (share := self._sure_share(bodies + changes, j))}
+        together = {
+            j: share for j in rest if (share := self._sure_share(bodies + alone + changes, j))
+        }
         if together:
             worst = max(together, key=lambda j: together[j])
             before = self.judged.problem.observed.simulated
@@ -344,7 +292,7 @@ class _Comparison:
 
     def _sure_share(self, change: FloatArray, joint: int) -> float:
         """Return the part of a joint's reducible error that a change surely takes; else 0."""
-        share, sure = self._taken(change, np.arange(self.improved.n) == joint)
+        share, sure = self.taken(change, np.arange(self.improved.n) == joint)
         return share if sure else 0.0
 
     def _rms_of_bodies(self, torque: FloatArray, joint: int) -> float:
@@ -376,7 +324,7 @@ class _Comparison:
             name=name,
             effect="",
             joints=joints,
-            joint_names=self._names(joints),
+            joint_names=self.names(joints),
             unit="N m",
             stated=stated,
             fitted=value,

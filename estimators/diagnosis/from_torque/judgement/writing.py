@@ -14,11 +14,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.diagnosis.comparison import BODIES, ComparedPart, parts_of
+from estimators.diagnosis.comparison import BODIES, ComparedPart, parts_of, widths_of
 from estimators.diagnosis.from_torque.fitting.contribution import TINY, own_joints
 from estimators.diagnosis.from_torque.fitting.linearised import linearised
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
@@ -112,14 +113,29 @@ class Elsewhere:
         middle = rmse(after, counts) - rmse(before, counts)
         return np.stack([middle, *rmse_change(before, after, blocks(first)[out], counts)])
 
-    def _left(self, parts: Collection[str]) -> FloatArray:
+    def offset(self, parts: Collection[str]) -> FloatArray:
+        """Return the change that an offset of each joint's torque makes, as `change` does, (3, n).
+
+        It is what the fits leave in the mean of the motion that they know.
+
+        Args:
+            parts: That are as given, by name.
+        """
+        first, out = self._as_given, np.concatenate([np.flatnonzero(r) for _, r in self.turns])
+        before, after = self._left(parts), self._left(parts, less_mean=True)
+        counts = self._measured[out]
+        middle = rmse(after, counts) - rmse(before, counts)
+        return np.stack([middle, *rmse_change(before, after, blocks(first)[out], counts)])
+
+    def _left(self, parts: Collection[str], *, less_mean: bool = False) -> FloatArray:
         """Return what fits leave of the motion that was left out for them, some parts as given."""
-        return np.concatenate(
-            [
-                turn.under(without(turn.simulation, self.given, parts)).residual[rows]
-                for turn, rows in self.turns
-            ]
-        )
+
+        def left(turn: Observations, rows: NDArray[np.bool_]) -> FloatArray:
+            found = turn.under(without(turn.simulation, self.given, parts))
+            less = mean_left(found, ~rows) if less_mean else 0.0
+            return found.residual[rows] - less
+
+        return np.concatenate([left(*turn) for turn in self.turns])
 
 
 def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
@@ -170,11 +186,17 @@ def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) ->
     }
 
 
+def mean_left(found: Observations, rows: NDArray[np.bool_]) -> FloatArray:
+    """Return the mean of what is left over moving rows among `rows` (K,), (n,) [N m]."""
+    some = found.moving & rows[:, None]
+    return np.sum(np.where(some, found.residual, 0.0), axis=0) / np.maximum(some.sum(axis=0), 1)
+
+
 def without(improved: Simulation, given: Simulation, parts: Collection[str]) -> Simulation:
     """Return the improved simulation with some parts, by name, as given."""
     for name in parts:
-        found = (part.without for part in parts_of(improved, given) if part.name == name)
-        improved = next(found, improved)
+        every = chain(parts_of(improved, given), widths_of(improved, given))
+        improved = next((part.without for part in every if part.name == name), improved)
     return improved
 
 
@@ -189,6 +211,8 @@ class Written:
 
     unsure: tuple[int, ...] = ()  # joints, 1-based, of what was found, that are not surely better
     elsewhere: Elsewhere | None = None  # the proof
+    silent: tuple[str, ...] = ()  # parts that are as given, since nothing is told of them
+    offsets: tuple[tuple[int, float], ...] = ()  # of torques: joint, 1-based, and [N m]
 
     def notes(self) -> Iterator[str]:
         """Say what is not written, and where that may as well not be, in one sentence each."""
@@ -200,6 +224,12 @@ class Written:
             yield (
                 "Not written into the improved simulation, which has these as given, since they do "
                 f"not hold where {self.kind} were left out: {some}."
+            )
+        if self.offsets:
+            some = ", ".join(f"{value:+.3g} N m at joint {joint}" for joint, value in self.offsets)
+            yield (
+                f"Where {self.kind} were left out, offsets of the torque surely help, and are "
+                f"written into the improved simulation: {some}."
             )
         if self.unsure:
             where = of_joints(self.unsure)

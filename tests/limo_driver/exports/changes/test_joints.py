@@ -15,6 +15,7 @@ from limo_driver.physics import (
     Backlash,
     CoulombFriction,
     JointElasticity,
+    PositionDependentFriction,
     PreslidingHysteresis,
     QuadraticDrag,
     Simulation,
@@ -148,6 +149,12 @@ def test_friction_that_differs_by_direction_has_a_mean():
     assert dry == CoulombFriction(joint=1, tau_c=1.0, v_eps=0.003)
     wet = stand_in(ViscousFriction(joint=1, f_v_plus=4.0, f_v_minus=2.0), URDF)
     assert wet == ViscousFriction(joint=1, f_v=3.0)
+
+
+def test_friction_that_varies_with_the_position_has_a_mean_unless_that_drives_the_joint():
+    over = PositionDependentFriction(joint=1, positions=(0.0, 1.0, 3.0), excess=(1.0, 1.0, 2.0))
+    assert stand_in(over, URDF) == CoulombFriction(joint=1, tau_c=4 / 3, v_eps=over.v_eps)
+    assert stand_in(replace(over, excess=(-1.0, 0.5, -1.0)), MJCF) is None
 
 
 def test_only_what_comes_but_near_is_told_as_a_stand_in(two_links_urdf):

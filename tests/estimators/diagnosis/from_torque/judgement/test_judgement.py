@@ -269,7 +269,7 @@ def test_a_reader_is_told_which_sensors_are_off_and_what_stopped_the_search():
     said = tuple(remarks(shifts, members=SEARCH.largest, harmful=False, passing=()))
     assert "tau_c" not in said[0]  # the table of stated values has it
     assert "lag of sensor 5 by -3.0 standard deviations (its limit)" in said[0]
-    assert said[0].endswith("of sensors are not written into the improved simulation.")
+    assert "Lags of sensors are not written into the improved simulation" in said[0]
     assert "mass" not in said[0]
     assert f"stopped at {SEARCH.largest} effects" in said[1]
     assert tuple(remarks((), members=1, harmful=False, passing=())) == ()

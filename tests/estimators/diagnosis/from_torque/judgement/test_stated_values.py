@@ -18,6 +18,7 @@ from limo_driver.physics import (
     Simulation,
     SpringLoad,
     Tolerances,
+    TorqueOffset,
     ViscousFriction,
 )
 from limo_driver.recordings.recording import Recording
@@ -88,6 +89,37 @@ def test_links_that_are_off_are_reported_as_the_family_that_torques_tell(stated)
     assert [item.name for item in families] == ["masses and centres of links"]
     assert families[0].ci95[0] > families[0].stated
     assert found.verdict.states == ("stated values differ",)
+
+
+@pytest.mark.slow("a whole diagnosis")
+def test_the_mass_of_the_last_link_is_reported_beside_friction_of_all_joints(stated):
+    """A load within the tolerance of inertias is no payload, and no reason to be silent."""
+    last = stated.model.link_names[-1]
+    body = stated.model.inertials[last]
+    heavier = replace(body, mass=1.03 * body.mass)
+    more = changed(changed(stated, 0, tau_c=1.3), 1, tau_c=0.8)
+    found = diagnose(stated, [recorded(replace(more, inertials={last: heavier}))])
+    reported = {(item.name, item.joints): item for item in found.verdict.values if item.reported}
+    assert {("tau_c", (1,)), ("tau_c", (2,)), ("mass", (2,))} <= {*reported}
+    mass = reported["mass", (2,)]
+    assert mass.ci95[0] <= heavier.mass <= mass.ci95[1]
+    assert mass.stated == body.mass
+    assert not mass.beyond
+    assert found.verdict.findings == ()
+
+
+@pytest.mark.slow("a whole diagnosis")
+def test_an_offset_within_what_a_sensor_may_have_is_written_where_it_holds(stated):
+    """It is no physics that is missing, and would be in each prediction all the same."""
+    offset = TorqueOffset(joint=2, offset=0.006)
+    true = changed(stated, 0, tau_c=1.3)
+    true = replace(true, effects=(*true.effects, offset))
+    found = diagnose(stated, [recorded(true), recorded(true, seed=1)])
+    assert found.verdict.findings == ()
+    (written,) = [x for x in found.after.effects if isinstance(x, TorqueOffset)]
+    assert written.joint == 2
+    assert written.offset == pytest.approx(0.006, abs=0.001)
+    assert any("offsets of the torque surely help" in note for note in found.verdict.notes)
 
 
 @pytest.mark.slow("a whole diagnosis")

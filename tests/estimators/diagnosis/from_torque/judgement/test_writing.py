@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis import diagnose
-from estimators.diagnosis.comparison import BODIES
+from estimators.diagnosis.comparison import BODIES, widths_of
 from estimators.diagnosis.from_torque.judgement import writing
 from estimators.diagnosis.from_torque.judgement.telling import as_told
 from estimators.diagnosis.from_torque.judgement.writing import (
@@ -21,6 +21,7 @@ from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import Split, of_another_kind
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import (
+    CoulombFriction,
     JointCoupling,
     Payload,
     PositionDependentFriction,
@@ -256,3 +257,31 @@ def test_a_law_that_is_not_written_has_no_name_and_what_it_was_found_for_is_unkn
     assert still_named(judged, ["torque offset, joint 2"]) == ((0, 2, 3), ())
     assert still_named(judged, ["the inertias of links"])[0] == (0, 1, 3)
     assert still_named(judged, ["joint coupling, joints 1, 2"]) == ((0, 1, 2), (0,))
+
+
+def test_the_width_of_a_sign_can_be_as_given_while_its_friction_is_as_fitted(rigid):
+    given = plus(rigid, CoulombFriction(joint=1, tau_c=1.0), VISCOUS)
+    fitted = plus(rigid, CoulombFriction(joint=1, tau_c=1.4, v_eps=0.01), VISCOUS)
+    (width,) = widths_of(fitted, given)
+    assert (width.name, width.joints) == ("v_eps of coulomb friction, joint 1", (1,))
+    back = without(fitted, given, [width.name])
+    assert back == plus(rigid, CoulombFriction(joint=1, tau_c=1.4), VISCOUS)
+    assert tuple(widths_of(back, given)) == ()
+
+
+@pytest.mark.parametrize(
+    ("tau_c", "written"),
+    [pytest.param(1e-6, 0.002, id="nothing gains"), pytest.param(0.5, 1.0, id="a joint gains")],
+)
+def test_a_width_that_nothing_surely_gains_by_is_written_as_given(observed, rigid, tau_c, written):
+    """Of friction that the arm has not: the wider its sign, the less of it there is."""
+    given = plus(rigid, VISCOUS, CoulombFriction(joint=1, tau_c=2 * tau_c))
+    moved = CoulombFriction(joint=1, tau_c=tau_c, v_eps=1.0)
+    elsewhere, improved = proof(observed.under(given), plus(rigid, VISCOUS, moved))
+    value = SimpleNamespace(effect=moved.name, name="tau_c", joints=(1,), reported=True)
+    verdict = SimpleNamespace(
+        values=(value,), findings=(), identified=(), states=("stated values differ",)
+    )
+    found = as_told(Written(SimpleJudged(improved), improved, elsewhere=elsewhere), verdict)
+    effect = found.improved.simulation.effects[-1]
+    assert (effect.tau_c, effect.v_eps) == (tau_c, written)
