@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Effect, SensorEffect, TorqueEffect
+    from limo_driver.physics import BodyEffect, Effect, SensorEffect, TorqueEffect
     from limo_driver.types import FloatArray, ImpedanceCommand
 
 # A spring on an inertia is stable while h sqrt(k / M) < 2; at half of that it is still followed.
@@ -59,6 +59,7 @@ class Draft:
     elements: list[tuple[int, float, float]] = field(default_factory=list)
     sampled: list[Effect] = field(default_factory=list)  # effects without a native form
     sensed: list[SensorEffect | TorqueEffect] = field(default_factory=list)  # change no motion
+    loads: list[tuple[float, BodyEffect]] = field(default_factory=list)  # [s], from when each is
 
     def __post_init__(self) -> None:
         self.link_inertia, self.compliance, self.cubic, self.offset = np.zeros((4, self.n))
@@ -73,6 +74,10 @@ class Draft:
     def sense(self, effect: SensorEffect | TorqueEffect) -> None:
         """Run an effect on what the torque sensor says."""
         self.sensed.append(effect)
+
+    def carry(self, start: float, load: BodyEffect) -> None:
+        """Change the rigid body from a time on [s]."""
+        self.loads.append((start, load))
 
     def add_friction(self, joint: int, law: int, parameters: FloatArray) -> None:
         """Add a friction of one of `effects/laws.py`."""

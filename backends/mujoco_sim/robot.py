@@ -13,6 +13,7 @@ import numpy as np
 from backends.mujoco_sim import layout
 from backends.mujoco_sim.engine import Engine
 from backends.mujoco_sim.layout import DriveSideState
+from backends.mujoco_sim.picked_up import PickedUpLoads
 from backends.mujoco_sim.realisation import (
     check_elements,
     check_impedance,
@@ -119,6 +120,8 @@ class MujocoRobot(SimulatedRobot):
         self._plant = draft.plant(_motor_inertia(arm, motor_inertia))
         self._sampled = SampledEffects(draft, arm, period)
         self._model = compile_model(arm, self._plant, period, draft.shafts)
+        self._loads = PickedUpLoads(draft, self._model, arm, self._plant, period)
+        self._loads.carry(0.0)
         self._data = mujoco.MjData(self._model)
         self._inertia = effective_inertia(arm, self._plant.armature)
         check_elements(self._plant, self._inertia, period)
@@ -276,11 +279,12 @@ class MujocoRobot(SimulatedRobot):
         """Simulate one cycle for each target and log it, (T, 7, n)."""
         noise = self._noise.take(len(targets))
         time = (self._cycle + np.arange(len(targets), dtype=float)) * self.spec.period
-        if not self._sampled:
+        if not (self._sampled or self._loads):
             self._run_engine(targets, noise, log)
         else:
             for row in range(len(targets)):
                 here = slice(row, row + 1)
+                self._loads.carry(time[row])
                 self._sampled.sample(time[row], self._arrays, self._memory)
                 self._run_engine(targets[here], noise[here], log[here])
                 self._sampled.acceleration = log[row, layout.TRUE_ACCELERATION].copy()

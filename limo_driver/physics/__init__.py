@@ -23,7 +23,7 @@ from limo_driver.physics.effect import (
     TorqueEffect,
 )
 from limo_driver.physics.effects.arm import ExternalContact, JointCoupling, SpringLoad
-from limo_driver.physics.effects.body import GravityDirection, Payload
+from limo_driver.physics.effects.body import GravityDirection, Payload, PickedUpLoad
 from limo_driver.physics.effects.changing_friction import (
     LoadDependentFriction,
     PositionDependentFriction,
@@ -83,6 +83,7 @@ __all__ = [
     "MotionEffect",
     "Parameter",
     "Payload",
+    "PickedUpLoad",
     "PositionDependentFriction",
     "PositionServo",
     "PreslidingHysteresis",

@@ -60,6 +60,7 @@ CATALOGUE: dict[str, type[Effect]] = {
         transmission.TorqueRipple,
         body.GravityDirection,
         body.Payload,
+        body.PickedUpLoad,
         arm.ExternalContact,
     )
 }

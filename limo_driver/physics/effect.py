@@ -178,6 +178,10 @@ class SimulatedPlant(Protocol):
         """Run an effect on what the torque sensor says, which changes no motion."""
         ...
 
+    def carry(self, start: float, load: BodyEffect) -> None:
+        """Change the rigid body from a time on [s]."""
+        ...
+
     def add_friction(self, joint: int, law: int, parameters: FloatArray) -> None:
         """Add a friction of one of `friction_laws`, with its padded parameters."""
         ...

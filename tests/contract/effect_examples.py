@@ -32,6 +32,7 @@ EXAMPLES = {
         {"coefficient": 0.002, "variant": "quadratic"},
     ],
     "payload": [{"mass": 2.0, "com": (0.0, 0.02, 0.1), "inertia": (0.01, 0, 0, 0.01, 0, 0.005)}],
+    "picked_up_load": [{"start": 0.4, "mass": 2.0, "com": (0.0, 0.02, 0.1)}],
     "position_dependent_friction": [{"positions": (0.1, 0.2, 0.3), "excess": (0.5, -0.2, 1.0)}],
     "presliding_hysteresis": [{"law": law, **values} for law, values in LAWS.items()],
     "quadratic_drag": [{"coefficient": 3.0}],

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 STEP: Final = 0.7  # of the logarithm, that does not count as a change
+FEWEST: Final = 120  # windows, before which the mean is not known well enough, by default
 THRESHOLD: Final = 30.0  # sum of the logarithm beyond it
-FEWEST: Final = 120  # windows, before which the mean is not known well enough
 _MOST: Final = 2.5  # above the mean, that one window may add; no single second makes a drift
 _LEAST: Final = 1e-12  # [(N m)²], below which a residual is none
 _KEPT: Final = 60  # windows that may wait to be looked at
@@ -55,23 +55,24 @@ class DriftDetector:
 
     Args:
         n: Number of joints.
+        fewest: Windows, before which the mean is not known well enough.
 
     Raises:
         MissingPackageError: The package `river` is not installed.
     """
 
-    def __init__(self, n: int) -> None:
+    def __init__(self, n: int, fewest: int = FEWEST) -> None:
         require_package("river", "detection of drift")
         from river.drift import PageHinkley
 
         self._test = PageHinkley
-        self.n = n
+        self.n, self._fewest = n, fewest
         self.restart()
 
     def restart(self) -> None:
         """Forget everything: another model serves."""
         self._tests = [
-            self._test(min_instances=FEWEST, delta=STEP, threshold=THRESHOLD, alpha=1.0, mode="up")
+            self._test(min_instances=self._fewest, delta=STEP, threshold=THRESHOLD, alpha=1.0, mode="up")
             for _ in range(self.n)
         ]
         self._mean = np.zeros(self.n)  # of the logarithm
@@ -112,13 +113,14 @@ class DriftWatch:
 
     Args:
         n: Number of joints.
+        fewest: Windows, before which no drift is told.
 
     Raises:
         MissingPackageError: The package `river` is not installed.
     """
 
-    def __init__(self, n: int) -> None:
-        self._detector = DriftDetector(n)
+    def __init__(self, n: int, fewest: int = FEWEST) -> None:
+        self._detector = DriftDetector(n, fewest)
         self._windows: deque[tuple[Window, bool]] = deque(maxlen=_KEPT)
         self._recent: deque[tuple[Window, bool]] = deque(maxlen=3)
         self._version = ""

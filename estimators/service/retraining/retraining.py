@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from math import ceil
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
@@ -322,7 +323,8 @@ class Keeper:
 
     def _watch(self) -> DriftWatch | None:
         try:
-            return DriftWatch(self._server.models.physics.model.n)
+            fewest = ceil(self._settings.reference)  # windows of about a second
+            return DriftWatch(self._server.models.physics.model.n, fewest)
         except MissingPackageError as error:
             self._server.outlet.event("drift", f"drift is not detected: {error}", Level.WARN)
             return None

@@ -10,14 +10,15 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import MOST_INERTIA, BodyEffect, Hypothesis
+from limo_driver.physics.effect import MOST_INERTIA, ArmEffect, BodyEffect, Hypothesis, State
 from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from limo_driver.model import RobotModel
-    from limo_driver.physics.effect import DiagnosisContext, Effect
+    from limo_driver.physics.effect import ArmMotion, DiagnosisContext, Effect, SimulatedPlant
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _TILT = 0.1  # [m/s²]
@@ -153,3 +154,59 @@ class GravityDirection(BodyEffect):
             return (cls(gravity=tuple((tilted * size / np.linalg.norm(tilted)).tolist())),)
 
         yield Hypothesis(cls.name, (), terms, realise)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickedUpLoad(ArmEffect):
+    """A payload that the last link carries from a time on.
+
+    Args:
+        start: Time from which it is carried.
+        mass: Mass.
+        com: Centre of mass in the frame of the last link.
+        inertia: At the centre of mass: xx xy xz yy yz zz.
+
+    Raises:
+        ConfigError: No rigid body has this mass and inertia.
+
+    Source: Khalil, Gautier and Lemoine, "Identification of the payload inertial parameters of
+    industrial manipulators", ICRA 2007.
+    """
+
+    name: ClassVar[str] = "picked_up_load"
+    description: ClassVar[Description] = Description(
+        signature="from a time on the residuals of the joints are those of one body at the flange"
+    )
+    start: float = parameter("s", lower=-1e12, upper=1e12, chosen=True)
+    mass: float = parameter("kg", lower=0.0, upper=1e5)
+    com: tuple[float, float, float] = parameter("m", lower=-10.0, upper=10.0, length=3)
+    inertia: tuple[float, float, float, float, float, float] = parameter(
+        "kg m^2", lower=-MOST_INERTIA, upper=MOST_INERTIA, length=6, default=(0.0,) * 6
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.payload  # refuses an impossible body
+
+    @property
+    def payload(self) -> Payload:
+        """The body, once it is carried."""
+        return Payload(mass=self.mass, com=self.com, inertia=self.inertia)
+
+    def advance(self, state: State, motion: ArmMotion) -> tuple[FloatArray, State]:
+        """Return what the body adds from its start on [N m], (T, n)."""
+        torque, given = np.zeros_like(motion.load), motion.motion
+        if (carried := given.time >= self.start).any():
+            q, v, a = given.position, given.velocity, given.acceleration
+            rows = (q[carried], v[carried], a[carried])
+            loaded = self.payload.body(motion.model).inverse_dynamics(*rows)
+            torque[carried] = loaded - motion.model.inverse_dynamics(*rows)
+        return torque, state
+
+    def realise(self, robot: SimulatedPlant) -> None:
+        """Ask for the body of the last link to change at the start."""
+        robot.carry(self.start, self.payload)
+
+    def from_time(self, start: float, recording: Recording) -> Effect:  # noqa: ARG002
+        """Return it in a time that begins at `start` [s]."""
+        return replace(self, start=self.start - start)

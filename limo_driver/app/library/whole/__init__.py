@@ -1,0 +1,1 @@
+"""The whole of limo as one piece, proven: plan, move, serve, relearn, diagnose, export."""

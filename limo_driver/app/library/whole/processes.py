@@ -1,0 +1,276 @@
+"""The processes of the whole: an arm and its driver, the service, and what a consumer hears."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import numpy as np
+
+from limo_driver.errors import BackendError, LimoError
+from limo_driver.network.messages import Attachment, decode_event, decode_torque_estimate
+from limo_driver.network.streaming import Keys, follow_history
+from limo_driver.runtime.processes import Closing
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Sequence
+    from pathlib import Path
+
+    import zenoh
+
+    from limo_driver.network.messages import Event, TorqueEstimate
+
+    Process = subprocess.Popen[bytes] | multiprocessing.process.BaseProcess
+
+ARM: Final = "iiwa14"
+RATE: Final = 250  # [Hz] of the stream
+_LIMO: Final = (sys.executable, "-P", "-c", "from limo_driver.app.cli import main; main()")
+_PATIENCE: Final = 600.0  # [s] for what is waited for, where something is broken
+_LOOK: Final = 0.5  # [s] between two looks whether the processes live
+_ENDING: Final = 60.0  # [s] for a process to end in order
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Wire:
+    """How the driver reaches its arm.
+
+    Args:
+        name: For people.
+        backend: Registered name of the driver's end.
+        options: Of `limo run`, with which it reaches the other end.
+        other_end: Words of the command that is the other end, to which `--sim` and `--trajectory`
+            are added; none where the arm is in the driver.
+    """
+
+    name: str
+    backend: str
+    options: tuple[str, ...] = ()
+    other_end: tuple[str, ...] = ()
+
+
+MUJOCO: Final = Wire("MuJoCo", "mujoco")
+
+
+@contextmanager
+def moving(
+    wire: Wire, simulation: Path, motion: Path, record: Path, network: Path | None = None
+) -> Generator[subprocess.Popen[bytes]]:
+    """Move an arm in processes of their own until the block ends; the arm is slowed down to a hold.
+
+    Args:
+        wire: How the driver reaches it.
+        simulation: The arm (sim.yaml).
+        motion: Trajectory.
+        record: Where the driver keeps its recording.
+        network: Zenoh's configuration, to stream by; the arm then stands until estimates come.
+
+    Yields:
+        The driver.
+
+    Raises:
+        BackendError: The other end did not start.
+    """
+    given = ["--trajectory", str(motion), "--record", str(record), "--rate", str(RATE), "--json"]
+    given += wire.options if wire.other_end else ["--sim", str(simulation)]
+    if network is not None:
+        given += ["--stream", "--name", ARM, "--zenoh-config", str(network)]
+        given += ["--wait-for-estimates", str(_PATIENCE)]
+    with ExitStack() as open_:
+        errors = open_.enter_context(record.with_suffix(".err").open("wb"))
+        if wire.other_end:
+            physics = ["--sim", str(simulation), "--trajectory", str(motion), "--json"]
+            arm = subprocess.Popen(  # noqa: S603  # this interpreter, with our own options
+                [*_LIMO, *wire.other_end, *physics], stdout=subprocess.PIPE, stderr=errors
+            )
+            open_.callback(_end, arm, signal.SIGTERM)
+            if arm.stdout is None or not arm.stdout.readline():
+                raise BackendError(f"{wire.other_end[0]} did not start: see {errors.name}")
+        driver = subprocess.Popen(  # noqa: S603
+            [*_LIMO, "run", "--backend", wire.backend, *given],
+            stdout=subprocess.DEVNULL,
+            stderr=errors,
+        )
+        open_.callback(_end, driver, signal.SIGINT)
+        yield driver
+
+
+def _end(process: subprocess.Popen[bytes], by: signal.Signals) -> None:
+    process.send_signal(by)
+    try:
+        process.communicate(timeout=_ENDING)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+
+
+def recorded(driver: subprocess.Popen[bytes], record: Path) -> Path:
+    """Wait until a driver has moved its arm to the end, and return its recording.
+
+    Raises:
+        BackendError: It did not get there.
+    """
+    if driver.wait(_PATIENCE):
+        said = record.with_suffix(".err").read_text(errors="replace").strip()
+        raise BackendError(f"the driver ended early: {said.splitlines()[-1] if said else '?'}")
+    return record
+
+
+class ServiceProcess(Closing):
+    """A service in a process of its own.
+
+    Args:
+        options: Of `limo.serve`.
+    """
+
+    def __init__(self, options: dict[str, Any]) -> None:
+        self.process = multiprocessing.get_context("spawn").Process(target=_serve, args=(options,))
+        self.process.start()
+
+    def kill(self) -> None:
+        """End it as a loss of power does: at once, without a word."""
+        self.process.kill()
+        self.process.join()
+
+    def close(self) -> None:
+        """End it in order."""
+        self.process.terminate()
+        self.process.join(_ENDING)
+        self.process.kill()
+        self.process.join()
+
+
+def _serve(options: dict[str, Any]) -> None:
+    from limo_driver.app.library.serving import serve
+
+    with serve(ARM, **options) as service:
+        service.wait()
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Estimates in the order in which a consumer heard them."""
+
+    sequences: np.ndarray  # (T,) of the states that they answer
+    stamps: np.ndarray  # (T,) [ns]
+    external: np.ndarray  # (T, n) [N m], NaN where the memory began anew
+    models: tuple[str, ...]  # (T,) versions
+
+
+class Consumer(Closing):
+    """Hears what a service says, as a controller would.
+
+    Args:
+        session: Open Zenoh session.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        keys = Keys(ARM)
+        self._changed = threading.Condition()
+        self._estimates: list[tuple[int, bytes]] = []  # sequence and payload
+        self.events: list[Event] = []
+        self.status: dict[str, Any] = {}
+        self._subscribers = (
+            session.declare_subscriber(keys.estimate, self._take),
+            follow_history(session, keys.event, self._tell),
+            follow_history(session, keys.status("service"), self._note),
+        )
+
+    def wait(self, found: Callable[[], _T | None], living: Sequence[Process] = ()) -> _T:
+        """Wait until something is found in what was heard, and return it.
+
+        Args:
+            found: Returns it, or None as long as it was not heard.
+            living: Processes without which it would be waited for in vain.
+
+        Raises:
+            LimoError: One of them ended, or nothing came for ten minutes.
+        """
+        ends = monotonic() + _PATIENCE
+        with self._changed:
+            while (value := found()) is None:
+                if not all(_lives(process) for process in living):
+                    raise LimoError("a process ended while something of it was waited for")
+                if monotonic() > ends:
+                    raise LimoError(f"nothing came for {_PATIENCE:g} s; heard last: {self.status}")
+                self._changed.wait(_LOOK)
+        return value
+
+    def event(self, kind: str, after: int = 0) -> Event | None:
+        """Return the first event of a kind after the first `after` ones, if it came."""
+        return next((event for event in self.events[after:] if event.kind == kind), None)
+
+    @property
+    def count(self) -> int:
+        """Estimates heard."""
+        return len(self._estimates)
+
+    def heard(self, first: int = 0) -> Heard:
+        """Return the estimates from one on."""
+        pairs = self._estimates[first:]
+        answers = [decode_torque_estimate(payload) for _, payload in pairs]
+        return Heard(
+            np.array([sequence for sequence, _ in pairs], dtype=np.int64),
+            np.array([answer.stamp_ns for answer in answers], dtype=np.int64),
+            np.array([_external(answer) for answer in answers]),
+            tuple(answer.model for answer in answers),
+        )
+
+    def close(self) -> None:
+        """Hear no more."""
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        about = sample.attachment
+        if about is not None:
+            sequence = Attachment.decode(about.to_bytes()).sequence
+            with self._changed:
+                self._estimates.append((sequence, sample.payload.to_bytes()))
+                self._changed.notify_all()
+
+    def _tell(self, sample: zenoh.Sample) -> None:
+        event = decode_event(sample.payload.to_bytes())
+        with self._changed:
+            self.events.append(event)
+            self._changed.notify_all()
+
+    def _note(self, sample: zenoh.Sample) -> None:
+        status = json.loads(sample.payload.to_bytes())
+        with self._changed:
+            self.status = status
+            self._changed.notify_all()
+
+
+def _external(answer: TorqueEstimate) -> np.ndarray:
+    return answer.external * (np.nan if answer.reset else 1.0)
+
+
+def _lives(process: Process) -> bool:
+    if isinstance(process, subprocess.Popen):
+        return process.poll() is None
+    return process.is_alive()
+
+
+def configurations(folder: Path) -> tuple[Path, Path]:
+    """Write Zenoh's configurations of this process, which listens, and of all others."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    alone = {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
+    here, there = folder / "here.json5", folder / "there.json5"
+    listen = {"mode": "router", "listen": {"endpoints": [endpoint]}, "scouting": alone}
+    here.write_text(json.dumps(listen))
+    connect = {"mode": "client", "connect": {"endpoints": [endpoint]}, "scouting": alone}
+    there.write_text(json.dumps(connect))
+    return here, there
