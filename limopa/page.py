@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.pages import Charts, Page
+from limo_driver.pages.arm_section import planned_motion
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
-from limo_driver.pages.motion import planned_motion
 from limo_driver.quoting import in_shell
 from limopa.statistics import summarise
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Final
 
-from backends.can.errors import DriveError
+from backends.can.config import DriveError
 from backends.can.robot import CanRobot
 from limo_driver.errors import BackendError, ConfigError, CycleTimeoutError
-from limo_driver.robot.examination import Examination
+from limo_driver.robot.registry import Examination
 
 if TYPE_CHECKING:
     from backends.can.config import ArmConfig

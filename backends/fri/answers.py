@@ -30,9 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from backends.fri.codec.messages import IoValue, Joints, Monitoring
-    from backends.fri.plausibility import Plausibility
     from backends.fri.session import Effect, RobotSession
-    from backends.fri.wire_limits import WireLimits
+    from backends.fri.wire_limits import Plausibility, WireLimits
     from limo_driver.robot.safety import SafetyContract
     from limo_driver.types import FloatArray, JointCommand
 

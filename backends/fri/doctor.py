@@ -25,7 +25,7 @@ from backends.fri.connection import Datagram, Endpoint, SilentRobotError, resolv
 from backends.fri.robot import FriRobot
 from backends.fri.session import MOST_UNCONFIRMED, advice, drives_off, long_period, safety_stop
 from limo_driver.errors import BackendError, ConnectionLostError, CycleTimeoutError, WireFormatError
-from limo_driver.robot.examination import Examination
+from limo_driver.robot.registry import Examination
 
 MOST_LOST: Final = 0.001  # of the packets
 MOST_LATE: Final = 0.01  # of the answers

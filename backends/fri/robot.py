@@ -13,10 +13,15 @@ from backends.fri.codec.messages import DEFAULT_PORT, Monitoring, Quality, Sessi
 from backends.fri.codec.template import MonitoringTemplate
 from backends.fri.codec.version import FriVersion
 from backends.fri.connection import Connection, connect, incomplete, pace, unusable
-from backends.fri.plausibility import Plausibility, VelocityFilter, warm_up_plausibility
 from backends.fri.replies import Outputs, Replies
 from backends.fri.session import LinkFigures, Order, RobotSession, Visit, why_not_ready
-from backends.fri.wire_limits import WireLimits, warm_up_wire_limits
+from backends.fri.wire_limits import (
+    Plausibility,
+    VelocityFilter,
+    WireLimits,
+    warm_up_plausibility,
+    warm_up_wire_limits,
+)
 from limo_driver.errors import (
     BackendError,
     ConfigError,

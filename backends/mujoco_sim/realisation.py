@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from backends.simulated import check_gains
+from backends.virtual import check_gains
 from limo_driver.errors import ConfigError
 from limo_driver.physics import JointCoupling
 from limo_driver.physics.effects.laws import PARAMETERS

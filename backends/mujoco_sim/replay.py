@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backends.mujoco_sim.robot import MujocoRobot
-from backends.simulated import DEFAULT_PERIOD
+from backends.virtual import DEFAULT_PERIOD
 from limo_driver.errors import PathError
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.recordings.filters.differentiation import smooth

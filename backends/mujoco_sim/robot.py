@@ -24,7 +24,7 @@ from backends.mujoco_sim.realisation import (
 )
 from backends.mujoco_sim.sampled import SampledEffects, SensorNoise, TorqueSensors
 from backends.mujoco_sim.scene import compile_model
-from backends.simulated import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
+from backends.virtual import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import (
     BackendError,
     ConfigError,

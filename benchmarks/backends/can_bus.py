@@ -38,7 +38,7 @@ import numpy as np
 
 from backends.can import ArmConfig, CanRobot
 from backends.can.simulator import SimulatedDrives
-from backends.can.simulator.station import Station
+from backends.can.simulator.session import Station
 from limo_driver.errors import BackendError
 from limo_driver.physics import Simulation
 from limo_driver.robot.measured import RANGE_TOLERANCE

@@ -23,7 +23,7 @@ import backends.mujoco_sim.robot as ours
 import limo_driver as limo
 from backends.mujoco_sim import scene
 from backends.mujoco_sim.engine import Engine
-from limo_driver.model.descriptions.mjcf.plasticity import relax
+from limo_driver.model.descriptions.mjcf.joints import relax
 from limo_driver.physics import JointElasticity
 from limo_driver.runtime.installed_mujoco import PLASTIC, RELEASE
 

@@ -47,7 +47,7 @@ from limo_driver.network.messages import (
     decode_joint_state,
     decode_torque_estimate,
 )
-from limo_driver.network.model_client import ModelClient
+from limo_driver.network.readiness import ModelClient
 from limo_driver.network.streaming import Keys, open_session
 from limo_driver.recordings.files.recorder import read_log
 

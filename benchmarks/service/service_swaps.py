@@ -42,7 +42,7 @@ from estimators.stream import Stream
 from limo_driver.errors import LimoError
 from limo_driver.logs.mcap_log import log_files, read_mcap
 from limo_driver.network.messages import decode_event, decode_joint_state, decode_torque_estimate
-from limo_driver.network.model_client import ModelClient
+from limo_driver.network.readiness import ModelClient
 from limo_driver.network.streaming import Keys, open_session
 
 STEP_BAR = 1e-6  # [N m]

@@ -7,10 +7,12 @@ import re
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Final
 
-from estimators.diagnosis.differences import AMOUNTS, differs, from_to
 from estimators.diagnosis.quantities import (
+    AMOUNTS,
     UNNUMBERED,
     decimals_of,
+    differs,
+    from_to,
     listed,
     of_joints,
     of_several,

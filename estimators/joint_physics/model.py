@@ -21,9 +21,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.base import Estimate
-from estimators.joint_physics.calibration import Calibration, calibrate
+from estimators.joint_physics.calibration import Calibration, calibrate, confirmed_fit
 from estimators.joint_physics.columns import WIDTHS, JointColumns
-from estimators.joint_physics.confirmed import confirmed_fit
 from estimators.joint_physics.normal_equations import MotionEquations
 from estimators.joint_physics.prediction import (
     Prediction,

@@ -23,8 +23,7 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
-from estimators.regression.definite import lower_of
-from estimators.regression.right_signs import RIDGE, gains_beside, of_right_signs
+from estimators.regression.definite import RIDGE, gains_beside, lower_of, of_right_signs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

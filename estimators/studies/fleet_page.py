@@ -12,9 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from estimators.diagnosis.differences import name_of_value
 from estimators.diagnosis.headline import headline
-from estimators.diagnosis.quantities import of_joints
+from estimators.diagnosis.quantities import name_of_value, of_joints
 from estimators.diagnosis.verdict import REPORT, Finding, Identified, StatedValue, Verdict
 from estimators.studies.fleet import FleetDiagnosis, changed
 from estimators.studies.fleet_row import FLEET, FleetRow

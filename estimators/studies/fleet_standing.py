@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.stats import chi2, kendalltau, linregress, norm, t, theilslopes
 
-from estimators.diagnosis.differences import AMOUNTS
+from estimators.diagnosis.quantities import AMOUNTS
 from estimators.studies.fleet_row import FLEET
 from limo_driver.runtime.display import joint_called
 

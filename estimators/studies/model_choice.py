@@ -25,7 +25,7 @@ from estimators.hybrid import HybridModel
 from estimators.hybrid.model import train
 from estimators.hybrid.training.settings import usual_settings
 from estimators.joint_physics import JointPhysics, Learning
-from estimators.regression.shares import confirmed_shares
+from estimators.regression.empirical_bayes import confirmed_shares
 from limo_driver.errors import DivergedError, RecordingError
 from limo_driver.runtime.display import Displayed
 

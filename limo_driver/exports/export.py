@@ -16,7 +16,7 @@ from limo_driver.exports.changes.target import Target, target_of
 from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_format
 from limo_driver.exports.mjcf.assets import assets_of
 from limo_driver.exports.mjcf.file import FIRMNESS, edited_mjcf, rubs_anew
-from limo_driver.exports.mjcf.slips import have_changed, write_rests
+from limo_driver.exports.mjcf.servos import have_changed, write_rests
 from limo_driver.exports.proof import errors
 from limo_driver.exports.remainder import Remainder, proof_motion, remainders, unwritten
 from limo_driver.exports.urdf import actuators, edited_urdf

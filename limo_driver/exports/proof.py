@@ -42,7 +42,7 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
         motion: T samples of n joints.
     """
     from limo_driver.model.descriptions.mjcf import joint_name
-    from limo_driver.model.descriptions.mjcf.plasticity import keep_springs
+    from limo_driver.model.descriptions.mjcf.joints import keep_springs
     from limo_driver.runtime.installed_mujoco import mujoco
 
     model = mujoco.MjModel.from_xml_path(str(path))
@@ -117,7 +117,7 @@ def _torque_of_memory(  # noqa: ANN202
     torque changes it.
     """
     from limo_driver.model.descriptions.mjcf import is_passive_motor
-    from limo_driver.model.descriptions.mjcf.plasticity import keep_springs, plastic_springs, relax
+    from limo_driver.model.descriptions.mjcf.joints import keep_springs, plastic_springs, relax
     from limo_driver.runtime.installed_mujoco import mujoco
 
     torque = np.zeros_like(motion.position)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.pages.arm import ArmView
-    from limo_driver.pages.curves import Curves
+    from limo_driver.pages.figures import Curves
 
 FOOTER = "Torque in N m, angles in rad, joints counted from 1."
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from backends.can.cia402.codec import OperatingMode, State, describe
 from backends.can.cia402.drive import longest_lag
-from backends.can.errors import DriveError, SdoAbortError
+from backends.can.config import DriveError, SdoAbortError
 from backends.can.port import RPDO1, RPDO2, SYNC, TPDO1, TPDO2, TPDO3
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from backends.can.cia402.codec import (
 from backends.can.cia402.commissioning import Commissioning
 from backends.can.cia402.drive import OPERATIONAL, Drive, FollowingCheck
 from backends.can.cia402.sdo import QUIET, SdoClient, require_answer, require_quiet
-from backends.can.errors import DriveError
+from backends.can.config import DriveError
 from backends.can.link import DriveSample, Link
 from backends.can.port import (
     EMERGENCY,

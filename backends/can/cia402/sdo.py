@@ -15,7 +15,7 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from backends.can.errors import DriveError, SdoAbortError
+from backends.can.config import DriveError, SdoAbortError
 from backends.can.port import HEARTBEAT, RPDO1, SDO_REPLY, SDO_REQUEST, SYNC
 from limo_driver.errors import BackendError
 

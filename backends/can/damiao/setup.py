@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, NoReturn
 
+from backends.can.config import DriveError
 from backends.can.damiao import codec as damiao
 from backends.can.damiao.codec import (
     MIT_MODE,
@@ -16,7 +17,6 @@ from backends.can.damiao.codec import (
     Status,
     status_words,
 )
-from backends.can.errors import DriveError
 from backends.can.link import status_line
 from limo_driver.errors import ConfigError, WireFormatError
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from backends.fri.codec.messages import SafetyState, SessionState
-from backends.fri.simulator.connection.port import Channel, ConnectionQuality, UdpPort
 from backends.fri.simulator.listener import CommandedArm, Listener
 from backends.fri.simulator.monitoring import MonitoringWriter, Standing
+from backends.fri.simulator.port import Channel, ConnectionQuality, UdpPort
 from backends.fri.simulator.report import ClientObservations, ControllerReport
 from backends.fri.simulator.scenario import ControllerScenario, Exchange, Now, ScenarioClock
 from backends.fri.simulator.session import Circumstances, ControllerSession, ControllerVisit
@@ -18,7 +18,7 @@ from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from backends.fri.simulator.arm import ArmState
-    from backends.fri.simulator.settings import ControllerSettings
+    from backends.fri.simulator.session import ControllerSettings
     from limo_driver.physics import Simulation
 
 WIND_DOWN: Final = 0.1  # [s] in MONITORING_READY before the session is closed

@@ -21,7 +21,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from backends.fri.codec.messages import JOINTS, Quality, SafetyState, SessionState
-from backends.fri.simulator.connection.port import UNDISTURBED, Disturbance
+from backends.fri.simulator.port import UNDISTURBED, Disturbance
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.parameters import JOINT, Declared, parameter
 

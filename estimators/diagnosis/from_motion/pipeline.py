@@ -25,20 +25,23 @@ from estimators.diagnosis.from_motion.checks.conventions import (
 )
 from estimators.diagnosis.from_motion.checks.recorded import check_commanded
 from estimators.diagnosis.from_motion.fitting.identification import fit_drives, with_servos
-from estimators.diagnosis.from_motion.hypotheses.search import fit_without, search
-from estimators.diagnosis.from_motion.hypotheses.stated import (
+from estimators.diagnosis.from_motion.held_out import (
+    DriveEvidence,
+    Fold,
+    position_errors,
+    resolution_of,
+    split,
+)
+from estimators.diagnosis.from_motion.search import fit_without, search
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
+from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
+from estimators.diagnosis.from_motion.stated import (
     is_stated,
     prove_on_part,
     stated_arm,
     with_intervals,
 )
-from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence, Fold
-from estimators.diagnosis.from_motion.judgement.held_out import (
-    position_errors,
-    resolution_of,
-    split,
-)
-from estimators.diagnosis.from_motion.judgement.verdict import (
+from estimators.diagnosis.from_motion.verdict import (
     about_counting,
     about_drift,
     about_motors,
@@ -48,8 +51,6 @@ from estimators.diagnosis.from_motion.judgement.verdict import (
     sags,
     verdict_of,
 )
-from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
-from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
 from estimators.diagnosis.report.without_torque import drive_report
 from estimators.diagnosis.result import DriveReplay, DriveResult
 from estimators.diagnosis.stages import quiet

@@ -12,8 +12,8 @@ from estimators.diagnosis.held_out import reducible_removed
 from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
+from estimators.diagnosis.result import WORSE, columns_of, coverage
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.summary import WORSE, columns_of, coverage
 from estimators.diagnosis.verdict import IMPROVED, TORQUE, Fit, Verdict
 from limo_driver.pages.markup import (
     UNSAID,

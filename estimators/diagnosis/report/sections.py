@@ -7,17 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from estimators.diagnosis.differences import value_columns
 from estimators.diagnosis.headline import is_of_bodies, likelier, names_of
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.quantities import heading_of, of_joints, rounded
+from estimators.diagnosis.quantities import heading_of, of_joints, rounded, value_columns
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.binning import loop_stretch
-from estimators.diagnosis.result import CHOSEN, DiagnosisResult, Explanation, Replay
+from estimators.diagnosis.result import (
+    CHOSEN,
+    DiagnosisResult,
+    Explanation,
+    Replay,
+    identified_columns,
+)
 from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.summary import identified_columns
 from estimators.diagnosis.verdict import CONTACT, Finding, Verdict
 from estimators.regression.evidence import REACH
 from limo_driver.pages.markup import (

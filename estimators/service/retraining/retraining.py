@@ -35,7 +35,7 @@ from estimators.service.retraining.judge import (
     Unfinished,
 )
 from estimators.service.retraining.logged_motion import Span
-from estimators.service.retraining.process import TrainingProcess
+from estimators.service.retraining.trainer import TrainingProcess
 from limo_driver.errors import LimoError, MissingPackageError, ModelStoreError
 from limo_driver.network.messages import Level
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from estimators.residual_model import ResidualModel
     from estimators.service.store.store import ModelStore
-    from limo_driver.network.model_client import ModelClient
+    from limo_driver.network.readiness import ModelClient
     from limo_driver.physics import Simulation
 
 

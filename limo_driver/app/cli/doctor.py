@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from limo_driver.app.library.first_motion.arms import RealArm
     from limo_driver.app.library.first_motion.steps import FirstMotionSettings
     from limo_driver.model import RobotModel
-    from limo_driver.robot.examination import Examination
+    from limo_driver.robot.registry import Examination
 
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 _SECONDS = 5.0  # of an examination

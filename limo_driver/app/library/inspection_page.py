@@ -17,8 +17,7 @@ from limo_driver.logs.readers.mapping import QUANTITIES, Channels, TimeColumns, 
 from limo_driver.logs.readers.proposals.times import time_columns
 from limo_driver.pages import Page, arm_view
 from limo_driver.pages.arm_section import lost_meshes, stage, still
-from limo_driver.pages.curves import Curve, Curves, LeftOutRows, curves_section
-from limo_driver.pages.figures import JOINTS
+from limo_driver.pages.figures import JOINTS, Curve, Curves, LeftOutRows, curves_section
 from limo_driver.pages.markup import (
     UNSAID,
     columns,

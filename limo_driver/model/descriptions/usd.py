@@ -35,8 +35,8 @@ from limo_driver.model.descriptions.usd_joints import (
     scale_of,
     stated,
     value_of,
+    write_shapes,
 )
-from limo_driver.model.descriptions.usd_shapes import write_shapes
 from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:

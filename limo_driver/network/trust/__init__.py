@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Mapping
     from pathlib import Path
 
-    from limo_driver.network.trust.certificates import Issued
-    from limo_driver.network.trust.roles import Host, Role
+    from limo_driver.network.trust.roles import Host, Issued, Role
 
 _Json: TypeAlias = dict[str, Any] | list[Any] | str | bool
 CONFIGURATION: Final = "zenoh.json5"
@@ -65,7 +64,7 @@ def write_trust(
             used.
     """
     require_package("cryptography", "a certificate")
-    from limo_driver.network.trust.certificates import Authority
+    from limo_driver.network.trust.roles import Authority
 
     _check(hosts, days)
     require_folder(folder, "certificates and configurations")

@@ -24,8 +24,7 @@ import pyarrow.parquet as pq
 
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.files.batches import blocks_of
-from limo_driver.recordings.files.log_stream import LogStream, StoredLog
-from limo_driver.recordings.files.parquet import DAMAGE, whole_table
+from limo_driver.recordings.files.parquet import DAMAGE, LogStream, StoredLog, whole_table
 from limo_driver.runtime import written_by
 from limo_driver.runtime.outputs import reason, replacing, require_parquet
 from limo_driver.runtime.processes import Closing

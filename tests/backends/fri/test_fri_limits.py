@@ -16,7 +16,7 @@ from backends.fri.codec import messages
 from backends.fri.codec.codec import encode_monitoring
 from backends.fri.codec.version import FriVersion, Generation
 from backends.fri.connection import Connection, Datagram, pace, unusable
-from backends.fri.plausibility import VelocityFilter
+from backends.fri.wire_limits import VelocityFilter
 from limo_driver.errors import BackendError, ConnectionLostError
 from limo_driver.types import PositionCommand, readonly
 

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators.diagnosis.headline import MOST, headline
-from estimators.diagnosis.reading import verdict_in
+from estimators.diagnosis.quantities import verdict_in
 from estimators.diagnosis.report.findings import removed
 from estimators.diagnosis.report.sections import identified, stated_values
-from estimators.diagnosis.summary import hardly_shown, lines_of
+from estimators.diagnosis.result import hardly_shown, lines_of
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     VERDICT,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from estimators.diagnosis.headline import headline
-from estimators.diagnosis.summary import columns_of, coverage, identified_columns, lines_of
+from estimators.diagnosis.result import columns_of, coverage, identified_columns, lines_of
 from estimators.diagnosis.verdict import (
     BeforeAfter,
     Finding,

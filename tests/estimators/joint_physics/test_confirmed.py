@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.joint_physics import JointPhysics, Learning
-from estimators.joint_physics.confirmed import lower_root
+from estimators.joint_physics.calibration import lower_root
 from estimators.model_folder import load_model
 from limo_driver.physics import Simulation, ViscousFriction
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.regression.shares import confirmed_shares
+from estimators.regression.empirical_bayes import confirmed_shares
 
 PARTS, ROWS = 8, 400
 

@@ -6,8 +6,8 @@ import pytest
 from sessions import PATIENCE, wait_until
 
 from limo_driver.errors import ConnectionLostError
-from limo_driver.network import model_client
-from limo_driver.network.model_client import ModelClient
+from limo_driver.network import readiness
+from limo_driver.network.readiness import ModelClient
 from limo_driver.network.streaming import Keys, is_alive, to_json
 
 pytestmark = pytest.mark.waits
@@ -17,7 +17,7 @@ KEYS = Keys("arm")
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
-    monkeypatch.setattr(model_client, "STARTING", PATIENCE)
+    monkeypatch.setattr(readiness, "STARTING", PATIENCE)
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def test_the_answer_is_waited_for(named):
 
 
 def test_it_is_said_that_nobody_answers(named, monkeypatch):
-    monkeypatch.setattr(model_client, "STARTING", 0.3)
+    monkeypatch.setattr(readiness, "STARTING", 0.3)
     with pytest.raises(
         ConnectionLostError, match=r"nobody answered limo/arm/model/index for 0\.3 s"
     ):
@@ -55,6 +55,6 @@ def test_it_is_said_that_nobody_answers(named, monkeypatch):
 
 
 def test_it_is_said_that_there_is_none(two_sessions, monkeypatch):
-    monkeypatch.setattr(model_client, "APPEARING", 0.2)
+    monkeypatch.setattr(readiness, "APPEARING", 0.2)
     with pytest.raises(ConnectionLostError, match="no service of arm 'arm' is on the network"):
         ModelClient(two_sessions[1], "arm").index()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.checks.frames import dropped_frames, led_away
+from estimators.diagnosis.from_motion.checks.timing import dropped_frames, led_away
 from estimators.diagnosis.from_motion.checks.velocities import (
     AT_REST,
     check_velocities,

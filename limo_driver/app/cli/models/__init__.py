@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from limo_driver.app.cli.models.options import (
+from limo_driver.app.cli.models.retraining import (
     MODELS,
     JsonOption,
     ReasonOption,
@@ -17,10 +17,11 @@ from limo_driver.app.cli.models.options import (
     VersionSource,
     WhichArgument,
     asked,
+    compare,
     opened,
     print_found,
+    retrain,
 )
-from limo_driver.app.cli.models.retraining import compare, retrain
 from limo_driver.app.console.arguments import MappingOption, SessionOptions, describe_options
 from limo_driver.app.console.terminal import terminal
 

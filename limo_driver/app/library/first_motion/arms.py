@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from backends.can.config import ArmConfig
     from limo_driver.model import RobotModel
-    from limo_driver.robot.examination import Examination
+    from limo_driver.robot.registry import Examination
     from limo_driver.robot.robot import Robot
 
 LINK_SECONDS = 5.0

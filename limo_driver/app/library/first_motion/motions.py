@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
-    from limo_driver.robot.examination import Examination
+    from limo_driver.robot.registry import Examination
     from limo_driver.types import FloatArray, JointState
 
 ANGLE: Final = math.radians(2.0)

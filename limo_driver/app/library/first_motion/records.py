@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from limo_driver.model import RobotModel
-    from limo_driver.robot.examination import Examination
+    from limo_driver.robot.registry import Examination
 
 FORMAT: Final = "limo first motion"
 VERSION: Final = 1

@@ -36,8 +36,8 @@ from limo_driver.errors import (
     JointLimitError,
     PathError,
 )
-from limo_driver.robot.examination import Examination
 from limo_driver.robot.playback import Playback
+from limo_driver.robot.registry import Examination
 from limo_driver.runtime.outputs import only_writer, require_folder
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.trajectory import Trajectory

@@ -22,7 +22,7 @@ from limo_driver.runtime.parameters import Declared, parameter
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from limo_driver.robot.examination import Examination
+    from limo_driver.robot.registry import Examination
     from limo_driver.robot.robot import Robot
     from limo_driver.types import FloatArray, JointState
 

@@ -17,6 +17,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model.descriptions.description import RobotDescription, StatedMotor, StatedServo
 from limo_driver.model.descriptions.mjcf.joints import (
     HINGE,
+    OWN,
     SLIDE,
     actuators,
     body_name,
@@ -28,8 +29,8 @@ from limo_driver.model.descriptions.mjcf.joints import (
     joint_name,
     loops,
     most_command,
+    plastic_springs,
 )
-from limo_driver.model.descriptions.mjcf.plasticity import OWN, plastic_springs
 from limo_driver.model.descriptions.mjcf.writer import ArmWriter
 from limo_driver.model.descriptions.urdf_checks import LARGEST
 from limo_driver.model.descriptions.xml_text import MOST_JOINTS

@@ -5,7 +5,7 @@ import time
 
 from sync_bus import SyncBus
 
-from backends.can.simulator.station import Station
+from backends.can.simulator.session import Station
 from limo_driver.physics import Simulation
 
 GROUP = "239.74.163.45"

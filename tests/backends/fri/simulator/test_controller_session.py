@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
-from backends.fri.simulator.connection.port import (
+from backends.fri.simulator.port import (
     UNDISTURBED,
     Channel,
     ConnectionQuality,

@@ -16,7 +16,7 @@ from estimators.stream import Stream
 from limo_driver.logs.mcap_log import log_files, read_mcap
 from limo_driver.network.contact_state import ContactListener, ContactState, Touch
 from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
-from limo_driver.network.model_client import ModelClient
+from limo_driver.network.readiness import ModelClient
 from limo_driver.network.streaming import Keys, is_alive, open_session
 from limo_driver.recordings.recording import Recording
 

@@ -22,8 +22,7 @@ from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.joint_physics import JointPhysics
 from estimators.service.retraining.logged_motion import Span, newest_motion
-from estimators.service.retraining.process import TrainingProcess
-from estimators.service.retraining.trainer import learned, train
+from estimators.service.retraining.trainer import TrainingProcess, learned, train
 from estimators.service.settings import RetrainingSettings
 from estimators.service.store import store as store_module
 from estimators.service.store.signature import check_signing

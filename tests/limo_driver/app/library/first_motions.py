@@ -21,17 +21,17 @@ from backends.fri import doctor
 from backends.fri.codec.messages import SessionState
 from backends.fri.robot import FriRobot
 from backends.fri.simulator import monitoring
-from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
+from backends.fri.simulator.port import Address
 from backends.fri.simulator.scenario import ControllerScenario, HandGuiding, SessionCap
-from backends.fri.simulator.settings import ControllerSettings
+from backends.fri.simulator.session import ControllerSettings
 from limo_driver.app.library.first_motion.arms import CanArm, FriArm
 from limo_driver.app.library.first_motion.records import Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.steps import FirstMotionSettings
 from limo_driver.app.library.first_motion.watching import WatchSettings
 from limo_driver.model import RobotModel
-from limo_driver.robot.examination import Examination
 from limo_driver.robot.realtime import Pace
+from limo_driver.robot.registry import Examination
 from limopa import Exploring
 
 START = (0.0, 0.5, 0.0, -1.2, 0.0, 0.9, 0.0)  # [rad]

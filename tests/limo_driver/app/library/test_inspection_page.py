@@ -20,7 +20,7 @@ from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.logs.readers.inspection import ShownParameter
 from limo_driver.logs.readers.table import table_of
 from limo_driver.pages import Page
-from limo_driver.pages.curves import VALUES, Curve, Curves, LeftOutRows
+from limo_driver.pages.figures import VALUES, Curve, Curves, LeftOutRows
 
 T = 800
 TIME = 0.01 * np.arange(T)

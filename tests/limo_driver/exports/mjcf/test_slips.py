@@ -8,7 +8,7 @@ import pytest
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.mjcf.plasticity import plastic_springs
+from limo_driver.model.descriptions.mjcf.joints import plastic_springs
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, SpringLoad
 from limo_driver.physics.effect import JointMotion
 from limo_driver.runtime.installed_mujoco import RELEASE

@@ -13,17 +13,17 @@ from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fi
 from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
 from estimators.diagnosis.from_motion.fitting.joint import JointFit
 from estimators.diagnosis.from_motion.fitting.starts import away
-from estimators.diagnosis.from_motion.hypotheses.search import FOUND, beliefs, stated_guess
-from estimators.diagnosis.from_motion.hypotheses.stated import StatedArm
-from estimators.diagnosis.from_motion.hypotheses.suspects import (
+from estimators.diagnosis.from_motion.search import FOUND, beliefs, stated_guess
+from estimators.diagnosis.from_motion.simulation.constants import COULOMB, value_in, with_values
+from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.stated import StatedArm
+from estimators.diagnosis.from_motion.suspects import (
     SHAPES,
     Suspect,
     start_of_stiction,
     suspects_of,
 )
-from estimators.diagnosis.from_motion.simulation.constants import COULOMB, value_in, with_values
-from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import (
     Armature,
     CoulombFriction,

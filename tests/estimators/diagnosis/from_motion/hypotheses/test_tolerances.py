@@ -9,7 +9,7 @@ import pytest
 from servo_arms import commands, recorded, write_arm
 
 from estimators.diagnosis.from_motion import diagnose_drives, free_run
-from estimators.diagnosis.from_motion.hypotheses.search import beliefs, stated_guess
+from estimators.diagnosis.from_motion.search import beliefs, stated_guess
 from estimators.diagnosis.from_motion.simulation.constants import COULOMB, DAMPING, value_in
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
 from limo_driver.physics import DcMotor, Simulation

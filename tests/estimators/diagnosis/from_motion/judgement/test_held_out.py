@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from servo_arms import VELOCITY, commands, recorded
 
-from estimators.diagnosis.from_motion.judgement.held_out import removes, resolution_of, split
+from estimators.diagnosis.from_motion.held_out import removes, resolution_of, split
 
 
 def moved(pace):

@@ -7,18 +7,18 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from estimators.diagnosis.from_motion.findings import as_stated
 from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
 from estimators.diagnosis.from_motion.fitting.joint import JointFit
-from estimators.diagnosis.from_motion.judgement.findings import as_stated
-from estimators.diagnosis.from_motion.judgement.verdict import (
+from estimators.diagnosis.from_motion.simulation.constants import KINDS, with_values
+from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.from_motion.verdict import (
     about_scale,
     full_load,
     plays,
     sags,
     undecided,
 )
-from estimators.diagnosis.from_motion.simulation.constants import KINDS, with_values
-from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.physics import Simulation, ViscousFriction
 from limo_driver.physics.drives import PositionServo
 

@@ -9,7 +9,7 @@ import pytest
 from servo_arms import KP, commands, recorded, simulated, write_arm
 
 from estimators.diagnosis.from_motion import free_run
-from estimators.diagnosis.from_motion.judgement.held_out import row_errors
+from estimators.diagnosis.from_motion.held_out import row_errors
 from estimators.diagnosis.from_motion.simulation.constants import with_values
 from estimators.diagnosis.from_motion.simulation.loads import (
     ArmChange,

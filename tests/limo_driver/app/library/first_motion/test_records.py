@@ -14,7 +14,7 @@ from limo_driver.app.library.first_motion.records import (
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Payload, Simulation
-from limo_driver.robot.examination import Examination
+from limo_driver.robot.registry import Examination
 
 MINE = Identity("iiwa14", "d" * 64, "FRI 10.0.0.2, port 30200")
 

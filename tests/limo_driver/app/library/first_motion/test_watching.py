@@ -15,7 +15,7 @@ from limo_driver.app.library.first_motion.motions import (
 from limo_driver.app.library.first_motion.watching import Watch, WatchSettings
 from limo_driver.errors import ConfigError, PathError
 from limo_driver.model import RobotModel
-from limo_driver.robot.examination import Examination
+from limo_driver.robot.registry import Examination
 from limo_driver.types import JointState, RobotSpec
 from limopa import Exploring, Surroundings
 

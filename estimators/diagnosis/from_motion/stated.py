@@ -32,8 +32,7 @@ from estimators.diagnosis.from_motion.fitting.joint import (
     fit_joint,
 )
 from estimators.diagnosis.from_motion.fitting.starts import typical_start
-from estimators.diagnosis.from_motion.hypotheses.search import FOUND, Searched, reweighted
-from estimators.diagnosis.from_motion.hypotheses.suspects import COUNTED, Suspect
+from estimators.diagnosis.from_motion.search import FOUND, Searched, reweighted
 from estimators.diagnosis.from_motion.simulation.constants import (
     GAINS,
     SAG,
@@ -50,6 +49,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import (
 )
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
+from estimators.diagnosis.from_motion.suspects import COUNTED, Suspect
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import EncoderOffset, Payload, Simulation
 from limo_driver.recordings.channels import TORQUE, led_by

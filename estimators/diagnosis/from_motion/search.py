@@ -21,12 +21,6 @@ from estimators.diagnosis.from_motion.fitting.arm import (
     at_bound,
     fit_arm,
 )
-from estimators.diagnosis.from_motion.hypotheses.suspects import (
-    COUNTED,
-    Suspect,
-    stated_beside,
-    suspects_of,
-)
 from estimators.diagnosis.from_motion.simulation.constants import (
     COULOMB,
     DAMPING,
@@ -38,6 +32,12 @@ from estimators.diagnosis.from_motion.simulation.constants import (
 )
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
+from estimators.diagnosis.from_motion.suspects import (
+    COUNTED,
+    Suspect,
+    stated_beside,
+    suspects_of,
+)
 from limo_driver.types import FloatArray
 
 FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong

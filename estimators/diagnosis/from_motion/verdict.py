@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.joint import NORMAL, JointFit
-from estimators.diagnosis.from_motion.judgement.findings import (
+from estimators.diagnosis.from_motion.findings import (
     findings_of,
     is_known,
     parameters_of,
+    stated_values,
 )
-from estimators.diagnosis.from_motion.judgement.held_out import (
+from estimators.diagnosis.from_motion.fitting.joint import NORMAL, JointFit
+from estimators.diagnosis.from_motion.held_out import (
     LEAST,
     by_recording,
     resolution_of,
     rms_of_rows,
 )
-from estimators.diagnosis.from_motion.judgement.stated_values import stated_values
 from estimators.diagnosis.from_motion.simulation.constants import (
     KINDS,
     USUAL,
@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
-    from estimators.diagnosis.from_motion.hypotheses.suspects import Suspect
-    from estimators.diagnosis.from_motion.judgement.evidence import DriveEvidence
+    from estimators.diagnosis.from_motion.held_out import DriveEvidence
+    from estimators.diagnosis.from_motion.suspects import Suspect
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray

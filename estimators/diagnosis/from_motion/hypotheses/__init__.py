@@ -1,1 +1,0 @@
-"""What an arm may have beyond what is stated of it, and the search for it."""

@@ -1,1 +1,0 @@
-"""Findings of drives, judged on held-out motion: what each removes, and what does not show."""
