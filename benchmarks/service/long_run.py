@@ -1,4 +1,4 @@
-"""Driver, service and watch for hours, on a disk that fills, a clock that steps, a router that dies.
+"""Driver, service and watch for hours: the disk fills, the clock steps, the router dies.
 
     python benchmarks/service/long_run.py OUT --model model/ --hours 2
     python benchmarks/service/long_run.py OUT --model model/ --hours 0.1 --every 60 --rate 200
@@ -26,6 +26,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack, suppress
+from itertools import count
 from pathlib import Path
 from typing import IO, Any
 
@@ -47,6 +48,17 @@ from limo_driver.logs.mcap_log import log_files
 
 PARTS = ("driver", "service", "watch")
 ARRIVALS = ("received", "lost", "late", "duplicated", "restarts")
+NAMES = {"rss": "memory [MB]", "handles": "handles", "threads": "threads"}
+COUNTS = {
+    "arrivals_received": "states received",
+    "arrivals_lost": "states lost",
+    "log_written": "messages logged",
+    "log_dropped": "dropped while the disk was full",
+    "files": "files of the log",
+    "outages": "deaths of the router",
+    "fillings": "times that the disk filled",
+    "steps": "steps of the clock",
+}
 MEASURES = {"rss": 2.0, "handles": 1.0, "threads": 1.0}  # bars: MB, number and number an hour
 LOST_BAR = 0.1  # % of the states, outside of outages
 WARM = 15.0  # [min] that count for no slope: caches fill, memory is first used
@@ -135,11 +147,12 @@ class World:
     def __init__(self, folder: Path, config: Path) -> None:
         self.disk, self._config = folder / "disk", config
         self.disk.mkdir()
-        subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={ROOM}", "tmpfs", self.disk], check=True)
+        mount = ["mount", "-t", "tmpfs", "-o", f"size={ROOM}", "tmpfs", str(self.disk)]
+        subprocess.run(mount, check=True)
         self._ballast = self.disk / "ballast"
         self._ahead = np.memmap(folder / "ahead", np.int64, "w+", shape=(1,))
         self.environment = os.environ | self._clock(folder)
-        self.forward, self.outages, self.fillings, self.steps = False, 0, 0, 0
+        self.outages = self.fillings = self.steps = 0
         self._start_router()
 
     def _clock(self, folder: Path) -> dict[str, str]:
@@ -161,6 +174,10 @@ class World:
         time.sleep(DOWN)
         self._start_router()
 
+    def end(self) -> None:
+        """End what it began."""
+        self.router.kill()
+
     def fill(self, seconds: float) -> None:
         """Leave no room on the disk of the logs for a while."""
         self.fillings += 1
@@ -174,11 +191,19 @@ class World:
             time.sleep(0.05)
         self._ballast.unlink()
 
+    def figures(self) -> dict[str, Any]:
+        """Return how its parts stand, and how often each thing happened."""
+        logs = self.disk / "logs"
+        return {
+            "files": len(log_files(logs)) if logs.exists() else 0,
+            "free": shutil.disk_usage(self.disk).free,
+            **{name: getattr(self, name) for name in ("outages", "fillings", "steps")},
+        }
+
     def step_clock(self) -> None:
         """Set the wall clock forward by an hour, or back."""
         self.steps += 1
-        self.forward = not self.forward
-        self._ahead[0] = HOUR if self.forward else 0
+        self._ahead[0] = 0 if self._ahead[0] else HOUR
 
 
 def main() -> None:
@@ -198,7 +223,8 @@ def main() -> None:
     if "LIMO_MOUNTS" not in os.environ:  # the disk is mounted where nobody else sees it
         user = [] if os.geteuid() == 0 else ["--user", "--map-root-user"]
         os.environ["LIMO_MOUNTS"] = "own"
-        os.execvp("unshare", ["unshare", *user, "--mount", sys.executable, *sys.argv])
+        command = ["unshare", *user, "--mount", sys.executable, *sys.argv]
+        os.execvp("unshare", command)  # noqa: S606  # no shell is needed
     given.folder.mkdir(parents=True)
     run(given, samples)
     judge(samples)
@@ -234,21 +260,24 @@ def run(given: argparse.Namespace, samples: Path) -> None:
         lines = processes[-1].stdout
         assert lines is not None
         status = Status(lines, folder / "events.jsonl")
-        open_.callback(lambda: world.router.kill())
+        open_.callback(world.end)
         threading.Thread(target=trouble, args=(world, given.every), daemon=True).start()
         watch_over(given, samples, world, dict(zip(PARTS, processes, strict=True)), status)
 
 
 def trouble(world: World, every: float) -> None:
     """Let everything happen, one after the other, period after period."""
-    began, number = time.monotonic(), 0
-    while True:
-        for part, due, what in ((0.3, 3, world.step_clock), (0.5, 1, world.lose_router), (0.7, 2, lambda: world.fill(FULL * every))):
-            left = began + (number + part) * every - time.monotonic()
-            time.sleep(max(0.0, left))
+    plan = (  # when in a period, in every how many of them
+        (0.3, 3, world.step_clock),
+        (0.5, 1, world.lose_router),
+        (0.7, 2, lambda: world.fill(FULL * every)),
+    )
+    began = time.monotonic()
+    for number in count():
+        for part, due, happens in plan:
+            time.sleep(max(0.0, began + (number + part) * every - time.monotonic()))
             if number % due == 0:
-                what()
-        number += 1
+                happens()
 
 
 def watch_over(
@@ -258,35 +287,38 @@ def watch_over(
     processes: dict[str, subprocess.Popen[bytes]],
     status: Status,
 ) -> None:
-    """Write a row a minute."""
+    """Write a row a minute, until the time is over or a process ends."""
     seen = {part: psutil.Process(process.pid) for part, process in processes.items()}
     began = time.monotonic()
     with samples.open("w", newline="") as file:
-        table = None
         for k in range(1, round(HOUR * given.hours / given.minute) + 1):
             time.sleep(max(0.0, began + k * given.minute - time.monotonic()))
-            now = status.newest
-            row: dict[str, Any] = {"minutes": round((time.monotonic() - began) / 60.0, 3)}
-            for part, process in seen.items():
-                ended = processes[part].poll()
-                if ended is not None:
-                    print(f"{part} ended with exit status {ended} after {row['minutes']} minutes")
+            minutes = round((time.monotonic() - began) / 60.0, 3)
+            for part, process in processes.items():
+                if (ended := process.poll()) is not None:
+                    print(f"{part} ended with exit status {ended} after {minutes} minutes")
                     return
+            row: dict[str, Any] = {"minutes": minutes}
+            for part, process in seen.items():
                 row |= {f"{part}_{name}": value for name, value in look(process).items()}
-            arrivals = now.get("arrivals", {})
-            row |= {f"arrivals_{name}": arrivals.get(name) for name in ARRIVALS}
-            row |= {f"log_{name}": now.get("log", {}).get(name) for name in ("written", "dropped")}
-            row |= {"statuses": status.count, "model": now.get("model")}
-            row |= {"files": len(log_files(world.disk / "logs")) if (world.disk / "logs").exists() else 0}
-            row |= {"free": shutil.disk_usage(world.disk).free, "clock_forward": world.forward}
-            row |= {name: getattr(world, name) for name in ("outages", "fillings", "steps")}
+            row |= heard(status) | world.figures()
             row |= {"rate": given.rate, "load": os.getloadavg()[0]}
-            if table is None:
-                table = csv.DictWriter(file, row)
+            table = csv.DictWriter(file, row)
+            if k == 1:
                 table.writeheader()
             table.writerow(row)
             file.flush()
             os.fsync(file.fileno())
+
+
+def heard(status: Status) -> dict[str, Any]:
+    """Return what the service says of itself."""
+    arrivals, log = (status.newest.get(name, {}) for name in ("arrivals", "log"))
+    return {
+        **{f"arrivals_{name}": arrivals.get(name) for name in ARRIVALS},
+        **{f"log_{name}": log.get(name) for name in ("written", "dropped")},
+        "statuses": status.count,
+    }
 
 
 def look(process: psutil.Process) -> dict[str, float]:
@@ -296,7 +328,6 @@ def look(process: psutil.Process) -> dict[str, float]:
             "rss": process.memory_info().rss / 1e6,
             "handles": process.num_fds(),
             "threads": process.num_threads(),
-            "children": len(process.children(recursive=True)),
             "cpu": sum(process.cpu_times()[:2]),
         }
 
@@ -310,35 +341,35 @@ def judge(samples: Path) -> None:
     """Print what was seen by the hour, how it grew, and the verdict."""
     with samples.open() as file:
         rows = list(csv.DictReader(file))
-    columns = {
-        name: np.array([float(row[name]) if row[name] else np.nan for row in rows])
-        for name in rows[0]
-        if name not in ("model", "clock_forward")
-    }
+    if not rows:
+        sys.exit(f"{samples} has no rows: the run ended within its first minute")
+    columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
     minutes = columns["minutes"]
-    hour = minutes // 60
-    counted = minutes > min(WARM, 0.3 * minutes[-1])
-    print(f"{minutes[-1]:.0f} min at {columns['rate'][0]:g} Hz, load {columns['load'].mean():.1f} on average")
-    ends = [np.flatnonzero(hour == h)[-1] for h in np.unique(hour)]
-    print(f"{'at the end of the hour, from minute':36}" + "".join(f"{60 * h:>10.0f}" for h in np.unique(hour)) + f"{'an hour':>12}{'bar':>6}")
-    failed = []
+    hours, counted = minutes / 60.0, minutes > min(WARM, 0.3 * minutes[-1])
+    ends = [np.flatnonzero(hours // 1 == h)[-1] for h in np.unique(hours // 1)]
+    load = columns["load"].mean()
+    print(f"{minutes[-1]:.0f} min at {columns['rate'][0]:g} Hz, load {load:.1f} on average")
+    show("at the end, minute", minutes[ends], "an hour", "bar")
+    failed: list[str] = []
     for part in PARTS:
         for name, bar in MEASURES.items():
-            values = columns[f"{part}_{name}"]
-            slope, error = trend(minutes[counted] / 60.0, values[counted])
-            label = f"{part} {name}{' [MB]' if name == 'rss' else ''}"
-            print(f"{label:36}" + "".join(f"{values[k]:10.1f}" for k in ends) + f"{slope:+8.2f} ±{error:.2f}{bar:5g}")
-            if slope > bar:
-                failed.append(label)
-        used = np.diff(columns[f"{part}_cpu"][[0, -1]])[0] / np.diff(minutes[[0, -1]])[0] / 0.6
-        print(f"{part + ' processor [% of one]':36}{used:10.1f}")
-    lost = losses(columns)
-    print(f"states: {columns['arrivals_received'][-1]:.0f} received, {columns['arrivals_lost'][-1]:.0f} lost with the router, {lost:.3f} % without that   bar {LOST_BAR:g}")
-    print(f"log: {columns['log_written'][-1]:.0f} written, {columns['log_dropped'][-1]:.0f} dropped, {columns['files'][-1]:.0f} files at the end")
-    print(f"{columns['outages'][-1]:.0f} outages of the router, {columns['fillings'][-1]:.0f} full disks, {columns['steps'][-1]:.0f} steps of the clock")
-    if lost > LOST_BAR:
-        failed.append("losses")
-    print("verdict: " + (f"grows or fails: {', '.join(failed)}" if failed else "flat"))
+            values, label = columns[f"{part}_{name}"], f"{part} {NAMES[name]}"
+            slope, error = trend(hours[counted], values[counted])
+            show(label, values[ends], f"{slope:+.2f} ± {error:.2f}", f"{bar:g}")
+            failed += [label] if slope - 2.0 * error > bar else []
+        used = np.diff(columns[f"{part}_cpu"][[0, -1]]) / np.diff(minutes[[0, -1]]) / 0.6
+        show(f"{part} processor [% of one]", used)
+    show("lost while the router lives [%]", np.array([losses(columns)]), "", f"{LOST_BAR:g}")
+    failed += ["losses"] if losses(columns) > LOST_BAR else []
+    for name, what in COUNTS.items():
+        show(what, columns[name][ends])
+    print("verdict: " + (f"grows or loses: {', '.join(failed)}" if failed else "flat"))
+
+
+def show(label: str, values: np.ndarray, slope: str = "", bar: str = "") -> None:
+    """Print a row of the table."""
+    cells = "".join(f"{value:10.1f}" if value % 1 else f"{value:10.0f}" for value in values)
+    print(f"{label:36}{cells}{slope:>20}{bar:>6}")
 
 
 def trend(hours: np.ndarray, values: np.ndarray) -> tuple[float, float]:

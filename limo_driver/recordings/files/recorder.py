@@ -3,7 +3,7 @@
 Samples go to `NAME.partial`, an Arrow stream that is complete up to its last batch at any moment;
 `close` turns it into the Parquet file NAME, replacing an older one only then. A `NAME.partial` that
 is there already is what a killed run left, so nothing is recorded over it. A thread writes, so that
-a slow disk does not hold up the control loop.
+a slow disk does not hold up the control loop; what a full one does not take waits for it.
 """
 
 # pyright: reportUnknownParameterType=false
@@ -11,6 +11,7 @@ a slow disk does not hold up the control loop.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import threading
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 METADATA_KEY = b"limo.recording"
 FLUSH_PERIOD = 0.25  # [s]; a killed process loses about this much
+AGAIN = 5.0  # [s] until what could not be written is tried again
+MOST_WAITING = 200e6  # bytes of rows that wait for a full disk; a quarter of an hour at 1 kHz
 _PARQUET_MAGIC = b"PAR1"
 _ROWS_OF_GROUP = 65536
 _QUANTITIES = ("position", "velocity", "torque", "target_position")
@@ -72,9 +75,10 @@ class Recorder(Closing):
         self._n = n
         self._rows: list[FloatArray] = []
         self._lock = threading.Lock()
-        self._failure: Exception | None = None
+        self._failure: Exception | None = None  # why nothing is recorded any more
+        self._waiting, self._written = io.BytesIO(), 0  # bytes for the file, and those in it
         try:
-            self._file = self.partial.open("xb")
+            self._file = self.partial.open("xb", buffering=0)
         except FileExistsError:
             raise RecordingError(
                 f"{self.partial.name} beside it is the log of a run that is under way or was cut "
@@ -95,7 +99,7 @@ class Recorder(Closing):
 
     def _begun(self) -> LogStream:
         """Return the stream with its header."""
-        stream = LogStream(self._file, self._schema)
+        stream = LogStream(self._waiting, self._schema)
         self._sync()
         return stream
 
@@ -167,14 +171,19 @@ class Recorder(Closing):
 
     def _abandon(self) -> None:
         """Close the log as it is, after it could not be written."""
-        with suppress(OSError):  # what is still in the buffer cannot be written either
+        with suppress(OSError):
             self._file.close()
 
     def _write_on(self) -> None:
-        while not self._done.wait(FLUSH_PERIOD):
+        pause = FLUSH_PERIOD
+        while not self._done.wait(pause):
             try:
                 self._flush()
+                pause = FLUSH_PERIOD
             except (OSError, MemoryError, pa.ArrowException) as error:
+                pause = AGAIN
+                if isinstance(error, OSError) and self._waiting.tell() < MOST_WAITING:
+                    continue  # the disk may have room again
                 self._failure = error
                 self._rows.clear()
                 return
@@ -182,14 +191,25 @@ class Recorder(Closing):
     def _flush(self) -> None:
         with self._lock:
             rows, self._rows = self._rows, []
-        if not rows:
-            return
-        self._stream.write(np.ascontiguousarray(np.array(rows).T))
-        self._sync()
+        if rows:
+            self._stream.write(np.ascontiguousarray(np.array(rows).T))
+        if self._waiting.tell():
+            self._sync()
 
     def _sync(self) -> None:
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        """Bring what waits to the disk, all of it or nothing."""
+        left = self._waiting.getvalue()
+        try:
+            while left:
+                left = left[self._file.write(left) :]
+            os.fsync(self._file.fileno())
+        except OSError:
+            self._file.truncate(self._written)
+            self._file.seek(self._written)
+            raise
+        self._written = self._file.tell()
+        self._waiting.seek(0)
+        self._waiting.truncate()
 
     def _lost(self, error: Exception) -> RecordingError:
         why = reason(error) if isinstance(error, OSError) else str(error)

@@ -14,7 +14,8 @@ from controller_runs import PATIENT
 from ports import free_port
 
 from backends.can import robot as can_robot
-from backends.can.config import Cia402Joint
+from backends.can.config import CIA402, DAMIAO, Cia402Joint, DamiaoJoint
+from backends.can.damiao import codec as damiao
 from backends.can.port import BusPort
 from backends.can.simulator.scenario import SWITCHED_ON, BusScenario, Guide
 from backends.fri import doctor
@@ -40,6 +41,12 @@ POSES = (  # that a hand guides the arm to
     (-0.2, 0.3, -0.4, -1.4, 0.4, 1.2, -0.3),
 )
 NODES = range(11, 18)
+JOINTS = {
+    CIA402: tuple(
+        Cia402Joint(node=node, counts_per_turn=524288, rated_torque=320.0) for node in NODES
+    ),
+    DAMIAO: tuple(DamiaoJoint(node=node, stiffness=500.0, damping=5.0) for node in NODES),
+}
 SHORT = Exploring(velocity=(0.05, 0.1), waypoints=(100, 110))
 
 
@@ -57,13 +64,14 @@ class CanBench:
         faults: What goes wrong, from when the drives are switched on.
         simulation: The arm that is really there.
         guided: Whether a hand guides it to poses.
+        convention: Of the drives.
     """
 
-    def __init__(self, faults=(), simulation=None, guided=True):
-        joints = tuple(
-            Cia402Joint(node=node, counts_per_turn=524288, rated_torque=320.0) for node in NODES
+    def __init__(self, faults=(), simulation=None, guided=True, convention=CIA402):
+        own = {} if convention == CIA402 else {"temperature": None}
+        self.config = arm_config(
+            convention=convention, joints=JOINTS[convention], rate=100.0, hold_after=3, **own
         )
-        self.config = arm_config(joints=joints, rate=100.0, hold_after=3)
         guides = tuple(
             Guide(at=at, lasts=0.8, position=pose)
             for at, pose in zip((1.4, 2.8), POSES, strict=True)
@@ -83,7 +91,11 @@ class CanBench:
 
     @property
     def set_points(self):
-        """Frames that could have moved a drive: RPDOs."""
+        """Frames that could have moved a drive: RPDOs, and what tells a motor of its mode more."""
+        if self.config.convention == DAMIAO:
+            return [
+                frame for frame in self.bus.sent if frame[0] in NODES and frame[1] != damiao.DISABLE
+            ]
         first, last = 0x200 + NODES[0], 0x500 + NODES[-1]
         rpdos = {base + node for base in range(0x200, 0x600, 0x100) for node in NODES}
         return [frame for frame in self.bus.sent if first <= frame[0] <= last and frame[0] in rpdos]

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -10,8 +11,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from lanes import sampled
+from sessions import wait_until
 
 from limo_driver.errors import RecordingError
+from limo_driver.recordings.files import recorder as recorder_module
 from limo_driver.recordings.files.recorder import (
     FLUSH_PERIOD,
     METADATA_KEY,
@@ -270,7 +273,30 @@ def test_folder_that_does_not_exist_is_named(tmp_path):
         Recorder(tmp_path / "nowhere" / "run.parquet", 2, {})
 
 
-def test_full_disk_is_reported_and_not_forgotten(tmp_path):
+def test_a_disk_that_was_full_for_a_while_costs_no_row(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "AGAIN", 0.01)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    path, tries = tmp_path / "run.parquet", []
+    recorder = Recorder(path, 2, {})
+    sync = recorder._sync
+    monkeypatch.setattr(recorder, "_sync", lambda: (tries.append(0), sync()))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (partial_path(path).stat().st_size + 100, before[1]))
+    try:
+        for k in range(400):
+            recorder.append(state(k))
+        wait_until(lambda: len(tries) > 3)
+        assert read_log(partial_path(path)).num_rows == 0
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    for k in range(400, 500):
+        recorder.append(state(k))
+    recorder.close()
+    assert read_log(path)["position_1"].to_pylist() == list(range(500))
+    assert [each.name for each in tmp_path.iterdir()] == ["run.parquet"]
+
+
+def test_full_disk_is_reported_and_not_forgotten(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "MOST_WAITING", 0)
     recorder = Recorder(tmp_path / "run.parquet", 2, {})
 
     def full():

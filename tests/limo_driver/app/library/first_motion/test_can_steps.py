@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from first_motions import CanBench
 
+from backends.can.config import CONVENTIONS
 from backends.can.robot import CanRobot
 from backends.can.simulator.scenario import FROM_DRIVES, LostFrames, SwappedJoints
 from limo_driver.app.library.first_motion.records import STEPS
@@ -16,6 +17,8 @@ from limo_driver.errors import BackendError, ConfigError
 from limo_driver.physics import GravityDirection, Payload, Simulation
 from limo_driver.physics.effects.sensing import TorqueOffset
 from limo_driver.types import PositionCommand
+
+CONVENTION = pytest.mark.parametrize("convention", CONVENTIONS)
 
 
 def arm_with(effect):
@@ -30,11 +33,12 @@ def received(bench, folder):
     return done, [each for each in done.found.findings if each.problem]
 
 
+@CONVENTION
 @pytest.mark.slow("plans, computes and makes two motions")
 def test_all_steps_are_passed_in_their_order_and_nothing_moves_in_the_first_three(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, convention
 ):
-    bench = CanBench().plug(monkeypatch)
+    bench = CanBench(convention=convention).plug(monkeypatch)
     for step in STEPS:
         before = len(bench.set_points)
         done = take_step(bench.arm, tmp_path / "kept", settings=bench.settings)
@@ -49,6 +53,7 @@ def test_all_steps_are_passed_in_their_order_and_nothing_moves_in_the_first_thre
     assert record["figures"]["limited"] == {}
 
 
+@CONVENTION
 @pytest.mark.parametrize(
     ("faults", "simulation", "kind", "said"),
     [
@@ -66,9 +71,9 @@ def test_all_steps_are_passed_in_their_order_and_nothing_moves_in_the_first_thre
     ids=["tool", "exchanged", "mounting", "offset", "cable"],
 )
 def test_faults_are_named_in_one_line_before_anything_moves(
-    tmp_path, monkeypatch, faults, simulation, kind, said
+    tmp_path, monkeypatch, faults, simulation, kind, said, convention
 ):
-    bench = CanBench(faults, simulation).plug(monkeypatch)
+    bench = CanBench(faults, simulation, convention=convention).plug(monkeypatch)
     done, problems = received(bench, tmp_path)
     named = next(each for each in problems if each.code == kind)
     assert re.search(said, named.text)
@@ -85,8 +90,10 @@ def test_an_arm_that_nobody_guides_does_not_pass(tmp_path, monkeypatch):
     assert problems[0].text.startswith("1 of 3 poses at rest were seen")
 
 
-def test_a_drive_that_is_not_there_is_named_by_the_first_step(tmp_path, monkeypatch):
-    bench = CanBench((LostFrames(probability=1.0, joint=5),)).plug(monkeypatch)
+@CONVENTION
+def test_a_drive_that_is_not_there_is_named_by_the_first_step(tmp_path, monkeypatch, convention):
+    lost = LostFrames(probability=1.0, joint=5)
+    bench = CanBench((lost,), convention=convention).plug(monkeypatch)
     bench.bus.time += 0.1
     bench.bus.station.turn()  # the fault begins
     done = take_step(bench.arm, tmp_path, settings=bench.settings)
@@ -106,8 +113,9 @@ def test_a_motion_that_was_changed_after_it_was_shadowed_is_refused(tmp_path, mo
     assert len(bench.set_points) == before
 
 
-def test_who_listens_only_is_refused_to_command_and_sends_no_set_point(monkeypatch):
-    bench = CanBench(guided=False).plug(monkeypatch)
+@CONVENTION
+def test_who_listens_only_is_refused_to_command_and_sends_no_set_point(monkeypatch, convention):
+    bench = CanBench(guided=False, convention=convention).plug(monkeypatch)
     with CanRobot(bench.config, listen_only=True) as robot:
         state = robot.receive()
         with pytest.raises(BackendError, match="listen only"):
@@ -119,8 +127,11 @@ def test_who_listens_only_is_refused_to_command_and_sends_no_set_point(monkeypat
     assert not any(drive.enabled for drive in bench.bus.station.drives)
 
 
-def test_a_shadow_says_what_the_contract_would_have_limited_and_sends_nothing(monkeypatch):
-    bench = CanBench(guided=False).plug(monkeypatch)
+@CONVENTION
+def test_a_shadow_says_what_the_contract_would_have_limited_and_sends_nothing(
+    monkeypatch, convention
+):
+    bench = CanBench(guided=False, convention=convention).plug(monkeypatch)
     with ShadowRobot(CanRobot(bench.config, listen_only=True)) as shadow:
         start = shadow.receive().position
         assert shadow.send(PositionCommand(position=start)).limited_by == ()
