@@ -27,7 +27,7 @@ def command(
 
     With --whole, in about four minutes, all of limo instead: plan, run, stream to a service, push,
     pick up a load, retrain, swap, kill the service and start it again, diagnose its log, export.
-    Writes index.html, each step's figure beside its bar; the exit status is 1 where one is missed.
+    Writes index.html, with the figure and the bar of each step; the exit status is 1 where one is missed.
 
     Args:
         out: Folder for recording, simulations and report.
@@ -55,7 +55,7 @@ def command(
 
 
 def _go_the_whole_way(out: Path) -> None:
-    """Do all of it, print each step beside its bar, and write the page."""
+    """Do all of it, print each step and its bar, and write the page."""
     from limo_driver.app.library.whole.page import whole_page
     from limo_driver.app.library.whole.proving import prove
     from limo_driver.errors import ConfigError

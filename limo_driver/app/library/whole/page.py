@@ -1,4 +1,4 @@
-"""The page of the whole: each step's figure beside its bar, and the torque that a consumer felt."""
+"""The page of the whole: each step's figure and its bar, and the torque that a consumer felt."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def whole_page(proof: Proof) -> Page:
     badge = ("holds", "consistent") if proof.held else ("missed", "unexplained")
     about = f"An iiwa 14 over {proof.wire.name}, {proof.seconds:.0f} s from plan to export."
     body = header("The whole of limo", title, about, badge=badge)
-    body += section("Each step beside its bar", _steps(proof), "steps", _LEAD)
+    body += section("Each step and its bar", _steps(proof), "steps", _LEAD)
     body += section("What a consumer felt", _felt(proof, charts), "felt", _FELT)
     body += section("Files", key(_FILES), "files")
     return Page(f"The whole of limo over {proof.wire.name}", body, charts)
@@ -45,7 +45,7 @@ def whole_page(proof: Proof) -> Page:
 _FILES: Final = {
     "diagnosis": "`diagnosis/`: verdict and improved simulation, from the service's log",
     "logs": "`logs/`: what the service took and answered (MCAP)",
-    "models": "`models/`: both versions, and which serves",
+    "models": "`models/`: both versions, and which is the champion",
     "export": "`exported/arm.xml`: the user's file with what was found",
 }
 

@@ -1,4 +1,4 @@
-"""The whole of limo, once, as real processes: each step has a figure, and a bar beside it.
+"""The whole of limo, once, as real processes: each step has a figure, and a bar to hold to.
 
 LIMOPA plans and ruckig times; an arm with hysteresis runs it; its states go over Zenoh to a
 service, which estimates, logs, notices that a load was picked up, retrains, judges the challenger
@@ -9,16 +9,20 @@ have values, whose intervals hold; what was found explains another motion, and g
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass, field
-from math import inf, isfinite
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
 
 from limo_driver.app.library.whole import plant
+from limo_driver.app.library.whole.explaining import (
+    explained,
+    exported,
+    logged,
+    named,
+    unanswered,
+)
 from limo_driver.app.library.whole.processes import (
-    ARM,
     MUJOCO,
     RATE,
     Consumer,
@@ -28,8 +32,9 @@ from limo_driver.app.library.whole.processes import (
     moving,
     recorded,
 )
+from limo_driver.app.library.whole.steps import Lengths, Proof, Step
 from limo_driver.errors import LimoError
-from limo_driver.network.streaming import Keys, open_session
+from limo_driver.network.streaming import open_session
 from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:
@@ -37,68 +42,15 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.diagnosis.from_torque.pipeline import Diagnosis
-    from estimators.diagnosis.verdict import Finding
     from limo_driver.app.library.whole.processes import Heard
     from limo_driver.physics import Simulation
 
 PUSH_BAR: Final = 0.05  # of the push
-FLOORS: Final = 1.1  # noise floors, on another motion
-EXPORT_BAR: Final = 0.05  # of the torque
 _SETTLED: Final = 0.4  # [s] at either end of a push, in which the filter mixes it with none
 _AFTER: Final = 4 * RATE  # estimates after a swap that are looked at
 _CONTACT: Final = 8.0  # [N m], which a load of this size is not
 _BANDWIDTH: Final = 20.0  # [Hz] of the model, as `make demo` has it
 _NANOSECONDS: Final = 1e9
-
-
-@dataclass(frozen=True)
-class Step:
-    """What came of one step.
-
-    Args:
-        name: What was proven.
-        figure: What was measured, with its unit.
-        bar: What it is held to.
-        held: Whether it is.
-    """
-
-    name: str
-    figure: str
-    bar: str
-    held: bool
-
-
-@dataclass(frozen=True)
-class Lengths:
-    """How long things last; the shortest that limo's own rules admit.
-
-    Args:
-        scaffolds: Poses of the motions to train on, to stream, and of the other one.
-        reference: Motion that shows how large the residual usually is [s].
-        gathered: Motion that a challenger learns from [s].
-        shadow: Motion on which it is judged [s].
-    """
-
-    scaffolds: tuple[int, int, int] = (8, 60, 2)
-    reference: float = 40.0
-    gathered: float = 30.0
-    shadow: float = 50.0
-
-
-@dataclass
-class Proof:
-    """The steps, what a consumer felt, and how long all took."""
-
-    wire: Wire
-    steps: list[Step] = field(default_factory=list)
-    felt: list[tuple[Any, Any]] = field(default_factory=list)  # stamps [ns], external [N m]
-    seconds: float = 0.0
-    failure: str = ""  # why it ended early
-
-    @property
-    def held(self) -> bool:
-        """Whether every step was reached and held to its bar."""
-        return not self.failure and all(step.held for step in self.steps)
 
 
 def prove(
@@ -171,7 +123,7 @@ class _Run:
         from limopa import PlanRequest
 
         self.tell("planning three motions", 0.0)
-        limits, worst, lasts = self.believed.model.limits, 0.0, 0.0
+        limits, worst, seconds = self.believed.model.limits, 0.0, 0.0
         for seed, (poses, path) in enumerate(
             zip(self.lengths.scaffolds, self.motions, strict=True), start=11
         ):
@@ -182,10 +134,10 @@ class _Run:
                 float((np.abs(motion.velocity) / limits.velocity).max()),
                 float((np.abs(motion.acceleration) / limits.acceleration).max()),
             )
-            lasts += float(motion.time[-1])
+            seconds += float(motion.time[-1])
         self.held(
             "LIMOPA plans, ruckig times",
-            f"{lasts:.0f} s of motion, at {worst:.2f} of the limits at most",
+            f"{seconds:.0f} s of motion, at {worst:.2f} of the limits at most",
             "1 of the limits",
             held=worst <= 1.0,
         )
@@ -285,7 +237,7 @@ class _Run:
         return min(0.15 + 0.07 * len(self.proof.steps), 0.95)
 
     def relearn(self) -> int:
-        """Pick up a load while it streams, and wait until a challenger that knows it serves.
+        """Pick up a load while it streams, and wait until a challenger that knows it is promoted.
 
         Returns:
             Stamp of the last estimate [ns].
@@ -302,7 +254,7 @@ class _Run:
             living = driver, self.service.process
             self.tell("retraining from the log", self.part)
             trained = consumer.wait(lambda: consumer.event("trained", known), living)
-            self.tell("judging the challenger beside the champion", self.part)
+            self.tell("judging the challenger against the champion", self.part)
             promoted = consumer.wait(lambda: self.ended(known), living)
             if promoted.kind != "promoted":
                 raise LimoError(f"the challenger does not serve: {promoted.text}")
@@ -348,14 +300,15 @@ class _Run:
         """Say how the challenger compares, and what the swap cost."""
         ratio = metrics["against_champion"]["mean_ratio"]["value"]
         self.held(
-            "Retrained and judged: squared error beside the champion's, on motion held out",
+            "Retrained and judged: squared error over the champion's, on motion held out",
             f"{ratio:.3f}",
             "below 1",
             held=ratio < 1.0,
         )
         models = np.array(heard.models)
         swaps = np.flatnonzero(models[1:] != models[:-1]) + 1
-        lost = self.unanswered(int(heard.stamps[0]), int(heard.stamps[-1]))
+        span = int(heard.stamps[0]), int(heard.stamps[-1])
+        lost = unanswered(self.out / "logs", self.options["settings"].delay, *span)
         gap = (
             int(heard.sequences[swaps[0]] - heard.sequences[swaps[0] - 1]) - 1 if swaps.size else -1
         )
@@ -366,92 +319,29 @@ class _Run:
             held=lost == 0 and gap == 0,
         )
 
-    def unanswered(self, first: int, last: int) -> int:
-        """Return how many states the service took and did not answer between two stamps [ns]."""
-        from limo_driver.logs.mcap_log import log_files, read_mcap
-        from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
-
-        keys, taken, answered = Keys(ARM), set[int](), set[int]()
-        for path in log_files(self.out / "logs", ARM):
-            for message in read_mcap(path):
-                if message.topic == keys.joints:
-                    taken.add(decode_joint_state(message.payload).stamp_ns)
-                elif message.topic == keys.estimate:
-                    answered.add(decode_torque_estimate(message.payload).stamp_ns)
-        delay = round(_NANOSECONDS * self.options["settings"].delay)
-        asked = {stamp - delay for stamp in taken if first <= stamp - delay <= last}
-        return len(asked - answered)
-
     def diagnose(self, until: int, loaded: Simulation) -> None:
         """Diagnose the log of the arm with its load, and prove what is found."""
         from limo_driver.app.library.diagnosing import diagnose
-        from limo_driver.app.library.exporting import export
-        from limo_driver.logs.mcap_log import log_files
-        from limo_driver.logs.ros.joint_state_log import joint_states
         from limo_driver.recordings.recording import Recording
 
         self.tell("diagnosing the log", self.part)
+        joints = tuple(self.believed.model.joint_names)
         since = int(self.consumer.heard(self.restarted).stamps[0])
-        log = joint_states(
-            log_files(self.out / "logs", ARM), tuple(self.believed.model.joint_names),
-            Keys(ARM).joints, one_clock=False,
-        )  # fmt: skip
-        stamps = log.start_ns + np.round(log.columns.time * _NANOSECONDS).astype(np.int64)
-        rows = (stamps >= since) & (stamps <= until)
-        columns = (log.columns.time, log.columns.position, log.columns.torque)
-        logged = Recording.from_arrays(*(values[rows] for values in columns))
-        logged.save(self.out / "logged.parquet")
-        found = cast("Diagnosis", diagnose(self.believed, logged))
+        log = logged(self.out / "logs", joints, since, until)
+        log.save(self.out / "logged.parquet")
+        found = cast("Diagnosis", diagnose(self.believed, log))
         found.save(self.out / "diagnosis")
-        self.name("The load is named", found, "payload", "mass", plant.LOAD.mass)
-        joint = plant.WORN.joint
-        dry = plant.friction_of(self.arm, joint)
-        self.name(f"The worn joint {joint} is named", found, plant.WORN.name, "tau_c", dry)
+        load, worn = plant.LOAD, plant.WORN
+        dry = plant.friction_of(self.arm, worn.joint)
+        self.proof.steps += [
+            named("The load is named", found, load.name, "mass", load.mass),
+            named(f"The worn joint {worn.joint} is named", found, worn.name, "tau_c", dry),
+        ]
         self.tell("moving the arm along another motion", self.part)
         record = self.out / "other.parquet"
         with moving(self.wire, self.written("loaded", loaded), self.motions[2], record) as driver:
             other = Recording.load(recorded(driver, record))
         self.tell("explaining it with what was found", self.part)
-        fit = cast("Diagnosis", diagnose(found.simulation, other)).verdict.fit
-        floors = np.array(fit.heldout_rmse_before) / np.array(fit.noise_floor)
-        self.held(
-            "Another motion is explained: error over noise floor, worst joint",
-            f"{floors.max():.2f} (median {np.median(floors):.2f})",
-            f"{FLOORS:g}",
-            held=bool(floors.max() <= FLOORS),
-        )
+        self.proof.steps.append(explained(found.simulation, other))
         self.tell("exporting into a file", self.part)
-        user = self.out / "user" / "arm.xml"
-        user.parent.mkdir(exist_ok=True)
-        from backends.mujoco_sim.scene import bare_mjcf
-
-        user.write_text(bare_mjcf(self.believed.model))
-        written = export(found.simulation, "mjcf", self.out / "exported", into=user)
-        self.held(
-            "Exported into the user's MJCF: torque of plain MuJoCo off the prediction",
-            f"{written.share:.2%}",
-            f"{EXPORT_BAR:.0%}",
-            held=written.share <= EXPORT_BAR,
-        )
-
-    def name(self, name: str, found: Diagnosis, effect: str, parameter: str, true: float) -> None:
-        """Say whether a finding is there, with an interval that holds the truth."""
-        finding = next((item for item in found.verdict.findings if _is(item, effect)), None)
-        if finding is None or (value := finding.parameters.get(parameter)) is None:
-            named = ", ".join(f"{f.effect} {f.joints}" for f in found.verdict.findings) or "nothing"
-            self.held(name, f"not found, but {named}", f"{true:.3g} within", held=False)
-            return
-        low, high = value.ci95 or (-inf, inf)
-        self.held(
-            name,
-            f"{effect} {float(cast('float', value.value)):.3f} {value.unit} "
-            f"[{low:.3f}, {high:.3f}]",
-            f"{true:.3f} {value.unit} lies within",
-            held=bool(low <= true <= high) and isfinite(high - low),
-        )
-
-
-def _is(finding: Finding, effect: str) -> bool:
-    return finding.effect == effect and (
-        effect == "payload" or finding.joints == (plant.WORN.joint,)
-    )
+        self.proof.steps.append(exported(found.simulation, self.believed, self.out))
