@@ -115,7 +115,7 @@ class DriftWatch:
 
     Args:
         n: Number of joints.
-        fewest: Windows, before which no drift is told.
+        fewest: Windows, before which none is reported.
 
     Raises:
         MissingPackageError: The package `river` is not installed.

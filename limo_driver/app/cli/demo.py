@@ -8,7 +8,7 @@ import typer
 
 from limo_driver.app.console.arguments import describe_options
 from limo_driver.app.console.terminal import progress_bar, table_of, terminal
-from limo_driver.errors import LimoError
+from limo_driver.errors import ConfigError, LimoError
 from limo_driver.runtime.outputs import require_place
 
 
@@ -27,7 +27,7 @@ def command(
 
     With --whole, in about four minutes, all of limo instead: plan, run, stream to a service, push,
     pick up a load, retrain, swap, kill the service and start it again, diagnose its log, export.
-    Writes index.html, with the figure and the bar of each step; the exit status is 1 where one is missed.
+    Writes index.html, with figure and bar of each step; the exit status is 1 where one is missed.
 
     Args:
         out: Folder for recording, simulations and report.
@@ -58,7 +58,6 @@ def _go_the_whole_way(out: Path) -> None:
     """Do all of it, print each step and its bar, and write the page."""
     from limo_driver.app.library.whole.page import whole_page
     from limo_driver.app.library.whole.proving import prove
-    from limo_driver.errors import ConfigError
     from limo_driver.runtime.outputs import require_folder
 
     if out.is_dir() and any(out.iterdir()):

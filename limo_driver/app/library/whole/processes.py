@@ -127,8 +127,8 @@ def recorded(driver: subprocess.Popen[bytes], record: Path) -> Path:
         BackendError: It did not get there.
     """
     if driver.wait(_PATIENCE):
-        said = record.with_suffix(".err").read_text(errors="replace").strip()
-        raise BackendError(f"the driver ended early: {said.splitlines()[-1] if said else '?'}")
+        lines = record.with_suffix(".err").read_text(errors="replace").strip().splitlines()
+        raise BackendError(f"the driver ended early: {lines[-1] if lines else record}")
     return record
 
 
@@ -215,6 +215,11 @@ class Consumer(Closing):
                     raise LimoError(f"nothing came for {_PATIENCE:g} s; heard last: {self.status}")
                 self._changed.wait(_LOOK)
         return value
+
+    def forget_status(self) -> None:
+        """Wait for another status: the service that said the last one is no more."""
+        with self._changed:
+            self.status = {}
 
     def event(self, kind: str, after: int = 0) -> Event | None:
         """Return the first event of a kind after the first `after` ones, if it came."""

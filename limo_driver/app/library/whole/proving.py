@@ -283,12 +283,14 @@ class _Run:
         )
         self.tell("killing the service, and starting it again", self.part)
         self.service.kill()
+        consumer.forget_status()
         self.restarted, began = consumer.count, monotonic()
         self.service = ServiceProcess(self.options)
         first = consumer.wait(
             lambda: (consumer.count > self.restarted) or None, (self.service.process,)
         )
-        stage = consumer.wait(lambda: self.stage("gathering") or self.stage("training"))
+        living = (self.service.process,)
+        stage = consumer.wait(lambda: self.stage("gathering") or self.stage("training"), living)
         self.held(
             "The service is killed (SIGKILL) and comes back",
             f"answers after {monotonic() - began:.1f} s, and goes on with what it was gathering",

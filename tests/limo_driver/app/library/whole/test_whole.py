@@ -84,3 +84,11 @@ def test_the_page_says_what_holds_and_what_is_missed(held, tmp_path: Path) -> No
 
 def test_a_proof_that_ended_early_does_not_hold() -> None:
     assert not Proof(MUJOCO, [Step("A step", "0", "0", held=True)], failure="it broke").held
+
+
+def test_a_folder_with_something_in_it_is_refused_in_one_line(limo, tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    done = limo("demo", "--whole", "--out", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"limo: {tmp_path}: is not empty: give a new folder")
+    assert done.stderr.count("\n") == 1
