@@ -101,7 +101,7 @@ class RetrainingSettings(Declared):
         shadow: Of motion before the first verdict [s].
         shadow_limit: After which a challenger that is not better is dropped [s].
         probation: Of motion in which a new champion may be sent back [s].
-        reference: Of motion that show how large the residual usually is, before drift is told [s].
+        reference: Of motion that show how large the residual usually is, before drift counts [s].
         kind: Of the challenger: same as the champion, joint-physics, or a network.
 
     Raises:
@@ -127,6 +127,6 @@ class RetrainingSettings(Declared):
         "", "seconds of motion in which a new champion may be sent back", 300.0
     )
     reference: float = _above_zero(
-        "", "seconds of motion that show how large the residual is, before drift is told", 120.0
+        "", "seconds of motion that show how large the residual is, before drift counts", 120.0
     )
     kind: str = "same"  # of the challenger, as the champion; see `learning`

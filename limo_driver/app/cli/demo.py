@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import typer
+
 from limo_driver.app.console.arguments import describe_options
-from limo_driver.app.console.terminal import progress_bar, terminal
+from limo_driver.app.console.terminal import progress_bar, table_of, terminal
+from limo_driver.errors import ConfigError, LimoError
 from limo_driver.runtime.outputs import require_place
 
 
@@ -13,6 +16,7 @@ from limo_driver.runtime.outputs import require_place
 def command(
     *,
     out: Path,
+    whole: bool = False,
 ) -> None:
     """Conceal a payload and hysteresis in a simulated arm, and see whether they are found.
 
@@ -21,13 +25,22 @@ def command(
     of it. Writes report.html, and all that the report came from: believed.yaml, true.yaml,
     run.parquet, verdict.json and sim.yaml.
 
+    With --whole, in about four minutes, all of limo instead: plan, run, stream to a service, push,
+    pick up a load, retrain, swap, kill the service and start it again, diagnose its log, export.
+    Writes index.html, with figure and bar of each step; the exit status is 1 where one is missed.
+
     Args:
         out: Folder for recording, simulations and report.
+        whole: Go the whole way, with real processes.
 
     Examples:
         limo demo --out demo
+        limo demo --out whole --whole
         limo diagnose demo/run.parquet --sim demo/believed.yaml --out again
     """
+    if whole:
+        _go_the_whole_way(out)
+        return
     from estimators.diagnosis.from_torque.pipeline import FILES as FOUND
     from limo_driver.app.library.demonstrating import FILES, demonstrate
 
@@ -39,3 +52,29 @@ def command(
     for line in str(shown).splitlines():
         console.print(line)
     console.print(f"open {out / 'report.html'}")
+
+
+def _go_the_whole_way(out: Path) -> None:
+    """Do all of it, print each step and its bar, and write the page."""
+    from limo_driver.app.library.whole.page import whole_page
+    from limo_driver.app.library.whole.proving import prove
+    from limo_driver.runtime.outputs import require_folder
+
+    if out.is_dir() and any(out.iterdir()):
+        raise ConfigError(
+            "is not empty: give a new folder, whose store has no versions yet", path=out
+        )
+    require_folder(out, "the whole")
+    with progress_bar(terminal(stderr=True, soft_wrap=True)) as tell:
+        proof = prove(out, progress=tell)
+    whole_page(proof).save(out / "index.html")
+    table = table_of("step", "figure", "bar", "")
+    for step in proof.steps:
+        table.add_row(step.name, step.figure, step.bar, "held" if step.held else "missed")
+    console = terminal()
+    console.print(table)
+    console.print(f"{proof.seconds:.0f} s; open {out / 'index.html'}")
+    if proof.failure:
+        raise LimoError(proof.failure)
+    if not proof.held:
+        raise typer.Exit(1)

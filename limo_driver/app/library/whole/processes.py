@@ -11,13 +11,19 @@ import sys
 import threading
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from itertools import takewhile
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
 from limo_driver.errors import BackendError, LimoError
-from limo_driver.network.messages import Attachment, decode_event, decode_torque_estimate
+from limo_driver.network.messages import (
+    Attachment,
+    decode_event,
+    decode_joint_state,
+    decode_torque_estimate,
+)
 from limo_driver.network.streaming import Keys, follow_history
 from limo_driver.runtime.processes import Closing
 
@@ -34,7 +40,7 @@ if TYPE_CHECKING:
 ARM: Final = "iiwa14"
 RATE: Final = 250  # [Hz] of the stream
 _LIMO: Final = (sys.executable, "-P", "-c", "from limo_driver.app.cli import main; main()")
-_PATIENCE: Final = 600.0  # [s] for what is waited for, where something is broken
+_PATIENCE: Final = 1200.0  # [s] for what is waited for, where something is broken
 _LOOK: Final = 0.5  # [s] between two looks whether the processes live
 _ENDING: Final = 60.0  # [s] for a process to end in order
 
@@ -121,8 +127,8 @@ def recorded(driver: subprocess.Popen[bytes], record: Path) -> Path:
         BackendError: It did not get there.
     """
     if driver.wait(_PATIENCE):
-        said = record.with_suffix(".err").read_text(errors="replace").strip()
-        raise BackendError(f"the driver ended early: {said.splitlines()[-1] if said else '?'}")
+        lines = record.with_suffix(".err").read_text(errors="replace").strip().splitlines()
+        raise BackendError(f"the driver ended early: {lines[-1] if lines else record}")
     return record
 
 
@@ -178,10 +184,14 @@ class Consumer(Closing):
         keys = Keys(ARM)
         self._changed = threading.Condition()
         self._estimates: list[tuple[int, bytes]] = []  # sequence and payload
+        self._states: list[bytes] = []
         self.events: list[Event] = []
         self.status: dict[str, Any] = {}
         self._subscribers = (
             session.declare_subscriber(keys.estimate, self._take),
+            session.declare_subscriber(
+                keys.joints, lambda sample: self._states.append(sample.payload.to_bytes())
+            ),
             follow_history(session, keys.event, self._tell),
             follow_history(session, keys.status("service"), self._note),
         )
@@ -194,7 +204,7 @@ class Consumer(Closing):
             living: Processes without which it would be waited for in vain.
 
         Raises:
-            LimoError: One of them ended, or nothing came for ten minutes.
+            LimoError: One of them ended, or nothing came for twenty minutes.
         """
         ends = monotonic() + _PATIENCE
         with self._changed:
@@ -205,6 +215,11 @@ class Consumer(Closing):
                     raise LimoError(f"nothing came for {_PATIENCE:g} s; heard last: {self.status}")
                 self._changed.wait(_LOOK)
         return value
+
+    def forget_status(self) -> None:
+        """Wait for another status: the service that said the last one is no more."""
+        with self._changed:
+            self.status = {}
 
     def event(self, kind: str, after: int = 0) -> Event | None:
         """Return the first event of a kind after the first `after` ones, if it came."""
@@ -225,6 +240,12 @@ class Consumer(Closing):
             np.array([_external(answer) for answer in answers]),
             tuple(answer.model for answer in answers),
         )
+
+    def positions(self, begin: int, end: int) -> np.ndarray:
+        """Return where the joints were between two stamps [ns], (T, n) [rad]."""
+        states = (decode_joint_state(payload) for payload in reversed(self._states))
+        newest = takewhile(lambda state: state.stamp_ns >= begin, states)
+        return np.array([state.position for state in newest if state.stamp_ns <= end])
 
     def close(self) -> None:
         """Hear no more."""

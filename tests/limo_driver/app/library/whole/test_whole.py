@@ -1,0 +1,94 @@
+"""All of limo as one piece, over each wire: real processes, one of them killed in the middle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from one_file import check_page, title_of
+from ports import free_port
+
+from limo_driver.app.library.whole import plant
+from limo_driver.app.library.whole.page import whole_page
+from limo_driver.app.library.whole.processes import MUJOCO, Wire
+from limo_driver.app.library.whole.proving import Proof, Step, prove
+from limo_driver.physics import CoulombFriction
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+CAN = Path(__file__).parents[5] / "examples" / "can_cia402.yaml"
+STEPS = 11
+
+pytestmark = pytest.mark.waits
+
+
+def in_mujoco(_folder: Path) -> Wire:
+    """Neither wire nor packets: the arm is in the driver."""
+    return MUJOCO
+
+
+def over_fri(_folder: Path) -> Wire:
+    """The FRI's own packets, to `limo controller`."""
+    port = str(free_port())
+    other_end = ("controller", "--client", f"127.0.0.1:{port}")
+    return Wire("FRI", "fri", ("--port", port), other_end)
+
+
+def over_can(folder: Path) -> Wire:
+    """A bus of CiA 402 drives, of `limo drives`."""
+    config = folder / "can.yaml"
+    config.write_text(CAN.read_text().replace("port: 43113", f"port: {free_port()}"))
+    return Wire("CAN", "can", ("--config", str(config)), ("drives", "--config", str(config)))
+
+
+@pytest.mark.slow("goes the whole way in real time, four minutes for each wire")
+@pytest.mark.parametrize("wire", [in_mujoco, over_fri, over_can])
+def test_the_whole_holds(wire: Callable[[Path], Wire], tmp_path: Path) -> None:
+    proof = prove(tmp_path, wire(tmp_path))
+    assert not proof.failure, (proof.failure, proof.steps)
+    assert [step for step in proof.steps if not step.held] == []
+    assert len(proof.steps) == STEPS
+
+
+def test_nothing_that_is_concealed_is_believed() -> None:
+    believed, true = plant.believed(), plant.true_arm()
+    worn = plant.WORN
+    extra = plant.friction_of(true, worn.joint) - plant.friction_of(believed, worn.joint)
+    assert extra > 0.8 * worn.tau_c
+    assert worn not in believed.effects
+    assert not any(effect.name in {"payload", "external_contact"} for effect in believed.effects)
+    for known, effect in zip(believed.effects, true.effects, strict=False):
+        if isinstance(known, CoulombFriction):
+            assert effect.tau_c != known.tau_c  # off, and
+            assert effect.tau_c == pytest.approx(known.tau_c, rel=0.31)  # inside two tolerances
+    masses = [
+        (body.mass, true.model.inertials[name].mass)
+        for name, body in believed.model.inertials.items()
+    ]
+    assert all(own == pytest.approx(stated, rel=0.041) for stated, own in masses)
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_the_page_says_what_holds_and_what_is_missed(held, tmp_path: Path) -> None:
+    felt = np.array([0, 4_000_000]), np.array([[0.1, np.nan], [0.2, 0.3]])
+    proof = Proof(MUJOCO, [Step("A step", "0.7 N m", "0.5 N m", held)], [felt], seconds=3.0)
+    whole_page(proof).save(tmp_path / "index.html")
+    text = (tmp_path / "index.html").read_text()
+    check_page(text)
+    assert title_of(text) == f"{int(held)} of 1 steps hold."
+    assert ("missed</b>" in text) is not held
+
+
+def test_a_proof_that_ended_early_does_not_hold() -> None:
+    assert not Proof(MUJOCO, [Step("A step", "0", "0", held=True)], failure="it broke").held
+
+
+def test_a_folder_with_something_in_it_is_refused_in_one_line(limo, tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    done = limo("demo", "--whole", "--out", tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"limo: {tmp_path}: is not empty: give a new folder")
+    assert done.stderr.count("\n") == 1
