@@ -8,7 +8,7 @@ import numpy as np
 
 from limo_driver.model.units import common_unit, unit_of
 from limo_driver.pages import Charts, Page
-from limo_driver.pages.figures import AFTER, BEFORE, MEASURED, curve, dots, layout
+from limo_driver.pages.figures import AFTER, BEFORE, curve, dots, layout
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
 from limo_driver.runtime.outputs import whole
 
