@@ -1,4 +1,4 @@
-"""What a training shows: its page, and the card of the model beside its weights."""
+"""What a training shows: its page, and the card of the model in its folder."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Benchmarks of others on limo as anybody would call it, on files that a user has.
 
 Each is learned from the files that its authors learn from, and judged on theirs by their measure.
-Beside limo's figure stands theirs: of the EMPS their own procedure, run here; of NNFM the
+Next to limo's figure stands theirs: of EMPS their own procedure, run here; of NNFM the
 predictions that the authors publish in the same file.
 
 Source: Janot, Gautier and Brunot, "Data set and reference models of EMPS", Workshop on Nonlinear

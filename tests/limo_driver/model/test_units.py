@@ -38,8 +38,8 @@ def test_what_is_identified_of_a_slide_is_in_newtons():
 
 
 def test_predicted_positions_of_a_slide_are_in_metres(tmp_path):
-    said = _written(tmp_path / "out", _Rows(), {"position": np.zeros((3, 2))}, (True, False))
-    assert said.endswith("position_1 … position_2 [m, rad]")
+    text = _written(tmp_path / "out", _Rows(), {"position": np.zeros((3, 2))}, (True, False))
+    assert text.endswith("position_1 … position_2 [m, rad]")
 
 
 class _Rows:

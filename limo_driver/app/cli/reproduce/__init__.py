@@ -231,7 +231,7 @@ def reproduce() -> None:
 
 @describe_options
 def bench(folder: Path, *, as_json: bool = False) -> None:
-    """Compute benchmarks of others with limo, beside their figures.
+    """Compute benchmarks of others with limo, and show their figures.
 
     The files are the authors' own, under their names: DATA_EMPS.mat and DATA_EMPS_PULSES.mat of the
     EMPS; case1_high.csv to case4_slow.csv of NNFM. What is there is computed.
