@@ -89,7 +89,7 @@ class SlowChange:
         )
 
     def held(self, error: FloatArray) -> FloatArray:
-        """Return the part of errors (T, n) that is within 95 % intervals with what changed, (n,)."""
+        """Return the part of errors (T, n) that is within the 95 % intervals, (n,)."""
         within = np.abs(error - self.torque) <= DEVIATIONS * self.std
         return np.mean(within, axis=0, dtype=np.float64)
 

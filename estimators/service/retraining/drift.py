@@ -72,7 +72,9 @@ class DriftDetector:
     def restart(self) -> None:
         """Forget everything: another model serves."""
         self._tests = [
-            self._test(min_instances=self._fewest, delta=STEP, threshold=THRESHOLD, alpha=1.0, mode="up")
+            self._test(
+                min_instances=self._fewest, delta=STEP, threshold=THRESHOLD, alpha=1.0, mode="up"
+            )
             for _ in range(self.n)
         ]
         self._mean = np.zeros(self.n)  # of the logarithm
