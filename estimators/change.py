@@ -7,12 +7,12 @@ errors themselves tell it, slowly: of each joint
     e = o + f tanh(v / w) + noise,  noise ~ N(0, k s²),
 
 with the offset o, the change f of dry friction, and the model's own standard deviation s, which is
-off by a factor √k. All three are what the errors so far, weighed down by their age, say beside what
+off by a factor √k. All three are what the errors so far, weighed down by their age, say, with what
 is believed before any: o and f are 0 within two standard deviations of the model, and k is 1 as if
-ten independent errors had said so. Errors are alike for about a second; so many rows count as one
+ten independent errors had shown it. Errors are alike for about a second; so many rows count as one
 error, which keeps all three slower than a push.
 
-What is told for a row comes from errors at least `LAG` before it: no error explains itself.
+What is known for a row comes from errors at least `LAG` before it: no error explains itself.
 
 Source: Kalman, "A new approach to linear filtering and prediction problems", 1960; Gelman et al.,
 "Bayesian data analysis", 2013, sec. 3.3 (the factor); Gibbs and Candès, "Adaptive conformal
@@ -32,7 +32,7 @@ from limo_driver.runtime.compiled import compiled
 if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
-LAG: Final = 0.5  # [s] between the last error that is known and the row it is told for
+LAG: Final = 0.5  # [s] between the last error that is known and the row it is used for
 _ALIKE: Final = 1.0  # [s] for which errors are alike
 _BEFORE: Final = 2.0  # [standard deviations of the model], of offset and friction before any error
 _BELIEVED: Final = 10.0  # independent errors that the model's own deviation is worth
@@ -40,7 +40,7 @@ _FORGOTTEN: Final = 300.0  # [s] after which offset and friction may be any, as 
 _MEMORY: Final = 30.0  # independent errors that the factor remembers
 _SIGN_WIDTH: Final = 0.02  # [rad/s]
 _LARGEST: Final = 4.0  # [standard deviations], as which a larger error counts: it is a push
-_SURE: Final = 3.0  # standard deviations of a change that is told
+_SURE: Final = 3.0  # standard deviations of a change that is reported
 _LONGEST: Final = 0.1  # [s] between rows, that a gap counts as
 
 
@@ -72,7 +72,7 @@ class SlowChange:
         found, left, end, unsure = _follow(error, std, velocity, time, usual)
         return cls(found, left, end[:, 0], end[:, 1], unsure, usual)
 
-    def told(self, names: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, ...]:
+    def describe(self, names: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, ...]:
         """Say which joints surely changed by more than the model's own standard deviation.
 
         Args:
@@ -89,7 +89,7 @@ class SlowChange:
         )
 
     def held(self, error: FloatArray) -> FloatArray:
-        """Return the part of errors (T, n) that is within 95 % intervals of what is told, (n,)."""
+        """Return the part of errors (T, n) that is within the 95 % intervals, (n,)."""
         within = np.abs(error - self.torque) <= DEVIATIONS * self.std
         return np.mean(within, axis=0, dtype=np.float64)
 

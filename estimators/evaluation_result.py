@@ -106,7 +106,7 @@ class EvaluationResult(Displayed):
     @property
     def changed(self) -> tuple[str, ...]:
         """Offsets and friction that surely changed since training, in words."""
-        return () if self.change is None else self.change.told(self.joint_names, self.units)
+        return () if self.change is None else self.change.describe(self.joint_names, self.units)
 
     @property
     def units(self) -> tuple[str, ...]:

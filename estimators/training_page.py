@@ -1,4 +1,4 @@
-"""What a training shows: its page, and the card of the model beside its weights."""
+"""What a training shows: its page, and the card of the model in its folder."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from limo_driver.model.units import common_unit, unit_of
 from limo_driver.pages import Charts, Page
-from limo_driver.pages.figures import AFTER, BEFORE, MEASURED, curve, dots, layout
+from limo_driver.pages.figures import AFTER, BEFORE, curve, dots, layout
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
 from limo_driver.runtime.outputs import whole
 
@@ -155,10 +155,15 @@ def held_out_errors(record: Mapping[str, Any]) -> tuple[FloatArray, FloatArray] 
         return simulation, simulation * np.array(chosen[0]["left"])
     if {"simulation", "held_out"} <= set(rmse):
         return np.array(rmse["simulation"]), np.array(rmse["held_out"])
-    held = rmse.get("left_out", {}) | {}
-    alone = held.get("rigid_body") or rmse.get("held_out", {}).get("rigid_body")
-    own = held.get("hybrid") or rmse.get("held_out", {}).get("hybrid")
-    return None if alone is None or own is None else (np.array(alone), np.array(own))
+    if "held_out" not in rmse:
+        return None
+    training, held = rmse["training"], rmse["held_out"]
+    if "left_out" not in rmse:
+        return np.array(held["rigid_body"]), np.array(held["hybrid"])
+    part = record["settings"]["held_out"]  # stretches that are left out in turn are all of it
+    squares = (np.square(one["rigid_body"]) for one in (training, held))
+    every = np.sqrt(sum(w * square for w, square in zip((1.0 - part, part), squares, strict=True)))
+    return every, np.array(rmse["left_out"]["hybrid"])
 
 
 def limits(model: ResidualModel[Any]) -> tuple[str, ...]:

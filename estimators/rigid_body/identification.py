@@ -334,15 +334,9 @@ def _estimates(
     terms: JointTerms, fit: ConsistentFit, observable: NDArray[np.bool_], sliding: Sequence[bool]
 ) -> tuple[TermEstimate, ...]:
     return tuple(
-        TermEstimate(
-            term.effect,
-            term.parameter,
-            joint,
-            value,
-            deviation,
-            unit_of(term.unit, is_sliding=sliding[joint - 1]),
-        )
+        TermEstimate(*named, value, deviation, unit_of(term.unit, is_sliding=sliding[joint - 1]))
         for term, joint, value, deviation in _by_joint(observable.size, terms, fit)
+        for named in [(term.effect, term.parameter, joint)]
         if observable[joint - 1] and (deviation > 0 or term.effect.endswith("friction"))
     )
 

@@ -22,12 +22,12 @@ def noise(seed=0):
     return STD * found / found.std()
 
 
-def test_an_offset_and_friction_are_found_and_told():
+def test_an_offset_and_friction_are_found_and_reported():
     error = 0.8 + 0.5 * np.tanh(VELOCITY / 0.02) + noise()
     found = changed(error)
     assert found.offset[0] == pytest.approx(0.8, abs=0.12)
     assert found.friction[0] == pytest.approx(0.5, abs=0.12)
-    lines = found.told(("lift",), ("N",))
+    lines = found.describe(("lift",), ("N",))
     assert [line.split(":")[0] for line in lines] == [
         "offset since training",
         "friction since training",
@@ -38,14 +38,14 @@ def test_an_offset_and_friction_are_found_and_told():
     assert found.held(error)[0] > 0.9
 
 
-def test_errors_as_large_as_the_model_says_tell_no_change():
+def test_errors_as_large_as_the_model_says_show_no_change():
     for seed in range(5):
         found = changed(noise(seed))
-        assert found.told(("lift",), ("N m",)) == ()
+        assert found.describe(("lift",), ("N m",)) == ()
         assert found.held(noise(seed))[0] > 0.9
 
 
-def test_a_row_is_told_nothing_of_errors_after_it():
+def test_a_row_knows_nothing_of_errors_after_it():
     error = noise()
     before = changed(error)
     error[3000:] += 5.0
@@ -72,4 +72,4 @@ def test_too_narrow_intervals_widen_and_too_wide_ones_narrow():
 def test_a_joint_whose_torque_is_not_known_stays_as_it_is():
     found = changed(np.full((TIME.size, 1), np.nan))
     assert not found.torque.any()
-    assert found.told(("lift",), ("N m",)) == ()
+    assert found.describe(("lift",), ("N m",)) == ()

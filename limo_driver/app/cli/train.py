@@ -115,7 +115,7 @@ def command(
     confirmed by motion not trained on. joint-physics is no network: it fits friction, hysteresis,
     elasticity and errors of the rigid body joint by joint in closed form, needs little motion, and
     says how sure it is. The folder holds weights, manifest and simulation, and is all that
-    `limo evaluate` needs; beside them, report.html shows what was tried and how large errors are,
+    `limo evaluate` needs; report.html shows what was tried and how large errors are,
     and card.md says on what data, for which robot and within which limits.
 
     With --sweep, a space.yaml says what is tried, such as `hidden: [8, 16]` or `learning_rate:

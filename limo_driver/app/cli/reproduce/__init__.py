@@ -229,4 +229,38 @@ def reproduce() -> None:
     """
 
 
+@describe_options
+def bench(folder: Path, *, as_json: bool = False) -> None:
+    """Compute benchmarks of others with limo, and show their figures.
+
+    The files are the authors' own, under their names: DATA_EMPS.mat and DATA_EMPS_PULSES.mat of the
+    EMPS; case1_high.csv to case4_slow.csv of NNFM. What is there is computed.
+
+    Args:
+        folder: With the files, in it or in folders below.
+        as_json: Print the figures as JSON.
+
+    Examples:
+        limo reproduce bench benchmarks_of_others/
+    """
+    from dataclasses import asdict
+
+    from rich.table import Table as Grid
+
+    from estimators.studies.bench import bench as computed
+
+    if not folder.is_dir():
+        raise ConfigError("no such folder", path=folder)
+    notes = terminal(stderr=True, soft_wrap=True)
+    rows = computed(folder, lambda what: notes.print(f"computing {what}"))
+    if as_json:
+        terminal().print_json(data=[asdict(row) for row in rows])
+        return
+    grid = Grid("benchmark", "measure", "who", "figure", "from", box=None)
+    for row in rows:
+        grid.add_row(row.benchmark, row.measure, row.who, f"{row.figure:.3g}", row.source)
+    terminal().print(grid)
+
+
 command.command(name="table1")(table1)
+command.command(name="bench")(bench)
