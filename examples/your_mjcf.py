@@ -1,4 +1,4 @@
-"""A MuJoCo model that knows nothing of friction and load: what a log of the arm adds to it."""
+"""A MuJoCo model that knows nothing of friction and load: what a CSV of the arm adds to it."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from limo_driver.physics import CoulombFriction, Payload, Simulation, ViscousFri
 
 OUT = Path("out/your_mjcf")
 OUT.mkdir(parents=True, exist_ok=True)
-MODEL = OUT / "model.xml"
+MODEL, LOG = OUT / "model.xml", OUT / "log.csv"
 MODEL.write_text("""<mujoco model="two links">
   <compiler angle="radian" autolimits="true"/>  <!-- ours -->
   <worldbody>
@@ -26,8 +26,8 @@ MODEL.write_text("""<mujoco model="two links">
 """)
 
 
-def log() -> dict[str, np.ndarray]:
-    """Return arrays as a test bench might have them, of an arm with friction and a load."""
+def write_log(path: Path) -> None:
+    """Write what a test bench might leave, of an arm with friction and a load."""
     friction = [CoulombFriction(joint=j, tau_c=1.5, v_eps=0.005) for j in (1, 2)]
     friction += [ViscousFriction(joint=j, f_v=0.8) for j in (1, 2)]
     load = Payload(mass=0.6, com=(0, 0.02, 0.33), inertia=(0.002, 0, 0, 0.002, 0, 0.001))
@@ -37,10 +37,13 @@ def log() -> dict[str, np.ndarray]:
     q, v, a = 1.2 * np.sin(phase), 1.2 * rate * np.cos(phase), -1.2 * rate**2 * np.sin(phase)
     torque = Simulation(str(MODEL), (load, *friction)).predict(limo.Motion(t, q, v, a))
     noise = np.random.default_rng(0).normal(0, 0.03, q.shape)
-    return {"time": t, "qpos": q, "torque_nm": torque + noise}
+    table = np.column_stack([1e3 * t, np.rad2deg(q), torque + noise])
+    names = "t_ms,shoulder_deg,elbow_deg,shoulder_Nm,elbow_Nm"
+    np.savetxt(path, table, delimiter=",", header=names, comments="")
 
 
-run = limo.read(log(), MODEL)
+write_log(LOG)
+run = limo.read(LOG, MODEL)
 diagnosis = limo.diagnose(limo.nominal(MODEL, run), run)  # friction is unknown to the file
 print(diagnosis)
 print(*diagnosis.verdict.identified, sep="\n")

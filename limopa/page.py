@@ -12,6 +12,7 @@ from limo_driver.pages import Charts, Page
 from limo_driver.pages.arm_section import planned_motion
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
 from limo_driver.quoting import in_shell
+from limo_driver.runtime.display import joints_called
 from limopa.statistics import summarise
 
 if TYPE_CHECKING:
@@ -64,7 +65,12 @@ def plan_page(plan: Plan, model: RobotModel, file: str, robot: str) -> Page:
     body = (
         header(f"Locally isotropic motion of {model.name}", title, source)
         + motion
-        + section("What each joint does", columns(_joints(summary)), "joints", _LEAD)
+        + section(
+            "What each joint does",
+            columns(_joints(summary, joints_called(model.joint_names))),
+            "joints",
+            _LEAD,
+        )
         + section("Poses that were rejected", _rejected(summary), "rejected")
         + not_checked(summary.unchecked_pairs)
         + play_it(file, robot)
@@ -77,9 +83,9 @@ def _pace(plan: Plan) -> str:
     return f", at {speed:.3g} m/s at most" if speed < inf else ""
 
 
-def _joints(summary: Statistics) -> dict[str, list[object]]:
+def _joints(summary: Statistics, called: Sequence[str]) -> dict[str, list[object]]:
     return {
-        "joint": [joint.joint for joint in summary.joints],
+        "joint": [called[joint.joint - 1] for joint in summary.joints],
         "covered": [f"{joint.coverage:.0%}" for joint in summary.joints],
         "reversals": [joint.reversals for joint in summary.joints],
         "between them [°]": [
@@ -144,7 +150,7 @@ def _excited_joints(found: Excitation, model: RobotModel) -> dict[str, list[obje
         "peak jerk": peaks.jerk,
     }
     return {
-        "joint": list(range(1, motion.n + 1)),
+        "joint": list(joints_called(model.joint_names)),
         "harmonics": [" ".join(map(str, own)) for own in found.harmonics],
         "from [°]": [f"{angle:.0f}" for angle in ends[0]],
         "to [°]": [f"{angle:.0f}" for angle in ends[1]],

@@ -132,9 +132,9 @@ def by_publication(vendor: Simulation, ours: Simulation, unseen: Sequence[Record
     limo = _error(ours, unseen).mean(axis=0)[few]
     for name, own in (("as it is", rows), ("with limo's delays and offsets", later)):
         theirs = _error(with_rows(vendor, list(own)), unseen).mean(axis=0)[few]
-        each = "  ".join(f"{a:.5f} / {b:.5f}" for a, b in zip(limo, theirs, strict=True))
-        print(f"limo's error over that of the published fit {name}, joints 1 and 2: {each}, "
-              f"{limo.mean() / theirs.mean():.2f} (bar 1)", flush=True)  # fmt: skip
+        each = "  ".join(f"{a:.5f} / {b:.5f}" for a, b in zip(theirs, limo, strict=True))
+        print(f"the published fit {name} errs {theirs.mean() / limo.mean():.2f} times as much "
+              f"as limo (bar 1), joints 1 and 2: {each}", flush=True)  # fmt: skip
 
 
 def _error(simulation: Simulation, recordings: Sequence[Recording]) -> FloatArray:

@@ -12,7 +12,7 @@ from estimators.diagnosis.settings.judgement import HOLDING
 from limo_driver.physics import ArmEffect, BodyEffect, display_name
 from limo_driver.physics.catalogue import known_as
 from limo_driver.runtime import written_by
-from limo_driver.runtime.display import call_joints, joint_called
+from limo_driver.runtime.display import call_joints, joints_called
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -293,7 +293,7 @@ class Verdict:
     @property
     def labels(self) -> tuple[str, ...]:
         """Joints as tables call them, (n,): `3 (stick)`, or `3` alone where names say no more."""
-        return tuple(joint_called(j, name) for j, name in enumerate(self.names, start=1))
+        return joints_called(self.names)
 
     @property
     def states(self) -> tuple[State, ...]:

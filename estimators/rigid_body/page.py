@@ -15,6 +15,7 @@ from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
 from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
 from limo_driver.physics import display_name
 from limo_driver.quoting import in_shell
+from limo_driver.runtime.display import joint_labels
 
 if TYPE_CHECKING:
     from estimators.rigid_body.identification import Identification, TermEstimate
@@ -100,7 +101,7 @@ def _torque(found: Identification) -> str:
 
 
 def _errors(found: Identification) -> Figure:
-    names = [f"joint {j}" for j in range(1, found.model.n + 1)]
+    names = joint_labels(found.model.joint_names)
     axes = layout(f"RMSE [{_torque(found)}]", "")
     axes["xaxis"] |= {"rangemode": "tozero"}
     axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
@@ -122,8 +123,11 @@ def _terms(found: Identification, charts: Charts) -> str:
         )
         for effect, parameter, unit in kinds
     ]
+    labels = joint_labels(found.model.joint_names)
     rows: dict[str, list[object]] = {
-        "term": [f"{display_name(item.effect)}, joint {item.joint}" for item in found.estimates],
+        "term": [
+            f"{display_name(item.effect)}, {labels[item.joint - 1]}" for item in found.estimates
+        ],
         "value": [item.value for item in found.estimates],
         "±": [f"{item.deviation:.1g}" if item.deviation else "bound" for item in found.estimates],
         "unit": [item.unit for item in found.estimates],

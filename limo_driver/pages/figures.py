@@ -17,6 +17,7 @@ import numpy as np
 
 from limo_driver.quoting import in_line
 from limo_driver.recordings.gate.held_values import contiguous
+from limo_driver.runtime.display import joint_labels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,13 +86,13 @@ def numbers(values: FloatArray, digits: int = 4) -> list[float | None]:
     return [float(format(v, few)) if math.isfinite(v) else None for v in values.tolist()]
 
 
-def joint_motion(trajectory: Trajectory) -> Figure:
-    """Positions of the joints that move, from where they start."""
+def joint_motion(trajectory: Trajectory, names: Sequence[str]) -> Figure:
+    """Positions of the joints that move, from where they start, by their names."""
     step = max(1, len(trajectory) // DRAWN)
     moved = trajectory.position[::step] - trajectory.position[0]
     data = [
-        curve(trajectory.time[::step], moved[:, j], f"joint {j + 1}", JOINTS[j % len(JOINTS)])
-        for j in range(trajectory.n)
+        curve(trajectory.time[::step], moved[:, j], label, JOINTS[j % len(JOINTS)])
+        for j, label in enumerate(joint_labels(names))
         if np.ptp(trajectory.position[:, j]) > _STILL
     ]
     axes = layout("time [s]", "position from the start [rad]")

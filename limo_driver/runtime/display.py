@@ -81,6 +81,16 @@ def joint_called(joint: int, name: str) -> str:
     return str(joint) if not plain or plain.endswith(f"joint{joint}") else f"{joint} ({name})"
 
 
+def joints_called(names: Sequence[str]) -> tuple[str, ...]:
+    """Return joints as tables call them, in their order: `3 (stick)`, or `3` alone."""
+    return tuple(joint_called(j, name) for j, name in enumerate(names, start=1))
+
+
+def joint_labels(names: Sequence[str]) -> tuple[str, ...]:
+    """Return joints as charts call them, in their order."""
+    return tuple(f"joint {called}" for called in joints_called(names))
+
+
 _JOINTS: Final = re.compile(
     r"\b(?:[Jj]oint \d+|[Jj]oints \d+(?:(?:, | and | or )\d+)*)(?!\d|\.\d| \()"
 )

@@ -26,6 +26,21 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
             marks=pytest.mark.slow("writes and reads a bag"),
         ),
         pytest.param(
+            "feel_a_probe",
+            "where nothing touched: |pressed with 15 N: 1",
+            marks=pytest.mark.slow("plans, identifies and learns"),
+        ),
+        pytest.param(
+            "weigh_by_servos",
+            "Payload of 0.12",
+            marks=pytest.mark.slow("plays three minutes of commands, and diagnoses"),
+        ),
+        pytest.param(
+            "watch_a_fleet",
+            "questions: none|unit_3: Coulomb friction of joint 2 (stick) rose from 3.98 to 7.49",
+            marks=pytest.mark.slow("diagnoses eighteen recordings"),
+        ),
+        pytest.param(
             "diagnose_simulated",
             "] at the flange; presliding hysteresis at joint 4.",
             marks=pytest.mark.slow("diagnoses two minutes of motion"),

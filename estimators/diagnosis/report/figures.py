@@ -32,6 +32,7 @@ from limo_driver.pages.figures import (
     numbers,
     rounded_ticks,
 )
+from limo_driver.runtime.display import joint_labels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,9 +72,9 @@ _LABELS = {
 }
 
 
-def summary(fit: Fit) -> Figure:
+def summary(fit: Fit, names: Sequence[str]) -> Figure:
     """Held-out RMSE of each joint before and after, beside the noise floor."""
-    joints = [f"joint {j + 1}" for j in range(len(fit.noise_floor))]
+    joints = joint_labels(names)
     lines: list[float | None] = []
     where: list[str | None] = []
     for name, a, b in zip(joints, fit.heldout_rmse_before, fit.heldout_rmse_after, strict=True):
@@ -190,14 +191,16 @@ def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
     return _over_time(data, "torque error [N m]", 240)
 
 
-def push(traces: Traces, recording: int, window: tuple[float, float]) -> Figure:
+def push(
+    traces: Traces, recording: int, window: tuple[float, float], names: Sequence[str]
+) -> Figure:
     """Residual of the improved simulation on every joint around a push (in time of a recording)."""
     near = (traces.time > window[0] - _AROUND) & (traces.time < window[1] + _AROUND)
     rows = np.flatnonzero(near & (traces.recording == recording))
     data = [
         drawn
-        for j, colour in zip(range(traces.measured.shape[1]), cycle(JOINTS))
-        for drawn in _broken(traces, rows, "after", j, f"joint {j + 1}", colour)
+        for j, (label, colour) in enumerate(zip(joint_labels(names), cycle(JOINTS)))
+        for drawn in _broken(traces, rows, "after", j, label, colour)
     ]
     figure = _over_time(data, "residual [N m]", 280)
     figure["layout"]["shapes"] = [_shaded(*window, "rgba(138,147,156,0.16)")]

@@ -51,7 +51,7 @@ def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> s
     head = header(
         f"Diagnosis of a simulation of {PurePath(diagnosis.before.robot).stem}",
         headline(verdict),
-        removed(verdict.fit),
+        removed(verdict),
         f"{compared_with(diagnosis.recordings)} Motion and torque pass the same zero-phase filter "
         f"of {diagnosis.bandwidth:g} Hz.",
         badge=badge(verdict),
@@ -84,7 +84,7 @@ def errors(verdict: Verdict, charts: Charts) -> str:
     """Return the section of the errors before and after, with what they count."""
     of = "Torque" if verdict.fit.unit == TORQUE else "Position"
     chart = charts.place(
-        figures.summary(verdict.fit), f"{of} error of each joint on held-out motion"
+        figures.summary(verdict.fit, verdict.names), f"{of} error of each joint on held-out motion"
     )
     beside = grid([chart, _meaning(verdict)])
     return f'<section id="errors">{beside}{_errors(verdict)}</section>'
@@ -179,8 +179,9 @@ def _meaning(verdict: Verdict) -> str:
     return f"<div>{''.join(map(paragraph, filter(None, told)))}{key(meanings)}</div>"
 
 
-def removed(fit: Fit) -> str:
+def removed(verdict: Verdict) -> str:
     """Say in a sentence how much of the torque error the improved simulation removes."""
+    fit = verdict.fit
     before, after = np.array(fit.heldout_rmse_before), np.array(fit.heldout_rmse_after)
     ratio = np.nan_to_num(before / np.maximum(np.array(fit.noise_floor), 1e-12))
     (low, high), part = fit.ci95, fit.reducible_error_removed
@@ -194,9 +195,9 @@ def removed(fit: Fit) -> str:
     j = int(np.argmax(ratio))
     return (
         f"On held-out motion the improved simulation removes {percent(part)} of the reducible "
-        f"error{_between(low, high)}, at joint "
-        f"{j + 1} from {rounded(before[j], 3)} to {rounded(after[j], 3)} {fit.unit} RMSE (noise "
-        f"floor {rounded(fit.noise_floor[j], 3)} {fit.unit})."
+        f"error{_between(low, high)}, at joint {verdict.labels[j]} from {rounded(before[j], 3)} "
+        f"to {rounded(after[j], 3)} {fit.unit} RMSE (noise floor "
+        f"{rounded(fit.noise_floor[j], 3)} {fit.unit})."
     )
 
 

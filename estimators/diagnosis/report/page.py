@@ -102,7 +102,7 @@ def pushed(diagnosis: DiagnosisResult, charts: Charts) -> str:
     of = [names[k - 1] for k in found.where.recording]
     drawn = [
         charts.place(
-            figures.push(diagnosis.traces, recording - 1, window),
+            figures.push(diagnosis.traces, recording - 1, window, diagnosis.verdict.names),
             f"Push {k}",
             f"{window[0]:.1f} to {window[1]:.1f} s of {name}",
         )
@@ -214,7 +214,9 @@ def next_motion(diagnosis: DiagnosisResult, charts: Charts) -> str:
         file = wanted.file if wanted else NEXT_MOTION
         minutes = diagnosis.next_motion.duration / 60
         body += charts.place(
-            joint_motion(diagnosis.next_motion), "Joint motion", f"{minutes:.1f} min"
+            joint_motion(diagnosis.next_motion, diagnosis.verdict.names),
+            "Joint motion",
+            f"{minutes:.1f} min",
         )
         line = (
             f"limo run --backend mujoco --trajectory {file} --sim {IMPROVED} --record next.parquet"

@@ -75,7 +75,7 @@ def drive_report(found: DriveResult) -> Page:
     head = header(
         f"Diagnosis of drives of {PurePath(found.before.model.name).stem}, without torque",
         headline(verdict),
-        told.removed(verdict.fit),
+        told.removed(verdict),
         f"{told.compared_with(found.recordings)} No torque was recorded: errors are of positions, "
         "simulated forward from the commands.",
         badge=told.badge(verdict),

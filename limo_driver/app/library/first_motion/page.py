@@ -251,9 +251,10 @@ def _shadow(record: Record, _arm: RealArm, folder: Folder, charts: Charts) -> st
 
 def _drawn(charts: Charts, path: Any, caption: str) -> str:  # noqa: ANN401  # a path
     try:
-        return charts.place(joint_motion(Trajectory.load(path)), caption)
+        motion = Trajectory.load(path)
     except LimoError:  # a motion that is not there is not drawn
         return ""
+    return charts.place(joint_motion(motion, ("",) * motion.n), caption)
 
 
 def _motion(record: Record, arm: RealArm, folder: Folder, charts: Charts) -> str:

@@ -402,7 +402,7 @@ def test_curves_around_a_push_do_not_lead_across_a_pause(diagnosis):
     traces = diagnosis.traces
     own = (traces.recording == 1) & (traces.time > 4.2) & (traces.time < 4.4)
     kept = {name: values[~own] for name, values in vars(traces).items()}
-    drawn = figures.push(Traces(**kept), 1, (4.0, 4.6))["data"]
+    drawn = figures.push(Traces(**kept), 1, (4.0, 4.6), ("", ""))["data"]
     assert all(curve["x"].count(None) == 1 for curve in drawn)
 
 
@@ -439,10 +439,10 @@ def test_a_push_is_drawn_on_all_joints_with_its_wrench_and_is_no_missing_physics
     assert "-2.5 ± 0.5" in page
     assert "an event, not a property of the arm" in page
     assert 'id="beyond-' not in page
-    drawn = figures.push(diagnosis.traces, 1, (4.0, 4.6))
+    drawn = figures.push(diagnosis.traces, 1, (4.0, 4.6), ("lift", ""))
     times = [t for curve in drawn["data"] for t in curve["x"]]
     assert (min(times), max(times)) == pytest.approx((3.0, 5.6), abs=0.03)
-    assert {curve["name"] for curve in drawn["data"]} == {"joint 1", "joint 2"}
+    assert {curve["name"] for curve in drawn["data"]} == {"joint 1 (lift)", "joint 2"}
 
 
 @pytest.mark.slow("has plotly check every number of every chart")
