@@ -308,6 +308,9 @@ def planned_motion(
     view = arm_view(model, position[0], motion=played)
     lead = "Drag to turn; the slider, or a click into the chart below, moves the arm."
     drawn = charts.place(
-        joint_motion(trajectory), "Joints over time", "from where each starts", follows=True
+        joint_motion(trajectory, model.joint_names),
+        "Joints over time",
+        "from where each starts",
+        follows=True,
     )
     return view, arm_section(view, "The motion", lead) + grid([drawn], "one")
