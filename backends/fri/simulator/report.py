@@ -1,8 +1,4 @@
-"""Report of a run of the simulated controller: each datagram counted once, as text or as JSON.
-
-One answer is expected in every receive interval from a client's first one on: in time within a send
-period of when its last packet left, late after that, else lost.
-"""
+"""Report of a run of the simulated controller; each datagram counted: in time, late or lost."""
 
 from __future__ import annotations
 

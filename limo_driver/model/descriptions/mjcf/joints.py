@@ -1,9 +1,9 @@
 """What MuJoCo's model states of joints: physics, actuators, and the play of one joint.
 
-Plastic springs, which MuJoCo has from 4.0 on, are Maxwell-slip elements: one pulls back until it
-is bent by its `springyield`, and its rest follows. MuJoCo moves that rest, `plastic`, at the end of a
-step alone: where positions are set by hand, it has to be set as well, or the next step has springs
-that are bent by radians.
+Plastic springs, which MuJoCo has from 4.0 on, are Maxwell-slip elements: one pulls back until it is
+bent by its `springyield`, and its rest follows. MuJoCo moves that rest, `plastic`, at the end of a
+step alone: where positions are set by hand, it has to be set too, or the next step has springs that
+are bent by radians.
 """
 
 # MuJoCo ships no stubs.
