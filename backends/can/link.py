@@ -143,7 +143,7 @@ class Link(ABC):
         """
 
     @abstractmethod
-    def command(self, told: Setpoint) -> None:
+    def command(self, setpoint: Setpoint) -> None:
         """Take the set-points of the coming cycle."""
 
     @abstractmethod

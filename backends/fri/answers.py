@@ -332,7 +332,7 @@ class Lead:
         """Hold where an active session ends, or may have begun anew unseen."""
         if state is not _ACTIVE and state is not None:
             self._left = _Left(self._session.packets, self._packets, self._measured)
-            reasons = "".join(f"; {said}" for said in advice(message)[:1])
+            reasons = "".join(f"; {text}" for text in advice(message)[:1])
             self._hold(f"the session left COMMANDING_ACTIVE for {state.name}{reasons}")
         elif order is Order.RESTARTED:
             now, last = message.header.sequence, self._session.before_restart
@@ -398,5 +398,5 @@ class Lead:
         A session that was active before this driver heard of it was another client's: it starts
         where that left the arm, which need not be where the robot's application would have it.
         """
-        said = left_position if self._joined else application_position
-        return said(message, self._wire)
+        position_of = left_position if self._joined else application_position
+        return position_of(message, self._wire)

@@ -103,11 +103,11 @@ def _first_packet(endpoint: Endpoint, version: FriVersion | None, timeout: float
 
 
 def _generation(data: bytes, version: FriVersion | None) -> Generation | None:
-    told = detect(data)
+    seen = detect(data)
     if version is None:
-        return told
-    if told is not None and told is not version.generation:
-        raise BackendError(f"the robot speaks FRI {told.value}, but {version.value} was asked for")
+        return seen
+    if seen is not None and seen is not version.generation:
+        raise BackendError(f"the robot speaks FRI {seen.value}, but {version.value} was asked for")
     return version.generation
 
 

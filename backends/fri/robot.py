@@ -110,10 +110,10 @@ class FriRobot(Robot):
         model = RobotModel.load(robot or "iiwa14")
         if model.n != 7:  # noqa: PLR2004  # FRI's arrays
             raise ConfigError(f"FRI arms have 7 joints, but {model.name} has {model.n}")
-        told = None if version is None else FriVersion.named(version)
+        asked = None if version is None else FriVersion.named(version)
         names, limits = model.joint_names, model.limits
         _warm_up(RobotSpec(model.name, names, limits, 1e-3, wrench_limits, jerk=model.jerk))
-        self._link: Connection = connect(host, port, told, connect_timeout)
+        self._link: Connection = connect(host, port, asked, connect_timeout)
         spec = RobotSpec(
             model.name,
             model.joint_names,
@@ -451,15 +451,15 @@ class FriRobot(Robot):
     def _refuse_pace(self, message: Monitoring) -> None:
         """Refuse a message of another pace: a session that was opened anew is another robot."""
         period, multiplier = pace(message)
-        told = (
+        reason = (
             f"the session has a send period of {period} ms and a receive multiplier of "
             f"{multiplier}, but began with {self._link.send_period} ms and {self._link.multiplier}"
         )
         state = None if message.connection is None else message.connection.session_state
         if state is _ACTIVE:
-            return self._refuse(told)
-        self._hold_for(told)
-        raise ConnectionLostError(f"{told}; open the robot again")
+            return self._refuse(reason)
+        self._hold_for(reason)
+        raise ConnectionLostError(f"{reason}; open the robot again")
 
     def _reply(self, command: JointCommand | None) -> bool:
         """Answer the last message that asks for it; say whether anything left."""

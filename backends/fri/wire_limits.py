@@ -103,9 +103,9 @@ class WireLimits:
             sent = self.position(numbers(wanted))
             self.sent = sent, None if sent is None else np.array(sent), effort
             return sent
-        told = numbers(wanted)
-        self.sent = told, wanted, effort
-        return told
+        plain = numbers(wanted)
+        self.sent = plain, wanted, effort
+        return plain
 
     def torque(self, wanted: Numbers | None) -> Numbers:
         """Return the torque to send, (n,) [N m]; None asks for no torque."""
@@ -189,7 +189,7 @@ class Plausibility:
         self._reach = self.reach(1)  # of a message that follows the last, as most do
         self._sequence = 0
         self._measured: FloatArray | None = None
-        self._told: Joints | None = None
+        self._ipo: Joints | None = None
 
     @staticmethod
     def begins(message: Monitoring) -> bool:
@@ -212,8 +212,8 @@ class Plausibility:
         reach = self._reach if steps == 1 else self.reach(min(steps, self._most))
         if not _fine(position, torque, before, reach):
             return False
-        told = None if message.ipo is None else message.ipo.joint_position
-        return told == self._told or not _jump(told, self._told, reach, "")
+        angles = None if message.ipo is None else message.ipo.joint_position
+        return angles == self._ipo or not _jump(angles, self._ipo, reach, "")
 
     def problem(self, message: Monitoring) -> str:
         """Say why the arm cannot be where a message has it; empty if it can."""
@@ -223,15 +223,15 @@ class Plausibility:
         reach, data, ipo = self.reach(min(steps, self._most)), message.data, message.ipo
         before = tuple(self._measured.tolist())
         measured = None if data is None else data.measured_position
-        told = None if ipo is None else ipo.joint_position
+        angles = None if ipo is None else ipo.joint_position
         return _jump(measured, before, reach, "is measured") or _jump(
-            told, self._told, reach, "is told to be"
+            angles, self._ipo, reach, "is told to be"
         )
 
     def take(self, message: Monitoring, position: FloatArray) -> None:
         """Note a message whose poses are believed; measured, (7,) [rad]."""
         self._sequence, self._measured = message.header.sequence, position
-        self._told = None if message.ipo is None else message.ipo.joint_position
+        self._ipo = None if message.ipo is None else message.ipo.joint_position
 
     def reach(self, steps: int) -> FloatArray:
         """Return how far joints can get in so many send periods, and one more, (7,) [rad]."""

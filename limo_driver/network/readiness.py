@@ -93,7 +93,7 @@ class ServiceWatch(Closing):
 
     def __init__(self, session: zenoh.Session, arm: str) -> None:
         self._session, self._keys = session, Keys(arm)
-        self._said: dict[str, HeardService] = {}
+        self._heard: dict[str, HeardService] = {}
         self._changed = threading.Condition()
         status = self._keys.status("service")
         self._subscriber = follow_history(session, status, self._take)
@@ -131,21 +131,21 @@ class ServiceWatch(Closing):
         self._subscriber.undeclare()
 
     def _first(self, phase: ServicePhase) -> HeardService | None:
-        return next((one for one in self._said.values() if one.phase.has_reached(phase)), None)
+        return next((one for one in self._heard.values() if one.phase.has_reached(phase)), None)
 
     def _take(self, sample: zenoh.Sample) -> None:
-        if (said := _read(sample)) is None:
+        if (latest := _read(sample)) is None:
             return
         with self._changed:
-            self._said[said.arm] = said
+            self._heard[latest.arm] = latest
             self._changed.notify_all()
 
     def _last_word(self) -> str:
         """Return who was heard last and what it said; empty if nobody was heard."""
-        if not self._said:
+        if not self._heard:
             alive = is_alive(self._session, self._keys.alive("service"))
             return "its name is on the network, but it said nothing yet" if alive else ""
-        last = max(self._said.values(), key=lambda one: one.heard)
+        last = max(self._heard.values(), key=lambda one: one.heard)
         ago = time.monotonic() - last.heard
         text = f"the service of {last.arm} said {last.state!r} {ago:.1f} s ago"
         if is_alive(self._session, Keys(last.arm).alive("service")):
@@ -364,9 +364,9 @@ def _answer(key: str, payload: bytes) -> dict[str, Any]:
 def _refusal(key: str, payload: bytes, timeout: float) -> str:
     """Return why a service refused; Zenoh itself answers a timeout in plain words."""
     try:
-        told: object = json.loads(payload)
+        content: object = json.loads(payload)
     except (ValueError, RecursionError):
-        told = None
-    if isinstance(told, dict) and isinstance(told.get("error"), str):
-        return told["error"]
+        content = None
+    if isinstance(content, dict) and isinstance(content.get("error"), str):
+        return content["error"]
     return f"{key}: no answer within {timeout:g} s ({payload[:80]!r})"

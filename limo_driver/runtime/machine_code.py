@@ -40,7 +40,7 @@ _SUFFIX: Final = ".code"
 _DRAFT: Final = ".tmp"
 _LOCK: Final = ".lock"
 
-_said = False
+_warned = False
 _log = logging.getLogger("limo")
 _PLAIN: Final = (bool, int, float, complex, str, bytes, type(None), np.generic, Enum, Type)
 _NUMBAS_OWN: Final = {"numpy", "math"}  # modules whose functions numba has itself
@@ -236,10 +236,10 @@ def _short(text: str) -> str:
 
 def _say_not_kept(reason: str) -> None:
     """Say so once in a process, on stderr unless the program has its own way with messages."""
-    global _said  # noqa: PLW0603
-    if not _said:
+    global _warned  # noqa: PLW0603
+    if not _warned:
         _log.warning("limo: cannot keep machine code, so every process compiles anew: %s", reason)
-    _said = True
+    _warned = True
 
 
 def digest(dispatcher: Dispatcher) -> str:

@@ -181,15 +181,17 @@ class Cia402Link(Link):
         except ConfigError as error:
             raise BackendError(f"no torques at this rate: {error}") from None
 
-    def command(self, told: Setpoint) -> None:
+    def command(self, setpoint: Setpoint) -> None:
         """Take the set-points of the coming cycle."""
         self._commanded = True
-        if told.mode is TorqueCommand:
+        if setpoint.mode is TorqueCommand:
             self._set_mode(OperatingMode.TORQUE)
-            self._torque = told.torque if told.gravity is None else told.torque + told.gravity
+            self._torque = (
+                setpoint.torque if setpoint.gravity is None else setpoint.torque + setpoint.gravity
+            )
         else:
             self._set_mode(OperatingMode.POSITION)
-            self.target = np.where(self._pinned, self.target, told.position)
+            self.target = np.where(self._pinned, self.target, setpoint.position)
 
     def begin(self) -> None:
         """Follow commands again."""
@@ -272,8 +274,8 @@ class Cia402Link(Link):
         handlers = {SYNC: self._intrude("SYNC", SYNC), beat: self._intrude("its heartbeat", beat)}
         for drive in self._drives:
             for pdo in (RPDO1, RPDO2, RPDO3, RPDO4):
-                told = pdo + drive.node
-                handlers[told] = self._intrude(f"a set-point of joint {drive.joint}", told)
+                cob_id = pdo + drive.node
+                handlers[cob_id] = self._intrude(f"a set-point of joint {drive.joint}", cob_id)
             handlers[TPDO1 + drive.node] = drive.take_measured
             handlers[TPDO2 + drive.node] = drive.take_status
             handlers[TPDO3 + drive.node] = drive.take_temperature

@@ -54,7 +54,7 @@ class DamiaoLink(Link):
         self._damping = np.array([joint.damping for joint in joints])
         self.gains = self._stiffness, self._damping
         self._torque_step = config.model.limits.torque_rate / config.rate  # [N m] in a cycle
-        self._told: Setpoint | None = None
+        self._setpoint: Setpoint | None = None
         self._moves = False  # the set-point is of this cycle; one that is repeated stands
         self._pinned = np.ones(len(joints), dtype=bool)  # joints that keep the pose they have
         self._powered = False
@@ -81,7 +81,7 @@ class DamiaoLink(Link):
         until = self.port.now() + self.config.answer_timeout
         self._powered, self.port.bus_off, self.intruder = True, False, ""
         self._unsent = []
-        self._told = None  # who is enabled holds its pose
+        self._setpoint = None  # who is enabled holds its pose
         # Somebody may have moved the arm since it was last heard. What is switched off answers to
         # a command too, and obeys nothing.
         self._run_cycle()
@@ -105,10 +105,10 @@ class DamiaoLink(Link):
             _check_gain("stiffness", command.stiffness, STIFFEST, "N m/rad")
             _check_gain("damping", command.damping, MOST_DAMPING, "N m s/rad")
 
-    def command(self, told: Setpoint) -> None:
+    def command(self, setpoint: Setpoint) -> None:
         """Take the set-points of the coming cycle."""
-        self._told, self._moves = told, True
-        self.target = np.where(self._pinned, self.target, told.position)
+        self._setpoint, self._moves = setpoint, True
+        self.target = np.where(self._pinned, self.target, setpoint.position)
 
     def begin(self) -> None:
         """Follow commands again."""
@@ -222,25 +222,25 @@ class DamiaoLink(Link):
 
     def _commands(self) -> list[MitCommand]:
         """Return what each motor is told in this cycle."""
-        told, pinned, limit = self._told, self._pinned, self._model.limits.torque
-        gravity = self.carried = self._gravity_to_add(told)
+        setpoint, pinned, limit = self._setpoint, self._pinned, self._model.limits.torque
+        gravity = self.carried = self._gravity_to_add(setpoint)
         velocity = np.zeros(len(self._motors))
         stiffness, damping, torque = self._stiffness, self._damping, gravity
-        if told is not None:
-            stiffness = np.where(pinned, stiffness, told.stiffness)
-            damping = np.where(pinned, damping, told.damping)
-            torque = gravity + np.where(pinned, 0.0, told.torque)
-            if told.rigid and self._moves:
-                velocity = np.where(pinned, 0.0, told.velocity)
+        if setpoint is not None:
+            stiffness = np.where(pinned, stiffness, setpoint.stiffness)
+            damping = np.where(pinned, damping, setpoint.damping)
+            torque = gravity + np.where(pinned, 0.0, setpoint.torque)
+            if setpoint.rigid and self._moves:
+                velocity = np.where(pinned, 0.0, setpoint.velocity)
         motor_position = self._offset + self._sign * self.target
         torque = self._sign * np.clip(torque, -limit, limit)
         rows = (motor_position, self._sign * velocity, stiffness, damping, torque)
         return [MitCommand(*map(float, row)) for row in zip(*rows, strict=True)]
 
-    def _gravity_to_add(self, told: Setpoint | None) -> FloatArray:
+    def _gravity_to_add(self, setpoint: Setpoint | None) -> FloatArray:
         """Return the gravity of this cycle: what was limited with one is sent with that one."""
-        if told is not None and told.gravity is not None:
-            return told.gravity
+        if setpoint is not None and setpoint.gravity is not None:
+            return setpoint.gravity
         gravity, carried = self._model.gravity_torque(self._position())[0], self.carried
         if carried is None:
             return gravity

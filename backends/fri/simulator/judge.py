@@ -294,7 +294,7 @@ def display_name(data: bytes, version: FriVersion) -> str:
         except WireFormatError:
             continue
         framing = "framed" if generation.framed else "not framed"
-        return _said(f"is {framing}, as those of FRI {generation.value}", version)
+        return _fault(f"is {framing}, as those of FRI {generation.value}", version)
     return ""
 
 
@@ -305,11 +305,11 @@ def monitored_as_of(command: Command, version: FriVersion) -> str:
     """
     mirrors = command.data is not None and command.data.joint_position is not None
     if version.generation is Generation.ONE:
-        return "" if mirrors else _said("has no position, as those of FRI 2.5 and later", version)
-    return _said("has a position, as those of FRI 1.x", version) if mirrors else ""
+        return "" if mirrors else _fault("has no position, as those of FRI 2.5 and later", version)
+    return _fault("has a position, as those of FRI 1.x", version) if mirrors else ""
 
 
-def _said(what: str, version: FriVersion) -> str:
+def _fault(what: str, version: FriVersion) -> str:
     return (
         f"version mismatch: an answer {what}, but this controller speaks {version.value}: "
         "build the client for that, or choose --fri"

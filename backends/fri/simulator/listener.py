@@ -150,11 +150,11 @@ class Listener:
             command = self._commands.decode(datagram.data)
         except WireFormatError as error:
             self._findings.malformed += 1
-            said = (
+            fault = (
                 display_name(datagram.data, version)
                 or f"no command of FRI {version.value}: {error}"
             )
-            self._findings.complain(said, now)
+            self._findings.complain(fault, now)
             return
         header = command.header
         self.reflected = header.sequence
@@ -166,9 +166,9 @@ class Listener:
         for complaint in self.signals.take(command.data):
             self._findings.complain(complaint, now)
         if self.ledger.state_of(header.reflected) in _MONITORED and (
-            said := monitored_as_of(command, version)
+            fault := monitored_as_of(command, version)
         ):
-            self._findings.complain(said, now)
+            self._findings.complain(fault, now)
         if session.commanding and self._was_asked(header.reflected):
             self._take(command, now, active=session.active)
 

@@ -286,8 +286,8 @@ def with_intervals(simulation: Simulation, found: Searched, ticks: FloatArray) -
         {name: max(value, next(wide)) for name, value in joint.items()} for joint in fit.own
     )
     shared = {name: max(value, next(wide)) for name, value in fit.shared.items()}
-    told = tuple({**known, **_not_shown(found, j)} for j, known in enumerate(own))
-    return stated_arm(simulation, found, replace(fit, own=told, shared=shared))
+    own_values = tuple({**known, **_not_shown(found, j)} for j, known in enumerate(own))
+    return stated_arm(simulation, found, replace(fit, own=own_values, shared=shared))
 
 
 def _between(found: Searched) -> FloatArray:
@@ -320,10 +320,10 @@ def _rehearsed(simulation: Simulation, found: Searched, ticks: FloatArray) -> Fl
     fine = np.where(ticks > 0.0, ticks, np.inf)
     played = []
     for recording in problem.loads.recordings:
-        told = as_described(recording, change)
-        position = free_run(arm, told)
+        recording_in_model = as_described(recording, change)
+        position = free_run(arm, recording_in_model)
         read = np.where(ticks > 0.0, ticks * np.round(position / fine), position)
-        played.append(replace(told, position=read))
+        played.append(replace(recording_in_model, position=read))
     straight = replace(change, sign=(1,) * len(change.sign), order=())
     loads = ArmLoads(simulation.body, played, problem.loads.stated)
     guess = replace(known.guess, change=straight)
@@ -339,9 +339,9 @@ def _not_shown(found: Searched, j: int) -> dict[str, float]:
     for name, deviation in found.fit.own[j].items():
         prior = found.problem.priors[j].get(name)
         if name in ASKED and prior is not None and (j, name) not in found.fit.guess.free:
-            said = max(deviation**-2 - prior.deviation**-2, 0.0) if deviation > 0.0 else 0.0
-            if said < SURE**-2:
-                alone[name] = max(said, _NOTHING) ** -0.5
+            information = max(deviation**-2 - prior.deviation**-2, 0.0) if deviation > 0.0 else 0.0
+            if information < SURE**-2:
+                alone[name] = max(information, _NOTHING) ** -0.5
     return alone
 
 

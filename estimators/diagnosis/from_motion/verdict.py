@@ -186,18 +186,18 @@ def _unit(given: Simulation) -> str:
 def sags(found: DriveIdentification) -> tuple[str, ...]:
     """Say how far joints of a known gain sag under the arm's own weight, and what would help."""
     full = full_load(found.simulation.body)
-    said: list[str] = []
+    sentences: list[str] = []
     for j, (fit, load) in enumerate(zip(found.fits, full.tolist(), strict=True), start=1):
         kp = value_in(geared(fit.row), "kp")
         shown = kp > 0.0 and found.scaled[j - 1] and found.moved[j - 1]
         if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
             reach = float(np.exp(NORMAL * fit.deviation["kp"]))
-            said.append(
+            sentences.append(
                 f"Joint {j} sags {load / kp:.3f} rad (95 % interval {load / kp / reach:.3f} to "
                 f"{load / kp * reach:.3f} rad) at full reach: its P gain of {kp:.1f} N m/rad is "
                 f"low for {load:.2f} N m; with twice the gain it would be {load / kp / 2:.3f} rad."
             )
-    return tuple(said)
+    return tuple(sentences)
 
 
 def plays(fits: Iterable[JointFit]) -> tuple[str, ...]:
@@ -268,7 +268,7 @@ def about_drift(given: Simulation) -> tuple[str, ...]:
         given: With a drive for each joint.
     """
     channels = list(enumerate(given.channels, start=1))
-    told = {
+    groups = {
         what: [j for j, name in channels if name == kind.name]
         for what, kind in (("Velocities", VELOCITY), ("Torques", TORQUE))
     }
@@ -276,7 +276,7 @@ def about_drift(given: Simulation) -> tuple[str, ...]:
         f"{what} are commanded at {of_joints(joints)}, and where these lead drifts from "
         f"where the joint was: each {DRIFTS:g} s it is put back there, and its errors are of the "
         "position until then."
-        for what, joints in told.items()
+        for what, joints in groups.items()
         if joints
     )
 
@@ -318,7 +318,7 @@ def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
         final: What was identified.
         stated: Whether that began with the stated drives.
     """
-    told = list[str]()
+    sentences = list[str]()
     if light := _weightless(final):
         scale = (
             "their scale is that of all that is stated"
@@ -327,17 +327,17 @@ def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
             if any(final.scaled)
             else f"{_gains(final, light)} is that of a usual servo, which nothing speaks for"
         )
-        told.append(
+        sentences.append(
             f"Gravity never loads {of_joints(light)}: of {_gains(final, light)}, friction, "
             f"damping and inertia only the ratios are known there; {scale}."
         )
     if still := _still(final):
         taken = "the stated values are kept" if stated else "the mean of the other joints is taken"
-        told.append(
+        sentences.append(
             f"No command moves {of_joints(still)}: nothing is known of the drives there, and "
             f"{taken}."
         )
-    return tuple(told)
+    return tuple(sentences)
 
 
 def _gains(found: DriveIdentification, joints: Sequence[int]) -> str:

@@ -145,14 +145,14 @@ def _left(verdict: Verdict) -> str:
     if not joints:
         return ""
     worst = max(joints, key=lambda j: fit.heldout_rmse_after[j - 1] / fit.noise_floor[j - 1])
-    said = (
+    sentence = (
         f"At {of_several(joints, verdict.names)} held-out motion is still predicted worse "
         f"than the encoder resolves it, most of all at {of_joints((worst,), verdict.names)}: "
         f"{rounded(fit.heldout_rmse_after[worst - 1], 2)} rad RMSE, where its steps alone make "
         f"{rounded(fit.noise_floor[worst - 1], 2)} rad. Nothing that was tried removes this: "
         "unknown loads, flexible links or an unmodelled servo law would."
     )
-    return section("What stays unexplained", paragraph(said), "unknown")
+    return section("What stays unexplained", paragraph(sentence), "unknown")
 
 
 def _motion(replay: DriveReplay, verdict: Verdict, charts: Charts) -> str:

@@ -260,9 +260,9 @@ def _about_joints(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
             )
         if np.ptp(position) < STILL:
             found.append(f"joint {j + 1} never moves (range {np.ptp(position):.2g} rad)")
-        told = any(known.startswith(f"torque_{j + 1} ") for known in columns.warnings)
+        is_warned = any(known.startswith(f"torque_{j + 1} ") for known in columns.warnings)
         no_torque = columns.command is not None and torque[0] == 0
-        if np.ptp(torque) == 0 and not (told or no_torque):
+        if np.ptp(torque) == 0 and not (is_warned or no_torque):
             found.append(f"torque_{j + 1} is always {torque[0]:g} N m")
     return found
 
@@ -314,22 +314,22 @@ def without_silent_torques(columns: Columns) -> Columns:
     """
     if not np.isfinite(columns.torque).any():
         return columns
-    told: dict[int, str] = {}  # by joint, 0-based
+    reasons: dict[int, str] = {}  # by joint, 0-based
     every = zip(columns.position.T, columns.torque.T, strict=True)
     for j, (position, values) in enumerate(every):
         if not np.isfinite(values).any():
-            told[j] = "is never measured; it is kept as 0"
+            reasons[j] = "is never measured; it is kept as 0"
         elif (held := _mostly(columns.time, position, values)) is not None:
-            told[j] = (
+            reasons[j] = (
                 f"is {held[0] + 0.0:.4g} in {held[1]:.0%} of the rows in which its joint moves, "
                 "and measures nothing; it is kept as 0"
             )
-    if not told:
+    if not reasons:
         return columns
     torque = np.array(columns.torque)
-    torque[:, list(told)] = 0.0
-    said = (f"torque_{j + 1} {what}" for j, what in told.items())
-    return replace(columns, torque=torque, warnings=(*columns.warnings, *said))
+    torque[:, list(reasons)] = 0.0
+    texts = (f"torque_{j + 1} {what}" for j, what in reasons.items())
+    return replace(columns, torque=torque, warnings=(*columns.warnings, *texts))
 
 
 def _mostly(

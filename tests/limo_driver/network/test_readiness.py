@@ -164,6 +164,6 @@ class TestFirstEstimate:
         say(status, "compiling")
         with ServiceWatch(both[1], "arm") as watch, FirstEstimate(both[1], "arm", 1e-9) as come:
             watch.wait("compiling", LONG)
-            wait_until(lambda: come._watch._said)
+            wait_until(lambda: come._watch._heard)
             with pytest.raises(ServiceNotReadyError, match=r"serving within 1e-09 s.*'compiling'"):
                 come()
