@@ -59,7 +59,7 @@ def folder(tmp_path, monkeypatch):
     write(tmp_path)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(machine_code, "_said", False)
+    monkeypatch.setattr(machine_code, "_warned", False)
     yield tmp_path
     for name in ("inner", "outer"):
         sys.modules.pop(name, None)
