@@ -336,7 +336,7 @@ def test_without_a_home_and_beside_modules_that_cannot_be_written(folder):
 
 WAITS = """
 import sys
-from limo_driver.runtime.machine_code import compilation
+from limo_driver.runtime import compilation
 from limo_driver.app.console.stopping import Stopping
 
 def wait(state):
