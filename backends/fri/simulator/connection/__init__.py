@@ -1,0 +1,1 @@
+"""Where programs import the port of the simulated controller from."""

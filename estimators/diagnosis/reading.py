@@ -1,0 +1,5 @@
+"""Reading a verdict, under the name that programs import."""
+
+from estimators.diagnosis.quantities import verdict_in
+
+__all__ = ["verdict_in"]
