@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -71,7 +72,9 @@ def training_page(model: ResidualModel[Any], recordings: Sequence[Recording]) ->
     names = model.simulation.model.joint_names
     errors = held_out_errors(record)
     unit = common_unit("N m", model.simulation.model.sliding)
-    title = f"{model.name} of {model.simulation.model.name}: {_headline(errors, names)}"
+    title = (
+        f"{model.name} of {PurePath(model.simulation.model.name).stem}: {_headline(errors, names)}"
+    )
     source = (
         f"{len(recordings)} recording{'s' * (len(recordings) > 1)}, "
         f"{sum(map(len, recordings))} samples, behind a zero-phase filter of "
@@ -118,11 +121,11 @@ def model_card(model: ResidualModel[Any], recordings: Sequence[Recording]) -> st
     lines = [
         "---",
         f"licence: {_UNSTATED}",
-        f"robot: {robot.name}",
+        f"robot: {PurePath(robot.name).stem}",
         f"estimator: {model.name}",
         f"bandwidth: {model.bandwidth:g}  # Hz",
         "---",
-        f"# {model.name} of {robot.name}",
+        f"# {model.name} of {PurePath(robot.name).stem}",
         f"Joint torque from joint motion, of {robot.n} joints: a simulation and what it leaves, "
         f"learned{f' by {choice}, chosen on motion held out' if choice else ''}.",
         "",

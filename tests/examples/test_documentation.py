@@ -56,7 +56,11 @@ NOT_RUN = {
     "fleet.md": ["needs a cluster"],
     "formats.md": ["part of a program of yours"],
     "fri.md": ["needs a real arm"],
-    "reproduction.md": ["takes minutes to days", "takes hours, and recordings of real arms"],
+    "reproduction.md": [
+        "takes minutes to days",
+        "takes hours, and recordings of real arms",
+        "needs the authors' files",
+    ],
     "ros2.md": ["needs a robot, and ends at Ctrl-C", "writes into a workspace of ROS"],
     "start.md": ["installs limo, and runs what runs this"] * 3,
     "streaming.md": ["needs zenoh-pico, built in zenoh-pico/build", "needs two other machines"],
