@@ -19,7 +19,7 @@ from backends.can.config import CONVENTIONS, ArmConfig
 from limo_driver.app.library.first_motion.arms import CanArm, FriArm
 from limo_driver.app.library.first_motion.records import Folder, Identity, description_digest
 from limo_driver.model import RobotModel
-from limo_driver.robot.examination import Examination
+from limo_driver.robot.registry import Examination
 
 pytestmark = [
     pytest.mark.waits,
