@@ -14,7 +14,7 @@ import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.runtime.display import Displayed
-from limopa.feasibility import Feasibility
+from limopa.feasibility import Condition, Feasibility
 from limopa.hindrance import set_by
 from limopa.near import near_work, ways
 from limopa.path import JointBounds, Line, Path, TimedPath, joined, retime
@@ -143,30 +143,35 @@ class _Planner:
         A scaffold that cannot be explored is replaced by a new draw; one that no straight line
         reaches stays in the pool for later, and if that holds for all of them, one more is drawn.
         """
+        known: dict[int, tuple[Condition, ...]] = {}  # what ways to rows of the pool break
         for _ in range(self.request.repairs):
-            row, line = self._nearest_reachable(pool)
+            row, line = self._nearest_reachable(pool, known)
             if row is None:
                 pool = np.concatenate([pool, self.sampler.draw(1)])
                 continue
             exploration = self._explore(pool[row])
             if exploration is None:
                 pool = np.concatenate([np.delete(pool, row, axis=0), self.sampler.draw(1)])
+                known.clear()
                 continue
             self._append(line, exploration)
             return np.delete(pool, row, axis=0)
         raise self._stuck()
 
-    def _nearest_reachable(self, pool: FloatArray) -> tuple[int | None, Line | None]:
+    def _nearest_reachable(
+        self, pool: FloatArray, known: dict[int, tuple[Condition, ...]]
+    ) -> tuple[int | None, Line | None]:
         if not self.scaffolds:
             return 0, None
         here = self.paths[-1][1]
         start = here.derivative(np.array([here.length]), 0)[0]
-        for row in nearest_first(pool, self.scaffolds[-1]):
+        for row in map(int, nearest_first(pool, self.scaffolds[-1])):
             line = Line(start, pool[row])
-            broken = self.feasibility.check_path(line)
-            self.rejections[REACHING].update(map(str, broken))
-            if not broken:
-                return int(row), line
+            if row not in known:
+                known[row] = self.feasibility.check_path(line)
+            self.rejections[REACHING].update(map(str, known[row]))
+            if not known[row]:
+                return row, line
         return None, None
 
     def _explore(self, scaffold: FloatArray) -> Exploration | None:
@@ -204,9 +209,12 @@ class _Planner:
             + (", ".join(f"{name} {count}" for name, count in found.most_common()) or "nothing")
             for stage, found in self.rejections.items()
         )
+        option = set_by(condition, self.feasibility)
+        narrow = self.request.workspace != PlanRequest().workspace  # a wider one may have ways
+        if narrow and condition != Condition.WORKSPACE:
+            option += f" or {set_by(Condition.WORKSPACE, self.feasibility)}"
         return InfeasiblePathError(
             condition,
             f"no next scaffold after {len(self.scaffolds)} of {self.request.scaffolds}, "
-            f"{self.request.repairs} replacements tried; {counts}; in the way is "
-            f"{set_by(condition, self.feasibility)}",
+            f"{self.request.repairs} replacements tried; {counts}; in the way is {option}",
         )

@@ -75,6 +75,9 @@ def test_where_poses_cannot_be_explored_the_message_names_what_stops_that(iiwa):
     wide = PlanRequest(exploring=Exploring(amplitude=(1.0, 1.5)), exploring_tries=3, repairs=3)
     with pytest.raises(InfeasiblePathError, match=r"exploring phases .* in the way is `joint_mar"):
         plan(iiwa, wide)
+    narrow = replace(wide, workspace=Workspace(radius=0.7))
+    with pytest.raises(InfeasiblePathError, match=r"is `joint_margin` or `Workspace.radius`$"):
+        plan(iiwa, narrow)
     thin = replace(FAR, lower=(0.5, 0.0, 0.3), upper=(0.62, 0.12, 0.42))
     small = PlanRequest(workspace=thin, exploring_tries=3, repairs=3)
     with pytest.raises(InfeasiblePathError, match=r"in the way is `region`"):
