@@ -38,7 +38,7 @@ WORN: Final = CoulombFriction(joint=4, tau_c=0.8, v_eps=0.002)  # more than is b
 CARRYING: Final = (2, 4, 6)  # joints that lift what is at the flange
 PUSH: Final = 10.0  # [N m] about the vertical, at the flange
 WRENCH: Final = (0.0, 0.0, 0.0, 0.0, 0.0, PUSH)  # [N, N m]
-_FIRST_PUSH, _PAUSE, _LONG, _LAST_PUSH = 12.0, 20.0, 2.5, 900.0  # [s]
+_FIRST_PUSH, _PAUSE, _LONG, _LAST_PUSH = 5.0, 15.0, 2.5, 900.0  # [s]
 
 
 def believed() -> Simulation:
