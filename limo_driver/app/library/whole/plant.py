@@ -68,7 +68,7 @@ def true_arm(seed: int = 0) -> Simulation:
     for effect in known.effects:
         if isinstance(effect, CoulombFriction):
             effects.append(replace(effect, tau_c=off(known.tolerances.friction) * effect.tau_c))
-        elif isinstance(effect, ViscousFriction):
+        elif isinstance(effect, ViscousFriction) and effect.f_v is not None:
             effects.append(replace(effect, f_v=off(known.tolerances.friction) * effect.f_v))
         else:
             effects.append(effect)
