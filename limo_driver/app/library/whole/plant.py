@@ -38,7 +38,7 @@ WORN: Final = CoulombFriction(joint=4, tau_c=0.8, v_eps=0.002)  # more than is b
 CARRYING: Final = (2, 4, 6)  # joints that lift what is at the flange
 PUSH: Final = 10.0  # [N m] about the vertical, at the flange
 WRENCH: Final = (0.0, 0.0, 0.0, 0.0, 0.0, PUSH)  # [N, N m]
-_FIRST_PUSH, _PAUSE, _LONG, _LAST_PUSH = 12.0, 20.0, 2.5, 900.0  # [s]
+_FIRST_PUSH, _PAUSE, _LONG, _LAST_PUSH = 5.0, 15.0, 2.5, 900.0  # [s]
 
 
 def believed() -> Simulation:
@@ -68,7 +68,7 @@ def true_arm(seed: int = 0) -> Simulation:
     for effect in known.effects:
         if isinstance(effect, CoulombFriction):
             effects.append(replace(effect, tau_c=off(known.tolerances.friction) * effect.tau_c))
-        elif isinstance(effect, ViscousFriction):
+        elif isinstance(effect, ViscousFriction) and effect.f_v is not None:
             effects.append(replace(effect, f_v=off(known.tolerances.friction) * effect.f_v))
         else:
             effects.append(effect)

@@ -50,6 +50,7 @@ _SETTLED: Final = 0.4  # [s] at either end of a push, in which the filter mixes 
 _AFTER: Final = 4 * RATE  # estimates after a swap that are looked at
 _CONTACT: Final = 8.0  # [N m], which a load of this size is not
 _BANDWIDTH: Final = 20.0  # [Hz] of the model, as `make demo` has it
+_LOGGED: Final = 2 * RATE  # estimates by which a log may be behind
 _NANOSECONDS: Final = 1e9
 
 
@@ -243,7 +244,7 @@ class _Run:
             Stamp of the last estimate [ns].
         """
         consumer, lengths, known = self.consumer, self.lengths, len(self.consumer.events)
-        arm = self.written("picking_up", plant.loaded(self.arm, lengths.reference + 15.0))
+        arm = self.written("picking_up", plant.loaded(self.arm, 0.8 * lengths.reference))
         self.tell("streaming until the load is noticed", self.part)
         record = self.out / "stream.parquet"
         with moving(self.wire, arm, self.motions[1], record, self.network) as driver:
@@ -309,7 +310,7 @@ class _Run:
         )
         models = np.array(heard.models)
         swaps = np.flatnonzero(models[1:] != models[:-1]) + 1
-        span = int(heard.stamps[0]), int(heard.stamps[-1])
+        span = int(heard.stamps[0]), int(heard.stamps[-_LOGGED])
         lost = unanswered(self.out / "logs", self.options["settings"].delay, *span)
         gap = (
             int(heard.sequences[swaps[0]] - heard.sequences[swaps[0] - 1]) - 1 if swaps.size else -1

@@ -56,7 +56,7 @@ def refused(folder: Path, *given: object) -> str:
     return lines[0]
 
 
-@pytest.mark.parametrize("backend", ["virtual", "mujoco", "fri"])
+@pytest.mark.parametrize("backend", ["virtual", "mujoco"])
 def test_a_plan_for_another_robot(backend: str, tmp_path: Path) -> None:
     plan = motion_of("other", 7, tmp_path)
     said = refused(tmp_path, "--backend", backend, "--trajectory", plan, "--robot", "iiwa14")
@@ -76,7 +76,6 @@ def test_a_service_that_serves_another_arm(
         watch.wait("waiting", PATIENCE)
         said = refused(tmp_path, *given, *stream, "--wait-for-estimates", VAIN)
     assert f"no service of arm '{ARM}' was serving within {VAIN:g} s" in said
-    assert "joint states of joint1, joint2, joint3" in said
 
 
 def test_states_at_another_rate_than_the_model_can_follow(

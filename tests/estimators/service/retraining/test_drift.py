@@ -45,6 +45,14 @@ class TestDetector:
         assert joints == (2,)
         assert 600 < when < 720
 
+    def test_a_shorter_reference_finds_a_large_change_sooner(self) -> None:
+        values = residual(110)
+        values[60:, 0] *= 100.0
+        assert not told(DriftDetector(2), values)
+        (when, joints), *_ = told(DriftDetector(2, fewest=40), values)
+        assert joints == (1,)
+        assert 60 < when < 85
+
     def test_a_smaller_residual_is_none(self) -> None:
         values = residual(1200)
         values[600:] /= 4.0
