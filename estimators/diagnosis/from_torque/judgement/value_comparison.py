@@ -1,4 +1,4 @@
-"""A given simulation, what was proven and what fits: how their values differ, and what that takes."""
+"""A given simulation, what was proven and what fits: how values differ, and what that takes."""
 
 from __future__ import annotations
 
