@@ -1,4 +1,4 @@
-"""What a given simulation states beside what was proven and what fits, and what that takes away."""
+"""A given simulation, what was proven and what fits: how values differ, and what that takes."""
 
 from __future__ import annotations
 

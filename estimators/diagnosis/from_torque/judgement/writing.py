@@ -211,7 +211,7 @@ class Written:
 
     unsure: tuple[int, ...] = ()  # joints, 1-based, of what was found, that are not surely better
     elsewhere: Elsewhere | None = None  # the proof
-    silent: tuple[str, ...] = ()  # parts that are as given, since nothing is told of them
+    silent: tuple[str, ...] = ()  # parts that are as given, since no verdict reports them
     offsets: tuple[tuple[int, float], ...] = ()  # of torques: joint, 1-based, and [N m]
 
     def notes(self) -> Iterator[str]:

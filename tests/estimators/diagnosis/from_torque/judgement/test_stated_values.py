@@ -92,7 +92,7 @@ def test_links_that_are_off_are_reported_as_the_family_that_torques_tell(stated)
 
 
 @pytest.mark.slow("a whole diagnosis")
-def test_the_mass_of_the_last_link_is_reported_beside_friction_of_all_joints(stated):
+def test_the_mass_of_the_last_link_is_reported_where_friction_of_all_joints_is(stated):
     """A load within the tolerance of inertias is no payload, and no reason to be silent."""
     last = stated.model.link_names[-1]
     body = stated.model.inertials[last]
