@@ -45,6 +45,7 @@ SURE: Final = 0.5  # confidence from which a finding is a name
 CLOSE: Final = 1.15  # times the held-out error that is left without the effect
 LEAST_TRAVEL: Final = 0.1  # [rad] of a joint that effects are hidden at
 LONGEST_DELAY: Final = 0.5  # [s] that torques are reported late
+PROPORTIONAL: Final = 0.99  # correlation of torques that are alike
 REVERSAL: Final = 0.01  # [rad/s] about which dry friction changes its sign
 
 
@@ -151,6 +152,10 @@ class Concealer:
         felt = np.sqrt(np.mean(torque**2, axis=0)) / self.error
         mass = size / self.error[j] / float(felt.max())
         also = ("link_inertia",)
+        if self.simulation.body.n == 1:  # that gravity does not load, it is the rotor's as well
+            acceleration = np.gradient(self.motion.velocity[:, 0], self.motion.time)
+            if abs(np.corrcoef(torque[:, 0], acceleration)[0, 1]) > PROPORTIONAL:
+                also += ("armature",)
         return Concealed("payload", 0, mass * torque, {"mass": mass}, also)
 
     def external_contact(self, j: int, size: float, rng: np.random.Generator) -> Concealed:

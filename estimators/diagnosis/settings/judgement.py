@@ -134,14 +134,12 @@ class OBSERVABLE:
 class CONFIDENCE:
     """Confidence of a name (judgement.findings)."""
 
-    weights: tuple[float, float, float] = setting((0.7, 0.25, 1.6), "logit", "of 1, lead and size",
-        "fitted, not chosen",
-        chosen=("measured: logistic regression on 68 names of 63 concealed cases "
-                "(benchmarks/diagnosis/diagnosis_calibration.py)"))
-    least: float = setting(1e-3, "noise floors", "that the size of a finding counts as, at least",
-        "numerical: of its logarithm")
+    weights: tuple[float, float, float] = setting((-3.4, 1.7, 1.4), "logit",
+        "of 1, and of the logarithms of the size and of the duration [s]", "fitted, not chosen",
+        chosen=("measured: logistic regression on 74 names in recordings of 11 sources and 28 of "
+                "24 concealed plants (benchmarks/diagnosis/diagnosis_calibration.py)"))
     highest: float = setting(0.99, "", "that is ever said",
-        "higher claims more than 63 cases can show")
+        "higher claims more than so few names can show")
     of_unknown: float = setting(0.75, "of the cases",
         "in which what nothing explained was unknown physics there", "a frequency, not a choice",
         chosen="measured on concealed cases")

@@ -162,7 +162,7 @@ def test_odds_are_words_beyond_a_million():
      (3.2e-7, "0.0000003200"), (123_456.0, "123456"), (0.0, "0.000")],
 )  # fmt: skip
 def test_an_error_has_four_digits_on_any_arm(error, said):
-    assert rounded(error) == said
+    assert rounded(error, 4) == said
 
 
 def test_joints_are_said_in_few_words():

@@ -57,13 +57,13 @@ def test_what_stands_in_is_named_once_with_all_its_joints(observed):
     assert "coulomb friction (joints 1, 2) and gravity direction (whole arm) in place of" in many
 
 
-@pytest.mark.parametrize(
-    ("lead", "material", "counted"),
-    [(5.0, 3.0, (5.0, 3.0)), (-4.0, 3.0, (0.0, 3.0)), (2.0, 0.0, (2.0, CONFIDENCE.least))],
-)
-def test_confidence_is_the_probability_of_a_logistic_regression(lead, material, counted):
-    ever, by_lead, by_material = CONFIDENCE.weights
-    odds = np.exp(ever) * (1.0 + counted[0]) ** by_lead * counted[1] ** by_material
+@pytest.mark.parametrize(("material", "duration"), [(0.7, 10.0), (3.0, 150.0), (3.0, 5.0)])
+def test_confidence_is_the_probability_of_a_logistic_regression(material, duration):
+    ever, by_material, by_duration = CONFIDENCE.weights
+    odds = np.exp(ever) * material**by_material * duration**by_duration
     expected = min(CONFIDENCE.highest, odds / (1.0 + odds))
-    assert confidence_of(Signs(lead, material)) == pytest.approx(expected)
-    assert confidence_of(Signs(1e9, 1e9)) == CONFIDENCE.highest
+    said = confidence_of(Signs(5.0, material, duration))
+    assert said == pytest.approx(expected)
+    assert confidence_of(Signs(-4.0, material, duration)) == said
+    assert confidence_of(Signs(5.0, 0.0, duration)) < 1e-6
+    assert confidence_of(Signs(1e9, 1e9, 1e9)) == CONFIDENCE.highest
