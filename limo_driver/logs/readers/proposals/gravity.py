@@ -308,13 +308,14 @@ def gear_question(position: FloatArray, units: tuple[str, ...], cost: Gravity) -
 
 
 def is_singled_out(position: FloatArray, units: tuple[str, ...], cost: Gravity) -> bool:
-    """Say whether positions in units explain the torques decidedly better than far other scales.
+    """Say whether positions in units explain the torques better than any other scale.
 
     From a wrong zero, no scale does. Arguments as of `gear_question`.
     """
     scales, more = _scaled(position, units, cost.as_mounted(position, units))
     far = (scales < _FAR_OFF[0]) | (scales > _FAR_OFF[1])
-    return bool(more[far].min() > DECISIVE)
+    is_best = _SAME[0] < scales[int(np.argmin(more))] < _SAME[1]
+    return is_best and bool(more[far].min() > DECISIVE)
 
 
 def _scaled(

@@ -309,8 +309,8 @@ def _beside(draft: _Draft, time: TimeFound, torques: ColumnFamily | None) -> Bes
         stated = None if torques.unit in (*CURRENTS, *OF_RATED) else UNITS[TORQUE].get(torques.unit)
         found = replace(found, torque=draft.values(torques), torque_unit=stated)
     velocities = _best(draft, VELOCITY)
-    if velocities is not None and velocities.unit in UNITS[VELOCITY]:
-        scale = UNITS[VELOCITY][velocities.unit]
+    if velocities is not None and velocities.stated:
+        scale = np.array([UNITS[VELOCITY][unit] for unit in velocities.stated])
         found = replace(found, velocity=scale * draft.values(velocities))
     return found
 
