@@ -30,6 +30,7 @@ UNITS: Final[dict[str, dict[str, float]]] = {
         "mrad": 1e-3,
         "turn": _TURN,
         "m": 1.0,
+        "cm": 1e-2,
         "mm": 1e-3,
     },
     "velocity": {
@@ -39,9 +40,10 @@ UNITS: Final[dict[str, dict[str, float]]] = {
         "turn/s": _TURN,
         "rpm": _TURN / 60,
         "m/s": 1.0,
+        "cm/s": 1e-2,
         "mm/s": 1e-3,
     },
-    # a current says nothing of the torque without a `factor` in N m for each unit of it
+    # currents and parts of a rated torque say nothing without a `factor` in N m for each of them
     "torque": {
         "N m": 1.0,
         "mN m": 1e-3,
@@ -50,6 +52,8 @@ UNITS: Final[dict[str, dict[str, float]]] = {
         "kN m": 1e3,
         "A": 1.0,
         "mA": 1e-3,
+        "%": 1.0,
+        "‰": 1.0,
         "N": 1.0,
         "kN": 1e3,
     },
@@ -59,6 +63,7 @@ UNITS["command"] = UNITS["position"]
 UNITS["command_velocity"] = UNITS["velocity"]
 UNITS["command_torque"] = UNITS["estimate"] = UNITS["external_torque"] = UNITS["torque"]
 CURRENTS: Final = ("A", "mA")
+OF_RATED: Final = ("%", "‰")  # of the rated torque, as drives of CANopen count it
 
 # How names and brackets write them; a name is cut into words, in lower case, without signs.
 WRITTEN: Final = {
@@ -74,6 +79,7 @@ WRITTEN: Final = {
     "n": "N",
     "metres": "m",
     "meters": "m",
+    "cm": "cm",
     "mm": "mm",
     "rev": "turn",
     "revs": "turn",
@@ -87,6 +93,14 @@ WRITTEN: Final = {
     "degps": "deg/s",
     "dps": "deg/s",
     "rpm": "rpm",
+    "m/s": "m/s",
+    "cm/s": "cm/s",
+    "mm/s": "mm/s",
+    "%": "%",
+    "percent": "%",
+    "pct": "%",
+    "‰": "‰",
+    "permille": "‰",
     "nm": "N m",
     "n m": "N m",
     "n*m": "N m",
@@ -131,7 +145,7 @@ COMMAND_VELOCITY = "command_velocity"  # velocities that were commanded
 MEASURED, PLAIN, COMMANDED, DERIVED = 0, 1, 2, 3  # ranks: which of two is the measurement
 
 _SAYS: Final = {
-    TIME: "time t timestamp timestamps stamp clock elapsed zeit zeitin",
+    TIME: "time times t timestamp timestamps stamp clock elapsed zeit zeitin",
     POSITION: "q qpos pos position positions angle angles theta jpos",
     VELOCITY: "dot dq qd qdot qvel vel velocity velocities speed speeds omega jvel dtheta",
     ACCELERATION: "ddot ddq qdd qddot qacc acc accel acceleration accelerations",
@@ -164,14 +178,14 @@ _NO_ROBOT: Final = (
 )
 _USUAL: Final = frozenset(_NO_ROBOT.split())
 _BRACKETED: Final = re.compile(r"[\[(]\s*([^\]()\[\d][^\])]*?)\s*[\])]")
-_WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°")
+_WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[°%‰]")
 # the letter before the number of an axis, as in `tau_A1`, which is no ampere; `mA_1` is
 _AXIS: Final = re.compile(r"(?:(?<![A-Za-z])a|(?<![A-Z])(?<!\bm)(?<!_m)A)(?=[ _.-]?\d)")
 _IN_BRACKETS: Final = ("m", "n")  # units there; elsewhere the motor, as in `theta_m`, or a number
 _DOTS: Final = re.compile(r"\b(?:d dot|dot dot)\b")  # of an acceleration, as in `qDDot`
 _UNITS: Final = {TIME: SECONDS, CURRENT: CURRENTS, **UNITS}
 _LEROBOT: Final = ({"observation", "state"}, {"action"})  # features that are positions of motors
-_SPEED: Final = {"rad": "rad/s", "deg": "deg/s", "mrad": "mrad/s", "turn": "turn/s", "m": "m/s"}
+_SPEED: Final = {unit: f"{unit}/s" for unit in UNITS["position"]}
 _SAID = {MEASURED: "measured", PLAIN: "", COMMANDED: "commanded", DERIVED: "derived"}
 
 
@@ -312,8 +326,8 @@ def _unit_at_end(words: tuple[str, ...], *, least: int) -> tuple[str, tuple[str,
 
 
 def _of_unit(unit: str) -> str:
-    """Return the quantity that a unit alone gives away; a letter alone is no current."""
-    return NOTHING if unit in CURRENTS else quantity_of(unit)
+    """Return the quantity that a unit alone gives away; a letter or a percentage gives none."""
+    return NOTHING if unit in (*CURRENTS, *OF_RATED) else quantity_of(unit)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,14 @@ import numpy as np
 import yaml
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.logs.readers.columns import CURRENT, CURRENTS, NO_COLUMN, TORQUE, UNITS
+from limo_driver.logs.readers.columns import (
+    CURRENT,
+    CURRENTS,
+    NO_COLUMN,
+    OF_RATED,
+    TORQUE,
+    UNITS,
+)
 from limo_driver.logs.readers.table import TimeColumns, units_of
 from limo_driver.recordings.channels import CHANNELS, POSITION, Columns
 from limo_driver.runtime import written_by
@@ -55,7 +62,7 @@ class Channels(Declared):
         unit: Of the columns.
         sign: 1 or -1.
         zero: What the column says at zero.
-        factor: N m for each ampere, or a gear ratio.
+        factor: N m for each ampere or part of a rated torque, or a gear ratio.
     """
 
     columns: tuple[str, ...] = parameter(
@@ -79,12 +86,15 @@ class Channels(Declared):
         """Return the values of T rows, (T, n), in SI units.
 
         Raises:
-            ConfigError: They are currents, and no factor says how many N m one makes.
+            ConfigError: They are currents or parts of a rated torque, and no factor says how many
+                N m one makes.
             RecordingError: The log lacks a column, or one holds no numbers.
         """
-        if not set(CURRENTS).isdisjoint(self.unit) and set(self.factor) == {1.0}:
+        needy = [unit for unit in self.unit if unit in (*CURRENTS, *OF_RATED)]
+        if needy and set(self.factor) == {1.0}:
             raise ConfigError(
-                f"{quantity}: is in amperes; its `factor:` has to say how many N m one makes"
+                f"{quantity}: is in {'amperes' if needy[0] in CURRENTS else needy[0]}; its "
+                "`factor:` has to say how many N m one makes"
             )
         values = np.empty((table.rows, len(self.columns)))
         n = len(self.columns)
@@ -345,7 +355,7 @@ joints: {joints.strip()}
 time: {{columns: [], unit: s}}      # or {{rate: 100}}, in Hz, if no column is a time
 position: {{columns: [], unit: rad}}  # or deg, mrad, turn; m or mm of a slide
 velocity: {{columns: [], unit: rad/s}}
-torque: {{columns: [], unit: N m}}    # or A, with `factor:` in N m for each ampere
+torque: {{columns: [], unit: N m}}    # or A or %, with `factor:` in N m for each of them
 command: {{columns: [], unit: rad}}   # set-points of positions
 """
 

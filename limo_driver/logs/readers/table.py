@@ -42,6 +42,9 @@ class LogTable:
         is_si: Whether its format is defined in SI units, which count where values fit others, too.
         clock: Unit of its times, where the format states it, such as `ns`.
         rate: Rows in a second [Hz], where the format states it; 0 where it does not.
+        words: What else the file says of itself: comments, and single values with their names.
+        received: Seconds by the clock of receipt that pass in one of the stamps; 0 where there is
+            no such clock.
     """
 
     columns: Mapping[str, NDArray[Any]]
@@ -55,6 +58,8 @@ class LogTable:
     is_si: bool = False
     clock: str = ""
     rate: float = 0.0
+    words: tuple[str, ...] = ()
+    received: float = 0.0
 
     @property
     def rows(self) -> int:

@@ -58,6 +58,7 @@ class Dialect(NamedTuple):
     encoding: str  # of the text, as Python names it
     told: int = 0  # lines of words above the names
     units: bool = False  # whether a line of units stands below the names
+    above: tuple[str, ...] = ()  # lines above the names
     aligned: bool = False  # whether several blanks stand between cells, or some before the first
 
 
@@ -213,6 +214,7 @@ def dialect_of(path: Path, units: Collection[str] = ()) -> Dialect:
         skipped += 1
     told = _lines_above(lines[skipped:], units)
     skipped += told
+    above = tuple(line.strip() for line in lines[:skipped] if line.strip())
     lines = [line for line in lines[skipped:] if line.strip()][: _LINES + 5]
     if not lines:
         raise RecordingError("holds no rows", path=path)
@@ -242,7 +244,8 @@ def dialect_of(path: Path, units: Collection[str] = ()) -> Dialect:
         )
     aligned = separator == " " and any("  " in line or line[:1].isspace() for line in lines)
     return Dialect(
-        separator, skipped, tuple(names), named, decimal, encoding, told, bool(stated), aligned
+        *(separator, skipped, tuple(names), named, decimal, encoding, told, bool(stated)),
+        *(above, aligned),
     )
 
 

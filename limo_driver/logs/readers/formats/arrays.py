@@ -75,7 +75,9 @@ def read_npz(path: Path) -> LogTable:
                 if member.rows != rows and not member.is_labels
             }
             table = table_of({**arrays, **labels} if rows else {}, str(path), _KIND)
-            return replace(table, unread={**table.unread, **{k: v for k, v in aside.items() if v}})
+            single = [x.single() for x in members if x.is_single and x.rows != rows]
+            unread = {**table.unread, **{k: v for k, v in aside.items() if v}}
+            return replace(table, unread=unread, words=tuple(single))
     stretches = Stretches[LogTable](LogTable.cut, most, min(STRETCH, most))
     first: LogTable | None = None
     for block in npz_blocks(path):
@@ -152,6 +154,16 @@ class _Member:
         self._by_columns = by_columns and len(self.shape) == _MATRIX
         self._next = 0
 
+    @property
+    def is_single(self) -> bool:
+        """Whether it is one number."""
+        return math.prod(self.shape) == 1 and self._kind.kind in "iuf" and self.rows < _MATRIX
+
+    def single(self) -> str:
+        """Return the one number with its name."""
+        data = self._file.read(self._kind.itemsize)
+        return f"{self.name} = {np.frombuffer(data, self._kind)[0]:.10g}"
+
     def said(self, rows: int) -> str:
         """Say what it is instead of rows of numbers, as many as most have."""
         if self._kind.hasobject:
@@ -203,16 +215,16 @@ def table_of_tree(tree: Mapping[str, Any], source: str, kind: str) -> LogTable:
         source: Where they are from, for messages.
         kind: What that is, in words.
     """
-    arrays = dict(_leaves("", tree))
+    every = dict(_leaves("", tree))
+    arrays = {name: values for name, values in every.items() if values.ndim}
+    single = {name: x for name, x in every.items() if x.ndim == 0 and x.dtype.kind in "iuf"}
+    words = tuple(f"{name.split('.')[-1]} = {value:.10g}" for name, value in single.items())
     rows = _samples(arrays)
     holders = [name.split(".")[:-1] for name, x in arrays.items() if rows in x.shape]
     shared = takewhile(lambda at: len(set(at)) == 1, zip(*holders, strict=False))
     around = "".join(f"{names[0]}." for names in shared)
-    return table_of(
-        {name.removeprefix(around): x.T if _lies(x, rows) else x for name, x in arrays.items()},
-        source,
-        kind,
-    )
+    turned = {name.removeprefix(around): x.T if _lies(x, rows) else x for name, x in arrays.items()}
+    return replace(table_of(turned, source, kind), words=words)
 
 
 def _lies(values: NDArray[Any], rows: int) -> bool:
@@ -235,8 +247,7 @@ def _leaves(name: str, value: object, depth: int = 0) -> Iterator[tuple[str, NDA
         values = np.asarray(value, dtype=object)
     if values.ndim > 1 and 1 in values.shape:  # MATLAB has no vectors
         values = values.squeeze()
-    if values.ndim:
-        yield name, values
+    yield name, values
 
 
 def _structures(value: object) -> dict[str, object]:
@@ -274,7 +285,9 @@ def read_json(path: Path) -> LogTable:
     whole = json_of(read_text(path, RecordingError, _LARGEST), path, RecordingError, _parsed)
     found = max(_records_in("", whole), key=lambda each: len(each[1]), default=("", []))
     if len(found[1]) > 1:
-        return _of_records(*found, path)
+        around = cast("dict[str, Any]", whole) if isinstance(whole, dict) else {}
+        words = (f"{k} = {x}" for k, x in around.items() if isinstance(x, (int, float, str)))
+        return replace(_of_records(*found, path), words=tuple(words))
     if not isinstance(whole, dict):
         raise RecordingError(
             "holds no records, expected a list of objects, an object a line, or arrays by name",

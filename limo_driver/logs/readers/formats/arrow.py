@@ -114,7 +114,7 @@ def read_delimited(path: Path) -> LogTable:
                 path=path,
             ) from None
         raise
-    return replace(found, notes=(*text.notes(), *found.notes))
+    return replace(found, notes=(*text.notes(), *found.notes), words=text.dialect.above)
 
 
 def read_parquet(path: Path) -> Kept:

@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 
 DYNAMIC_JOINT_STATE: Final = "control_msgs/msg/DynamicJointState"
 _MOST: Final = 1000  # joints
+_EVERY: Final = 50  # messages, of which one tells how fast its clock runs
+_FEWEST: Final = 10  # of these
+_CLOCK: Final = "/clock"  # topic of a simulation's time, which runs as fast as it can
 
 
 def decode_dynamic(payload: bytes | memoryview) -> JointStateMessage:
@@ -133,7 +136,8 @@ def read_bags(
     spread = kept.stretches.spread
     every = (*notes, *more)
     table = LogTable(columns, source, kind, kept.empty, every, spread=spread, is_si=is_si)
-    return replace(table, clock="ns")
+    received = 0.0 if _CLOCK in found.topics else kept.seconds_received
+    return replace(table, clock="ns", received=received)
 
 
 def topic_with(
@@ -189,6 +193,7 @@ class _Group:
     stamps: array[int] = field(default_factory=lambda: array("q"))  # since the last stretch
     values: array[float] = field(default_factory=lambda: array("d"))
     empty: dict[str, str] = field(default_factory=dict)  # quantities, and what they hold
+    received: array[int] = field(default_factory=lambda: array("q"))  # [ns], a message now and then
     unstamped: int = 0  # messages that have no stamp, whose time is that of their receipt
     stretches: Stretches[_Rows] = field(default_factory=lambda: Stretches(_Rows.cut))
 
@@ -204,6 +209,8 @@ class _Group:
     def add(self, message: LoggedMessage, stamp: int | None, values: FloatArray) -> None:
         """Add the values of one message, (k,); of a stamp that was never set it is 0."""
         self.unstamped += stamp == 0
+        if self.many % _EVERY == 0 and stamp:
+            self.received.extend((stamp, message.log_time_ns))
         self.stamps.append(stamp or message.log_time_ns)
         self.values.frombytes(values.tobytes())
         if len(self.stamps) == STRETCH:
@@ -224,6 +231,14 @@ class _Group:
             if joints and not (f.by_order and len(f.names) != len(joints))
         ]
         return max(counts, default=(0, 0))
+
+    @property
+    def seconds_received(self) -> float:
+        """Seconds of receipt that pass in one of the stamps; 0 where that is not known."""
+        both = np.array(self.received, dtype=np.int64).reshape(-1, 2)
+        steps = np.diff(both, axis=0)
+        forward = steps[steps[:, 0] > 0]
+        return float(np.median(forward[:, 1] / forward[:, 0])) if len(forward) >= _FEWEST else 0.0
 
     def columns(self, source: str) -> tuple[dict[str, NDArray[Any]], list[str]]:
         """Return time and quantities in order of the stamps, and what was odd about these."""

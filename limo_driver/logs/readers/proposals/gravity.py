@@ -33,6 +33,14 @@ _ALIKE: Final = (0.2, 5.0)  # spans beside the usual one, of joints that move li
 _JUMP: Final = 0.05  # of the logarithm of 57.3, by which a joint may move within a row
 _LEAP: Final = 3.0  # times the longest of usual steps, that another unit makes
 _QUANTILES: Final = (0.01, 0.99)
+_BEYOND: Final = 1.5  # times what a drive can do, that no torque is
+_ALIKE_RATED: Final = 0.3  # of the logarithm, by which parts of a rated torque fit the weight
+_UNLIKE: Final = 2.0  # times worse, that N m fit it then
+_SCALES: Final = (0.02, 50.0)  # of a unit, that motors and counters make
+_SAME: Final = (0.9, 1.11)  # of a unit, within which it is that unit
+_FAR_OFF: Final = (0.6, 1.7)  # of a unit, beyond which it is another for sure
+_STEPS: Final = 100  # between these
+_FEW: Final = 200  # rows by which units are scaled
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,11 @@ class Gravity:
         # loads may add to what gravity makes of a torque in a known unit, though not tenfold; it
         # may well be less, where it was measured before the gear
         self._most = math.inf if unit is None else WITHIN / unit
+
+    def of_rows(self, rows: slice) -> Gravity:
+        """Return the same of some of the rows."""
+        torque = None if self.torque is None else self.torque[rows]
+        return Gravity(self.model, torque, self._unit)
 
     def of(self, position: FloatArray, units: tuple[str, ...]) -> float:
         """Return the sum over joints of log(torque that gravity leaves / torque)."""
@@ -234,13 +247,87 @@ def torque_reading(position: FloatArray, torque: FloatArray, model: RobotModel) 
                 f"torque: no name says {unit}, and in N m it is {middle:.2g} times the gravity "
                 f"torque of the arm: is it in {unit}, or a current?"
             )
-            return Reading(_of_joints(unit, model), why, question if unit != "N m" else "")
+            if unit == "N m":
+                question = _of_rated(cost.factors(position[rows]), torque[rows], model)
+            return Reading(_of_joints(unit, model), why, question)
     return Reading(
         _of_joints("N m", model),
         f"{middle:.2g} times the gravity torque of the arm",
         f"torque: it is {middle:.2g} times the gravity torque of the arm in N m: which "
         "unit, or a current (`unit: A`)?",
     )
+
+
+def _of_rated(factors: FloatArray, torque: FloatArray, model: RobotModel) -> str:
+    """Return a question where torques (T, n) may be parts of what each drive is rated for.
+
+    Args:
+        factors: How many N m one unit makes by the weight of the bodies, (n,); NaN where unknown.
+        torque: As the log has it.
+        model: The robot.
+    """
+    limit = model.limits.torque
+    rated = np.where(np.isfinite(limit) & (limit > 0) & ~np.array(model.sliding), limit, math.nan)
+    known = np.isfinite(factors) & np.isfinite(rated) & (factors != 0)
+    weight = np.log(np.abs(factors[known]))
+    spread = float(np.std(weight - np.log(rated[known]))) if known.sum() > 1 else math.inf
+    part = np.nanquantile(np.abs(torque), _USUAL, axis=0) / rated
+    most = float(np.max(part, where=np.isfinite(part), initial=0.0))
+    if spread < _ALIKE_RATED and float(np.std(weight)) > _UNLIKE * _ALIKE_RATED:
+        why = "the weight of its bodies makes the same part of what each drive can do, and no N m"
+    elif most > _BEYOND:
+        why = f"joint {int(np.nanargmax(part)) + 1} would have {most:.2g} times what its drive can"
+    else:
+        return ""
+    return (
+        f"torque: no name says N m, and {why}: is it in N m, a current (`unit: A`), or in % or ‰ "
+        "of the rated torque (`unit: '%'`, with `factor:` in N m for each of them)?"
+    )
+
+
+def gear_question(position: FloatArray, units: tuple[str, ...], cost: Gravity) -> str:
+    """Return a question where another scale of positions explains the torques far better.
+
+    Motors turn as often as their gears say, and encoders count: degrees and radians fit then, but
+    fit badly.
+
+    Args:
+        position: As the log has them, (T, n).
+        units: In which they are read.
+        cost: Of the torques in these rows.
+    """
+    scales, more = _scaled(position, units, cost.as_mounted(position, units))
+    best = int(np.argmin(more))
+    if more[best] > -DECISIVE or _SAME[0] < scales[best] < _SAME[1]:
+        return ""
+    return (
+        f"position: {scales[best]:.3g} times as far, the torques would be far more those of the "
+        "weight: are these turns or degrees of motors, or counts (`factor:`, one over the gear's "
+        "ratio), and from which zero (`zero:`)?"
+    )
+
+
+def is_singled_out(position: FloatArray, units: tuple[str, ...], cost: Gravity) -> bool:
+    """Say whether positions in units explain the torques better than any other scale.
+
+    From a wrong zero, no scale does. Arguments as of `gear_question`.
+    """
+    scales, more = _scaled(position, units, cost.as_mounted(position, units))
+    far = (scales < _FAR_OFF[0]) | (scales > _FAR_OFF[1])
+    is_best = _SAME[0] < scales[int(np.argmin(more))] < _SAME[1]
+    return is_best and bool(more[far].min() > DECISIVE)
+
+
+def _scaled(
+    position: FloatArray, units: tuple[str, ...], cost: Gravity
+) -> tuple[FloatArray, FloatArray]:
+    """Return scales of positions, and how much more than as read gravity leaves of the torques."""
+    every = slice(None, None, max(1, len(position) // _FEW))
+    few, position = cost.of_rows(every), position[every]
+    scales = np.geomspace(*_SCALES, _STEPS)
+    turns = ~np.array(cost.model.sliding)
+    left = [few.of(position * np.where(turns, scale, 1.0), units) for scale in scales.tolist()]
+    return scales, np.array(left) - few.of(position, units)
 
 
 def _by_effort(torque: FloatArray, model: RobotModel) -> Reading:

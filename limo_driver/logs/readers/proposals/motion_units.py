@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -13,10 +13,13 @@ from limo_driver.logs.readers.proposals.gravity import (
     DECISIVE,
     Gravity,
     Reading,
+    gear_question,
+    is_singled_out,
     maybe_in_radians,
     some_rows,
     usual,
 )
+from limo_driver.logs.readers.proposals.slides import slide_units
 from limo_driver.recordings.gate.held_values import one_factor, velocity_factor
 
 if TYPE_CHECKING:
@@ -27,15 +30,21 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-_ROOM: Final = 0.1  # [m] beyond the limits, likewise of a joint that slides
 _MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
 _FEWEST_ROWS: Final = 10
 ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
 _SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
 _SHARED: Final = 0.25  # of a step, that one next to it makes where it is part of a motion
-_FARTHEST: Final = 4 * math.pi  # [rad]; few arms turn farther
 _FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
+
+
+class _BySpeed(NamedTuple):
+    """The unit that a speed leaves for positions, and why."""
+
+    unit: str
+    why: str
+    is_rate: bool = False  # whether velocities are these positions' own rate of change
 
 
 @dataclass(frozen=True)
@@ -55,32 +64,37 @@ class Beside:
     velocity: FloatArray | None = None
 
 
-def position_reading(position: FloatArray, beside: Beside, model: RobotModel) -> Reading:
+def position_reading(position: FloatArray, more: Beside, model: RobotModel) -> Reading:
     """Say whether positions are in radians or degrees, joint by joint; or in m or mm, of slides.
 
     Args:
         position: (T, n) as the log has them, each with sign and zero of the robot.
-        beside: What else the log has.
+        more: What else the log has.
         model: The robot.
     """
-    torque, by_speed = beside.torque, _unit_by_speed(position, beside, model)
+    by_speed, torque = _unit_by_speed(position, more, model), more.torque
+    slides = slide_units(position, more.time, more.velocity, model)
     rests_at_zero = _is_noise_about_zero(position[:, ~np.array(model.sliding)])
     rows = some_rows(position, torque)
     position = position[rows]
     torque = None if torque is None else torque[rows]
-    slides = _slides(position, model)
-    if all(slides):
-        return Reading(slides, "within the limits of all slides")
+    if all(slides.units):
+        return Reading(slides.units, "within the limits of all slides", slides.question)
     # as if in rad: nothing else is open of joints that slide
-    position = position * [UNITS["position"].get(unit, 1.0) for unit in slides]
-    cost = Gravity(model, torque, beside.torque_unit)
+    position = position * [UNITS["position"].get(unit, 1.0) for unit in slides.units]
+    cost = Gravity(model, torque, more.torque_unit)
     found = _turns(position, cost, by_speed)
     if found.fits_both and (mounted := cost.as_mounted(position, found.units)) is not cost:
         found = _turns(position, mounted, by_speed)
     if found.question and rests_at_zero:  # the same pose in either unit
         found = Reading(("rad",) * model.n, "taken for rad: noise about zero says nothing of it")
-    units = tuple(own or unit for own, unit in zip(slides, found.units, strict=True))
-    return replace(found, units=units)
+    elif not found.question and not (by_speed and by_speed.is_rate):
+        found = replace(found, question=gear_question(position, found.units, cost))
+    units = tuple(own or unit for own, unit in zip(slides.units, found.units, strict=True))
+    asked = "; ".join(filter(None, (found.question, slides.question)))
+    return replace(
+        found, units=units, question=asked, fits_both=found.fits_both and not slides.question
+    )
 
 
 def _is_noise_about_zero(position: FloatArray) -> bool:
@@ -93,20 +107,7 @@ def _is_noise_about_zero(position: FloatArray) -> bool:
     return bool((spread <= 2.0 * noise).all() and (np.abs(known.mean(axis=0)) <= spread).all())
 
 
-def _slides(position: FloatArray, model: RobotModel) -> tuple[str, ...]:
-    """Return the units of the joints that slide; nothing for the others."""
-    limits = model.limits
-    furthest = np.maximum(np.abs(limits.position_min), np.abs(limits.position_max)) + _ROOM
-    metres = np.nanquantile(np.abs(position), 0.998, axis=0) < furthest
-    return tuple(
-        ("m" if small else "mm") if slides else ""
-        for slides, small in zip(model.sliding, metres.tolist(), strict=True)
-    )
-
-
-def _unit_by_speed(
-    position: FloatArray, beside: Beside, model: RobotModel
-) -> tuple[str, str] | None:
+def _unit_by_speed(position: FloatArray, beside: Beside, model: RobotModel) -> _BySpeed | None:
     """Return the unit that velocities, or limits of them, leave for positions (T, n), and why.
 
     A joint whose velocity limit would be far exceeded in rad is in deg. No slow motion says the
@@ -129,20 +130,21 @@ def _unit_by_speed(
 
 def _unit_of_velocities(
     time: FloatArray, position: FloatArray, velocity: FloatArray
-) -> tuple[str, str] | None:
+) -> _BySpeed | None:
     """Return the unit of positions (T, k) whose rate of change velocities [rad/s] are."""
     factors = [velocity_factor(time, *own) for own in zip(position.T, velocity.T, strict=True)]
     usual = float(np.median(np.abs([factor for factor in factors if factor] or [0.0])))
     for unit in ("rad", "deg"):
         ratio = usual / UNITS["position"][unit]
         if ALIKE[0] < ratio < ALIKE[1]:
-            return unit, f"the velocities are {ratio:.3g} times their rate of change in {unit}"
+            why = f"the velocities are {ratio:.3g} times their rate of change in {unit}"
+            return _BySpeed(unit, why, is_rate=True)
     return None
 
 
 def _too_fast_in_rad(
     time: FloatArray, position: FloatArray, turns: NDArray[np.intp], model: RobotModel
-) -> tuple[str, str] | None:
+) -> _BySpeed | None:
     """Return degrees where positions (T, k) of joints `turns` move too fast for radians."""
     every = max(1, round(_SWEEP / float(np.median(np.diff(time)))))
     time, position = time[::every], _without_jumps(position)[::every]
@@ -152,7 +154,8 @@ def _too_fast_in_rad(
     for j, speed in zip(turns.tolist(), np.quantile(speeds, 0.98, axis=0).tolist(), strict=True):
         limit = float(model.limits.velocity[j])
         if 0 < _FASTER * limit < speed:
-            return "deg", f"in rad, joint {j + 1} would move at {speed:.3g} of {limit:.3g} rad/s"
+            why = f"in rad, joint {j + 1} would move at {speed:.3g} of {limit:.3g} rad/s"
+            return _BySpeed("deg", why)
     return None
 
 
@@ -166,7 +169,7 @@ def _without_jumps(position: FloatArray) -> FloatArray:
     return np.vstack([position[:1], position[:1] + np.cumsum(np.where(shared, steps, 0.0), axis=0)])
 
 
-def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None) -> Reading:
+def _turns(position: FloatArray, cost: Gravity, by_speed: _BySpeed | None) -> Reading:
     """Say whether positions (T, n) of the joints that turn are in radians or degrees."""
     model = cost.model
     n, slides = model.n, np.array(model.sliding)
@@ -182,18 +185,21 @@ def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None
         why = f"beyond the limits of joint {j + 1} in {other}, within all limits in {unit}"
         found = _unless_mixed(position, (unit,) * n, why, possible, cost)
         if unit == "deg" and not found.question and not _says_deg(position, cost, by_speed):
-            asked = f"limits alone say deg ({why}), which a description may have wrong"
-            found = replace(found, question=f"position: are the columns in rad or deg? {asked}")
+            found = replace(
+                found,
+                question=f"position: are the columns in rad or deg? limits alone say deg ({why}), "
+                "which a description may have wrong, and motors turn as far (`factor:`)",
+            )
         return found
     if len(uniform) > 1:
         rad, deg = (cost.of(position, (unit,) * n) for unit in ("rad", "deg"))
         decided = abs(rad - deg) >= DECISIVE
         unit, other = ("rad", "deg") if rad < deg else ("deg", "rad")
-        if by_speed is not None and not (decided and by_speed[0] == other):
-            return _unless_mixed(position, (by_speed[0],) * n, by_speed[1], possible, cost)
+        if by_speed is not None and not (decided and by_speed.unit == other):
+            return _unless_mixed(position, (by_speed.unit,) * n, by_speed.why, possible, cost)
         if by_speed is not None:
             why = f"the torques are those of positions in {unit}"
-            asked = f"the torques fit {unit}, but {by_speed[1]}"
+            asked = f"the torques fit {unit}, but {by_speed.why}"
             return Reading((unit,) * n, why, f"position: are the columns in rad or deg? {asked}")
         if not decided:
             told, fitted = "the torques fit both", "limits and torques"
@@ -208,19 +214,26 @@ def _turns(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None
         return _unless_mixed(
             position, (unit,) * n, f"the torques are those of positions in {unit}", possible, cost
         )
-    units = tuple("rad" if possible["rad"][j] else "deg" for j in range(n))
-    return _unless_mixed(position, units, "within the limits one by one only", possible, cost)
+    return _one_by_one(position, possible, cost)
 
 
-def _says_deg(position: FloatArray, cost: Gravity, by_speed: tuple[str, str] | None) -> bool:
+def _one_by_one(position: FloatArray, possible: dict[str, np.ndarray], cost: Gravity) -> Reading:
+    """Return the unit of each joint where no unit fits all; with a question where none fits one."""
+    units = tuple("rad" if fits else "deg" for fits in possible["rad"])
+    why = "within the limits one by one only"
+    if beyond := (np.flatnonzero(~(possible["rad"] | possible["deg"])) + 1).tolist():
+        asked = (
+            f"position: in deg, too, the columns of joints {', '.join(map(str, beyond))} go beyond "
+            "the limits: of which unit or motor are they (`unit:`, `factor:`, `zero:`)?"
+        )
+        return Reading(units, why, asked)
+    return _unless_mixed(position, units, why, possible, cost)
+
+
+def _says_deg(position: FloatArray, cost: Gravity, by_speed: _BySpeed | None) -> bool:
     """Say whether more than limits says that positions (T, n) are in degrees."""
-    n = cost.model.n
-    turning = np.abs(position[:, ~np.array(cost.model.sliding)])
-    return (
-        (by_speed is not None and by_speed[0] == "deg")
-        or bool(np.nanquantile(turning, 0.998) > _FARTHEST)
-        or cost.of(position, ("rad",) * n) - cost.of(position, ("deg",) * n) >= DECISIVE
-    )
+    by_rate = by_speed is not None and by_speed.is_rate and by_speed.unit == "deg"
+    return by_rate or is_singled_out(position, ("deg",) * cost.model.n, cost)
 
 
 def _unless_mixed(

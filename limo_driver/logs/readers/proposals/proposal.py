@@ -22,6 +22,7 @@ from limo_driver.logs.readers.columns import (
     MEASURED,
     NO_COLUMN,
     NOTHING,
+    OF_RATED,
     PLAIN,
     POSITION,
     TEMPERATURE,
@@ -36,6 +37,7 @@ from limo_driver.logs.readers.columns import (
 )
 from limo_driver.logs.readers.formats.lerobot import KIND as LEROBOT
 from limo_driver.logs.readers.mapping import Channels, LogMapping, template_for, values_of
+from limo_driver.logs.readers.proposals.clock import clock_question
 from limo_driver.logs.readers.proposals.gravity import (
     current_factors,
     other_unit_from,
@@ -175,6 +177,7 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     position = _positions(draft, positions, _beside(draft, time, torques))
     torque = _torques(draft, torques, position)
     velocity = _velocities(draft, time.columns, position)
+    _ask_of_clock(draft, time, position, torque)
     command = _commands(draft, position, torque)
     led = torque is None and command is None  # by velocities, if by anything
     command_velocity = _commanded_velocities(draft, time.columns, position) if led else None
@@ -303,11 +306,11 @@ def _beside(draft: _Draft, time: TimeFound, torques: ColumnFamily | None) -> Bes
     is_timed = not time.questions and not draft.table.is_si  # which is in rad, if that fits at all
     found = Beside(time=time.columns.read(draft.table)[0] if is_timed else None)
     if torques is not None:
-        stated = None if torques.unit in CURRENTS else UNITS[TORQUE].get(torques.unit)
+        stated = None if torques.unit in (*CURRENTS, *OF_RATED) else UNITS[TORQUE].get(torques.unit)
         found = replace(found, torque=draft.values(torques), torque_unit=stated)
     velocities = _best(draft, VELOCITY)
-    if velocities is not None and velocities.unit in UNITS[VELOCITY]:
-        scale = UNITS[VELOCITY][velocities.unit]
+    if velocities is not None and velocities.stated:
+        scale = np.array([UNITS[VELOCITY][unit] for unit in velocities.stated])
         found = replace(found, velocity=scale * draft.values(velocities))
     return found
 
@@ -387,14 +390,16 @@ def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> 
         why = none or "no column is named like a measured torque"
         draft.taken.append(Taken(TORQUE, "none", "", why))
         return None
-    if family.quantity == CURRENT:
+    stated = family.stated
+    if family.quantity == CURRENT or not {*stated}.isdisjoint(OF_RATED):
         unit = (family.unit or "A",)
+        what = "currents" if unit[0] in CURRENTS else f"{unit[0]} of the rated torque"
         draft.questions.append(
-            f"torque: {family} are currents: how many N m does one {unit[0]} make at each joint "
+            f"torque: {family} are {what}: how many N m does one {unit[0]} make at each joint "
             f"(`factor:`)?{_by_gravity(draft, family, position)}"
         )
-        return draft.take(TORQUE, family, unit, "currents")
-    if stated := family.stated:
+        return draft.take(TORQUE, family, unit, what)
+    if stated:
         return draft.take(TORQUE, family, stated, "the names say so")
     motion = position.read(draft.table, POSITION)
     found = torque_reading(motion, draft.values(family), draft.model)
@@ -420,6 +425,20 @@ def _by_gravity(draft: _Draft, currents: ColumnFamily, position: Channels) -> st
 def _velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channels | None:
     family = _best(draft, VELOCITY)
     return None if family is None else _rates(draft, VELOCITY, family, time, position)
+
+
+def _ask_of_clock(
+    draft: _Draft, time: TimeFound, position: Channels, torque: Channels | None
+) -> None:
+    """Ask whether the clock runs at half or double, where all else is known."""
+    asked = {x.partition(":")[0] for x in draft.questions if "both fit limits" not in x}
+    if not {"time", POSITION}.isdisjoint(asked) or not time.columns.columns:
+        return
+    known = torque is not None and TORQUE not in asked and NO_COLUMN not in torque.columns
+    felt = torque.read(draft.table, TORQUE) if torque is not None and known else None
+    seconds, motion = time.columns.read(draft.table)[0], position.read(draft.table, POSITION)
+    if question := clock_question(seconds, motion, felt, draft.model):
+        draft.questions.append(question)
 
 
 def _commanded_velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channels | None:

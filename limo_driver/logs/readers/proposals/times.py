@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,12 +27,26 @@ if TYPE_CHECKING:
 
 _SHORT: Final = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 _FIRST: Final = ("time", "t", "timestamp")  # names that stand before all others
+_FASTEST: Final = 1e5  # [Hz]
 _APART: Final = 0.01  # by which the lengths of two clocks differ where they are two clocks
 _FEWEST = 2
 _FEWEST_EVEN: Final = 20  # rows
 _EVEN: Final = 0.05  # of a step, by which others differ
 _OTHER_RATE: Final = 0.1  # of a rate, by which it is another
 _SECOND: Final = 1e9  # [ns]
+_MUCH_APART: Final = 0.2  # by which another clock differs from a column that is plainly the time
+# a rate or a period as people write it: 500 Hz, fs = 500, dt: 2 ms
+_HERTZ: Final = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)[ _]?(k?)hz(?![a-z])")
+_NAMED_RATE: Final = re.compile(
+    r"\b(?:fs|rate|freq|frequency|(?:sampl\w*|log\w*|record\w*)[ _-]?(?:rate|freq\w*))\b"
+    r"[^\d\n]{0,12}?[:=]\s*(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*(k?)(?:hz)?"
+)
+_NAMED_PERIOD: Final = re.compile(
+    r"\b(?:dt|ts|period|(?:sampl\w*|log\w*|cycle)[ _-]?(?:time|period|step|interval))\b"
+    r"[^\d\n]{0,12}?[:=]\s*(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*(ms|us|ns|s|)(?![a-z])"
+)
+_NO_RATE: Final = re.compile(r"cut-?off|filter|low-?pass|bandwidth|motion|sine|chirp|control")
+_NEARLY_ALL: Final = (0.01, 0.99)
 _PIECES: Final = 20  # of a column, each with steps of its own
 _OTHER_UNIT: Final = 100.0  # between steps of two pieces; units are 1000 apart, rates less
 
@@ -81,11 +96,11 @@ def time_columns(table: LogTable) -> TimeFound:
         ]
         lost += [f"{n.column} does not go forward" for n in names]
         found_none = f"none was found ({'; '.join(lost)})" if lost else "none was found"
-        guess = ""
+        guess = "".join(f"; it says {rate:g} Hz" for rate in stated_rates(table))
         if even := [name for name, values in table.columns.items() if _is_even(values)]:
             guess = f"; {shortened(even)} goes on in even steps"
         return TimeFound(
-            TimeColumns(rate=1.0),
+            TimeColumns(rate=next(iter(stated_rates(table)), 1.0)),
             "; ".join(lost) or "no column is named like a time",
             (f"time: {found_none}: state `columns:`, or the `rate:` of the rows in Hz{guess}",),
         )
@@ -143,29 +158,73 @@ def refuse_two_units(table: LogTable, name: str) -> None:
 
 def _disagreeing(table: LogTable, first: str, read: dict[str, tuple[str, str, str]]) -> list[str]:
     """Return a question where two columns of time tell of different durations."""
-    if first in _FIRST[:1]:
+    lengths = {name: _length(table.columns[name], unit) for name, (unit, _, _) in read.items()}
+    for name, values in table.columns.items():
+        if values.dtype.kind in "mM":
+            lengths.setdefault(name, _length(values, "s"))
+    own, apart = lengths[first], _MUCH_APART if first in _FIRST[:1] else _APART
+    if table.received:
+        lengths["the time of receipt"] = table.received * own
+    other = [
+        name
+        for name, length in lengths.items()
+        if abs(length - own) > (_MUCH_APART if name not in read else apart) * own
+    ]
+    if not other or not own:
         return []
-    lengths = {
-        name: float(np.ptp(_known(table.columns[name]))) * SECONDS[unit]
-        for name, (unit, _, _) in read.items()
-        if table.columns[name].dtype.kind not in "mM"
-    }
-    own = lengths.get(first)
-    other = [n for n, x in lengths.items() if own is not None and abs(x - own) > _APART * own]
-    return [f"time: {first} or {other[0]}? their lengths differ"] if other else []
+    ratio = lengths[other[0]] / own
+    return [
+        f"time: {first} or {other[0]}? their lengths differ: the second runs {ratio:.4g} times as "
+        f"far (`factor: {ratio:.4g}` under `time:` takes its speed)"
+    ]
+
+
+def _length(values: NDArray[Any], unit: str) -> float:
+    """Return what nearly all of a column of time comes to [s]; single rows may be anywhere."""
+    if values.dtype.kind in "mM":
+        known = values[~np.isnat(values)]
+        numbers = (known - known[:1]) / np.timedelta64(1, "s")
+    else:
+        numbers = _known(values) * SECONDS[unit]
+    return float(np.diff(np.quantile(numbers, _NEARLY_ALL))[0]) if numbers.size else 0.0
+
+
+def stated_rates(table: LogTable) -> tuple[float, ...]:
+    """Return the rates [Hz] that the words of a file state: its comments, single values and name.
+
+    Args:
+        table: What the log holds.
+    """
+    found = list[float]()
+    name = re.split(r"[\\/]", table.source)[-1].rpartition(".")[0].replace("_", " ")
+    for text in (name, *table.words):
+        line = text.lower()
+        if _NO_RATE.search(line):
+            continue
+        for pattern in (_HERTZ, _NAMED_RATE):
+            found += [float(x) * (1000.0 if kilo else 1.0) for x, kilo in pattern.findall(line)]
+        found += [
+            1.0 / (float(x) * SECONDS[unit or "s"])
+            for x, unit in _NAMED_PERIOD.findall(line)
+            if float(x) > 0
+        ]
+    return tuple(dict.fromkeys(rate for rate in found if 0 < rate < _FASTEST))
 
 
 def _at_other_rate(table: LogTable, name: str, unit: str) -> list[str]:
-    """Return a question where the format states another rate than the steps of a time make."""
-    steps = np.diff(_known(table.columns[name]))
-    if not table.rate or not (steps > 0).any():
+    """Return a question where a format or its words state other rates than the steps make."""
+    values = table.columns[name]
+    steps = np.diff(_known(values)) if values.dtype.kind not in "mM" else np.zeros(0)
+    stated = (table.rate,) if table.rate else stated_rates(table)
+    if not stated or not (steps > 0).any():
         return []
     rate = 1.0 / (float(np.median(steps[steps > 0])) * SECONDS[unit])
-    if abs(rate / table.rate - 1.0) < _OTHER_RATE:
+    if any(abs(rate / each - 1.0) < _OTHER_RATE for each in stated):
         return []
+    who = "the format has" if table.rate else "the file speaks of"
     return [
-        f"time: the format has {table.rate:g} rows in a second, and the steps of {name} make "
-        f"{rate:.4g}: which is it (`factor: {rate / table.rate:.4g}` under `time:` is the first)?"
+        f"time: {who} {stated[0]:g} rows in a second, and the steps of {name} make "
+        f"{rate:.4g}: which is it (`factor: {rate / stated[0]:.4g}` under `time:` is the first)?"
     ]
 
 
