@@ -10,8 +10,9 @@ router is killed and comes back after ten seconds; in every second one a file fi
 logs for a minute, a tmpfs of the run's own mount namespace; in every third one the wall clock of
 the processes steps by an hour, forward and back in turn, and their monotonic clock does not, by a
 library that answers them in libc's stead. Each minute is
-a row of OUT/samples.csv, on the disk before the next one. Without --model, only what OUT holds is
-judged: so a run that was killed can be, too.
+a row of OUT/samples.csv, on the disk before the next one. What grows has to do so in the second
+half of a run, too: before, caches fill and buffers come to their largest size. Without --model,
+only what OUT holds is judged: so a run that was killed can be, too.
 """
 
 from __future__ import annotations
@@ -61,7 +62,6 @@ COUNTS = {
 }
 MEASURES = {"rss": 2.0, "handles": 1.0, "threads": 1.0}  # bars: MB, number and number an hour
 LOST_BAR = 0.1  # % of the states, outside of outages
-WARM = 15.0  # [min] that count for no slope: caches fill, memory is first used
 DOWN = 10.0  # [s] without a router
 FULL = 0.1  # of a period without room
 ROOM = "64M"  # of the disk of the logs
@@ -345,7 +345,7 @@ def judge(samples: Path) -> None:
         sys.exit(f"{samples} has no rows: the run ended within its first minute")
     columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
     minutes = columns["minutes"]
-    hours, counted = minutes / 60.0, minutes > min(WARM, 0.3 * minutes[-1])
+    hours, counted = minutes / 60.0, minutes > minutes[-1] / 2
     ends = [np.flatnonzero(hours // 1 == h)[-1] for h in np.unique(hours // 1)]
     load = columns["load"].mean()
     print(f"{minutes[-1]:.0f} min at {columns['rate'][0]:g} Hz, load {load:.1f} on average")
