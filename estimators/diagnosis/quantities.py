@@ -179,14 +179,22 @@ def _value(hint: Any, value: Any) -> Any:  # noqa: ANN401  # JSON
     return value
 
 
-AMOUNTS: Final = {  # of drives, the one value that is off, as roboticists call it
-    "position_servo": "P gain",
-    "velocity_servo": "velocity gain",
-    "torque_drive": "torque gain",
-    "integral_gain": "I gain",
-    "drive_delay": "delay",
+QUANTITIES: Final = {  # by effect and parameter, as roboticists call it: what wears or is off
+    ("coulomb_friction", "tau_c"): "Coulomb friction",
+    ("viscous_friction", "f_v"): "viscous friction",
+    ("armature", "inertia"): "armature",
+    ("joint_elasticity", "stiffness"): "joint stiffness",
+    ("spring_load", "stiffness"): "stiffness of the spring",
+    ("backlash", "gap"): "backlash",
+    ("payload", "mass"): "payload",
+    ("position_servo", "kp"): "P gain",
+    ("velocity_servo", "kv"): "velocity gain",
+    ("torque_drive", "gain"): "torque gain",
+    ("integral_gain", "ki"): "I gain",
+    ("drive_delay", "delay"): "delay",
 }
 _MAIN: Final = frozenset({"kp", "kv", "gain", "ki", "delay"})  # by which a drive is called
+AMOUNTS: Final = {effect: called for (effect, name), called in QUANTITIES.items() if name in _MAIN}
 
 
 def place_of_value(item: StatedValue) -> str:
@@ -196,13 +204,13 @@ def place_of_value(item: StatedValue) -> str:
 
 
 def name_of_value(item: StatedValue) -> str:
-    """Return what a value is, as roboticists call it: "tau_c (coulomb friction)", "P gain"."""
+    """Return what a value is, as roboticists call it: "v_eps (coulomb friction)", "P gain"."""
     if not item.effect:
         return f"{item.name} (RMS torque)"
     if (item.effect, item.name) == ("position_servo", "kd"):
         return "kd (damping within the torque limit)"
-    amount = AMOUNTS.get(item.effect) if item.name in _MAIN else None
-    return amount or f"{item.name} ({display_name(item.effect)})"
+    called = QUANTITIES.get((item.effect, item.name))
+    return called or f"{item.name} ({display_name(item.effect)})"
 
 
 def fitted_of(item: StatedValue) -> str:

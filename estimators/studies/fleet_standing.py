@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.stats import chi2, kendalltau, linregress, norm, t, theilslopes
 
-from estimators.diagnosis.quantities import AMOUNTS
+from estimators.diagnosis.quantities import QUANTITIES
 from estimators.studies.fleet_row import FLEET
 from limo_driver.runtime.display import joint_called
 
@@ -27,20 +27,6 @@ if TYPE_CHECKING:
 _NORMAL: Final = float(1 / norm.ppf(0.75))  # standard deviation over median absolute deviation
 _DAY: Final = 86_400.0  # [s]
 _SMALLEST: Final = 1e-300  # in place of nothing, where one divides by it
-QUANTITIES: Final = {  # by effect and parameter: what wears, breaks, or was built otherwise
-    ("coulomb_friction", "tau_c"): "Coulomb friction",
-    ("viscous_friction", "f_v"): "viscous friction",
-    ("armature", "inertia"): "armature",
-    ("joint_elasticity", "stiffness"): "joint stiffness",
-    ("spring_load", "stiffness"): "stiffness of the spring",
-    ("backlash", "gap"): "backlash",
-    ("payload", "mass"): "payload",
-    ("position_servo", "kp"): AMOUNTS["position_servo"],
-    ("velocity_servo", "kv"): AMOUNTS["velocity_servo"],
-    ("torque_drive", "gain"): AMOUNTS["torque_drive"],
-    ("integral_gain", "ki"): AMOUNTS["integral_gain"],
-    ("drive_delay", "delay"): AMOUNTS["drive_delay"],
-}
 
 
 @dataclass(frozen=True)

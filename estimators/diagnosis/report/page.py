@@ -263,8 +263,10 @@ def _compared(verdict: Verdict) -> str:
     count = verdict.rows
     columns = (count.usable, count.fitted, count.judged, count.part_judged())
     rows = [
-        [str(j), _count(usable), _count(fitted), _count(judged), percent(part)]
-        for j, (usable, fitted, judged, part) in enumerate(zip(*columns, strict=True), start=1)
+        [label, _count(usable), _count(fitted), _count(judged), percent(part)]
+        for label, (usable, fitted, judged, part) in zip(
+            verdict.labels, zip(*columns, strict=True), strict=False
+        )
     ]
     if not rows:
         return ""

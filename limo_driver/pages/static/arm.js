@@ -96,7 +96,7 @@ class ArmScene {
   frame({ low, high }) {
     const middle = low.clone().add(high).multiplyScalar(0.5);
     const { clientWidth: width, clientHeight: height } = this.stage, narrow = width ? Math.max(1, height / width) : 1;
-    const away = narrow * Math.max(1.9 * this.arm.length, 1.7 * low.distanceTo(high));
+    const away = narrow * Math.max(1.9 * this.arm.length, 1.5 * low.distanceTo(high));
     const from = this.camera.position.clone().sub(this.controls.target).setLength(1.013 * away);
     this.camera.position.copy(middle).add(from);
     this.controls.target.copy(middle);
@@ -212,13 +212,18 @@ class ArmScene {
     body.root.updateMatrixWorld(true);
   }
 
-  // Take a position; returns the box around the joints, the flange and the base.
+  // Take a position; returns the box around all that is drawn of the arm, the flange and the base.
   pose(position) {
     this.turn(this.body, position);
-    const reach = [0, ...this.joints ? [...Array(this.joints).keys()] : []];
-    const places = reach.map((j) => this.place(j)).concat([this.place(null), new THREE.Vector3()]);
-    const low = places[0].clone(), high = places[0].clone();
-    places.forEach((p) => { low.min(p); high.max(p); });
+    const low = this.place(null), high = low.clone(), base = new THREE.Vector3();
+    const include = (least, most) => { low.min(least); high.max(most); };
+    include(base, base);
+    this.body.root.traverse(({ geometry, matrixWorld }) => {
+      if (!geometry) return;
+      geometry.boundingBox ?? geometry.computeBoundingBox();
+      const { min, max } = geometry.boundingBox.clone().applyMatrix4(matrixWorld);
+      include(min, max);
+    });
     return { low, high };
   }
 

@@ -65,7 +65,7 @@ def test_a_value_that_differs_inside_its_tolerance_is_told_by_name_and_from_what
     found = verdict(values=(value(),), fit=fit(above=(2,)))
     assert found.states == ("stated values differ",)
     assert headline(found) == (
-        "tau_c (coulomb friction) of joint 2 (elbow) is 1.440 N m [1.420, 1.460], not the stated 1."
+        "Coulomb friction of joint 2 (elbow) is 1.440 N m [1.420, 1.460], not the stated 1."
     )
     table = "\n".join(lines_of(found))
     assert "within 15 % (limo's guess)" in table
