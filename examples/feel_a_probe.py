@@ -40,8 +40,10 @@ def main() -> None:
     print(f"where nothing touched: {np.median(free.force):.2f} N in the median")
     felt = limo.external_wrench(model, scan, untouched=(0.0, 5.0))
     rows = (felt.time > PRESS.windows[0][0] + 0.5) & (felt.time < PRESS.windows[0][1] - 0.5)
-    force, std = felt.value[rows, 2].mean(), felt.std[rows, 2].mean()
-    print(f"pressed with 15 N: {force:.1f} N, 95 % within {IN_95_PERCENT * std:.1f} N")
+    force, std = felt.value[rows, :3].mean(axis=0), felt.std[rows, :3].mean(axis=0)
+    size = np.linalg.norm(force)  # in the axes of the flange
+    margin = IN_95_PERCENT * np.linalg.norm(std * force / size)
+    print(f"pressed with 15 N: {size:.1f} N, 95 % within {margin:.1f} N")
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from collections.abc import Callable
 import numpy as np
 
 APPROACH = 4.0  # [s] to the first pose
+TICK = 2 * np.pi / 4096  # [rad], of the encoder of a simulated servo
 GRIPPER = (-0.174533, 1.74533)  # [rad], 0 and 100 % of the SO-101's, as its description has them
 
 
@@ -92,8 +93,8 @@ class SimulatedArm:
         self.data.ctrl[self.order] = goal
 
     def read(self) -> np.ndarray:
-        """Return where the joints are, (n,) [rad]."""
-        return self.data.qpos[self.place].copy()
+        """Return where the joints are by their encoders, (n,) [rad]."""
+        return TICK * np.round(self.data.qpos[self.place] / TICK)
 
     def now(self) -> float:
         """Return the simulated time [s]."""

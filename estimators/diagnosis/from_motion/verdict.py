@@ -29,7 +29,7 @@ from estimators.diagnosis.from_motion.simulation.constants import (
 )
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, most_torque, rows_of
-from estimators.diagnosis.quantities import of_joints
+from estimators.diagnosis.quantities import of_joints, to_interval
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import (
     Fit,
@@ -192,10 +192,11 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
         shown = kp > 0.0 and found.scaled[j - 1] and found.moved[j - 1]
         if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
             reach = float(np.exp(NORMAL * fit.deviation["kp"]))
+            sag, low, high = to_interval(load / kp, load / kp / reach, load / kp * reach)
             sentences.append(
-                f"Joint {j} sags {load / kp:.3f} rad (95 % interval {load / kp / reach:.3f} to "
-                f"{load / kp * reach:.3f} rad) at full reach: its P gain of {kp:.1f} N m/rad is "
-                f"low for {load:.2f} N m; with twice the gain it would be {load / kp / 2:.3f} rad."
+                f"Joint {j} sags {sag} rad (95 % interval {low} to {high} rad) at full reach: its "
+                f"P gain of {kp:.1f} N m/rad is low for {load:.2f} N m; with twice the gain it "
+                f"would be {load / kp / 2:.3f} rad."
             )
     return tuple(sentences)
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators.diagnosis.headline import MOST, headline
-from estimators.diagnosis.quantities import verdict_in
+from estimators.diagnosis.quantities import name_of_value, verdict_in
 from estimators.diagnosis.report.findings import removed
 from estimators.diagnosis.report.sections import identified, stated_values
 from estimators.diagnosis.result import hardly_shown, lines_of
@@ -161,7 +161,7 @@ def test_all_states_that_hold_are_there_and_no_other(found):
     reported = [item for item in found.values if item.reported]
     assert bool(reported) == ("stated values differ" in found.states)
     if reported:
-        assert any(f"{x.name} ({x.effect.replace('_', ' ')})" in text for x in reported)
+        assert any(name_of_value(x).lower() in text.lower() for x in reported)
     assert ("something unknown" in text) == ("something unexplained remains" in found.states)
     assert agrees or text.endswith(".")
     assert len(text) <= MOST or "more below" in text or len(found.states) > 1

@@ -92,6 +92,33 @@ def test_arrow_keys_turn_the_arm(tab, address):
     assert tab.errors == []
 
 
+LONG = """<mujoco><compiler angle="radian"/><worldbody><body pos="0 0 .2">
+ <joint name="lift" axis="0 1 0" range="-2 2"/>
+ <geom type="capsule" fromto="0 0 0 .5 0 0" size=".045"/><body pos=".5 0 0">
+  <joint name="stick" axis="0 1 0" range="-2 2"/>
+  <geom type="capsule" fromto="0 0 0 .4 0 0" size=".04"/></body></body></worldbody></mujoco>"""
+AT_THE_EDGES = """(() => {
+  const seen = document.querySelector("#arm canvas"), flat = document.createElement("canvas");
+  const { width, height } = Object.assign(flat, { width: seen.width, height: seen.height });
+  const drawn = flat.getContext("2d");
+  drawn.drawImage(seen, 0, 0);
+  const opaque = (...box) => drawn.getImageData(...box).data.filter((a, k) => k % 4 === 3 && a).length;
+  return [opaque(0, 0, width, height), opaque(0, 0, 1, height), opaque(width - 1, 0, 1, height),
+          opaque(0, 0, width, 1), opaque(0, height - 1, width, 1)];
+})()"""
+
+
+def test_all_of_an_arm_is_seen_not_its_joints_alone(tab, tmp_path):
+    (tmp_path / "arm.xml").write_text(LONG)
+    view = arm_view(RobotModel.load(tmp_path / "arm.xml"), np.array([-0.8, 0.4]))
+    Page("An arm", arm_section(view, "The arm", "Drag."), arm=view).save(tmp_path / "arm.html")
+    tab.look((tmp_path / "arm.html").as_uri())
+    tab.wait("document.body.dataset.arm === 'drawn'")
+    inside, *edges = tab.value(AT_THE_EDGES)
+    assert inside > 1000
+    assert edges == [0, 0, 0, 0]
+
+
 def test_the_slider_moves_the_arm_and_the_line_in_the_chart(tab, address):
     tab.look(address)
     tab.wait(DRAWN)

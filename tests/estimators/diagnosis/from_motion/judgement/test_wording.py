@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from estimators.diagnosis.from_motion.findings import as_stated
 from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
@@ -51,18 +53,22 @@ def test_what_is_stated_is_told_in_words_and_by_its_parts(arm):
         assert said(effect, stated).startswith("with ")
 
 
-def test_a_sag_is_told_with_its_interval(arm):
+@pytest.mark.parametrize("deviation", [0.1, 1e-3])
+def test_a_sag_is_told_with_its_interval(arm, deviation):
     servos = tuple(PositionServo(joint=j, kp=20.0, kd=0.5) for j in (1, 2))
     simulation = Simulation(str(arm), drives=servos)
-    fits = tuple(JointFit(row, ("kp",), {"kp": 0.1}, np.zeros(1)) for row in rows_of(simulation))
+    fits = tuple(
+        JointFit(row, ("kp",), {"kp": deviation}, np.zeros(1)) for row in rows_of(simulation)
+    )
     shown = DriveIdentification(simulation, fits, ((), ()), (True, True), (True, False))
 
     (said,) = sags(shown)
 
-    sag = full_load(simulation.body)[0] / 20.0
-    low, high = sag / np.exp(0.196), sag * np.exp(0.196)
-    assert f"sags {sag:.3f} rad" in said
-    assert f"95 % interval {low:.3f} to {high:.3f} rad" in said
+    sag, factor = full_load(simulation.body)[0] / 20.0, np.exp(1.96 * deviation)
+    found = re.search(r"sags (\S+) rad \(95 % interval (\S+) to (\S+) rad\)", said)
+    value, low, high = map(float, found.groups())
+    assert low < value < high
+    assert (value, low, high) == pytest.approx((sag, sag / factor, sag * factor), rel=5e-3)
 
 
 def test_joints_without_scale_or_motion_are_told(arm):
