@@ -102,7 +102,8 @@ AT_THE_EDGES = """(() => {
   const { width, height } = Object.assign(flat, { width: seen.width, height: seen.height });
   const drawn = flat.getContext("2d");
   drawn.drawImage(seen, 0, 0);
-  const opaque = (...box) => drawn.getImageData(...box).data.filter((a, k) => k % 4 === 3 && a).length;
+  const opaque = (...box) =>
+    drawn.getImageData(...box).data.filter((alpha, k) => k % 4 === 3 && alpha).length;
   return [opaque(0, 0, width, height), opaque(0, 0, 1, height), opaque(width - 1, 0, 1, height),
           opaque(0, 0, width, 1), opaque(0, height - 1, width, 1)];
 })()"""
