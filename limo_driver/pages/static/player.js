@@ -1,3 +1,5 @@
+const LOOKS = 50; // poses of a motion, of which the view holds all
+
 // The time slider of a page: the arm moves, its joints show their errors, and the charts follow.
 async function play(section) {
   const arm = JSON.parse(document.getElementById("arm-data").textContent);
@@ -21,6 +23,8 @@ async function play(section) {
   const time = motion ? floats(motion.time) : new Float32Array(1);
   const position = motion ? floats(motion.position) : Float32Array.from(arm.pose);
   const row = (values, k) => values.subarray(n * k, n * (k + 1));
+  const step = Math.ceil(time.length / LOOKS);
+  for (let k = 0; k < time.length; k += step) scene.hold(scene.pose(row(position, k)));
   const ghosts = (motion?.ghosts ?? []).map((ghost) => ({
     name: ghost.name,
     error: floats(ghost.error),

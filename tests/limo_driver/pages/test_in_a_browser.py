@@ -111,13 +111,18 @@ AT_THE_EDGES = """(() => {
 
 def test_all_of_an_arm_is_seen_not_its_joints_alone(tab, tmp_path):
     (tmp_path / "arm.xml").write_text(LONG)
-    view = arm_view(RobotModel.load(tmp_path / "arm.xml"), np.array([-0.8, 0.4]))
+    time = np.linspace(0.0, 9.0, 10)
+    motion = PlayedMotion(time, np.outer(time - 4.5, [0.4, 0.2]), (), (), "A motion.")
+    view = arm_view(RobotModel.load(tmp_path / "arm.xml"), np.array([-0.8, 0.4]), motion=motion)
     Page("An arm", arm_section(view, "The arm", "Drag."), arm=view).save(tmp_path / "arm.html")
     tab.look((tmp_path / "arm.html").as_uri())
     tab.wait("document.body.dataset.arm === 'drawn'")
-    inside, *edges = tab.value(AT_THE_EDGES)
-    assert inside > 1000
-    assert edges == [0, 0, 0, 0]
+    for row in range(10):
+        slide = f"at.value = {row}; at.dispatchEvent(new Event('input'))"
+        tab.value(f"{{ const at = document.querySelector('#arm [type=range]'); {slide}; }}")
+        inside, *edges = tab.value(AT_THE_EDGES)
+        assert inside > 1000
+        assert edges == [0, 0, 0, 0]
 
 
 def test_the_slider_moves_the_arm_and_the_line_in_the_chart(tab, address):
