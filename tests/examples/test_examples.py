@@ -27,12 +27,12 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ),
         pytest.param(
             "feel_a_probe",
-            "where nothing touched: |pressed with 15 N: 1",
+            "where nothing touched: |pressed with 15 N: 15.",
             marks=pytest.mark.slow("plans, identifies and learns"),
         ),
         pytest.param(
             "weigh_by_servos",
-            "payload (at the flange): mass 0.1",
+            "Payload of 0.12",
             marks=pytest.mark.slow("plays three minutes of commands, and diagnoses"),
         ),
         pytest.param(
