@@ -27,7 +27,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ),
         pytest.param(
             "feel_a_probe",
-            "where nothing touched: |pressed with 15 N: 1",
+            "where nothing touched: |pressed with 15 N: 15.",
             marks=pytest.mark.slow("plans, identifies and learns"),
         ),
         pytest.param(
