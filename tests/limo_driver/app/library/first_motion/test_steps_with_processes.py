@@ -26,7 +26,7 @@ pytestmark = [
     pytest.mark.slow("starts a process, and receives for a quarter of a minute"),
 ]
 
-LATE = {"late", "loss", "jitter", "loose-cable"}
+LATE = {"late", "loss", "jitter", "loose-cable", "torque"}  # arms jerk after a hand they missed
 SECONDS = 14.0  # for three poses, wherever the hand is when it begins
 EVERY, LONG = 3.5, 0.8  # [s] from hand to hand, and of each
 TOOL = "robot: iiwa14\neffects:\n  - {effect: payload, mass: 4.0, com: [0.0, 0.0, 0.12]}\n"
