@@ -229,8 +229,7 @@ def _tried(choice: Mapping[str, Any] | None, names: Sequence[str]) -> str:
         elif one["name"] != "simulation":
             values[one["name"]] = [f"{left:.2f}" for left in one["left"]]
             if one.get("coverage"):
-                within = [f"{part:.0%}" for part in one["coverage"]]
-                values[f"{one['name']}: within 95 %"] = within
+                values[f"{one['name']}: within 95 %"] = [f"{part:.0%}" for part in one["coverage"]]
     return paragraph(f"Chosen: {choice['chosen']}.") + columns(values) + listed(refused)
 
 
@@ -258,7 +257,7 @@ def _data(recordings: Sequence[Recording]) -> dict[str, list[object]]:
         "samples": [len(one) for one in recordings],
         "seconds": [f"{one.time[-1] - one.time[0]:.0f}" for one in recordings],
         "rate [Hz]": [f"{one.rate:.4g}" for one in recordings],
-        "rows left out": [sum(item.rows for item in one.left_out) for one in recordings],
+        "rows left out": [sum(len(item.rows) for item in one.left_out) for one in recordings],
     }
 
 

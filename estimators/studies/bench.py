@@ -123,11 +123,11 @@ class SlideFile:
     @property
     def columns(self) -> FloatArray:
         """Acceleration, velocity, its sign and one, (T, 4), as the authors compute them."""
-        from scipy.signal import butter, filtfilt
+        from scipy.signal import butter, sosfiltfilt
 
         step = float(np.mean(np.diff(self.time)))
-        b, a = butter(4, 2.0 * _CUT * step)
-        velocity = np.gradient(np.asarray(filtfilt(b, a, self.position)), step)
+        sections = np.asarray(butter(4, 2.0 * _CUT * step, output="sos"))
+        velocity = np.gradient(np.asarray(sosfiltfilt(sections, self.position)), step)
         acceleration = np.gradient(velocity, step)
         return np.stack([acceleration, velocity, np.sign(velocity), np.ones_like(velocity)], axis=1)
 

@@ -29,13 +29,14 @@ from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
+    from multiprocessing.process import BaseProcess
     from pathlib import Path
 
     import zenoh
 
     from limo_driver.network.messages import Event, TorqueEstimate
 
-    Process = subprocess.Popen[bytes] | multiprocessing.process.BaseProcess
+    Process = subprocess.Popen[bytes] | BaseProcess
 
 ARM: Final = "iiwa14"
 RATE: Final = 250  # [Hz] of the stream

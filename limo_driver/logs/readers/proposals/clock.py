@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import pinocchio as pin
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.proposals.gravity import usual
@@ -155,7 +155,7 @@ def _regressors(
 
 def _left(A: FloatArray, b: FloatArray) -> float:
     """Return the sum of squares that a fit leaves."""
-    A = A / np.maximum(np.abs(A).max(axis=0), 1e-12)
-    x = np.linalg.lstsq(A, b, rcond=1e-9)[0]
-    rest = b - A @ x
+    scaled = A / np.maximum(np.abs(A).max(axis=0), 1e-12)
+    x = np.linalg.lstsq(scaled, b, rcond=1e-9)[0]
+    rest = b - scaled @ x
     return float(rest @ rest)
