@@ -50,7 +50,11 @@ NOT_RUN = {
     "CONTRIBUTING.md": ["runs what runs this"],
     "README.md": ["installs limo, and runs what runs this"],
     "diagnosis.md": ["needs recordings of your arm"],
-    "diagnosis_measured.md": ["takes hours", "needs recordings of a real arm"],
+    "diagnosis_measured.md": [
+        "takes hours",
+        "needs finished verdicts",
+        "needs recordings of a real arm",
+    ],
     "embedding.md": ["needs minutes of free motion"],
     "first_motion.md": ["needs a real arm"],
     "fleet.md": ["needs a cluster"],
@@ -62,7 +66,10 @@ NOT_RUN = {
         "needs the authors' files",
     ],
     "ros2.md": ["needs a robot, and ends at Ctrl-C", "writes into a workspace of ROS"],
-    "start.md": ["installs limo, and runs what runs this"] * 3,
+    "start.md": [
+        *["installs limo, and runs what runs this"] * 3,
+        "streams in real time, for minutes",
+    ],
     "streaming.md": ["needs zenoh-pico, built in zenoh-pico/build", "needs two other machines"],
     "without_torque.md": ["needs a real arm"],
 }

@@ -58,7 +58,7 @@ def inspect(
             column that is chosen or mapped.
 
     Example:
-        >>> q = np.sin(0.01 * np.arange(500))[:, None] * np.ones(7)
+        >>> q = np.sin(0.004 * np.arange(500))[:, None] * np.ones(7)
         >>> log = {"t_ms": 4.0 * np.arange(500), "q": q, "tau_nm": np.cos(q)}
         >>> print(limo.inspect(log, "iiwa14"))
     """

@@ -71,7 +71,7 @@ def read(
         RecordingError: The log cannot be used.
 
     Example:
-        >>> q = np.sin(0.01 * np.arange(500))[:, None] * np.ones(7)
+        >>> q = np.sin(0.004 * np.arange(500))[:, None] * np.ones(7)
         >>> log = {"t_ms": 4.0 * np.arange(500), "q_rad": q, "tau_nm": np.cos(q)}
         >>> recording = limo.read(log, "iiwa14")
     """

@@ -137,7 +137,7 @@ class LogMapping(Declared, Displayed):
         ConfigError: Numbers of columns and joints differ, or a unit is of another quantity.
 
     Example:
-        >>> q = np.sin(0.01 * np.arange(500))[:, None] * np.ones(7)
+        >>> q = np.sin(0.004 * np.arange(500))[:, None] * np.ones(7)
         >>> log = {"t_ms": 4.0 * np.arange(500), "q_rad": q, "tau_nm": np.cos(q)}
         >>> limo.inspect(log, "iiwa14").mapping.save("mapping.yaml")
     """

@@ -49,7 +49,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class Wire:
+class ProvenWire:
     """How the driver reaches its arm.
 
     Args:
@@ -66,12 +66,12 @@ class Wire:
     other_end: tuple[str, ...] = ()
 
 
-MUJOCO: Final = Wire("MuJoCo", "mujoco")
+MUJOCO: Final = ProvenWire("MuJoCo", "mujoco")
 
 
 @contextmanager
 def moving(
-    wire: Wire, simulation: Path, motion: Path, record: Path, network: Path | None = None
+    wire: ProvenWire, simulation: Path, motion: Path, record: Path, network: Path | None = None
 ) -> Generator[subprocess.Popen[bytes]]:
     """Move an arm in processes of their own until the block ends; the arm is slowed down to a hold.
 
@@ -165,7 +165,7 @@ def _serve(options: dict[str, Any]) -> None:
 
 
 @dataclass(frozen=True)
-class Heard:
+class HeardStates:
     """Estimates in the order in which a consumer heard them."""
 
     sequences: np.ndarray  # (T,) of the states that they answer
@@ -231,11 +231,11 @@ class Consumer(Closing):
         """Estimates heard."""
         return len(self._estimates)
 
-    def heard(self, first: int = 0) -> Heard:
+    def heard(self, first: int = 0) -> HeardStates:
         """Return the estimates from one on."""
         pairs = self._estimates[first:]
         answers = [decode_torque_estimate(payload) for _, payload in pairs]
-        return Heard(
+        return HeardStates(
             np.array([sequence for sequence, _ in pairs], dtype=np.int64),
             np.array([answer.stamp_ns for answer in answers], dtype=np.int64),
             np.array([_external(answer) for answer in answers]),

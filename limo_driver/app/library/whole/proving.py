@@ -27,7 +27,7 @@ from limo_driver.app.library.whole.processes import (
     RATE,
     Consumer,
     ServiceProcess,
-    Wire,
+    ProvenWire,
     configurations,
     moving,
     recorded,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.diagnosis.from_torque.pipeline import Diagnosis
-    from limo_driver.app.library.whole.processes import Heard
+    from limo_driver.app.library.whole.processes import HeardStates
     from limo_driver.physics import Simulation
 
 PUSH_BAR: Final = 0.05  # of the push
@@ -56,7 +56,7 @@ _NANOSECONDS: Final = 1e9
 
 def prove(
     out: Path,
-    wire: Wire = MUJOCO,
+    wire: ProvenWire = MUJOCO,
     progress: Callable[[str, float], None] | None = None,
     lengths: Lengths | None = None,
 ) -> Proof:
@@ -91,7 +91,7 @@ class _Run:
     def __init__(
         self,
         out: Path,
-        wire: Wire,
+        wire: ProvenWire,
         proof: Proof,
         tell: Callable[[str, float], None],
         lengths: Lengths,
@@ -299,7 +299,7 @@ class _Run:
             held=bool(first and stage),
         )
 
-    def judge_swap(self, metrics: dict[str, Any], heard: Heard) -> None:
+    def judge_swap(self, metrics: dict[str, Any], heard: HeardStates) -> None:
         """Say how the challenger compares, and what the swap cost."""
         ratio = metrics["against_champion"]["mean_ratio"]["value"]
         self.held(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from limo_driver.app.library.whole.processes import Wire
+    from limo_driver.app.library.whole.processes import ProvenWire
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Lengths:
 class Proof:
     """The steps, what a consumer felt, and how long all took."""
 
-    wire: Wire
+    wire: ProvenWire
     steps: list[Step] = field(default_factory=list)
     felt: list[tuple[Any, Any]] = field(default_factory=list)  # stamps [ns], external [N m]
     seconds: float = 0.0

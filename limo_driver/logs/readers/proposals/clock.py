@@ -19,6 +19,8 @@ from limo_driver.recordings.filters.differentiation import differentiate, smooth
 from limo_driver.recordings.gate.held_values import even_runs
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
@@ -27,6 +29,7 @@ _FEWEST: Final = 500  # rows
 _ROWS: Final = 1000  # that are compared
 _BETTER: Final = 0.8  # of the squares that are left, where another clock is meant; 0.93 by chance
 _SLOW: Final = 0.02  # of a joint's usual speed, over which dry friction changes its sign
+_SWINGS: Final = 4  # times that a joint has to turn back, to say anything
 _FASTER: Final = 1.4  # times the limit of the drives, that no motion is
 _QUANTILE: Final = 0.99
 _LEAST: Final = 1e-3  # of a torque, below which none of it is explained
@@ -109,6 +112,7 @@ def _seconds_by_torque(
     """Return the seconds that pass in one of the log, by torques (T, n) and motion (T, n)."""
     size = (torque**2).sum(axis=0)
     moving = torque.std(axis=0) > _LEAST * np.abs(torque).max(axis=0, initial=0.0)
+    moving &= _reversals(speed) >= _SWINGS  # a slow drift of a few poses fits any clock
     if not moving.any():
         return 1.0
     weight = _regressors(position, 0 * speed, 0 * acceleration, model)
@@ -138,6 +142,13 @@ def _seconds_by_torque(
     known = min(left(1.0), left(1.0, inertial=0.0))  # without inertia, any clock fits
     is_noise = known < _ROUNDING * len(joints) * len(torque)
     return best if left(best**2) < _BETTER * known and not is_noise else 1.0
+
+
+def _reversals(speed: FloatArray) -> NDArray[np.intp]:
+    """Return how often each joint turned back, (n,)."""
+    fast = np.abs(speed) > _SLOW * speed.std(axis=0)
+    signs = [np.sign(own[known]) for own, known in zip(speed.T, fast.T, strict=True)]
+    return np.array([np.count_nonzero(np.diff(sign)) for sign in signs])
 
 
 def _regressors(

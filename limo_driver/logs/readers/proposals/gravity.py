@@ -271,7 +271,8 @@ def _of_rated(factors: FloatArray, torque: FloatArray, model: RobotModel) -> str
     known = np.isfinite(factors) & np.isfinite(rated) & (factors != 0)
     weight = np.log(np.abs(factors[known]))
     spread = float(np.std(weight - np.log(rated[known]))) if known.sum() > 1 else math.inf
-    part = np.nanquantile(np.abs(torque), _USUAL, axis=0) / rated
+    columns = [np.abs(own[np.isfinite(own)]) for own in torque.T]
+    part = np.array([np.quantile(own, _USUAL) if own.size else 0.0 for own in columns]) / rated
     most = float(np.max(part, where=np.isfinite(part), initial=0.0))
     if spread < _ALIKE_RATED and float(np.std(weight)) > _UNLIKE * _ALIKE_RATED:
         why = "the weight of its bodies makes the same part of what each drive can do, and no N m"

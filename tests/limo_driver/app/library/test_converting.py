@@ -20,7 +20,7 @@ from limo_driver.recordings.files import delimited
 from limo_driver.recordings.files.batches import blocks_of
 from limo_driver.recordings.recording import Recording
 
-TIME, POSITION, _, TORQUE = measured(20.0)
+TIME, POSITION, _, TORQUE = (every[::2] for every in measured(40.0))  # a block tells the unit
 ROWS = 1000  # of a block
 pytestmark = pytest.mark.usefixtures("small_memory")
 

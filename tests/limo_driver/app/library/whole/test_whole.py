@@ -12,7 +12,7 @@ from ports import free_port
 
 from limo_driver.app.library.whole import plant
 from limo_driver.app.library.whole.page import whole_page
-from limo_driver.app.library.whole.processes import MUJOCO, Wire
+from limo_driver.app.library.whole.processes import MUJOCO, ProvenWire
 from limo_driver.app.library.whole.proving import Proof, Step, prove
 from limo_driver.physics import CoulombFriction
 
@@ -25,28 +25,28 @@ STEPS = 11
 pytestmark = pytest.mark.waits
 
 
-def in_mujoco(_folder: Path) -> Wire:
+def in_mujoco(_folder: Path) -> ProvenWire:
     """Neither wire nor packets: the arm is in the driver."""
     return MUJOCO
 
 
-def over_fri(_folder: Path) -> Wire:
+def over_fri(_folder: Path) -> ProvenWire:
     """The FRI's own packets, to `limo controller`."""
     port = str(free_port())
     other_end = ("controller", "--client", f"127.0.0.1:{port}")
-    return Wire("FRI", "fri", ("--port", port), other_end)
+    return ProvenWire("FRI", "fri", ("--port", port), other_end)
 
 
-def over_can(folder: Path) -> Wire:
+def over_can(folder: Path) -> ProvenWire:
     """A bus of CiA 402 drives, of `limo drives`."""
     config = folder / "can.yaml"
     config.write_text(CAN.read_text().replace("port: 43113", f"port: {free_port()}"))
-    return Wire("CAN", "can", ("--config", str(config)), ("drives", "--config", str(config)))
+    return ProvenWire("CAN", "can", ("--config", str(config)), ("drives", "--config", str(config)))
 
 
 @pytest.mark.slow("goes the whole way in real time, four minutes for each wire")
 @pytest.mark.parametrize("wire", [in_mujoco, over_fri, over_can])
-def test_the_whole_holds(wire: Callable[[Path], Wire], tmp_path: Path) -> None:
+def test_the_whole_holds(wire: Callable[[Path], ProvenWire], tmp_path: Path) -> None:
     proof = prove(tmp_path, wire(tmp_path))
     assert not proof.failure, (proof.failure, proof.steps)
     assert [step for step in proof.steps if not step.held] == []
