@@ -91,7 +91,7 @@ class SlowChange:
     def held(self, error: FloatArray) -> FloatArray:
         """Return the part of errors (T, n) that is within the 95 % intervals, (n,)."""
         within = np.abs(error - self.torque) <= DEVIATIONS * self.std
-        return np.mean(within, axis=0, dtype=np.float64)
+        return np.asarray(np.mean(within, axis=0), dtype=np.float64)
 
 
 @compiled(reads=("error", "std", "velocity", "time", "usual"), nogil=True)

@@ -127,7 +127,11 @@ def with_offsets(found: Written, verdict: Verdict) -> Written:
         found,
         judged=replace(found.judged, beside=proven),
         improved=improved,
-        offsets=tuple((x.joint, x.offset) for x in improved.simulation.effects[-len(joints) :]),
+        offsets=tuple(
+            (x.joint, x.offset)
+            for x in improved.simulation.effects[-len(joints) :]
+            if isinstance(x, TorqueOffset)
+        ),
     )
 
 
