@@ -53,3 +53,17 @@ def test_columns_in_amperes_are_currents_whose_factor_is_asked_for():
     assert "how many N m does one A make at each joint (`factor:`)" in question
     with pytest.raises(ConfigError, match="how many N m does one A make"):
         limo.read(log, SIX_AXES)
+
+
+@pytest.mark.slow("two diagnoses")
+def test_a_contact_that_ends_at_rest_is_found_and_none_without_it():
+    folder = LOGS / "contact_then_rest"
+    arm = folder / "arm.urdf"
+    contact, free = (
+        limo.diagnose(arm, limo.read(folder / name, arm, mapping=folder / "map.yaml")).verdict
+        for name in ("log.csv", "free.csv")
+    )
+    (found,) = [item for item in contact.findings if item.effect == "external_contact"]
+    assert found.joints == (1,)
+    assert found.where.time[0][0] == pytest.approx(30.0, abs=0.5)
+    assert not [item for item in free.findings if item.effect == "external_contact"]
