@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from limo_driver.app.console.arguments import describe_options
-from limo_driver.app.console.terminal import progress_bar, table_of, terminal
+from limo_driver.app.console.terminal import progress_bar, terminal
 from limo_driver.errors import ConfigError, LimoError
 from limo_driver.runtime.outputs import require_place
 
@@ -68,11 +68,11 @@ def _go_the_whole_way(out: Path) -> None:
     with progress_bar(terminal(stderr=True, soft_wrap=True)) as tell:
         proof = prove(out, progress=tell)
     whole_page(proof).save(out / "index.html")
-    table = table_of("step", "figure", "bar", "")
-    for step in proof.steps:
-        table.add_row(step.name, step.figure, step.bar, "held" if step.held else "missed")
     console = terminal()
-    console.print(table)
+    for step in proof.steps:  # a line each: as a table they are wider than a terminal
+        held = "held" if step.held else "missed"
+        line = f"{held:6}  {step.name}: {step.figure} (bar: {step.bar})"
+        console.print(line, markup=False, highlight=False)
     console.print(f"{proof.seconds:.0f} s; open {out / 'index.html'}")
     if proof.failure:
         raise LimoError(proof.failure)
