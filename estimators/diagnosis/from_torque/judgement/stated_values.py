@@ -265,6 +265,8 @@ class _Values(ValueComparison):
             reported: Joints, 1-based, that single values are reported of.
             alone: What bodies add that are reported alone, as proven, (K, n) [N m].
         """
+        if any(is_felt_by_all(item.effect) for item in self.findings):
+            return  # a load that was found moves all of them, and is told by its name
         simulations = self.stated, self.proof.simulation, self.improved.simulation
         given, proven, final = map(self._of_bodies, simulations)
         bodies, n = proven - given - alone, self.improved.n
