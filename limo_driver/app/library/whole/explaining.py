@@ -26,7 +26,7 @@ EXPORT_BAR: Final = 0.05  # of the torque
 _NANOSECONDS: Final = 1e9
 
 
-def unanswered(logs: Path, delay: float, first: int, last: int) -> int:
+def count_unanswered(logs: Path, delay: float, first: int, last: int) -> int:
     """Return how many states a service took and did not answer.
 
     Args:
@@ -49,7 +49,7 @@ def unanswered(logs: Path, delay: float, first: int, last: int) -> int:
     return len(asked - answered)
 
 
-def logged(logs: Path, joints: tuple[str, ...], first: int, last: int) -> Recording:
+def read_log(logs: Path, joints: tuple[str, ...], first: int, last: int) -> Recording:
     """Return what a service logged of its arm between two stamps [ns]."""
     from limo_driver.logs.mcap_log import log_files
     from limo_driver.logs.ros.joint_state_log import joint_states
@@ -61,7 +61,7 @@ def logged(logs: Path, joints: tuple[str, ...], first: int, last: int) -> Record
     return Recording.from_arrays(columns.time[rows], columns.position[rows], columns.torque[rows])
 
 
-def named(name: str, found: Diagnosis, effect: str, parameter: str, true: float) -> Step:
+def judge_finding(name: str, found: Diagnosis, effect: str, parameter: str, true: float) -> Step:
     """Return whether a finding is there, with an interval that holds the truth.
 
     Args:
@@ -90,7 +90,7 @@ def _is(finding: Finding, effect: str) -> bool:
     return finding.effect == effect and (at_flange or finding.joints == (plant.WORN.joint,))
 
 
-def explained(found: Simulation, other: Recording) -> Step:
+def judge_explanation(found: Simulation, other: Recording) -> Step:
     """Return how well a simulation explains motion that it was not found on."""
     from limo_driver.app.library.diagnosing import diagnose
 
@@ -104,7 +104,7 @@ def explained(found: Simulation, other: Recording) -> Step:
     )
 
 
-def exported(found: Simulation, believed: Simulation, out: Path) -> Step:
+def judge_export(found: Simulation, believed: Simulation, out: Path) -> Step:
     """Write what was found into the file of somebody who believed something else."""
     from backends.mujoco_sim.scene import bare_mjcf
     from limo_driver.app.library.exporting import export

@@ -16,11 +16,11 @@ import numpy as np
 
 from limo_driver.app.library.whole import plant
 from limo_driver.app.library.whole.explaining import (
-    explained,
-    exported,
-    logged,
-    named,
-    unanswered,
+    count_unanswered,
+    judge_explanation,
+    judge_export,
+    judge_finding,
+    read_log,
 )
 from limo_driver.app.library.whole.processes import (
     MUJOCO,
@@ -311,7 +311,7 @@ class _Run:
         models = np.array(heard.models)
         swaps = np.flatnonzero(models[1:] != models[:-1]) + 1
         span = int(heard.stamps[0]), int(heard.stamps[-_LOGGED])
-        lost = unanswered(self.out / "logs", self.options["settings"].delay, *span)
+        lost = count_unanswered(self.out / "logs", self.options["settings"].delay, *span)
         gap = (
             int(heard.sequences[swaps[0]] - heard.sequences[swaps[0] - 1]) - 1 if swaps.size else -1
         )
@@ -330,21 +330,21 @@ class _Run:
         self.tell("diagnosing the log", self.part)
         joints = tuple(self.believed.model.joint_names)
         since = int(self.consumer.heard(self.restarted).stamps[0])
-        log = logged(self.out / "logs", joints, since, until)
+        log = read_log(self.out / "logs", joints, since, until)
         log.save(self.out / "logged.parquet")
         found = cast("Diagnosis", diagnose(self.believed, log))
         found.save(self.out / "diagnosis")
         load, worn = plant.LOAD, plant.WORN
         dry = plant.friction_of(self.arm, worn.joint)
         self.proof.steps += [
-            named("The load is named", found, load.name, "mass", load.mass),
-            named(f"The worn joint {worn.joint} is named", found, worn.name, "tau_c", dry),
+            judge_finding("The load is named", found, load.name, "mass", load.mass),
+            judge_finding(f"The worn joint {worn.joint} is named", found, worn.name, "tau_c", dry),
         ]
         self.tell("moving the arm along another motion", self.part)
         record = self.out / "other.parquet"
         with moving(self.wire, self.written("loaded", loaded), self.motions[2], record) as driver:
             other = Recording.load(recorded(driver, record))
         self.tell("explaining it with what was found", self.part)
-        self.proof.steps.append(explained(found.simulation, other))
+        self.proof.steps.append(judge_explanation(found.simulation, other))
         self.tell("exporting into a file", self.part)
-        self.proof.steps.append(exported(found.simulation, self.believed, self.out))
+        self.proof.steps.append(judge_export(found.simulation, self.believed, self.out))
