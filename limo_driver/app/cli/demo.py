@@ -72,7 +72,7 @@ def _go_the_whole_way(out: Path) -> None:
     for step in proof.steps:  # a line each: as a table they are wider than a terminal
         held = "held" if step.held else "missed"
         line = f"{held:6}  {step.name}: {step.figure} (bar: {step.bar})"
-        console.print(line, markup=False, highlight=False)
+        console.print(line)
     console.print(f"{proof.seconds:.0f} s; open {out / 'index.html'}")
     if proof.failure:
         raise LimoError(proof.failure)
