@@ -120,7 +120,8 @@ def _(effect: TorqueEffect, observed: Observations) -> Sharp:
 
 @sharp.register
 def _(effect: SensorEffect, observed: Observations) -> Sharp:
-    torque = _reaching(effect, observed)
+    # what reaches the sensor, even where the columns are around a simulation that has it already
+    torque = observed.predicted_without(effect.place)
     values = [
         effect.advance(
             effect.initial_state(), SensedTorque(observed.motion.time[rows], torque[rows])
@@ -128,18 +129,6 @@ def _(effect: SensorEffect, observed: Observations) -> Sharp:
         for rows in observed.segments
     ]
     return _own(effect, np.concatenate(values))
-
-
-def _reaching(effect: SensorEffect, observed: Observations) -> FloatArray:
-    """Return the torque (T, n) [N m] that reaches an effect, without what the same one makes of it.
-
-    The columns may be around a simulation that has it already.
-    """
-    around = observed.reference
-    others = tuple(item for item in around.effects if item.place != effect.place)
-    if len(others) == len(around.effects):
-        return observed.predicted
-    return observed.predict(replace(around, effects=others))
 
 
 @sharp.register

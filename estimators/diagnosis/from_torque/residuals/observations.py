@@ -286,6 +286,23 @@ class Observations:
         """Torque of the simulation around which columns are computed, unfiltered, (T, n) [N m]."""
         return self.predict(self.reference)
 
+    def predicted_without(self, place: str) -> FloatArray:
+        """Return the same without the effect at a place (`Effect.place`), where it has one.
+
+        The last is kept: a search for the settings of one effect asks for it hundreds of times.
+        """
+        others = tuple(effect for effect in self.reference.effects if effect.place != place)
+        if len(others) == len(self.reference.effects):
+            return self.predicted
+        if place not in self._without:
+            self._without.clear()
+            self._without[place] = self.predict(replace(self.reference, effects=others))
+        return self._without[place]
+
+    @cached_property
+    def _without(self) -> dict[str, FloatArray]:
+        return {}
+
     @cached_property
     def simulated(self) -> FloatArray:
         """Torque of the given simulation, filtered, (K, n) [N m]."""
