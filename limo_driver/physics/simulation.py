@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.errors import ConfigError, ShapeError
+from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import split_reference
 from limo_driver.model.descriptions.reading import USD_ENDINGS
@@ -285,8 +285,22 @@ class Simulation(Displayed):
         several = [f"{name} ({k})" if k > 1 else name for name, k in count.items()]
         return f"{self.robot}, " + (", ".join(several) or "rigid body alone")
 
+    def has_body_of(self, other: Simulation) -> bool:
+        """Return whether the rigid body is surely that of another simulation, without computing it.
+
+        Args:
+            other: One that was made of this one, or both of a third.
+        """
+        own, others = ([e for e in s.effects if isinstance(e, BodyEffect)] for s in (self, other))
+        same = self.described is other.described and self.inertials is other.inertials
+        return same and own == others
+
     def predict_stretches(
-        self, motion: Motion, segments: Sequence[slice], bandwidth: float
+        self,
+        motion: Motion,
+        segments: Sequence[slice],
+        bandwidth: float,
+        load: FloatArray | None = None,
     ) -> FloatArray:
         """Predict contiguous stretches of a motion; each starts relaxed.
 
@@ -298,13 +312,15 @@ class Simulation(Displayed):
             motion: T samples; time may start anew in each stretch.
             segments: Contiguous stretches that cover all samples.
             bandwidth: Of the motion's acceleration [Hz].
+            load: Torque of the rigid body, where it is known, (T, n) [N m].
 
         Returns:
             Joint torques, (T, n) [N m].
         """
-        return np.concatenate(
-            [self._advance(self.init(), motion[rows], bandwidth)[0] for rows in segments]
-        )
+        if load is None:
+            load = self.body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        parts = [self._advance(self.init(), motion[r], load[r], bandwidth)[0] for r in segments]
+        return np.concatenate(parts)
 
     def init(self) -> tuple[State, ...]:
         """Return the memory of all effects before the first sample."""
@@ -341,16 +357,17 @@ class Simulation(Displayed):
         Raises:
             ShapeError: The motion has another number of joints.
         """
-        return self._advance(state, motion)
+        load = self.body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
+        return self._advance(state, motion, load)
 
     def _advance(
-        self, state: tuple[State, ...], motion: Motion, bandwidth: float | None = None
+        self,
+        state: tuple[State, ...],
+        motion: Motion,
+        load: FloatArray,
+        bandwidth: float | None = None,
     ) -> tuple[FloatArray, tuple[State, ...]]:
         """Advance; links are displaced quasi-statically where there is no bandwidth [Hz]."""
-        if motion.n != self.model.n:
-            raise ShapeError("motion", motion.position.shape, f"(T, {self.model.n})")
-        body = self.body
-        load = body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
         after = list(state)
         terms = _Terms(motion)
         groups = self._groups
@@ -358,11 +375,11 @@ class Simulation(Displayed):
         if groups.is_elastic:
             terms.displacement[JointElasticity.agility] = groups.wind_up(load)
         if groups.single:
-            arm = ArmMotion(motion, load, body)
+            arm = ArmMotion(motion, load, self.body)
             for index, effect in groups.single:
                 after[index] = terms.add(effect, state[index], arm)
         if terms.displacement:
-            load = body.inverse_dynamics(*terms.links(bandwidth))
+            load = self.body.inverse_dynamics(*terms.links(bandwidth))
         torque = load + terms.torque
         for index, effect in groups.sensing:
             sensed = SensedTorque(motion.time, torque)

@@ -243,7 +243,8 @@ class Observations:
 
     def predict(self, simulation: Simulation) -> FloatArray:
         """Return the torque that a simulation says was measured, unfiltered, (T, n) [N m]."""
-        return simulation.predict_stretches(self.motion, self.segments, self.bandwidth)
+        load = self.load if simulation.has_body_of(self.reference) else None
+        return simulation.predict_stretches(self.motion, self.segments, self.bandwidth, load)
 
     @property
     def reference(self) -> Simulation:
