@@ -188,14 +188,21 @@ def _value(known: Interval) -> str:
 
 
 def _groups(verdict: Verdict) -> list[list[Finding]]:
-    """Return findings that are said together, in order of their first; pushes last."""
+    """Return findings that are said together, in order of their first.
+
+    What all joints feel comes before laws of single ones: it is what somebody can go and look at.
+    Pushes come last.
+    """
     groups: dict[tuple[str, str], list[Finding]] = {}
     named = [item for item in verdict.findings if item.effect != UNKNOWN]
     sure = [item for item in named if item.confidence >= WORDING.sure]
     for item in sure or named:
         family = "friction" if _is_friction(item) else item.effect
         groups.setdefault((family, item.kind), []).append(item)
-    return sorted(groups.values(), key=lambda group: group[0].effect == CONTACT)
+    return sorted(
+        groups.values(),
+        key=lambda group: (group[0].effect == CONTACT, not is_of_bodies(group[0].effect)),
+    )
 
 
 def _is_friction(item: Finding) -> bool:

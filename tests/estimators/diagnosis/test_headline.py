@@ -59,6 +59,12 @@ def test_many_findings_are_grouped_with_values_and_what_is_unknown():
     )
 
 
+def test_a_load_is_said_before_the_law_of_a_joint_that_takes_more():
+    presliding = finding("presliding_hysteresis", (4,))
+    said = headline(verdict(presliding, PAYLOAD))
+    assert said.index("Payload") < said.index("presliding hysteresis")
+
+
 def test_a_load_that_may_weigh_nothing_is_said_by_what_it_weighs_at_most():
     # its first moment is known where the arm hardly turns about it
     light = finding("payload", (7,), mass=Interval(0.165, "kg", (0.0, 0.3497)))
@@ -177,8 +183,8 @@ def test_a_joint_has_the_name_that_the_user_gave_it():
     carried = finding("payload", (5,), mass=Interval(0.12, "kg", (0.11, 0.13)))
     named = replace(verdict(drag, carried), joint_names=("", "", "stick", "", "roll", "", "jaw"))
     assert headline(named) == (
-        "Quadratic drag of 5.0 [4.0, 6.0] at joint 3 (stick); payload of 0.120 kg [0.110, 0.130] "
-        "on the link of joint 5 (roll)."
+        "Payload of 0.120 kg [0.110, 0.130] on the link of joint 5 (roll); "
+        "quadratic drag of 5.0 [4.0, 6.0] at joint 3 (stick)."
     )
     assert [(pin.joint, pin.text.partition(":")[0]) for pin in pins(named)] == [
         (2, "joint 3 (stick)"), (4, "joint 5 (roll)")
