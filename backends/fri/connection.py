@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import select
 import socket
 import struct
 import time
@@ -248,6 +249,11 @@ class Endpoint:
             self.refusal = error.strerror or str(error)
             return False
         return True
+
+    @property
+    def waits(self) -> bool:
+        """Whether a datagram waits to be read."""
+        return bool(select.select([self._socket], [], [], 0.0)[0])
 
     def fileno(self) -> int:
         """Return the descriptor, to wait for several ports at a time."""

@@ -23,7 +23,6 @@ from limo_driver.app.library.whole.explaining import (
     read_log,
 )
 from limo_driver.app.library.whole.processes import (
-    MUJOCO,
     RATE,
     Consumer,
     ProvenWire,
@@ -31,6 +30,7 @@ from limo_driver.app.library.whole.processes import (
     configurations,
     moving,
     recorded,
+    wire_of,
 )
 from limo_driver.app.library.whole.steps import Lengths, Proof, Step
 from limo_driver.errors import LimoError
@@ -56,7 +56,7 @@ _NANOSECONDS: Final = 1e9
 
 def prove(
     out: Path,
-    wire: ProvenWire = MUJOCO,
+    backend: str = "mujoco",
     progress: Callable[[str, float], None] | None = None,
     lengths: Lengths | None = None,
 ) -> Proof:
@@ -64,7 +64,7 @@ def prove(
 
     Args:
         out: Folder of all that it leaves; it has to be there.
-        wire: How the driver reaches the arm.
+        backend: By which the driver reaches the arm: mujoco, fri or can.
         progress: Told what is being done, and the part that is done.
         lengths: How long things last.
 
@@ -72,9 +72,11 @@ def prove(
         What came of each step; where one cannot be done, those before it and why.
 
     Raises:
+        ConfigError: No such backend.
         MissingPackageError: The package `river` is not installed.
     """
     require_package("river", "detection of drift")
+    wire = wire_of(backend, out)
     proof, began = Proof(wire), monotonic()
     run = _Run(out, wire, proof, progress or (lambda _text, _part: None), lengths or Lengths())
     try:
