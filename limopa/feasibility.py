@@ -144,6 +144,21 @@ class Feasibility:
         beyond = np.linalg.norm(flange - np.array(space.centre), axis=1) - space.radius
         return np.maximum(np.linalg.norm(np.maximum(box, 0.0), axis=1), np.maximum(beyond, 0.0))
 
+    def turned_to(self, start: FloatArray, position: FloatArray) -> FloatArray:
+        """Return poses with each joint as near as whole turns bring it, (T, n) [rad].
+
+        Args:
+            start: To which they are to be near, (n,) [rad].
+            position: (T, n) [rad].
+        """
+        turn = np.where(self._slides, np.inf, 2.0 * np.pi)
+        turns = np.clip(
+            np.round((start - position) / turn),
+            np.ceil((self.lower - position) / turn),
+            np.floor((self.upper - position) / turn),
+        )
+        return np.where(self._slides, position, position + 2.0 * np.pi * turns)
+
     def margins(self, position: FloatArray) -> FloatArray:
         """Return the margin of every distance at joint positions (T, n) [rad], (T, m) [m].
 

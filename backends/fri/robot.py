@@ -107,7 +107,7 @@ class FriRobot(Robot):
         wrench_limits: WrenchLimits = WRENCH_LIMITS,
         listen_only: bool = False,
     ) -> None:
-        model = RobotModel.load(robot or "iiwa14")
+        model = self.model_for(robot=robot)
         if model.n != 7:  # noqa: PLR2004  # FRI's arrays
             raise ConfigError(f"FRI arms have 7 joints, but {model.name} has {model.n}")
         asked = None if version is None else FriVersion.named(version)
@@ -152,6 +152,11 @@ class FriRobot(Robot):
         self._missed = 0  # cycles in a row
         self._stall = (0.0, -math.inf)  # how long this machine stalled last [s], and when it ended
         self.malformed: str = ""  # what was wrong with the last datagram that was no message
+
+    @classmethod
+    def model_for(cls, *, robot: str | None = None, **_link: Any) -> RobotModel:  # noqa: ANN401
+        """Return the arm."""
+        return RobotModel.load(robot or "iiwa14")
 
     @property
     def generation(self) -> Generation:
