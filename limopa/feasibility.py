@@ -32,7 +32,8 @@ ROUNDING = 1e-9  # [rad]
 _SLIDE_MARGIN = 0.1  # of the range of a joint that slides, kept at most from either end
 _WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
 _LISTED = 4  # links that a message names
-_FIRST, _PARTS = 64, 8  # samples of a path that are looked at first; parts of the others
+_FIRST = 8, 64  # samples of a path that are looked at first, and then
+_PARTS = 8  # of the others
 PROBES = 1000  # random configurations that show which pairs do
 
 
@@ -221,8 +222,9 @@ class Feasibility:
         def broken(s: FloatArray) -> tuple[Condition, ...]:
             return check(path.derivative(s, 0), all_of=False).conditions()
 
-        if found := broken(np.linspace(0.0, path.length, _FIRST)):
-            return found
+        for few in _FIRST:
+            if found := broken(np.linspace(0.0, path.length, few)):
+                return found
         travel = path.length * float(path.peaks()[0] @ self._reach)  # [m]
         count = int(np.ceil(travel / self.surroundings.clearance)) + 2
         samples = np.linspace(0.0, path.length, count)

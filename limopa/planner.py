@@ -145,7 +145,7 @@ class _Planner:
         reaches stays in the pool for later, and if that holds for all of them, one more is drawn.
         Where none of these helps either, the last scaffold is a dead end, and given up.
         """
-        known: dict[tuple[int, int], tuple[Condition, ...]] = {}  # what ways to rows break
+        known: dict[tuple[int, bool], tuple[Condition, ...]] = {}  # what ways to rows break
         for _ in range(self.request.repairs):
             row, line = self._nearest_reachable(pool, known)
             if row is None:
@@ -167,27 +167,29 @@ class _Planner:
         return pool
 
     def _nearest_reachable(
-        self, pool: FloatArray, known: dict[tuple[int, int], tuple[Condition, ...]]
+        self, pool: FloatArray, known: dict[tuple[int, bool], tuple[Condition, ...]]
     ) -> tuple[int | None, Line | None]:
         """Return a row of the pool that a straight line reaches, and the line.
 
-        A pose is also tried as joints come to it by the fewest turns.
+        Where there is none, a pose is tried as joints come to it by the fewest turns.
         """
         if not self.scaffolds:
             return 0, None
         here = self.paths[-1][1]
         start = here.derivative(np.array([here.length]), 0)[0]
+        order = nearest_first(pool, self.scaffolds[-1]).tolist()
         turned = self.feasibility.turned_to(start, pool)
-        for row in map(int, nearest_first(pool, self.scaffolds[-1])):
-            same = np.array_equal(turned[row], pool[row])
-            for k, goal in enumerate(pool[row : row + 1] if same else (pool[row], turned[row])):
-                line = Line(start, goal.copy())
-                if (row, k) not in known:
-                    known[row, k] = self.feasibility.check_path(line)
-                self.rejections[REACHING].update(map(str, known[row, k]))
-                if not known[row, k]:
-                    pool[row] = goal
-                    return row, line
+        moved = (turned != pool).any(axis=1)
+        goals = [(row, False) for row in order] + [(row, True) for row in order if moved[row]]
+        for goal in goals:
+            row, nearer = goal
+            line = Line(start, turned[row] if nearer else pool[row])
+            if goal not in known:
+                known[goal] = self.feasibility.check_path(line)
+            self.rejections[REACHING].update(map(str, known[goal]))
+            if not known[goal]:
+                pool[row] = line.end
+                return row, line
         return None, None
 
     def _explore(self, scaffold: FloatArray) -> Exploration | None:

@@ -6,6 +6,7 @@ import gc
 import threading
 import time
 from collections import Counter
+from pathlib import PurePath
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
@@ -303,7 +304,7 @@ class ArmServer(ModelChanges):
             model = self._physics.model
             text = (
                 f"joint states of {', '.join(names) or 'no joint'} came, and {self.arm!r} is "
-                f"served as {model.name}, of {', '.join(model.joint_names)}"
+                f"served as {PurePath(model.name).stem}, of {', '.join(model.joint_names)}"
             )
             state = f"refused: {text}"
             self._bulletin.enter(ServicePhase.REFUSED, text, Level.ERROR, state)

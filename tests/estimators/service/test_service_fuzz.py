@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -360,7 +361,7 @@ class TestOverTheNetwork:
             names = ", ".join(rigid.model.joint_names)
             expected = (
                 "refused: joint states of hip, knee came, and 'arm' is served as "
-                f"{rigid.model.name}, of {names}"
+                f"{Path(rigid.model.name).stem}, of {names}"
             )
             assert served.server.status()["state"] == expected
             assert not served.answered
