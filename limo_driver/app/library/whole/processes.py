@@ -101,7 +101,7 @@ def wire_of(backend: str, folder: Path) -> ProvenWire:
     if backend == "fri":
         other_end = ("controller", "--client", f"127.0.0.1:{port}")
         return ProvenWire("FRI", backend, ("--port", str(port)), other_end)
-    config = folder / "arm.yaml"
+    config = folder / "can.yaml"
     joints = "".join(
         f"  - {{node: {node}, counts_per_turn: 524288, rated_torque: {rated}}}\n"
         for node, rated in enumerate(_RATED, start=11)
