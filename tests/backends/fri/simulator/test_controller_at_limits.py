@@ -2,7 +2,6 @@
 
 import threading
 from contextlib import contextmanager
-from types import SimpleNamespace
 
 import pytest
 from controller_runs import PATIENT
@@ -10,23 +9,18 @@ from ports import free_port
 
 from backends.fri import FriRobot
 from backends.fri.codec.messages import SessionState
-from backends.fri.simulator import monitoring
 from backends.fri.simulator.controller import SimulatedController
 from backends.fri.simulator.port import Address
 from backends.fri.simulator.session import ControllerSettings
 from limo_driver.types import PositionCommand
 
-BEGAN = 10**18  # [ns]
-
 
 @contextmanager
-def in_step(monkeypatch):
+def in_step():
     """Give a controller whose time goes on cycle by cycle, and the driver of its active session."""
     port = free_port()
     settings = ControllerSettings(Address("127.0.0.1", port), **PATIENT)
     with SimulatedController(settings) as controller:
-        own = SimpleNamespace(time_ns=lambda: BEGAN + round(1e9 * controller._time))
-        monkeypatch.setattr(monitoring, "time", own)
         opened = threading.Event()
 
         def call():
@@ -62,16 +56,16 @@ def speed_up(controller, robot):
     return goal
 
 
-def test_an_arm_at_its_velocity_limit_is_not_stopped_for_the_last_digits(monkeypatch):
-    with in_step(monkeypatch) as (controller, robot):
+def test_an_arm_at_its_velocity_limit_is_not_stopped_for_the_last_digits():
+    with in_step() as (controller, robot):
         speed_up(controller, robot)
         report = controller._report(())
     assert report.as_json()["largest_step"] == pytest.approx(1.0)
     assert report.as_json()["stops"] == []
 
 
-def test_a_client_that_was_late_for_a_while_and_catches_up_does_not_stop_the_arm(monkeypatch):
-    with in_step(monkeypatch) as (controller, robot):
+def test_a_client_that_was_late_for_a_while_and_catches_up_does_not_stop_the_arm():
+    with in_step() as (controller, robot):
         goal = speed_up(controller, robot)
         controller._cycle()
         robot.receive()
