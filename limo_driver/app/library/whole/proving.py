@@ -16,6 +16,7 @@ import numpy as np
 
 from limo_driver.app.library.whole import plant
 from limo_driver.app.library.whole.explaining import (
+    BANDWIDTH,
     count_unanswered,
     judge_explanation,
     judge_export,
@@ -49,7 +50,6 @@ PUSH_BAR: Final = 0.05  # of the push
 _SETTLED: Final = 0.4  # [s] at either end of a push, in which the filter mixes it with none
 _AFTER: Final = 4 * RATE  # estimates after a swap that are looked at
 _CONTACT: Final = 8.0  # [N m], which a load of this size is not
-_BANDWIDTH: Final = 20.0  # [Hz] of the model, as `make demo` has it
 _SCAFFOLDS: Final = 8, 60, 2  # poses of the motions to train on, to stream, and of the other one
 # Motion [s], the least that limo's own rules admit: that shows how large the residual usually is,
 _REFERENCE, _GATHERED, _SHADOW = 40.0, 30.0, 50.0  # to learn a challenger from, and to judge it on
@@ -160,7 +160,7 @@ class _Run:
         with moving(self.wire, self.written("arm", self.arm), self.motions[0], record) as driver:
             recording = Recording.load(recorded(driver, record))
         self.tell("learning from it", 0.1)
-        train(self.believed, [recording], bandwidth=_BANDWIDTH).save(self.out / "model")
+        train(self.believed, [recording], bandwidth=BANDWIDTH).save(self.out / "model")
         store = ModelStore(self.out / "models")
         store.add(self.out / "model", golden=recording)
         store.promote(1, "learned without load")
@@ -344,6 +344,6 @@ class _Run:
         with moving(self.wire, self.written("loaded", loaded), self.motions[2], record) as driver:
             other = Recording.load(recorded(driver, record))
         self.tell("explaining it with what was found", self.part)
-        self.proof.steps.append(judge_explanation(found.simulation, other))
+        self.proof.steps.append(judge_explanation(found.simulation, loaded, other))
         self.tell("exporting into a file", self.part)
         self.proof.steps.append(judge_export(found.simulation, self.believed, self.out))

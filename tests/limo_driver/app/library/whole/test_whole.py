@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,13 @@ from one_file import check_page, title_of
 
 from backends.can.config import ArmConfig
 from limo_driver.app.library.whole import plant
+from limo_driver.app.library.whole.explaining import BANDWIDTH, judge_explanation
 from limo_driver.app.library.whole.page import whole_page
-from limo_driver.app.library.whole.processes import BACKENDS, wire_of
+from limo_driver.app.library.whole.processes import BACKENDS, RATE, wire_of
 from limo_driver.app.library.whole.proving import Proof, Step, prove
 from limo_driver.errors import ConfigError
-from limo_driver.physics import CoulombFriction
+from limo_driver.physics import CoulombFriction, Payload
+from limo_driver.recordings.recording import Recording
 
 STEPS = 11
 
@@ -92,3 +95,16 @@ def test_a_folder_with_something_in_it_is_refused_in_one_line(limo, tmp_path: Pa
     assert done.returncode == 2
     assert done.stderr.startswith(f"limo: {tmp_path}: is not empty: give a new folder")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("mass", [None, 0.3])
+def test_what_explains_another_motion_leaves_no_more_than_the_true_arm(mass: float | None) -> None:
+    true, t = plant.believed(), np.arange(0.0, 8.0, 1.0 / RATE)
+    position = 0.3 * np.sin(np.outer(t, 1.0 + 0.2 * np.arange(7)))
+    still = Recording.from_arrays(t, position, np.zeros_like(position))
+    noise = 0.05 * np.random.default_rng(0).standard_normal(position.shape)
+    torque = true.predict(still.motion(BANDWIDTH)) + noise
+    wrong = () if mass is None else (Payload(mass=mass, com=(0.0, 0.0, 0.1)),)
+    found = replace(true, effects=(*true.effects, *wrong))
+    step = judge_explanation(found, true, Recording.from_arrays(t, position, torque))
+    assert step.held is (mass is None), step.figure
