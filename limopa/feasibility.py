@@ -32,7 +32,8 @@ ROUNDING = 1e-9  # [rad]
 _SLIDE_MARGIN = 0.1  # of the range of a joint that slides, kept at most from either end
 _WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
 _LISTED = 4  # links that a message names
-_FIRST, _PARTS = 64, 8  # samples of a path that are looked at first; parts of the others
+_FIRST = 8, 64  # samples of a path that are looked at first, and then
+_PARTS = 8  # of the others
 PROBES = 1000  # random configurations that show which pairs do
 
 
@@ -144,6 +145,21 @@ class Feasibility:
         beyond = np.linalg.norm(flange - np.array(space.centre), axis=1) - space.radius
         return np.maximum(np.linalg.norm(np.maximum(box, 0.0), axis=1), np.maximum(beyond, 0.0))
 
+    def turned_to(self, start: FloatArray, position: FloatArray) -> FloatArray:
+        """Return poses with each joint as near as whole turns bring it, (T, n) [rad].
+
+        Args:
+            start: To which they are to be near, (n,) [rad].
+            position: (T, n) [rad].
+        """
+        turn = np.where(self._slides, np.inf, 2.0 * np.pi)
+        turns = np.clip(
+            np.round((start - position) / turn),
+            np.ceil((self.lower - position) / turn),
+            np.floor((self.upper - position) / turn),
+        )
+        return np.where(self._slides, position, position + 2.0 * np.pi * turns)
+
     def margins(self, position: FloatArray) -> FloatArray:
         """Return the margin of every distance at joint positions (T, n) [rad], (T, m) [m].
 
@@ -206,8 +222,9 @@ class Feasibility:
         def broken(s: FloatArray) -> tuple[Condition, ...]:
             return check(path.derivative(s, 0), all_of=False).conditions()
 
-        if found := broken(np.linspace(0.0, path.length, _FIRST)):
-            return found
+        for few in _FIRST:
+            if found := broken(np.linspace(0.0, path.length, few)):
+                return found
         travel = path.length * float(path.peaks()[0] @ self._reach)  # [m]
         count = int(np.ceil(travel / self.surroundings.clearance)) + 2
         samples = np.linspace(0.0, path.length, count)

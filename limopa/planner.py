@@ -113,6 +113,7 @@ class _Planner:
         self.paths: list[tuple[str, Path]] = []
         self.timed: list[TimedPath] = []
         self.scaffolds: list[FloatArray] = []
+        self.dead_ends = 0
 
     def run(self, progress: Callable[[int, int], None]) -> Plan:
         wanted = self.request.scaffolds
@@ -142,8 +143,9 @@ class _Planner:
 
         A scaffold that cannot be explored is replaced by a new draw; one that no straight line
         reaches stays in the pool for later, and if that holds for all of them, one more is drawn.
+        Where none of these helps either, the last scaffold is a dead end, and given up.
         """
-        known: dict[int, tuple[Condition, ...]] = {}  # what ways to rows of the pool break
+        known: dict[tuple[int, bool], tuple[Condition, ...]] = {}  # what ways to rows break
         for _ in range(self.request.repairs):
             row, line = self._nearest_reachable(pool, known)
             if row is None:
@@ -156,21 +158,37 @@ class _Planner:
                 continue
             self._append(line, exploration)
             return np.delete(pool, row, axis=0)
-        raise self._stuck()
+        if not self.scaffolds or self.dead_ends == self.request.repairs:
+            raise self._stuck()
+        self.dead_ends += 1
+        del self.scaffolds[-1]
+        first = max(2 * len(self.scaffolds) - 1, 0)  # no way leads to the first scaffold
+        del self.paths[first:], self.timed[first:]
+        return pool
 
     def _nearest_reachable(
-        self, pool: FloatArray, known: dict[int, tuple[Condition, ...]]
+        self, pool: FloatArray, known: dict[tuple[int, bool], tuple[Condition, ...]]
     ) -> tuple[int | None, Line | None]:
+        """Return a row of the pool that a straight line reaches, and the line.
+
+        Where there is none, a pose is tried as joints come to it by the fewest turns.
+        """
         if not self.scaffolds:
             return 0, None
         here = self.paths[-1][1]
         start = here.derivative(np.array([here.length]), 0)[0]
-        for row in map(int, nearest_first(pool, self.scaffolds[-1])):
-            line = Line(start, pool[row])
-            if row not in known:
-                known[row] = self.feasibility.check_path(line)
-            self.rejections[REACHING].update(map(str, known[row]))
-            if not known[row]:
+        order = nearest_first(pool, self.scaffolds[-1]).tolist()
+        turned = self.feasibility.turned_to(start, pool)
+        moved = (turned != pool).any(axis=1)
+        goals = [(row, False) for row in order] + [(row, True) for row in order if moved[row]]
+        for goal in goals:
+            row, nearer = goal
+            line = Line(start, turned[row] if nearer else pool[row])
+            if goal not in known:
+                known[goal] = self.feasibility.check_path(line)
+            self.rejections[REACHING].update(map(str, known[goal]))
+            if not known[goal]:
+                pool[row] = line.end
                 return row, line
         return None, None
 

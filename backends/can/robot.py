@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import can
 
     from backends.can.link import DriveSample, DriveStatus, Link
+    from limo_driver.model import RobotModel
     from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
@@ -69,11 +70,7 @@ class CanRobot(Robot):
         listen_only: bool = False,
     ) -> None:
         self._listen_only = listen_only
-        if config is None:
-            raise ConfigError(
-                'an arm on a CAN bus needs its arm.yaml: config, in a run `link["config"]`'
-            )
-        self.config = config if isinstance(config, ArmConfig) else ArmConfig.load(config)
+        self.config = _config(config)
         warm_up(self.config.spec(np.zeros(len(self.config.joints))))
         self._port = BusPort(self.config.bus, bus, clock)
         try:
@@ -96,6 +93,16 @@ class CanRobot(Robot):
         self._slipped = 0.0  # time by which cycles came later than their grid, in all [s]
         self._stall = (0.0, -math.inf)  # how late this program came last [s], to which cycle
         self._silent = 0  # cycles in which not every drive was heard
+
+    @classmethod
+    def model_for(
+        cls,
+        *,
+        config: ArmConfig | Path | str | None = None,
+        **_options: Any,  # noqa: ANN401
+    ) -> RobotModel:
+        """Return the arm of an `arm.yaml`."""
+        return _config(config).model
 
     @property
     def drives(self) -> tuple[DriveStatus, ...]:
@@ -311,3 +318,11 @@ def _link(config: ArmConfig, port: BusPort, *, reset: bool) -> Link:
     from backends.can.damiao.link import DamiaoLink
 
     return DamiaoLink(config, port, reset=reset)
+
+
+def _config(config: ArmConfig | Path | str | None) -> ArmConfig:
+    if config is None:
+        raise ConfigError(
+            'an arm on a CAN bus needs its arm.yaml: config, in a run `link["config"]`'
+        )
+    return config if isinstance(config, ArmConfig) else ArmConfig.load(config)

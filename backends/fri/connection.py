@@ -197,6 +197,7 @@ class Endpoint:
         self.peer: Address | None = None  # where answers go
         self.foreign = 0  # datagrams from anybody else
         self.last_foreign = ""  # their last sender
+        self._ahead: tuple[Datagram, float] | None = None  # and when it was read [s]
         self.refusal = ""  # why the network did not take the last answer that it did not
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -210,6 +211,9 @@ class Endpoint:
 
     def receive(self, timeout: float) -> Datagram | None:
         """Return the oldest datagram of the robot that waits, or comes within `timeout` [s]."""
+        if self._ahead is not None:
+            (found, read), self._ahead = self._ahead, None
+            return found._replace(age=found.age + time.monotonic() - read)
         deadline, foreign = time.monotonic() + timeout, MOST_FOREIGN
         while foreign:
             self._socket.settimeout(max(deadline - time.monotonic(), 0.0))
@@ -248,6 +252,13 @@ class Endpoint:
             self.refusal = error.strerror or str(error)
             return False
         return True
+
+    @property
+    def waits(self) -> bool:
+        """Whether a datagram of the robot waits: `receive` returns it next."""
+        if self._ahead is None and (found := self.receive(0.0)) is not None:
+            self._ahead = found, time.monotonic()
+        return self._ahead is not None
 
     def fileno(self) -> int:
         """Return the descriptor, to wait for several ports at a time."""

@@ -48,7 +48,7 @@ WRENCH_LIMITS: Final = WrenchLimits(
 )
 PATIENCE: Final = 0.01  # [s] beyond a period in which a late packet is waited for
 HEEDING: Final = 0.1  # [s] of waiting, after which a signal that came meanwhile is acted on
-OUTDATED: Final = 5e-3  # [s] of waiting to be read, after which a packet waits for no answer
+STALL: Final = 5e-3  # [s] of waiting to be read, from which on this computer has stalled
 EXCUSED: Final = 0.2  # [s] after a stall of this computer, in which a hold may come from it
 MOST_WAITING: Final = 2000  # datagrams that are read in one cycle, where they are of no use
 _ACTIVE: Final = SessionState.COMMANDING_ACTIVE  # quicker than by its class
@@ -70,10 +70,10 @@ class FriRobot(Robot):
     One sender is the robot, an address and a port; what others send is counted and has no effect,
     and a robot that restarted on another port has to be opened again.
     While it is commanded, a pose that the arm cannot have got to since the last one is ignored,
-    too: a jump needs a new session. After a stall of this machine, packets that others have
-    followed already are neither returned nor answered: set-points that pile up would reach the
-    robot as a jump. What was not sent, or is not confirmed by the robot in time, had no effect:
-    the next set-point follows from the last one that had.
+    too: a jump needs a new session. Where this machine is late, packets that others have followed
+    already are not answered: two set-points in one interval of the robot would be a jump. What was
+    not sent, or is not confirmed by the robot in time, had no effect: the next set-point follows
+    from the last one that had.
 
     FRI measures no velocity. It is the difference of positions over the robot's own time through a
     causal low-pass of first order with a time constant of 5 ms, so it lags by about that much.
@@ -107,7 +107,7 @@ class FriRobot(Robot):
         wrench_limits: WrenchLimits = WRENCH_LIMITS,
         listen_only: bool = False,
     ) -> None:
-        model = RobotModel.load(robot or "iiwa14")
+        model = self.model_for(robot=robot)
         if model.n != 7:  # noqa: PLR2004  # FRI's arrays
             raise ConfigError(f"FRI arms have 7 joints, but {model.name} has {model.n}")
         asked = None if version is None else FriVersion.named(version)
@@ -150,9 +150,13 @@ class FriRobot(Robot):
         self._answered_packet = -1
         self._replied = True  # the last message, as far as it is to be answered
         self._missed = 0  # cycles in a row
-        self._outdated = max(OUTDATED, spec.period)  # [s]
         self._stall = (0.0, -math.inf)  # how long this machine stalled last [s], and when it ended
         self.malformed: str = ""  # what was wrong with the last datagram that was no message
+
+    @classmethod
+    def model_for(cls, *, robot: str | None = None, **_link: Any) -> RobotModel:  # noqa: ANN401
+        """Return the arm."""
+        return RobotModel.load(robot or "iiwa14")
 
     @property
     def generation(self) -> Generation:
@@ -356,12 +360,12 @@ class FriRobot(Robot):
             datagram = self._wait(timeout if newest is None else 0.0, deadline)
             if datagram is None:
                 break
-            if datagram.age > self._outdated:
+            if datagram.age > max(STALL, self.spec.period):
                 self._note_stall(datagram.age)
             if (message := self._accept(datagram)) is not None:
                 self._session.figures.outdated += newest is not None
                 newest = message
-                if datagram.age <= self._outdated:
+                if datagram.age <= self.spec.period:
                     break
             timeout = max(deadline - time.monotonic(), 0.0)
         return newest
@@ -462,9 +466,19 @@ class FriRobot(Robot):
         raise ConnectionLostError(f"{reason}; open the robot again")
 
     def _reply(self, command: JointCommand | None) -> bool:
-        """Answer the last message that asks for it; say whether anything left."""
+        """Answer the last message that asks for it; say whether anything left.
+
+        One that the next has followed is not: the robot would take both answers in one interval,
+        and what is two steps for the arm would have the time of one.
+        """
         self._replied, message = True, self._asks
-        return message is not None and self._replies.reply(message, self._arrived, command)
+        if message is None:
+            return False
+        late = time.monotonic() - self._arrived > self.spec.period
+        if late and self._link.endpoint.waits:
+            self._session.figures.outdated += 1
+            return False
+        return self._replies.reply(message, self._arrived, command)
 
 
 def _measured(message: Monitoring) -> tuple[FloatArray, FloatArray] | None:

@@ -82,7 +82,7 @@ class LinkFigures:
     old: int = 0  # copies, and packets that others had overtaken
     malformed: int = 0  # datagrams that are no message, or none that can be used
     implausible: int = 0  # messages with a pose that the arm cannot have got to
-    outdated: int = 0  # valid, but followed by others already when they were read
+    outdated: int = 0  # not answered: others had followed already
     answered: int = 0  # commands sent
     unsent: int = 0  # commands that the network did not take
     late: int = 0  # commands that the robot had not received one answer later

@@ -15,6 +15,7 @@ import pickle
 import shlex
 import subprocess
 import tempfile
+import weakref
 from ctypes import c_double, c_int, c_size_t, c_void_p
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -59,6 +60,8 @@ class CompiledStream(Stream):
 
     def __init__(self, stream: Stream) -> None:
         free, held = _library(source_of(stream))
+        for library in (free, held):  # else each model that ever served would stay in memory
+            weakref.finalize(self, _close, library._handle).atexit = False
         self._size, self._begin = held.limo_size(), held.limo_init
         self._rows, self._one = free.limo_advance, held.limo_answer
         self._rows.argtypes = [c_void_p, c_size_t, c_int, *[c_void_p] * 3]
@@ -194,6 +197,10 @@ def _library(source: str) -> tuple[ctypes.CDLL, ctypes.PyDLL]:
             return ctypes.CDLL(str(path)), ctypes.PyDLL(str(path))
         except OSError as error:  # a folder from which nothing may be run
             raise ConfigError(f"{path}: {error}") from None
+
+
+_close: Final = ctypes.CDLL(None).dlclose
+_close.argtypes = [c_void_p]
 
 
 def _run(command: list[str], given: str) -> str:

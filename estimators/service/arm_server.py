@@ -6,6 +6,7 @@ import gc
 import threading
 import time
 from collections import Counter
+from pathlib import PurePath
 from traceback import format_exc
 from typing import TYPE_CHECKING, Any, Final
 
@@ -29,6 +30,7 @@ from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.messages import Attachment, Level, decode_joint_state
 from limo_driver.network.readiness import ServicePhase
 from limo_driver.network.ros import RosReader, RosTopic
+from limo_driver.network.streaming import Keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,6 +88,10 @@ class ArmServer(ModelChanges):
         key = self.keys.joints if ros is None else ros.key_of_any_hash
         self._queries = ModelQueries(session, self)
         self._wait_for_states(f"joint states are waited for on {key}")
+        self._drivers: set[str] = set()  # tokens of drivers of other arms
+        self._others = session.liveliness().declare_subscriber(
+            Keys.of_any().alive("driver"), self._note_driver, history=True
+        )
         self._subscriber = session.declare_subscriber(key, RingChannel(RING))
         self._thread = threading.Thread(
             target=self._receive, args=(self._subscriber.handler,), name=f"limo-{self.arm}"
@@ -174,6 +180,7 @@ class ArmServer(ModelChanges):
         self.finish_changes()
         if self.keeper is not None:
             self.keeper.close()
+        self._others.undeclare()
         self._subscriber.undeclare()
         self._thread.join()
         if self._opener is not None:
@@ -239,6 +246,20 @@ class ArmServer(ModelChanges):
     def _wait_for_states(self, text: str) -> None:
         self._bulletin.enter(ServicePhase.WAITING, text, state=_WAITING_FOR_STATES)
 
+    def _note_driver(self, sample: zenoh.Sample) -> None:
+        """Note a driver that comes or goes, and say whose there are while states are waited for."""
+        token = str(sample.key_expr)
+        if (other := token.split("/")[1]) == self.arm:
+            return
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._drivers.add(token)
+        else:
+            self._drivers.discard(token)
+        if self._bulletin.phase is ServicePhase.WAITING and token in self._drivers:
+            state = f"{_WAITING_FOR_STATES} of {self.arm!r}: a driver of {other!r} is there"
+            self._bulletin.enter(ServicePhase.WAITING, state, state=state)
+            self.outlet.event("other-arm", state, Level.WARN, other=other)
+
     def _tell_silence(self, service: ArmService) -> None:
         """Tell when joint states end and come again, and for how long there were none."""
         silence = self._silence
@@ -276,6 +297,18 @@ class ArmServer(ModelChanges):
             self._told = True
             self.outlet.event("refused", str(error), Level.ERROR)
 
+    def _refuse_joints(self, names: tuple[str, ...]) -> None:
+        """Say that states of another robot come in this arm's name, once."""
+        self._counts["foreign"] += 1
+        if self._bulletin.phase is ServicePhase.WAITING:
+            model = self._physics.model
+            text = (
+                f"joint states of {', '.join(names) or 'no joint'} came, and {self.arm!r} is "
+                f"served as {PurePath(model.name).stem}, of {', '.join(model.joint_names)}"
+            )
+            state = f"refused: {text}"
+            self._bulletin.enter(ServicePhase.REFUSED, text, Level.ERROR, state)
+
     def _find_rate(self, payload: bytes, attachment: bytes, source: str) -> None:
         """Gather states until their rate is known, then open the service."""
         try:
@@ -285,7 +318,7 @@ class ArmServer(ModelChanges):
             self._refuse(error)
             return
         if state.names != tuple(self._physics.model.joint_names):
-            self._refuse(WireFormatError(f"joint states of {', '.join(state.names)}", len(payload)))
+            self._refuse_joints(state.names)
             return
         self._follow(source)
         first = self.service is None

@@ -29,7 +29,7 @@ from limo_driver.errors import (
     WireFormatError,
 )
 from limo_driver.network.messages import decode_torque_estimate
-from limo_driver.network.streaming import Keys, follow_history, is_alive, to_json
+from limo_driver.network.streaming import Keys, alive_arms, follow_history, is_alive, to_json
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
@@ -143,8 +143,10 @@ class ServiceWatch(Closing):
     def _last_word(self) -> str:
         """Return who was heard last and what it said; empty if nobody was heard."""
         if not self._heard:
-            alive = is_alive(self._session, self._keys.alive("service"))
-            return "its name is on the network, but it said nothing yet" if alive else ""
+            if is_alive(self._session, self._keys.alive("service")):
+                return "its name is on the network, but it said nothing yet"
+            others = alive_arms(self._session, "service")
+            return f"there are services of {', '.join(map(repr, others))} only" if others else ""
         last = max(self._heard.values(), key=lambda one: one.heard)
         ago = time.monotonic() - last.heard
         text = f"the service of {last.arm} said {last.state!r} {ago:.1f} s ago"

@@ -224,6 +224,13 @@ def is_alive(session: zenoh.Session, token: str, timeout: float = 0.5) -> bool:
     return any(True for _ in session.liveliness().get(token, timeout=timeout))
 
 
+def alive_arms(session: zenoh.Session, part: str, timeout: float = 0.5) -> list[str]:
+    """Return the names of the arms that have a part, `driver` or `service`, on the network."""
+    replies = session.liveliness().get(Keys.of_any().alive(part), timeout=timeout)
+    found = (str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
+    return sorted({key.split("/")[1] for key in found})
+
+
 def declare_stream(session: zenoh.Session, key: str) -> zenoh.Publisher:
     """Return a publisher that drops messages rather than delay them."""
     return session.declare_publisher(

@@ -74,6 +74,8 @@ def open_for(
     if unknown := [_SAID.get(name, f'`link["{name}"]`') for name in given if name not in known]:
         raise ConfigError(f"backend {backend!r} takes no {' or '.join(unknown)}")
     if not opener.simulated:
+        if (model := opener.model_for(**given)) is not None:  # before anything is sent to it
+            trajectory.check_robot(model.n, model.name)
         return _checked(opener(**given), trajectory)
     arm = _arm_of(simulation, robot, trajectory)
     trajectory.check_robot(arm.model.n, arm.model.name)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
     from limo_driver.trajectory import Planned, Trajectory
     from limo_driver.types import FloatArray, JointCommand, JointState, RobotSpec, StatesAhead
@@ -64,6 +65,11 @@ class Robot(interrupts.Interruptible):
         self._state: JointState | None = None
         self._answered = True  # the set-point of this cycle was sent
         self._open = True
+
+    @classmethod
+    def model_for(cls, **_options: Any) -> RobotModel | None:  # noqa: ANN401  # each backend's own
+        """Return the arm that options of the constructor open; None where only its link says it."""
+        return None
 
     def __repr__(self) -> str:
         """Say what it is, and whether it can still be used."""

@@ -1,7 +1,8 @@
 """A simulated Damiao motor in MIT mode: one joint of the arm, without a brake.
 
 It makes torque only while commands come: after the time of register 9 without one it switches
-itself off, and what hangs on it falls. Until it is first enabled, somebody holds the arm.
+itself off, and what hangs on it falls. Until it is first enabled, somebody holds the arm. Torque is
+what its current makes, so it tells none without power.
 """
 
 from __future__ import annotations
@@ -159,7 +160,7 @@ class DamiaoDrive(SimulatedDrive):
             self.node,
             self._position,
             sign * port.measured_velocity,
-            sign * port.measured_torque,
+            sign * port.measured_torque if self.enabled else 0.0,
             warm,
             warm,
         )

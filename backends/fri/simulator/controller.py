@@ -67,6 +67,7 @@ class SimulatedController(Closing):
         self._now = Now()
         self._pace = Pace(1e-3 * settings.period_ms)
         self._sleep = sleeper()
+        self._began_ns = time.time_ns()
         self._time = 0.0  # [s] of the robot
         self._cycles = 1  # that the last wait took
         self._ends = float("inf") if settings.duration is None else settings.duration
@@ -201,6 +202,8 @@ class SimulatedController(Closing):
             self._ledger.next_sequence,
             self._listener.reflected,
             Standing(
+                # as even as the motion is: not when this process came to write it
+                stamp_ns=self._began_ns + round(1e9 * self._time),
                 session=session.state,
                 quality=self._level,
                 safety=safety,

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from backends.fri.codec.version import FriVersion
     from limo_driver.types import FloatArray, JointLimits
 
+ROUNDING: Final = 2e-6  # relative: the difference of two positions has few digits of either
 MOST_INTERVALS: Final = 10  # that a step may have had time for, after answers were lost
 _TYPES: Final = {"bool": IoType.BOOLEAN, "digital": IoType.DIGITAL, "analog": IoType.ANALOG}
 _DIRECTIONS: Final = {"input": IoDirection.INPUT, "output": IoDirection.OUTPUT}
@@ -139,7 +140,7 @@ class CommandJudge:
         if wanted.position is not None:
             step = self._most_step(intervals)
             delta = np.abs(wanted.position - before)
-            if (delta > step).any():
+            if (delta > step * (1.0 + ROUNDING)).any():
                 j = int(np.argmax(delta / step))
                 return (
                     f"illegal axis delta: joint {j + 1} is told to jump by {delta[j]:.4g} rad, "

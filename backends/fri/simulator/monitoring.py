@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -50,6 +49,7 @@ _NANO: Final = 1_000_000_000
 class Standing:
     """State of session and arm in one cycle."""
 
+    stamp_ns: int  # of the controller's own clock, in Unix time
     session: SessionState
     quality: Quality
     safety: SafetyState
@@ -128,7 +128,7 @@ class MonitoringWriter:
             io=at.ios,
             measured_pose=None if one else self._pose(arm.position),
             measured_redundancy=None if one else _redundancy(arm.position),
-            timestamp=Timestamp(*divmod(time.time_ns(), _NANO)),
+            timestamp=Timestamp(*divmod(at.stamp_ns, _NANO)),
         )
 
     def _ipo(self, at: Standing) -> IpoData:

@@ -17,6 +17,7 @@ def command(
     *,
     out: Path,
     whole: bool = False,
+    backend: str | None = None,
 ) -> None:
     """Conceal a payload and hysteresis in a simulated arm, and see whether they are found.
 
@@ -32,15 +33,20 @@ def command(
     Args:
         out: Folder for recording, simulations and report.
         whole: Go the whole way, with real processes.
+        backend: With --whole: how the driver reaches the arm: mujoco, fri (to `limo controller`) or
+            can (to `limo drives`); else mujoco.
 
     Examples:
         limo demo --out demo
         limo demo --out whole --whole
+        limo demo --out over_fri --whole --backend fri
         limo diagnose demo/run.parquet --sim demo/believed.yaml --out again
     """
     if whole:
-        _go_the_whole_way(out)
+        _go_the_whole_way(out, backend or "mujoco")
         return
+    if backend is not None:
+        raise ConfigError("--backend says over what --whole goes; give both")
     from estimators.diagnosis.from_torque.pipeline import FILES as FOUND
     from limo_driver.app.library.demonstrating import FILES, demonstrate
 
@@ -54,7 +60,7 @@ def command(
     console.print(f"open {out / 'report.html'}")
 
 
-def _go_the_whole_way(out: Path) -> None:
+def _go_the_whole_way(out: Path, backend: str) -> None:
     """Do all of it, print each step and its bar, and write the page."""
     from limo_driver.app.library.whole.page import whole_page
     from limo_driver.app.library.whole.proving import prove
@@ -66,7 +72,7 @@ def _go_the_whole_way(out: Path) -> None:
         )
     require_folder(out, "the whole")
     with progress_bar(terminal(stderr=True, soft_wrap=True)) as tell:
-        proof = prove(out, progress=tell)
+        proof = prove(out, backend, tell)
     whole_page(proof).save(out / "index.html")
     console = terminal()
     for step in proof.steps:  # a line each: as a table they are wider than a terminal

@@ -250,7 +250,7 @@ class TestStallsOfThisComputer:
             monkeypatch.setattr(robot._link.endpoint, "receive", aged)
             state = robot.receive()
             assert not state.stale
-            assert robot.figures.outdated == max(stall - 5, 0)
+            assert robot.figures.outdated == stall - 1
             if not state.holding:
                 robot.send(position(GOAL))
             robot.hold()
@@ -269,8 +269,24 @@ class TestStallsOfThisComputer:
                 robot.receive()
                 robot.send(position(GOAL))
             told = [answer.header.reflected for answer in judged.commands()[count:]]
-            assert told == [newest - 4 + k for k in range(5)]  # those that waited for 5 ms at most
-            assert robot.figures.outdated == 26
+            assert told == [newest + k for k in range(5)]
+            assert robot.figures.outdated == 30
+
+    def test_between_packet_and_answer_do_not_put_two_answers_into_one_interval(self):
+        with stepped() as robot:
+            judged = moving(robot)
+            count = len(judged.positions())
+            arm, followed = robot.arm, robot.receive().sequence
+            arm.cycle()  # and this process was set aside meanwhile
+            robot._arrived -= 2 * robot.spec.period
+            assert "link" in robot.send(position(GOAL)).limited_by
+            assert len(judged.positions()) == count
+            cycle, arm.cycle = arm.cycle, lambda: None
+            assert robot.receive().sequence == followed + 1
+            arm.cycle = cycle
+            robot.send(position(GOAL))
+            assert len(judged.check()) == count + 1
+            assert robot.figures.outdated == 1
 
     @pytest.mark.parametrize("stall", [9, 12, 40, 90])
     def test_before_a_command_leave_time_to_confirm_it(self, stall, monkeypatch):

@@ -13,7 +13,7 @@ from backends.fri.answers import DOUBTED
 from backends.fri.codec.codec import detect, encode_monitoring
 from backends.fri.codec.messages import CommandMode, Quality, SessionState
 from backends.fri.codec.version import Generation
-from backends.fri.robot import OUTDATED
+from backends.fri.robot import STALL
 from limo_driver.errors import BackendError, ConnectionLostError, HoldingError, WireFormatError
 from limo_driver.types import PositionCommand, TorqueCommand
 
@@ -249,7 +249,7 @@ def test_what_piled_up_in_a_stall_is_no_jump_and_no_fresh_state():
         keep_kernel_time(robot, on=True)
         for _ in range(30):  # cycles in which this machine does nothing
             arm.cycle()
-        time.sleep(4 * OUTDATED)
+        time.sleep(4 * STALL)
         assert robot.receive().sequence == before + 31  # with the one of this cycle
         keep_kernel_time(robot, on=False)
         arm.listen()
@@ -276,7 +276,7 @@ def test_torque_goes_on_unchanged_over_a_stall():
         keep_kernel_time(robot, on=True)
         for _ in range(10):
             arm.cycle()
-        time.sleep(4 * OUTDATED)
+        time.sleep(4 * STALL)
         robot.receive()
         keep_kernel_time(robot, on=False)
         robot.send(TorqueCommand(torque=np.full(7, 0.5)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import stat
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,8 +20,6 @@ from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import ExternalContact, Simulation
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from estimators.base import LiveEstimator
     from estimators.joint_physics import JointPhysics
     from limo_driver.recordings.recording import Recording
@@ -165,3 +164,20 @@ def test_code_that_gives_other_torque_is_not_used(
     monkeypatch.setattr(compiled_stream, "source_of", lambda _: wrong)
     with pytest.raises(ConfigError, match="torque that differs by"):
         CompiledStream(stream)
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="counts what Linux has mapped")
+def test_a_stream_that_nobody_uses_any_more_leaves_no_library_behind(rigid: Simulation) -> None:
+    def loaded() -> int:
+        return Path("/proc/self/maps").read_text().count("limo.so")
+
+    before = loaded()
+    one = CompiledStream(Stream(rigid, RATE))
+    each = loaded() - before
+    two = CompiledStream(Stream(rigid, RATE))
+    assert loaded() - before == 2 * each > 0
+    del one
+    assert loaded() - before == each
+    two.init()
+    del two
+    assert loaded() == before

@@ -330,6 +330,22 @@ class TestOverTheNetwork:
             wait_until(alone)
             assert [event.kind for event in served.events].count("foreign") == 1
 
+    def test_another_arm_is_named_in_one_line_and_not_answered(self, rigid, tmp_path) -> None:
+        with Served(tmp_path, rigid) as served:
+            _ = served.session.liveliness().declare_token(Keys("right").alive("driver", "1"))
+            waits = "waiting for joint states of 'arm': a driver of 'right' is there"
+            wait_until(lambda: served.server.status()["state"] == waits)
+            none = np.zeros(2)
+            payload = JointStateCodec(("hip", "knee"), "arm").encode(START, none, none, none)
+            refused = "refused: joint states of hip, knee came, and 'arm' is served as"
+
+            def is_refused() -> bool:
+                served.session.put(KEYS.joints, payload, attachment=Attachment(0, 0).encode())
+                return served.server.status()["state"].startswith(refused)
+
+            wait_until(is_refused)
+            assert not served.answered
+
     def test_silence_is_told_and_its_end(self, rigid, tmp_path, monkeypatch) -> None:
         monkeypatch.setattr("estimators.service.inference.inbox._DEAD", 0.5)
         with Served(tmp_path, rigid) as served:

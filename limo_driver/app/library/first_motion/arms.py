@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from limo_driver.errors import ConfigError
 from limo_driver.quoting import in_shell
@@ -28,6 +28,8 @@ class RealArm(ABC):
         model: Its description, with tool and mounting.
         options: That name the description on the command line, such as `--robot iiwa14`.
     """
+
+    torque_needs_power: ClassVar[bool] = False  # as torque that is computed from current does
 
     model: RobotModel
     options: tuple[str, ...]
@@ -144,6 +146,8 @@ class CanArm(RealArm):
     Raises:
         ConfigError: The description is of another arm than the drives.
     """
+
+    torque_needs_power: ClassVar[bool] = True
 
     config: ArmConfig
     path: Path

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from limo_driver.model import RobotModel
+    from limo_driver.robot.registry import Examination
     from limo_driver.types import FloatArray
 
+NO_TORQUE: Final = "no-torque"  # kind of a cause
 TOLERANCE: Final = 0.02  # of a joint's torque limit, of sensors and of dry friction at rest
 _FLOOR: Final = 0.05  # of the tolerance, below which no fit is better than another
 _DECISIVE: Final = 6.0  # by which the score of one cause has to be better than another's
@@ -78,6 +80,29 @@ class GravityJudgement:
         """Whether all torques are gravity, within the tolerance."""
         return bool((np.abs(self.rest) <= self.tolerance).all())
 
+    def judge(self, found: Examination, share: float) -> None:
+        """Add what the torques say of the arm to an examination; the tolerance is a share."""
+        if self.causes:
+            text = "; or ".join(cause.text for cause in self.causes)
+            found.add(self.causes[0].kind, text)
+        elif not self.fits:
+            rest = np.abs(self.rest) / self.tolerance
+            k, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
+            found.add(
+                "unexplained",
+                f"in pose {k + 1}, joint {j + 1} shows {self.poses[k].torque[j]:.3g} N m where "
+                f"gravity makes {self.expected[k, j]:.3g} N m, and no single mistake in "
+                "description, mounting, tool or wiring explains all poses",
+            )
+        else:
+            found.add(
+                "gravity",
+                f"torques in {len(self.poses)} pose{'s' * (len(self.poses) > 1)} are gravity "
+                f"within {share:.0%} of the limits; a tool of {self.lightest:.2g} kg more or less "
+                "would have shown",
+                problem=False,
+            )
+
 
 def judge_gravity(
     model: RobotModel, poses: Sequence[StillPose], tolerance: FloatArray
@@ -114,7 +139,7 @@ def _causes(sample: RowSample, tolerance: FloatArray) -> tuple[GravityCause, ...
             f"all torques read zero where gravity makes up to {most:.3g} N m: drives that measure "
             "torque only while they have power, or sensors that are not connected"
         )
-        return (GravityCause("no-torque", text, float(np.abs(rest).max()), -math.inf),)
+        return (GravityCause(NO_TORQUE, text, float(np.abs(rest).max()), -math.inf),)
     size = float(np.sqrt(np.mean(rest**2)))
     found = [
         GravityCause(kind, text, worst, score)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.app.library.first_motion.arms import LINK_SECONDS
-from limo_driver.app.library.first_motion.gravity import TOLERANCE, judge_gravity
+from limo_driver.app.library.first_motion.gravity import NO_TORQUE, TOLERANCE, judge_gravity
 from limo_driver.app.library.first_motion.motions import (
     JOINT_BEHIND,
     MOST_BEHIND,
@@ -28,7 +28,7 @@ from limo_driver.app.library.first_motion.page import step_page
 from limo_driver.app.library.first_motion.records import STEPS, Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.records import digest as digest_of
 from limo_driver.app.library.first_motion.shadow import ShadowRobot, first_state
-from limo_driver.app.library.first_motion.watching import Watch, WatchSettings
+from limo_driver.app.library.first_motion.watching import Watch, WatchSettings, hold_still
 from limo_driver.errors import (
     BackendError,
     ConfigError,
@@ -241,6 +241,14 @@ class _Step:
             "unseen": list(judged.unseen),
             "lightest": judged.lightest,
         }
+        if self._arm.torque_needs_power and [each.kind for each in judged.causes] == [NO_TORQUE]:
+            found.add(
+                NO_TORQUE,
+                f"{judged.causes[0].text}; before a joint moves, the torque by which the arm is "
+                "held is compared",
+                problem=False,
+            )
+            return
         if judged.unseen_mounting:
             found.add(
                 "poses",
@@ -248,26 +256,7 @@ class _Step:
                 f"{'; or where '.join(judged.unseen_mounting)}: they say nothing of such a "
                 "mounting, so guide the arm to poses that bend it aside",
             )
-        if judged.causes:
-            first, *others = judged.causes
-            found.add(first.kind, "; or ".join([first.text, *(each.text for each in others)]))
-        elif not judged.fits:
-            rest = np.abs(judged.rest) / judged.tolerance
-            k, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
-            found.add(
-                "unexplained",
-                f"in pose {k + 1}, joint {j + 1} shows {judged.poses[k].torque[j]:.3g} N m where "
-                f"gravity makes {judged.expected[k, j]:.3g} N m, and no single mistake in "
-                "description, mounting, tool or wiring explains all poses",
-            )
-        else:
-            found.add(
-                "gravity",
-                f"torques in {len(judged.poses)} poses are gravity within "
-                f"{self._settings.tolerance:.0%} of the limits; a tool of "
-                f"{judged.lightest:.2g} kg more or less would have shown",
-                problem=False,
-            )
+        judged.judge(found, self._settings.tolerance)
 
     def _shadow(self, found: Examination) -> None:
         settings, model = self._settings, self._arm.model
@@ -323,6 +312,11 @@ class _Step:
             start = motion.position[0]
             watchman = Watchman(model, start, moving, lambda: robot.setpoint, behind)
             record = self._folder.file(step, ".parquet")
+            if self._arm.torque_needs_power:
+                held = judge_gravity(model, [hold_still(robot, start)], self._tolerance)
+                held.judge(found, self._settings.tolerance)
+            if not found.healthy:
+                return
             try:
                 summary = self._play(robot, motion, record, watchman)
             finally:

@@ -13,21 +13,24 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.app.library.first_motion.gravity import StillPose
-from limo_driver.errors import CycleTimeoutError
+from limo_driver.errors import BackendError, CycleTimeoutError
 from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.robot.safety import COMPLIANT_TIMEOUT, STALE_TIMEOUT
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.runtime.parameters import Declared, parameter
+from limo_driver.types import JointState, PositionCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from limo_driver.robot.registry import Examination
     from limo_driver.robot.robot import Robot
-    from limo_driver.types import FloatArray, JointState
+    from limo_driver.types import FloatArray
 
 REST: Final = 2e-3  # [rad] by which a joint at rest may be measured elsewhere meanwhile
 BEYOND: Final = 0.01  # [rad] beyond a limit that a joint may be measured, by its encoder's zero
+HELD: Final = 1.0  # [s] for which an arm is held; the second half counts
+STILL: Final = ("position", "torque")
 GAP_CYCLES: Final = 3  # lost in a row, from which on it is an interruption, if it takes 10 ms
 
 
@@ -211,6 +214,30 @@ class Watch:
             f"for up to {1e3 * longest.length:.0f} ms ({self.lost} of {all_} lost): a loose cable "
             "or plug, seat it and relieve its strain"
         )
+
+
+def hold_still(robot: Robot, position: FloatArray) -> StillPose:
+    """Hold an arm where it stands, and return the pose and the torque that this takes.
+
+    Args:
+        robot: Open to be commanded.
+        position: From which it is to move on, (n,) [rad].
+
+    Raises:
+        JointLimitError: It stands elsewhere.
+        BackendError: It was not measured meanwhile.
+    """
+    robot.wait_until_ready()
+    robot.receive()
+    hold, rows = PositionCommand(position=position), list[JointState]()
+    for _ in range(round(HELD / robot.spec.period)):
+        robot.send(hold)
+        rows.append(robot.receive())
+    still = [row for row in rows[len(rows) // 2 :] if not row.stale]
+    if not still:
+        raise BackendError("no measurements came while the arm was held")
+    position, torque = (np.mean([getattr(row, x) for row in still], axis=0) for x in STILL)
+    return StillPose(position, torque)
 
 
 class _Rests:

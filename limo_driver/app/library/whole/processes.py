@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
-from limo_driver.errors import BackendError, LimoError
+from limo_driver.errors import BackendError, ConfigError, LimoError
 from limo_driver.network.messages import (
     Attachment,
     decode_event,
@@ -66,7 +66,49 @@ class ProvenWire:
     other_end: tuple[str, ...] = ()
 
 
-MUJOCO: Final = ProvenWire("MuJoCo", "mujoco")
+BACKENDS: Final = ("mujoco", "fri", "can")
+# As drives that share a computer with all else it does need it.
+_BUS: Final = """\
+bus:
+  {{interface: udp_multicast, channel: 239.74.163.2, options: {{port: {port}, hop_limit: 0}}}}
+convention: cia402
+robot: iiwa14
+rate: 250
+watchdog: 0.1
+hold_after: 25
+answer_timeout: 5
+joints:
+"""
+_RATED: Final = (107, 107, 59, 59, 37, 13, 13)  # [N m], a third of what each joint can
+
+
+def wire_of(backend: str, folder: Path) -> ProvenWire:
+    """Return how a backend's driver reaches a simulated arm on this computer.
+
+    Args:
+        backend: mujoco, where the arm is in the driver; fri, to `limo controller` by UDP; can, to
+            `limo drives` on a bus.
+        folder: Where the bus is described.
+
+    Raises:
+        ConfigError: No such backend.
+    """
+    if backend == "mujoco":
+        return ProvenWire("MuJoCo", backend)
+    if backend not in BACKENDS:
+        raise ConfigError(f"`backend` is {backend!r}, expected one of {', '.join(BACKENDS)}")
+    port = _free_port(socket.SOCK_DGRAM)
+    if backend == "fri":
+        other_end = ("controller", "--client", f"127.0.0.1:{port}")
+        return ProvenWire("FRI", backend, ("--port", str(port)), other_end)
+    config = folder / "can.yaml"
+    joints = "".join(
+        f"  - {{node: {node}, counts_per_turn: 524288, rated_torque: {rated}}}\n"
+        for node, rated in enumerate(_RATED, start=11)
+    )
+    config.write_text(_BUS.format(port=port) + joints)
+    options = ("--config", str(config))
+    return ProvenWire("CAN (CiA 402)", backend, options, ("drives", *options))
 
 
 @contextmanager
@@ -89,14 +131,14 @@ def moving(
         BackendError: The other end did not start.
     """
     given = ["--trajectory", str(motion), "--record", str(record), "--rate", str(RATE), "--json"]
-    given += wire.options if wire.other_end else ["--sim", str(simulation)]
+    given += [*wire.options, "--fifo"] if wire.other_end else ["--sim", str(simulation)]
     if network is not None:
         given += ["--stream", "--name", ARM, "--zenoh-config", str(network)]
         given += ["--wait-for-estimates", str(_PATIENCE)]
     with ExitStack() as open_:
         errors = open_.enter_context(record.with_suffix(".err").open("wb"))
         if wire.other_end:
-            physics = ["--sim", str(simulation), "--trajectory", str(motion), "--json"]
+            physics = ["--sim", str(simulation), "--trajectory", str(motion), "--fifo", "--json"]
             arm = subprocess.Popen(  # noqa: S603  # this interpreter, with our own options
                 [*_LIMO, *wire.other_end, *physics], stdout=subprocess.PIPE, stderr=errors
             )
@@ -286,9 +328,7 @@ def _lives(process: Process) -> bool:
 
 def configurations(folder: Path) -> tuple[Path, Path]:
     """Write Zenoh's configurations of this process, which listens, and of all others."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{_free_port(socket.SOCK_STREAM)}"
     alone = {"multicast": {"enabled": False}, "gossip": {"enabled": False}}
     here, there = folder / "here.json5", folder / "there.json5"
     listen = {"mode": "router", "listen": {"endpoints": [endpoint]}, "scouting": alone}
@@ -296,3 +336,9 @@ def configurations(folder: Path) -> tuple[Path, Path]:
     connect = {"mode": "client", "connect": {"endpoints": [endpoint]}, "scouting": alone}
     there.write_text(json.dumps(connect))
     return here, there
+
+
+def _free_port(kind: socket.SocketKind) -> int:
+    with socket.socket(type=kind) as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])

@@ -16,6 +16,7 @@ import numpy as np
 
 from limo_driver.app.library.whole import plant
 from limo_driver.app.library.whole.explaining import (
+    BANDWIDTH,
     count_unanswered,
     judge_explanation,
     judge_export,
@@ -23,7 +24,6 @@ from limo_driver.app.library.whole.explaining import (
     read_log,
 )
 from limo_driver.app.library.whole.processes import (
-    MUJOCO,
     RATE,
     Consumer,
     ProvenWire,
@@ -31,8 +31,9 @@ from limo_driver.app.library.whole.processes import (
     configurations,
     moving,
     recorded,
+    wire_of,
 )
-from limo_driver.app.library.whole.steps import Lengths, Proof, Step
+from limo_driver.app.library.whole.steps import Proof, Step
 from limo_driver.errors import LimoError
 from limo_driver.network.streaming import open_session
 from limo_driver.runtime.plugins import require_package
@@ -49,34 +50,36 @@ PUSH_BAR: Final = 0.05  # of the push
 _SETTLED: Final = 0.4  # [s] at either end of a push, in which the filter mixes it with none
 _AFTER: Final = 4 * RATE  # estimates after a swap that are looked at
 _CONTACT: Final = 8.0  # [N m], which a load of this size is not
-_BANDWIDTH: Final = 20.0  # [Hz] of the model, as `make demo` has it
+_SCAFFOLDS: Final = 8, 60, 2  # poses of the motions to train on, to stream, and of the other one
+# Motion [s], the least that limo's own rules admit: that shows how large the residual usually is,
+_REFERENCE, _GATHERED, _SHADOW = 40.0, 30.0, 50.0  # to learn a challenger from, and to judge it on
 _LOGGED: Final = 2 * RATE  # estimates by which a log may be behind
 _NANOSECONDS: Final = 1e9
 
 
 def prove(
     out: Path,
-    wire: ProvenWire = MUJOCO,
+    backend: str = "mujoco",
     progress: Callable[[str, float], None] | None = None,
-    lengths: Lengths | None = None,
 ) -> Proof:
     """Go the whole way once.
 
     Args:
         out: Folder of all that it leaves; it has to be there.
-        wire: How the driver reaches the arm.
+        backend: By which the driver reaches the arm: mujoco, fri or can.
         progress: Told what is being done, and the part that is done.
-        lengths: How long things last.
 
     Returns:
         What came of each step; where one cannot be done, those before it and why.
 
     Raises:
+        ConfigError: No such backend.
         MissingPackageError: The package `river` is not installed.
     """
     require_package("river", "detection of drift")
+    wire = wire_of(backend, out)
     proof, began = Proof(wire), monotonic()
-    run = _Run(out, wire, proof, progress or (lambda _text, _part: None), lengths or Lengths())
+    run = _Run(out, wire, proof, progress or (lambda _text, _part: None))
     try:
         run.all()
     except LimoError as error:
@@ -94,9 +97,8 @@ class _Run:
         wire: ProvenWire,
         proof: Proof,
         tell: Callable[[str, float], None],
-        lengths: Lengths,
     ) -> None:
-        self.out, self.wire, self.proof, self.tell, self.lengths = out, wire, proof, tell, lengths
+        self.out, self.wire, self.proof, self.tell = out, wire, proof, tell
         self.believed, self.arm = plant.believed(), plant.true_arm()
         self.motions = [out / f"{name}.traj.parquet" for name in ("train", "stream", "other")]
 
@@ -125,9 +127,7 @@ class _Run:
 
         self.tell("planning three motions", 0.0)
         limits, worst, seconds = self.believed.model.limits, 0.0, 0.0
-        for seed, (poses, path) in enumerate(
-            zip(self.lengths.scaffolds, self.motions, strict=True), start=11
-        ):
+        for seed, (poses, path) in enumerate(zip(_SCAFFOLDS, self.motions, strict=True), start=11):
             motion = plan(plant.ROBOT, PlanRequest(scaffolds=poses), seed=seed).trajectory
             motion.save(path)
             worst = max(
@@ -160,7 +160,7 @@ class _Run:
         with moving(self.wire, self.written("arm", self.arm), self.motions[0], record) as driver:
             recording = Recording.load(recorded(driver, record))
         self.tell("learning from it", 0.1)
-        train(self.believed, [recording], bandwidth=_BANDWIDTH).save(self.out / "model")
+        train(self.believed, [recording], bandwidth=BANDWIDTH).save(self.out / "model")
         store = ModelStore(self.out / "models")
         store.add(self.out / "model", golden=recording)
         store.promote(1, "learned without load")
@@ -173,14 +173,13 @@ class _Run:
         self.consumer = open_.enter_context(
             Consumer(open_.enter_context(open_session(config=here)))
         )
-        lengths = self.lengths
         self.options: dict[str, Any] = {
             "store": self.out / "models",
             "log": self.out / "logs",
             "config": self.network,
             "settings": ServiceSettings(contact_torque=_CONTACT),
             "retraining": RetrainingSettings(
-                seconds=lengths.gathered, shadow=lengths.shadow, reference=lengths.reference
+                seconds=_GATHERED, shadow=_SHADOW, reference=_REFERENCE
             ),
         }
         self.service = ServiceProcess(self.options)
@@ -243,8 +242,8 @@ class _Run:
         Returns:
             Stamp of the last estimate [ns].
         """
-        consumer, lengths, known = self.consumer, self.lengths, len(self.consumer.events)
-        arm = self.written("picking_up", plant.loaded(self.arm, 0.8 * lengths.reference))
+        consumer, known = self.consumer, len(self.consumer.events)
+        arm = self.written("picking_up", plant.loaded(self.arm, 0.8 * _REFERENCE))
         self.tell("streaming until the load is noticed", self.part)
         record = self.out / "stream.parquet"
         with moving(self.wire, arm, self.motions[1], record, self.network) as driver:
@@ -345,6 +344,6 @@ class _Run:
         with moving(self.wire, self.written("loaded", loaded), self.motions[2], record) as driver:
             other = Recording.load(recorded(driver, record))
         self.tell("explaining it with what was found", self.part)
-        self.proof.steps.append(judge_explanation(found.simulation, other))
+        self.proof.steps.append(judge_explanation(found.simulation, loaded, other))
         self.tell("exporting into a file", self.part)
         self.proof.steps.append(judge_export(found.simulation, self.believed, self.out))

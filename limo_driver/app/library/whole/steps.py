@@ -26,23 +26,6 @@ class Step:
     held: bool
 
 
-@dataclass(frozen=True)
-class Lengths:
-    """How long things last; the shortest that limo's own rules admit.
-
-    Args:
-        scaffolds: Poses of the motions to train on, to stream, and of the other one.
-        reference: Motion that shows how large the residual usually is [s].
-        gathered: Motion that a challenger learns from [s].
-        shadow: Motion on which it is judged [s].
-    """
-
-    scaffolds: tuple[int, int, int] = (8, 60, 2)
-    reference: float = 40.0
-    gathered: float = 30.0
-    shadow: float = 50.0
-
-
 @dataclass
 class Proof:
     """The steps, what a consumer felt, and how long all took."""

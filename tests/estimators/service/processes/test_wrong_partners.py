@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import socket
 import subprocess
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from ports import free_port
 from processes import ARM, PATIENCE, driven, limo, served, slow_motion, wait_for
 
 from limo_driver.network.readiness import ServiceWatch
@@ -14,8 +17,6 @@ from limo_driver.network.streaming import Keys, is_alive, open_session
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from processes import Network
 
     from estimators.service.store.store import ModelStore
@@ -24,6 +25,7 @@ pytestmark = [
     pytest.mark.waits,
     pytest.mark.slow("starts services and drivers as processes, seconds each"),
 ]
+EXAMPLES = Path(__file__).parents[4] / "examples"
 VAIN = 3.0  # [s] of waiting for what cannot come
 
 
@@ -56,10 +58,19 @@ def refused(folder: Path, *given: object) -> str:
     return lines[0]
 
 
-@pytest.mark.parametrize("backend", ["virtual", "mujoco"])
-def test_a_plan_for_another_robot(backend: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "arm",
+    [
+        ("virtual", "--robot", "iiwa14"),
+        ("mujoco", "--robot", "iiwa14"),
+        ("fri", "--port", free_port()),  # nobody is there: what it says, it says before it listens
+        ("can", "--config", EXAMPLES / "can_cia402.yaml"),
+    ],
+    ids=lambda arm: arm[0],
+)
+def test_a_plan_for_another_robot(arm: tuple[object, ...], tmp_path: Path) -> None:
     plan = motion_of("other", 7, tmp_path)
-    said = refused(tmp_path, "--backend", backend, "--trajectory", plan, "--robot", "iiwa14")
+    said = refused(tmp_path, "--backend", *arm, "--trajectory", plan)
     assert "other.traj.parquet: the trajectory was planned for other, but the robot is" in said
 
 
@@ -76,6 +87,23 @@ def test_a_service_that_serves_another_arm(
         watch.wait("waiting", PATIENCE)
         said = refused(tmp_path, *given, *stream, "--wait-for-estimates", VAIN)
     assert f"no service of arm '{ARM}' was serving within {VAIN:g} s" in said
+    assert f"and {ARM!r} is served as two_links" in said
+
+
+def test_a_service_of_another_name(
+    store: ModelStore, network: Network, tmp_path: Path, two_links_urdf: Path
+) -> None:
+    given = ("--backend", "virtual", "--trajectory", slow_motion(tmp_path, 1.0, two_links_urdf))
+    given += ("--robot", tmp_path / "two_links.urdf")
+    stream = ("--stream", "--name", "left", "--zenoh-config", network.there)
+    with (
+        open_session(config=network.here) as session,
+        served(network, "--arm", ARM, "--store", store.root),
+        ServiceWatch(session, ARM) as watch,
+    ):
+        watch.wait("waiting", PATIENCE)
+        said = refused(tmp_path, *given, *stream, "--wait-for-estimates", VAIN)
+    assert f"there are services of {ARM!r} only" in said
 
 
 def test_states_at_another_rate_than_the_model_can_follow(
@@ -101,3 +129,12 @@ def test_two_drivers_of_one_arm(network: Network, tmp_path: Path, two_links_urdf
         wait_for(lambda: is_alive(session, Keys(ARM).alive("driver")))
         said = refused(tmp_path, *given, "--stream", "--name", ARM, "--zenoh-config", network.there)
     assert f"another driver of an arm called {ARM!r} is on the network already" in said
+
+
+def test_two_drivers_behind_one_controller(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("", 0))
+        port = other.getsockname()[1]
+        plan = motion_of("iiwa14", 7, tmp_path)
+        said = refused(tmp_path, "--backend", "fri", "--port", port, "--trajectory", plan)
+    assert f"UDP port {port} is taken by another program" in said

@@ -5,7 +5,6 @@ import threading
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 from arms import arm_config
@@ -21,7 +20,6 @@ from backends.can.simulator.scenario import SWITCHED_ON, BusScenario, Guide
 from backends.fri import doctor
 from backends.fri.codec.messages import SessionState
 from backends.fri.robot import FriRobot
-from backends.fri.simulator import monitoring
 from backends.fri.simulator.controller import SimulatedController
 from backends.fri.simulator.port import Address
 from backends.fri.simulator.scenario import ControllerScenario, HandGuiding, SessionCap
@@ -122,7 +120,7 @@ class FriBench:
     """An arm behind a controller in a thread of its own, over UDP, on the robot's own clock."""
 
     def __init__(self, monkeypatch):
-        self.port, self._patch = free_port(), monkeypatch
+        self.port = free_port()
         monkeypatch.setattr(doctor, "PORTS", (self.port,))
         monkeypatch.setattr(doctor, "MOST_LATE", 1.0)  # of answers: other work may set limo aside
         monkeypatch.setattr(FriRobot, "now", lambda robot: robot._session.time)
@@ -155,8 +153,6 @@ class FriBench:
         scenario = ControllerScenario(tuple(events))
         with SimulatedController(wanted, simulation, scenario) as robot:
             robot._pace = Patient(robot, patient and not monitors)
-            clock = SimpleNamespace(time_ns=lambda: 10**18 + round(1e9 * robot._time))
-            self._patch.setattr(monitoring, "time", clock)
             thread = threading.Thread(target=robot.run)
             thread.start()
             try:

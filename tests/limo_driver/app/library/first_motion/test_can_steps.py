@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from first_motions import CanBench
 
-from backends.can.config import CONVENTIONS
+from backends.can.config import CONVENTIONS, DAMIAO
 from backends.can.robot import CanRobot
 from backends.can.simulator.scenario import FROM_DRIVES, LostFrames, SwappedJoints
 from limo_driver.app.library.first_motion.records import STEPS
@@ -53,35 +53,63 @@ def test_all_steps_are_passed_in_their_order_and_nothing_moves_in_the_first_thre
     assert record["figures"]["limited"] == {}
 
 
-@CONVENTION
-@pytest.mark.parametrize(
-    ("faults", "simulation", "kind", "said"),
-    [
-        ((), arm_with(Payload(mass=4.0, com=(0.0, 0.0, 0.12))), "tool-mass", "4 kg more"),
-        ((SwappedJoints(joint=2, other=4),), None, "exchanged-joints", "joints 2 and 4"),
-        ((), arm_with(GravityDirection(gravity=(9.81, 0, 0))), "mounting", "turned by 90°"),
-        ((), arm_with(TorqueOffset(joint=4, offset=9.0)), "sensor-offset", r"joint 4 by \+[89]"),
-        (
-            (LostFrames(at=1.0, lasts=0.1, probability=1.0, joint=3, way=FROM_DRIVES),),
-            None,
-            "loose-cable",
-            "measurements of joint 3 stayed away 1 time, for up to (90|100) ms",
-        ),
-    ],
-    ids=["tool", "exchanged", "mounting", "offset", "cable"],
-)
-def test_faults_are_named_in_one_line_before_anything_moves(
-    tmp_path, monkeypatch, faults, simulation, kind, said, convention
-):
-    bench = CanBench(faults, simulation, convention=convention).plug(monkeypatch)
+WRONG = {
+    "tool": (
+        (), arm_with(Payload(mass=4.0, com=(0.0, 0.0, 0.12))), "tool-mass", r"[34](\.\d)? kg more",
+    ),
+    "exchanged": ((SwappedJoints(joint=2, other=4),), None, "exchanged-joints", "joints 2 and 4"),
+    "mounting": (
+        (), arm_with(GravityDirection(gravity=(9.81, 0, 0))), "mounting", r"turned by 9\d°",
+    ),
+    "offset": (
+        (), arm_with(TorqueOffset(joint=4, offset=9.0)), "sensor-offset", r"joint 4 by \+[89]",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", WRONG)
+def test_faults_are_named_in_one_line_before_anything_moves(tmp_path, monkeypatch, fault):
+    faults, simulation, kind, expected = WRONG[fault]
+    bench = CanBench(faults, simulation).plug(monkeypatch)
     done, problems = received(bench, tmp_path)
     named = next(each for each in problems if each.code == kind)
-    assert re.search(said, named.text)
+    assert re.search(expected, named.text)
     assert "\n" not in named.text
     assert kind in done.page.read_text()
     assert bench.set_points == []
     with pytest.raises(ConfigError, match=r"step 3 \(shadow\) is refused, and nothing moves"):
         take_step(bench.arm, tmp_path, "shadow", bench.settings)
+
+
+@pytest.mark.slow("plans and computes two motions")
+@pytest.mark.parametrize("fault", WRONG)
+def test_motors_without_torque_sensors_are_judged_while_they_hold_before_a_joint_moves(
+    tmp_path, monkeypatch, fault
+):
+    faults, simulation, kind, expected = WRONG[fault]
+    bench = CanBench(faults, simulation, convention=DAMIAO).plug(monkeypatch)
+    done, problems = received(bench, tmp_path)
+    assert problems == []
+    assert "no-torque" in {each.code for each in done.found.findings}
+    assert take_step(bench.arm, tmp_path, settings=bench.settings).passed
+    done = take_step(bench.arm, tmp_path, settings=bench.settings)
+    assert (done.record["step"], done.record["verdict"]) == ("one-joint", "failed")
+    named = next(each for each in done.found.findings if each.problem)
+    assert kind == named.code
+    assert re.search(expected, named.text)
+    assert not (tmp_path / "4_one_joint.parquet").exists()  # it only held
+    with pytest.raises(ConfigError, match=r"step 5 \(LIMOPA\) is refused, and nothing moves"):
+        take_step(bench.arm, tmp_path, "limopa", bench.settings)
+
+
+@CONVENTION
+def test_a_loose_cable_is_named_with_its_joint(tmp_path, monkeypatch, convention):
+    loose = LostFrames(at=1.0, lasts=0.1, probability=1.0, joint=3, way=FROM_DRIVES)
+    _, problems = received(CanBench((loose,), convention=convention).plug(monkeypatch), tmp_path)
+    named = next(each for each in problems if each.code == "loose-cable")
+    assert re.search(
+        r"measurements of joint 3 stayed away 1 time, for up to (90|100) ms", named.text
+    )
 
 
 def test_an_arm_that_nobody_guides_does_not_pass(tmp_path, monkeypatch):

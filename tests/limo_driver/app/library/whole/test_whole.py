@@ -2,52 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from one_file import check_page, title_of
-from ports import free_port
 
+from backends.can.config import ArmConfig
 from limo_driver.app.library.whole import plant
+from limo_driver.app.library.whole.explaining import BANDWIDTH, judge_explanation
 from limo_driver.app.library.whole.page import whole_page
-from limo_driver.app.library.whole.processes import MUJOCO, ProvenWire
+from limo_driver.app.library.whole.processes import BACKENDS, RATE, wire_of
 from limo_driver.app.library.whole.proving import Proof, Step, prove
-from limo_driver.physics import CoulombFriction
+from limo_driver.errors import ConfigError
+from limo_driver.physics import CoulombFriction, Payload
+from limo_driver.recordings.recording import Recording
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-CAN = Path(__file__).parents[5] / "examples" / "can_cia402.yaml"
 STEPS = 11
 
 pytestmark = pytest.mark.waits
 
 
-def in_mujoco(_folder: Path) -> ProvenWire:
-    """Neither wire nor packets: the arm is in the driver."""
-    return MUJOCO
-
-
-def over_fri(_folder: Path) -> ProvenWire:
-    """The FRI's own packets, to `limo controller`."""
-    port = str(free_port())
-    other_end = ("controller", "--client", f"127.0.0.1:{port}")
-    return ProvenWire("FRI", "fri", ("--port", port), other_end)
-
-
-def over_can(folder: Path) -> ProvenWire:
-    """A bus of CiA 402 drives, of `limo drives`."""
-    config = folder / "can.yaml"
-    config.write_text(CAN.read_text().replace("port: 43113", f"port: {free_port()}"))
-    return ProvenWire("CAN", "can", ("--config", str(config)), ("drives", "--config", str(config)))
-
-
 @pytest.mark.slow("goes the whole way in real time, four minutes for each wire")
-@pytest.mark.parametrize("wire", [in_mujoco, over_fri, over_can])
-def test_the_whole_holds(wire: Callable[[Path], ProvenWire], tmp_path: Path) -> None:
-    proof = prove(tmp_path, wire(tmp_path))
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_whole_holds(backend: str, tmp_path: Path) -> None:
+    proof = prove(tmp_path, backend)
     assert not proof.failure, (proof.failure, proof.steps)
     assert [step for step in proof.steps if not step.held] == []
     assert len(proof.steps) == STEPS
@@ -74,7 +54,12 @@ def test_nothing_that_is_concealed_is_believed() -> None:
 @pytest.mark.parametrize("held", [True, False])
 def test_the_page_says_what_holds_and_what_is_missed(held, tmp_path: Path) -> None:
     felt = np.array([0, 4_000_000]), np.array([[0.1, np.nan], [0.2, 0.3]])
-    proof = Proof(MUJOCO, [Step("A step", "0.7 N m", "0.5 N m", held)], [felt], seconds=3.0)
+    proof = Proof(
+        wire_of("mujoco", tmp_path),
+        [Step("A step", "0.7 N m", "0.5 N m", held)],
+        [felt],
+        seconds=3.0,
+    )
     whole_page(proof).save(tmp_path / "index.html")
     text = (tmp_path / "index.html").read_text()
     check_page(text)
@@ -82,8 +67,26 @@ def test_the_page_says_what_holds_and_what_is_missed(held, tmp_path: Path) -> No
     assert ("missed</b>" in text) is not held
 
 
-def test_a_proof_that_ended_early_does_not_hold() -> None:
-    assert not Proof(MUJOCO, [Step("A step", "0", "0", held=True)], failure="it broke").held
+def test_a_proof_that_ended_early_does_not_hold(tmp_path: Path) -> None:
+    steps = [Step("A step", "0", "0", held=True)]
+    assert not Proof(wire_of("mujoco", tmp_path), steps, failure="it broke").held
+
+
+def test_a_backend_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="`backend` is 'ethercat', expected one of mujoco, fri"):
+        prove(tmp_path, "ethercat")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_bus_that_is_proven_over_is_one_of_this_arm(tmp_path: Path) -> None:
+    config = ArmConfig.load(Path(wire_of("can", tmp_path).options[1]))
+    assert config.model.name == plant.ROBOT
+
+
+def test_a_backend_without_the_whole_is_refused_in_one_line(limo, tmp_path: Path) -> None:
+    done = limo("demo", "--backend", "fri", "--out", tmp_path / "out")
+    assert done.returncode == 2
+    assert done.stderr == "limo: --backend says over what --whole goes; give both\n"
 
 
 def test_a_folder_with_something_in_it_is_refused_in_one_line(limo, tmp_path: Path) -> None:
@@ -92,3 +95,16 @@ def test_a_folder_with_something_in_it_is_refused_in_one_line(limo, tmp_path: Pa
     assert done.returncode == 2
     assert done.stderr.startswith(f"limo: {tmp_path}: is not empty: give a new folder")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("mass", [None, 0.3])
+def test_what_explains_another_motion_leaves_no_more_than_the_true_arm(mass: float | None) -> None:
+    true, t = plant.believed(), np.arange(0.0, 8.0, 1.0 / RATE)
+    position = 0.3 * np.sin(np.outer(t, 1.0 + 0.2 * np.arange(7)))
+    still = Recording.from_arrays(t, position, np.zeros_like(position))
+    noise = 0.05 * np.random.default_rng(0).standard_normal(position.shape)
+    torque = true.predict(still.motion(BANDWIDTH)) + noise
+    wrong = () if mass is None else (Payload(mass=mass, com=(0.0, 0.0, 0.1)),)
+    found = replace(true, effects=(*true.effects, *wrong))
+    step = judge_explanation(found, true, Recording.from_arrays(t, position, torque))
+    assert step.held is (mass is None), step.figure
