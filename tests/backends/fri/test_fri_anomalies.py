@@ -9,8 +9,14 @@ from robot_commands import position
 from stepped_arm import SteppedArm, stepped
 
 from backends.fri.answers import DOUBTED, FLICKER
-from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import (
+    CommandMode,
+    DriveState,
+    Generation,
+    Quality,
+    SafetyState,
+    SessionState,
+)
 from limo_driver.errors import BackendError, HoldingError
 
 

@@ -21,11 +21,11 @@ from backends.can.simulator.scenario import SWITCHED_ON, BusScenario, Guide
 from backends.fri import doctor
 from backends.fri.codec.messages import SessionState
 from backends.fri.robot import FriRobot
-from backends.fri.simulator import monitoring
+from backends.fri.simulator import session
+from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.port import Address
 from backends.fri.simulator.scenario import ControllerScenario, HandGuiding, SessionCap
-from backends.fri.simulator.session import ControllerSettings
+from backends.fri.simulator.settings import ControllerSettings
 from limo_driver.app.library.first_motion.arms import CanArm, FriArm
 from limo_driver.app.library.first_motion.records import Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.steps import FirstMotionSettings
@@ -156,7 +156,7 @@ class FriBench:
         with SimulatedController(wanted, simulation, scenario) as robot:
             robot._pace = Patient(robot, patient and not monitors)
             clock = SimpleNamespace(time_ns=lambda: 10**18 + round(1e9 * robot._time))
-            self._patch.setattr(monitoring, "time", clock)
+            self._patch.setattr(session, "time", clock)
             thread = threading.Thread(target=robot.run)
             thread.start()
             try:
