@@ -165,7 +165,7 @@ def save_sweep(sweep: Sweep, folder: Path) -> None:
     """
     with whole(folder / TABLE) as draft:
         pq.write_table(pa.Table.from_pylist(list(_values(sweep))), draft)
-    # The page of a sweep
+    # One page of all trials
     charts = Charts()
     drawn = grid(charts.place(_against(sweep, name), name) for name in sweep.varied)
     rows = [[escape(str(cell)) for cell in row] for row in sweep.rows()]

@@ -143,7 +143,7 @@ class Judge:
             if serving.physics_only:
                 yield from self._send_back(old, new, f"version {new} failed on probation")
                 return
-            # Raise where somebody changed the store or what serves
+            # Somebody may have changed the store or what serves
             aliases = self._store.aliases
             if serving.version != new:
                 raise LimoError(f"{serving.version} serves by now: probation of {new} is over")

@@ -288,7 +288,7 @@ class Keeper:
         """Wait for something that calls for training, and return what it is."""
         every = self._settings.every
         while True:
-            # The joints that drift now, and tell it
+            # Report the joints that drift
             drifting = () if self._drift is None else self._drift.drifting(self._service)
             if drifting:
                 named = ", ".join(map(str, drifting))
