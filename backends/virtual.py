@@ -14,7 +14,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,15 +28,13 @@ from limo_driver.runtime.parameters import seed_of
 from limo_driver.types import (
     FloatArray,
     ImpedanceCommand,
+    JointCommand,
     JointSample,
     JointState,
     PositionCommand,
     RobotSpec,
     TorqueCommand,
 )
-
-if TYPE_CHECKING:
-    from limo_driver.types import JointCommand
 
 DEFAULT_PERIOD = 1e-3  # [s]
 

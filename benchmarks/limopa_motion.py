@@ -34,7 +34,7 @@ import limo_driver as limo
 from limo_driver.runtime.compiled import compiled
 from limo_driver.types import Motion
 from limopa import Feasibility, PlanRequest, Surroundings, plan, summarise
-from limopa.near import ways
+from limopa.distances import ways
 from limopa.planner import EXPLORING, REACHING
 from limopa.statistics import path_deviation, rotations
 

@@ -210,7 +210,13 @@ def check_recordings(recordings: Sequence[Recording], model: RobotModel) -> None
     for recording in recordings:
         recording.check_robot(model)
         recording.check_torque()
-    _check_torque(recordings)
+    if not any(np.any(recording.torque) for recording in recordings):
+        raise RecordingError("every torque is 0 N m; was it measured?", path=_sources(recordings))
+    if not any(np.ptp(recording.torque, axis=0).any() for recording in recordings):
+        raise RecordingError(
+            "no torque ever changes, expected that of a moving arm; was it measured?",
+            path=_sources(recordings),
+        )
     moved = max(float(np.ptp(recording.position, axis=0).max()) for recording in recordings)
     if moved < _STILL:
         raise RecordingError(
@@ -269,7 +275,10 @@ def check_different(recordings: Sequence[Recording]) -> None:
         for first, known in zip(recordings[:second], keys, strict=True):
             if first.n != recording.n:
                 continue
-            same = _same(first, recording)
+            same = all(
+                np.array_equal(getattr(first, name), getattr(recording, name))
+                for name in ("position", "torque")
+            )
             both = np.intersect1d(own, known, assume_unique=True).size
             if same or both > _SHARED * min(len(first), len(recording)):
                 part = (both + _RUN - 1) / len(recording)
@@ -284,25 +293,8 @@ def check_different(recordings: Sequence[Recording]) -> None:
         keys.append(own)
 
 
-def _check_torque(recordings: Sequence[Recording]) -> None:
-    if not any(np.any(recording.torque) for recording in recordings):
-        raise RecordingError("every torque is 0 N m; was it measured?", path=_sources(recordings))
-    if not any(np.ptp(recording.torque, axis=0).any() for recording in recordings):
-        raise RecordingError(
-            "no torque ever changes, expected that of a moving arm; was it measured?",
-            path=_sources(recordings),
-        )
-
-
 def _sources(recordings: Sequence[Recording]) -> str | None:
     return ", ".join(recording.source for recording in recordings if recording.source) or None
-
-
-def _same(first: Recording, second: Recording) -> bool:
-    return all(
-        np.array_equal(getattr(first, name), getattr(second, name))
-        for name in ("position", "torque")
-    )
 
 
 def _runs(recording: Recording) -> NDArray[np.uint64]:

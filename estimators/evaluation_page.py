@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 
 from limo_driver.model.units import common_unit, unit_of
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
-from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import (
     AFTER,
     BEFORE,
@@ -27,6 +26,7 @@ from limo_driver.pages.figures import (
     rounded_ticks,
 )
 from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
+from limo_driver.pages.motion import arm_section
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -71,7 +71,28 @@ class ModelFolder:
         given = manifest.text("estimator")
         if given != estimator:
             manifest.fail(f"is of {given!r}, expected {estimator!r}")
-        return cls(path, manifest, _read_simulation(path, manifest))
+        expected = manifest["simulation"].text("sha256")
+        try:
+            simulation = Simulation.load(path / SIMULATION)
+            found = _digest(path / SIMULATION)
+        except ConfigError as error:
+            raise ModelStoreError(str(error)) from None
+        if found != expected:
+            raise ModelStoreError(
+                f"{path}: {SIMULATION} is not the one of the manifest (sha256 differs); "
+                "the model learned what another simulation left over"
+            )
+        model, joints, robot = simulation.model, manifest.texts("joints"), manifest.text("robot")
+        if joints != model.joint_names:
+            raise ModelStoreError(
+                f"{path}: the manifest is of joints {', '.join(joints)}, but {SIMULATION} of "
+                f"{', '.join(model.joint_names)}"
+            )
+        if not same_robot(robot, model.name):
+            raise ModelStoreError(
+                f"{path}: the manifest is of robot {robot}, but {SIMULATION} of {model.name}"
+            )
+        return cls(path, manifest, simulation)
 
     @property
     def bandwidth(self) -> float:
@@ -228,31 +249,6 @@ def provenance(recording: Recording) -> dict[str, Any]:
         "time": [float(recording.time[0]), float(recording.time[-1])],
         "left_out": sum(len(item.rows) for item in recording.left_out),
     }
-
-
-def _read_simulation(folder: Path, manifest: JsonNode) -> Simulation:
-    expected = manifest["simulation"].text("sha256")
-    try:
-        simulation = Simulation.load(folder / SIMULATION)
-        found = _digest(folder / SIMULATION)
-    except ConfigError as error:
-        raise ModelStoreError(str(error)) from None
-    if found != expected:
-        raise ModelStoreError(
-            f"{folder}: {SIMULATION} is not the one of the manifest (sha256 differs); "
-            "the model learned what another simulation left over"
-        )
-    model, joints, robot = simulation.model, manifest.texts("joints"), manifest.text("robot")
-    if joints != model.joint_names:
-        raise ModelStoreError(
-            f"{folder}: the manifest is of joints {', '.join(joints)}, but {SIMULATION} of "
-            f"{', '.join(model.joint_names)}"
-        )
-    if not same_robot(robot, model.name):
-        raise ModelStoreError(
-            f"{folder}: the manifest is of robot {robot}, but {SIMULATION} of {model.name}"
-        )
-    return simulation
 
 
 def _same_torque(first: RobotModel, second: RobotModel) -> bool:

@@ -96,7 +96,9 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
     from estimators.rigid_body.identifiability import shown_by
 
     try:
-        found = _identified(recording, model)
+        from estimators.rigid_body import identify
+
+        found = identify(model, [recording])
     except LimoError as error:
         excitation = [f"nothing of the arm can be found in it: {error}"]
     else:
@@ -117,12 +119,6 @@ def telemetry_in(simulation: Simulation, recording: Recording) -> tuple[str, ...
     side = gear_side(friction_share(simulation, recording))
     sliding = simulation.model.sliding
     return (*sampling_of(recording), *channels_of(recording, sliding), side)
-
-
-def _identified(recording: Recording, model: RobotModel) -> Identification:
-    from estimators.rigid_body import identify
-
-    return identify(model, [recording])
 
 
 def sampling_of(recording: Recording) -> list[str]:

@@ -88,7 +88,13 @@ class Feasibility:
         )
         self.lower = model.limits.position_min + self.margin
         self.upper = model.limits.position_max - self.margin
-        self._require_range()
+        empty = np.flatnonzero(self.lower >= self.upper)
+        if empty.size:
+            raise InfeasiblePathError(
+                Condition.JOINT_LIMITS,
+                f"a margin of {np.degrees(self.surroundings.joint_margin):g} deg at either end "
+                f"leaves joint {empty[0] + 1} no range (`joint_margin`)",
+            )
         self.capsules = self._bodies(model)
         self._joint = np.array([body.joint for body in self.capsules])
         self._ends = np.array([[body.start, body.end] for body in self.capsules])
@@ -262,15 +268,6 @@ class Feasibility:
             low = np.where(self._above_table, floor, -np.inf)
             self._exact.sharpen(position, gap, lowest, need, low, all_of=all_of)
         return gap, lowest[:, self._above_table]
-
-    def _require_range(self) -> None:
-        empty = np.flatnonzero(self.lower >= self.upper)
-        if empty.size:
-            raise InfeasiblePathError(
-                Condition.JOINT_LIMITS,
-                f"a margin of {np.degrees(self.surroundings.joint_margin):g} deg at either end "
-                f"leaves joint {empty[0] + 1} no range (`joint_margin`)",
-            )
 
     def _bodies(self, model: RobotModel) -> tuple[Capsule, ...]:
         if not self.surroundings.self_collision:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.pages import Charts, Page
-from limo_driver.pages.arm_section import planned_motion
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
+from limo_driver.pages.motion import planned_motion
 from limo_driver.quoting import in_shell
 from limo_driver.runtime.display import joints_called
 from limopa.statistics import summarise
@@ -62,6 +62,11 @@ def plan_page(plan: Plan, model: RobotModel, file: str, robot: str) -> Page:
         f"Seed {plan.seed}; flange in {workspace.in_words}{_pace(plan)}; "
         f"{summary.samples} samples at {plan.request.rate:g} Hz."
     )
+    stages = summary.rejections
+    names = sorted({name for counts in stages.values() for name in counts})
+    values: dict[str, list[object]] = {"condition": list(names)}
+    values |= {stage: [counts.get(name, 0) for name in names] for stage, counts in stages.items()}
+    drawn = paragraph(f"{summary.candidates} random poses were drawn.", "small")
     body = (
         header(f"Locally isotropic motion of {model.name}", title, source)
         + motion
@@ -71,7 +76,7 @@ def plan_page(plan: Plan, model: RobotModel, file: str, robot: str) -> Page:
             "joints",
             _LEAD,
         )
-        + section("Poses that were rejected", _rejected(summary), "rejected")
+        + section("Poses that were rejected", drawn + columns(values) if names else "", "rejected")
         + not_checked(summary.unchecked_pairs)
         + play_it(file, robot)
     )
@@ -95,15 +100,6 @@ def _joints(summary: Statistics, called: Sequence[str]) -> dict[str, list[object
         "peak acceleration": [f"{joint.peak_acceleration:.0%}" for joint in summary.joints],
         "peak jerk": [f"{joint.peak_jerk:.0%}" for joint in summary.joints],
     }
-
-
-def _rejected(summary: Statistics) -> str:
-    stages = summary.rejections
-    names = sorted({name for counts in stages.values() for name in counts})
-    values: dict[str, list[object]] = {"condition": list(names)}
-    values |= {stage: [counts.get(name, 0) for name in names] for stage, counts in stages.items()}
-    drawn = paragraph(f"{summary.candidates} random poses were drawn.", "small")
-    return drawn + columns(values) if names else ""
 
 
 def excitation_page(
@@ -185,11 +181,16 @@ def servo_page(
         "one identifies can be checked on another. Move the arm slowly to the first pose before "
         "sending the first command."
     )
+    degrees = np.degrees([found.command[0], found.command.min(axis=0), found.command.max(axis=0)])
+    names = ("first pose [°]", "lowest [°]", "highest [°]")
+    said: dict[str, list[object]] = {"joint": list(found.joint_names)}
+    for name, own in zip(names, degrees, strict=True):
+        said[name] = [f"{x:.0f}" for x in own]
     body = (
         header(f"Commands for the servos of {model.name}", title, source)
         + motion
         + section("What each part of the motion shows", columns(_spent(found)), "parts")
-        + section("What each joint does", columns(_servo_joints(found)), "joints")
+        + section("What each joint does", columns(said), "joints")
         + not_checked(found.unchecked_pairs)
         + _send_them(file, robot, ",".join(motors or model.joint_names))
     )
@@ -204,15 +205,6 @@ def _spent(found: ServoExcitation) -> dict[str, list[object]]:
         "motion": list(_SHOWN.values()),
         "time [s]": [f"{many / found.request.rate:.0f}" for many in rows.values()],
     }
-
-
-def _servo_joints(found: ServoExcitation) -> dict[str, list[object]]:
-    degrees = np.degrees([found.command[0], found.command.min(axis=0), found.command.max(axis=0)])
-    names = ("first pose [°]", "lowest [°]", "highest [°]")
-    said: dict[str, list[object]] = {"joint": list(found.joint_names)}
-    for name, own in zip(names, degrees, strict=True):
-        said[name] = [f"{x:.0f}" for x in own]
-    return said
 
 
 def _send_them(file: str, robot: str, motors: str) -> str:

@@ -21,21 +21,17 @@ true jerk steps, the quintic overshoots it, but never by more than the factor `O
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import ruckig
 
 from limo_driver.errors import ConfigError, PathError
 from limo_driver.trajectory import Segment, Trajectory
-from limo_driver.types import FloatArray, readonly
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from limo_driver.types import JointLimits
+from limo_driver.types import FloatArray, JointLimits, readonly
 
 OVERSHOOT = 2.18  # Lebesgue constant of the L2 projection onto quadratics (2.1756)
 CRUISE = 0.5  # share of acceleration and jerk that the path's curvature may use at full speed
@@ -167,7 +163,21 @@ def retime(path: Path, bounds: JointBounds, period: float) -> TimedPath:
     Raises:
         PathError: ruckig finds no motion.
     """
-    s, ds, dds = _profile(path.length, _parameter_limits(path, bounds), period)
+    # Limits of ds, dds and ddds under which every joint keeps its bounds
+    p1, p2, p3 = path.peaks()
+    with np.errstate(divide="ignore"):
+        ds = min(
+            np.min(bounds.velocity / p1),
+            np.min(np.sqrt(CRUISE * bounds.acceleration / p2)),
+            np.min(np.cbrt(CRUISE * bounds.jerk / p3)),
+        )
+        jump = (bounds.jerk - p3 * ds**3) / OVERSHOOT
+        dds = min(
+            np.min((bounds.acceleration - p2 * ds**2) / p1),
+            np.min(jump / 2 / (3 * p2 * ds)),
+        )
+        ddds = np.min((jump - 3 * p2 * ds * dds) / p1)
+    s, ds, dds = _profile(path.length, (float(ds), float(dds), float(ddds)), period)
     first, second = path.derivative(s, 1), path.derivative(s, 2)
     return TimedPath(
         parameter=s,
@@ -198,24 +208,6 @@ def joined(parts: Sequence[tuple[str, TimedPath]], period: float, robot: str) ->
         robot=robot,
         segments=tuple(Segment(kind, *rows) for (kind, _), rows in zip(parts, bounds, strict=True)),
     )
-
-
-def _parameter_limits(path: Path, bounds: JointBounds) -> tuple[float, float, float]:
-    """Return limits of ds, dds and ddds under which every joint keeps its bounds."""
-    p1, p2, p3 = path.peaks()
-    with np.errstate(divide="ignore"):
-        ds = min(
-            np.min(bounds.velocity / p1),
-            np.min(np.sqrt(CRUISE * bounds.acceleration / p2)),
-            np.min(np.cbrt(CRUISE * bounds.jerk / p3)),
-        )
-        jump = (bounds.jerk - p3 * ds**3) / OVERSHOOT
-        dds = min(
-            np.min((bounds.acceleration - p2 * ds**2) / p1),
-            np.min(jump / 2 / (3 * p2 * ds)),
-        )
-        ddds = np.min((jump - 3 * p2 * ds * dds) / p1)
-    return float(ds), float(dds), float(ddds)
 
 
 def _profile(

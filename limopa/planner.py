@@ -14,12 +14,11 @@ import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.runtime.display import Displayed
+from limopa.distances import near_work, ways
 from limopa.feasibility import Condition, Feasibility
-from limopa.hindrance import set_by
-from limopa.near import near_work, ways
 from limopa.path import JointBounds, Line, Path, TimedPath, joined, retime
 from limopa.request import PlanRequest
-from limopa.scaffold import Exploration, ScaffoldSampler, draw_exploration, nearest_first
+from limopa.scaffold import Exploration, ScaffoldSampler, draw_exploration, nearest_first, set_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -156,7 +155,16 @@ class _Planner:
                 pool = np.concatenate([np.delete(pool, row, axis=0), self.sampler.draw(1)])
                 known.clear()
                 continue
-            self._append(line, exploration)
+            limits, random = self.model.limits, self.speed_random
+            if line is not None:
+                reaching = self.request.reaching
+                velocity = random.uniform(*reaching.velocity, self.model.n)
+                acceleration = random.uniform(*reaching.acceleration, self.model.n)
+                bounds = JointBounds.of(limits, self.period, velocity, acceleration)
+                self._add(REACHING, line, bounds)
+            share = random.uniform(*self.request.exploring.velocity)
+            self._add(EXPLORING, exploration, JointBounds.of(limits, self.period, share))
+            self.scaffolds.append(exploration.scaffold)
             return np.delete(pool, row, axis=0)
         if not self.scaffolds or self.dead_ends == self.request.repairs:
             raise self._stuck()
@@ -201,18 +209,6 @@ class _Planner:
             if not broken:
                 return path
         return None
-
-    def _append(self, line: Line | None, exploration: Exploration) -> None:
-        limits, random = self.model.limits, self.speed_random
-        if line is not None:
-            reaching = self.request.reaching
-            velocity = random.uniform(*reaching.velocity, self.model.n)
-            acceleration = random.uniform(*reaching.acceleration, self.model.n)
-            bounds = JointBounds.of(limits, self.period, velocity, acceleration)
-            self._add(REACHING, line, bounds)
-        share = random.uniform(*self.request.exploring.velocity)
-        self._add(EXPLORING, exploration, JointBounds.of(limits, self.period, share))
-        self.scaffolds.append(exploration.scaffold)
 
     def _add(self, kind: str, path: Path, bounds: JointBounds) -> None:
         bounds = bounds.slowed(path, partial(ways, self.feasibility.chain), self.request.speed)

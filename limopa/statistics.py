@@ -145,14 +145,17 @@ def _joints(
         turned = [rotations(motion.position[r, j], motion.velocity[r, j]) for r in exploring]
         turns = [reversal_rows(motion.velocity[r, j]) for r in exploring]
         between = np.concatenate(turned)
+        # The share of the bins of a joint's range that its positions (T,) fall into
+        lower = limits.position_min[j]
+        upper = limits.position_max[j]
+        bins = int(np.ceil((upper - lower) / BIN))
+        visited, _ = np.histogram(motion.position[:, j], bins=bins, range=(lower, upper))
         rows.append(
             JointStatistics(
                 joint=j + 1,
                 reversals=sum(map(len, turns)),
                 rotation_between_reversals=float(np.median(between)) if between.size else np.nan,
-                coverage=_coverage(
-                    motion.position[:, j], limits.position_min[j], limits.position_max[j]
-                ),
+                coverage=float(np.mean(visited > 0)),
                 peak_velocity=float(peaks.velocity[j]),
                 peak_acceleration=float(peaks.acceleration[j]),
                 peak_jerk=float(peaks.jerk[j]),
@@ -171,10 +174,3 @@ def reversal_rows(velocity: FloatArray) -> NDArray[np.intp]:
 def rotations(position: FloatArray, velocity: FloatArray) -> FloatArray:
     """Return how far one joint turns from each reversal to the next [rad], of samples (T,)."""
     return np.abs(np.diff(position[reversal_rows(velocity)]))
-
-
-def _coverage(position: FloatArray, lower: float, upper: float) -> float:
-    """Return the share of the bins of a joint's range that its positions (T,) fall into."""
-    bins = int(np.ceil((upper - lower) / BIN))
-    visited, _ = np.histogram(position, bins=bins, range=(lower, upper))
-    return float(np.mean(visited > 0))

@@ -19,8 +19,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from backends.fri.codec.messages import Command, CommandData, CommandMode, Header, SessionState
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import (
+    Command,
+    CommandData,
+    CommandMode,
+    Generation,
+    Header,
+    SessionState,
+)
 from backends.fri.session import Order, advice, why_not_commanded
 from backends.fri.wire_limits import numbers
 from limo_driver.errors import BackendError

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias
 
 from backends.fri.codec.codec import decode_monitoring, detect
-from backends.fri.codec.messages import MAX_DATAGRAM, Joints, Monitoring
-from backends.fri.codec.version import FriVersion, Generation
+from backends.fri.codec.messages import MAX_DATAGRAM, FriVersion, Generation, Joints, Monitoring
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, WireFormatError
 
 LARGEST_POSITION: Final = 10.0  # [rad], beyond any arm

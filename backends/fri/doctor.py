@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from backends.fri.codec.codec import decode_monitoring, detect
-from backends.fri.codec.messages import PORTS, Quality, SessionState
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import PORTS, Generation, Quality, SessionState
 from backends.fri.connection import Datagram, Endpoint, SilentRobotError, resolve, unusable
 from backends.fri.robot import FriRobot
 from backends.fri.session import MOST_UNCONFIRMED, advice, drives_off, long_period, safety_stop

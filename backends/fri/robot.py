@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from backends.fri.answers import Lead, check_taken, sent_as
-from backends.fri.codec.messages import DEFAULT_PORT, Monitoring, Quality, SessionState
+from backends.fri.codec.messages import DEFAULT_PORT, FriVersion, Monitoring, Quality, SessionState
 from backends.fri.codec.template import MonitoringTemplate
-from backends.fri.codec.version import FriVersion
 from backends.fri.connection import Connection, connect, incomplete, pace, unusable
 from backends.fri.replies import Outputs, Replies
 from backends.fri.session import LinkFigures, Order, RobotSession, Visit, why_not_ready
@@ -37,7 +36,7 @@ from limo_driver.types import JointState, RobotSpec, WrenchLimits, readonly
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from backends.fri.codec.version import Generation
+    from backends.fri.codec.messages import Generation
     from backends.fri.connection import Datagram
     from limo_driver.robot.realtime import LatencyHistogram
     from limo_driver.types import FloatArray, JointCommand

@@ -14,15 +14,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import llvmlite.binding as llvm
 import numpy as np
 from numba import config, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 from backends.mujoco_sim import layout as row
-from backends.mujoco_sim.drives import (
+from backends.mujoco_sim.layout import Arrays, Links, Scratch, Servo, gather, gather_state, spread
+from backends.mujoco_sim.realisation import (
+    Plant,
     compliant,
     deflection,
     friction_damping,
@@ -31,17 +34,11 @@ from backends.mujoco_sim.drives import (
     servo_torque,
     uncompensated,
 )
-from backends.mujoco_sim.layout import Arrays, Links, Scratch, Servo, gather, gather_state, spread
-from backends.mujoco_sim.realisation import Plant
 from limo_driver.errors import ConfigError
 from limo_driver.physics.effects.laws import PARAMETERS
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.installed_mujoco import RELEASE, mujoco
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 # The compiled loop finds these symbols by name, also when it comes from the cache.
 # Another release may have left its own in that folder.

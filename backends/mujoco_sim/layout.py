@@ -136,8 +136,19 @@ class DriveSideState:
         order = [robot.link_joints.index(model.joint(k).name) for k in range(model.njnt)]
         self._order = np.array(order, dtype=np.int64)  # of MuJoCo's joints among the links
         self._linkage = robot.linkage
-        self.arrays = own = _arrays_of(model, data)
-        self.links = _no_links()
+        self.arrays = own = Arrays(
+            position=data.qpos,
+            velocity=data.qvel,
+            control=data.ctrl,
+            bias=data.qfrc_bias,
+            applied=data.qfrc_applied,
+            inertia=data.M,
+            row_size=model.M_rownnz,
+            row_start=model.M_rowadr,
+            column=model.M_colind,
+        )
+        none, short, long = np.zeros(0), np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int64)
+        self.links = Links(none, none, none, none, none, short, short, short, long, none, long)
         if not robot.linkage.is_plain or order != sorted(order):
             self.arrays = _reduced(robot.n, data)
             self.links = Links(
@@ -202,20 +213,6 @@ def gather_state(links: Links, arrays: Arrays, m: int, n: int) -> None:
         arrays.velocity[j] = links.velocity[links.own[j]]
 
 
-def _arrays_of(model: mujoco.MjModel, data: mujoco.MjData) -> Arrays:
-    return Arrays(
-        position=data.qpos,
-        velocity=data.qvel,
-        control=data.ctrl,
-        bias=data.qfrc_bias,
-        applied=data.qfrc_applied,
-        inertia=data.M,
-        row_size=model.M_rownnz,
-        row_start=model.M_rowadr,
-        column=model.M_colind,
-    )
-
-
 def _reduced(n: int, data: mujoco.MjData) -> Arrays:
     """Return arrays of n joints, with the whole lower triangle of the inertia."""
     rows = np.arange(n)
@@ -230,8 +227,3 @@ def _reduced(n: int, data: mujoco.MjData) -> Arrays:
         row_start=(rows * (rows + 1) // 2).astype(np.int32),
         column=np.concatenate([np.arange(j + 1) for j in range(n)]).astype(np.int32),
     )
-
-
-def _no_links() -> Links:
-    none, short, long = np.zeros(0), np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int64)
-    return Links(none, none, none, none, none, short, short, short, long, none, long)

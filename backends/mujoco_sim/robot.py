@@ -13,7 +13,6 @@ import numpy as np
 from backends.mujoco_sim import layout
 from backends.mujoco_sim.engine import Engine
 from backends.mujoco_sim.layout import DriveSideState
-from backends.mujoco_sim.picked_up import PickedUpLoads
 from backends.mujoco_sim.realisation import (
     check_elements,
     check_impedance,
@@ -23,7 +22,7 @@ from backends.mujoco_sim.realisation import (
     usual_load,
 )
 from backends.mujoco_sim.sampled import SampledEffects, SensorNoise, TorqueSensors
-from backends.mujoco_sim.scene import compile_model
+from backends.mujoco_sim.scene import PickedUpLoads, compile_model
 from backends.virtual import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
 from limo_driver.errors import (
     BackendError,

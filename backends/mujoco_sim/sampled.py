@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from backends.mujoco_sim import layout
-from backends.mujoco_sim.drives import away_from_rest
+from backends.mujoco_sim.realisation import away_from_rest
 from limo_driver.physics import (
     ArmEffect,
     Effect,

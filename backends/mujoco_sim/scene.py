@@ -3,10 +3,9 @@
 The URDF is the file that pinocchio loads. Inertias come from the RobotModel, so that overrides and
 locked joints (a gripper's fingers) mean the same to both engines. Contacts and constraints are
 off: the safety contract, not an end stop, keeps the arm inside its range.
-"""
 
-# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
-# MuJoCo ships no stubs.
+What the simulated arm picks up while it moves: the bodies of MuJoCo's model change in place.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +22,16 @@ from limo_driver.runtime.installed_mujoco import mujoco
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from backends.mujoco_sim.realisation import Plant
+    from numpy.typing import NDArray
+
+    from backends.mujoco_sim.realisation import Draft, Plant
     from limo_driver.model import RobotModel
     from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.physics import JointCoupling
+
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+# MuJoCo ships no stubs.
+
 
 # Visuals may lie in files that are not here; friction and damping come from effects alone.
 _NEXT_TO_NOTHING = 1e-9, 1e-12  # [kg], [kg m²], which MuJoCo needs of what moves
@@ -221,3 +226,53 @@ def _inertial(body: Inertial) -> ET.Element:
     keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     ET.SubElement(element, "inertia", {k: repr(v) for k, v in zip(keys, body.inertia, strict=True)})
     return element
+
+
+# pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
+# MuJoCo ships no stubs.
+
+
+# All of a model that follows from its bodies' inertias.
+_OF_BODIES = (
+    "body_mass", "body_subtreemass", "body_inertia", "body_ipos", "body_iquat", "body_invweight0",
+    "dof_M0", "dof_invweight0", "body_sameframe", "body_simple", "dof_simplenum",
+)  # fmt: skip
+
+
+class PickedUpLoads:
+    """The loads of an arm, each from its time on.
+
+    Args:
+        draft: Which, and from when.
+        model: MuJoCo's model of the arm without them, which is changed.
+        robot: Rigid body without them.
+        plant: Joint physics.
+        period: Integration step [s].
+    """
+
+    def __init__(
+        self, draft: Draft, model: mujoco.MjModel, robot: RobotModel, plant: Plant, period: float
+    ) -> None:
+        self._model = model
+        self._starts: list[float] = []  # [s], in order
+        self._bodies = [_of_bodies(model)]  # with none of the loads, one, ...
+        for start, load in sorted(draft.loads, key=lambda pair: pair[0]):
+            robot = load.body(robot)
+            self._starts.append(start)
+            self._bodies.append(_of_bodies(compile_model(robot, plant, period, draft.shafts)))
+        self._carried = 0
+
+    def __bool__(self) -> bool:
+        return bool(self._starts)
+
+    def carry(self, time: float) -> None:
+        """Carry what is carried at a time [s], be it later or earlier than the last one."""
+        carried = sum(start <= time for start in self._starts)
+        if carried != self._carried:
+            self._carried = carried
+            for name, values in self._bodies[carried].items():
+                getattr(self._model, name)[:] = values
+
+
+def _of_bodies(model: mujoco.MjModel) -> dict[str, NDArray[Any]]:
+    return {name: getattr(model, name).copy() for name in _OF_BODIES}

@@ -29,8 +29,8 @@ import typer
 
 from backends.fri.codec import messages as m
 from backends.fri.codec.codec import decode_monitoring, encode_command, encode_monitoring
+from backends.fri.codec.messages import FriVersion
 from backends.fri.codec.template import CommandTemplate, MonitoringTemplate
-from backends.fri.codec.version import FriVersion
 from backends.fri.connection import Datagram
 from limo_driver.robot.realtime import Realtime
 from limo_driver.types import PositionCommand

@@ -3,9 +3,9 @@
 The folder with the recordings is named by LIMO_DATA, or is ../shared/data. Each model learns from
 the first recordings of a case and is judged on the last. Of each joint: the part of the rows within
 the interval that the model has without any torque, the same where offset, friction and size of the
-errors follow those half a second before and earlier (`estimators/change.py`), how wide both
-are, and how much of the rows outside of the interval, and of those within, is flagged as unlike
-what was learned.
+errors follow those half a second before and earlier (`estimators/evaluation_result.py`), how wide
+both are, and how much of the rows outside of the interval, and of those within, is flagged as
+unlike what was learned.
 
     python benchmarks/estimators/coverage.py [--model auto | joint-physics | mlp7] [CASE ...]
 """

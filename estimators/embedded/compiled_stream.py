@@ -16,9 +16,10 @@ import shlex
 import subprocess
 import tempfile
 import weakref
+from collections.abc import Sequence
 from ctypes import c_double, c_int, c_size_t, c_void_p
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import llvmlite.binding
 import numpy as np
@@ -28,11 +29,7 @@ from estimators.stream import DelayedRows, Stream
 from limo_driver.errors import ConfigError, LimoError, RecordingError
 from limo_driver.recordings.filters.causal_differentiation import LARGEST
 from limo_driver.runtime.machine_code import CodePlace
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _FLAGS: Final = ("-std=c11", "-O3", "-march=native", "-fPIC", "-shared", "-x", "c", "-", "-lm")
 _LONGEST: Final = 120.0  # [s] of compiling
@@ -69,7 +66,15 @@ class CompiledStream(Stream):
         self._one.argtypes = [c_void_p, c_double, *[c_void_p] * 7]
         self._given: dict[int, tuple[FloatArray, c_void_p]] = {}  # the latest arrays, and where
         super().__init__(stream.model, stream.rate, stream.delay)
-        self._prove(stream)
+        # Compare the code with Python on a motion of all joints
+        t = np.arange(2 * stream.samples + int(_SECONDS * stream.rate)) / stream.rate
+        phase = np.arange(stream.n)
+        position = _SWING * np.sin(2.0 * np.pi * (0.5 + 0.1 * phase) * t[:, None] + phase)
+        expected, _ = stream.advance(stream.init(), t, position, position)
+        found, _ = self.advance(self.init(), t, position, position)
+        off = np.abs(found.torque - expected.torque).max() / np.abs(expected.torque).max()
+        if not off <= _SAME:
+            raise ConfigError(f"compiled C gives torque that differs by {off:.2g} from Python's")
 
     def init(self) -> Any:  # noqa: ANN401  # what a library remembers
         """Return the memory before the first position."""
@@ -137,21 +142,6 @@ class CompiledStream(Stream):
         simulation, learned, std, filtered, outside = np.split(rows[:, 1:], _FIELDS, axis=1)
         torques = filtered if measured else None
         return DelayedRows(simulation, learned, std, outside != 0.0, rows[:, 0], torques), state
-
-    def _prove(self, stream: Stream) -> None:
-        """Compare the code with Python on a motion of all joints.
-
-        Raises:
-            ConfigError: The torque differs.
-        """
-        t = np.arange(2 * stream.samples + int(_SECONDS * stream.rate)) / stream.rate
-        phase = np.arange(stream.n)
-        position = _SWING * np.sin(2.0 * np.pi * (0.5 + 0.1 * phase) * t[:, None] + phase)
-        expected, _ = stream.advance(stream.init(), t, position, position)
-        found, _ = self.advance(self.init(), t, position, position)
-        off = np.abs(found.torque - expected.torque).max() / np.abs(expected.torque).max()
-        if not off <= _SAME:
-            raise ConfigError(f"compiled C gives torque that differs by {off:.2g} from Python's")
 
 
 def fastest(stream: Stream) -> Stream:

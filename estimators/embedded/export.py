@@ -17,8 +17,15 @@ from estimators.embedded.contact import (
     measured_contact,
 )
 from estimators.embedded.laws import EffectsCode
-from estimators.embedded.learned import LearnedCode, learned
-from estimators.embedded.tables import SIDE_BY_SIDE, defines, each_joint, table, tables
+from estimators.embedded.tables import (
+    SIDE_BY_SIDE,
+    LearnedCode,
+    defines,
+    each_joint,
+    learned,
+    table,
+    tables,
+)
 from estimators.rigid_body.regressor import RegressorChain
 from estimators.stream import Stream
 from limo_driver.errors import ConfigError

@@ -8,9 +8,10 @@ need more than a line are functions of `code/laws.c`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -21,10 +22,6 @@ from limo_driver.physics.domain import NARROWEST
 from limo_driver.physics.effects.friction import SIGN_WIDTH, VelocityFriction
 from limo_driver.physics.effects.hysteresis import LAWS
 from limo_driver.quoting import in_c_comment
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
 
 _NAN: Final = float("nan")
 _SPARE: Final = 1.1  # times the samples that a delay holds: a stream may run faster by 1 %

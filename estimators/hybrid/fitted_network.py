@@ -170,12 +170,14 @@ PACKAGES: Final = ("limo", "numpy", "torch", "safetensors", "pin")
 
 def entries_of(fitted: FittedNetwork) -> dict[str, Any]:
     """Return what the manifest says of a fitted network: all that prediction needs, but weights."""
+    names = ("own_joint", "stop_widths", "direction_speeds", "compliance")
+    names += ("reversal", "saturation", "without")
     return {
         "network": fitted.network.kind,
         "rate": fitted.rate,
         "bandwidth": fitted.bandwidth,
         "standalone": fitted.standalone,
-        "features": _feature_settings(fitted.features),
+        "features": {name: getattr(fitted.features, name) for name in names},
         "inputs": _described(
             fitted.features.inputs,
             mean=fitted.inputs.mean,
@@ -208,8 +210,19 @@ def fitted_in(opened: ModelFolder) -> FittedNetwork:
     features = _features(manifest["features"], n)
     standalone = "standalone" in manifest and manifest.flag("standalone")
     outputs, gain = _output_scaling(manifest, _outputs(n, standalone=standalone))
-    inputs = _input_scaling(manifest, features.inputs)
+    entries = _entries_of(manifest, "inputs", features.inputs)
+    mean, std = _numbers(entries, "mean"), _numbers(entries, "std", lower=0.0, above=True)
+    lowest = _numbers(entries, "lowest")
+    highest = [
+        entry.number("highest", lower=low) for entry, low in zip(entries, lowest, strict=True)
+    ]
+    inputs = InputScaling(mean, std, lowest, np.array(highest))
     kind = manifest.text("network", tuple(NETWORKS))
+    # What is said of training; the standard deviation follows from its errors
+    record = opened.record("held_out", "hybrid")
+    if "left_out" in record.get("rmse", {}):
+        left_out = opened.manifest["training"]["rmse"]["left_out"]
+        left_out.numbers("hybrid", n, lower=0.0)
     return FittedNetwork(
         features,
         _network(kind, opened, features),
@@ -218,18 +231,9 @@ def fitted_in(opened: ModelFolder) -> FittedNetwork:
         gain,
         manifest.number("rate", lower=_RATES[0], upper=_RATES[1]),
         opened.bandwidth,
-        _record(opened, n),
+        record,
         standalone,
     )
-
-
-def _record(opened: ModelFolder, n: int) -> dict[str, Any]:
-    """Return what is said of training; the standard deviation follows from its errors."""
-    record = opened.record("held_out", "hybrid")
-    if "left_out" in record.get("rmse", {}):
-        left_out = opened.manifest["training"]["rmse"]["left_out"]
-        left_out.numbers("hybrid", n, lower=0.0)
-    return record
 
 
 def _network(kind: str, opened: ModelFolder, features: Features) -> Network:
@@ -265,12 +269,6 @@ def _features(entries: ConfigNode, n: int) -> Features:
     )
 
 
-def _feature_settings(features: Features) -> dict[str, Any]:
-    names = ("own_joint", "stop_widths", "direction_speeds", "compliance")
-    names += ("reversal", "saturation", "without")
-    return {name: getattr(features, name) for name in names}
-
-
 def _outputs(n: int, *, standalone: bool) -> tuple[Feature, ...]:
     name = "torque" if standalone else "residual_torque"
     return tuple(Feature(f"{name}_{j + 1}", "N m") for j in range(n))
@@ -282,16 +280,6 @@ def _described(features: tuple[Feature, ...], **numbers: FloatArray) -> list[dic
         {**asdict(feature), **{name: float(values[i]) for name, values in numbers.items()}}
         for i, feature in enumerate(features)
     ]
-
-
-def _input_scaling(manifest: JsonNode, expected: tuple[Feature, ...]) -> InputScaling:
-    entries = _entries_of(manifest, "inputs", expected)
-    mean, std = _numbers(entries, "mean"), _numbers(entries, "std", lower=0.0, above=True)
-    lowest = _numbers(entries, "lowest")
-    highest = [
-        entry.number("highest", lower=low) for entry, low in zip(entries, lowest, strict=True)
-    ]
-    return InputScaling(mean, std, lowest, np.array(highest))
 
 
 def _output_scaling(

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.hybrid.training.data import TrainingData
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
     from limo_driver.physics import Simulation
@@ -205,24 +204,7 @@ def train(
     device_for(settings)  # refused before the inputs are computed, which takes a while
     data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
     fitted = fit_prepared(data, settings, on_epoch)
-    record = {
-        **fitted.record,
-        "recordings": [provenance(recording) for recording in recordings],
-        "rmse": _rmse(simulation, fitted, recordings, data) | fitted.record.get("rmse", {}),
-    }
-    return replace(fitted, record=record)
-
-
-def _rmse(
-    simulation: Simulation,
-    fitted: FittedNetwork,
-    recordings: Sequence[Recording],
-    data: TrainingData,
-) -> dict[str, dict[str, list[float]]]:
-    """Return RMSE per joint [N m] of rigid body and hybrid, as they are used: scanning it all.
-
-    Both are filtered as the measured torque is.
-    """
+    # RMSE per joint [N m] of rigid body and hybrid, as they are used: scanning it all
     from estimators.hybrid.training.data import HELD_OUT, TRAINING
 
     model = HybridModel(simulation)
@@ -235,10 +217,16 @@ def _rmse(
         "hybrid": np.concatenate([own.torque for own in found]),
     }
     rows = {"training": data.use == TRAINING, "held_out": data.use == HELD_OUT}
-    return {
-        where: {
-            name: np.sqrt(np.mean((torque - values)[use] ** 2, axis=0)).tolist()
-            for name, values in predicted.items()
+    record = {
+        **fitted.record,
+        "recordings": [provenance(recording) for recording in recordings],
+        "rmse": {
+            where: {
+                name: np.sqrt(np.mean((torque - values)[use] ** 2, axis=0)).tolist()
+                for name, values in predicted.items()
+            }
+            for where, use in rows.items()
         }
-        for where, use in rows.items()
+        | fitted.record.get("rmse", {}),
     }
+    return replace(fitted, record=record)

@@ -176,7 +176,13 @@ def _check_enough(
 
     With fewer, priors alone decide on weights, and folds that are alike confirm each other.
     """
-    still = np.flatnonzero((_turned(recordings) <= SETTLED).any(axis=0) | (count == 0).any(axis=0))
+    # The range that each joint turns in within each fold, the largest of all recordings
+    found = np.zeros((FOLDS, recordings[0].n))
+    for recording in recordings:
+        fold = fold_of(recording)
+        for f in np.unique(fold):
+            found[f] = np.maximum(found[f], np.ptp(recording.position[fold == f], axis=0))
+    still = np.flatnonzero((found <= SETTLED).any(axis=0) | (count == 0).any(axis=0))
     if still.size:
         raise RecordingError(
             f"the recordings say too little of joint {still[0] + 1}: it has to turn by more than "
@@ -191,19 +197,6 @@ def _check_enough(
             f"turned by {SETTLED:g} rad, expected at least {columns.count}, as many as its weights",
             path=recordings[0].source or None,
         )
-
-
-def _turned(recordings: Sequence[Recording]) -> FloatArray:
-    """Return the range that each joint turns in within each fold, the largest of all recordings.
-
-    (F, n) [rad]; 0 where a fold has no rows.
-    """
-    found = np.zeros((FOLDS, recordings[0].n))
-    for recording in recordings:
-        fold = fold_of(recording)
-        for f in np.unique(fold):
-            found[f] = np.maximum(found[f], np.ptp(recording.position[fold == f], axis=0))
-    return found
 
 
 def _stride(recording: Recording, columns: JointColumns) -> int:
@@ -265,7 +258,14 @@ class Regions:
             if not len(own):  # the poses above are all alike
                 parts += [own, own]
                 continue
-            found.axes[node] = _first_component(own)
+            # The direction (n,) in which poses (T, n) differ most
+            centred = own - own.mean(axis=0)
+            values, vectors = np.linalg.eigh(centred.T @ centred)
+            most = vectors[:, values >= (1.0 - _AS_MUCH) * values[-1]]
+            part = np.sum(most**2, axis=1)
+            joint = int(np.argmax(part >= (1.0 - _AS_MUCH) * part.max()))
+            axis = most @ most[joint]
+            found.axes[node] = axis / np.linalg.norm(axis)
             along = own @ found.axes[node]
             found.middles[node] = _middle(along)
             parts += [own[along <= found.middles[node]], own[along > found.middles[node]]]
@@ -278,21 +278,6 @@ class Regions:
             along = np.einsum("ti,ti->t", position, self.axes[node])
             node = 2 * node + 1 + (along > self.middles[node])
         return node - self.middles.size
-
-
-def _first_component(poses: FloatArray) -> FloatArray:
-    """Return the direction (n,) in which poses (T, n) differ most.
-
-    Where they differ as much in several, any mixture of these would do, and its sign: the one
-    nearest to the first joint that has a part in them is taken.
-    """
-    centred = poses - poses.mean(axis=0)
-    values, vectors = np.linalg.eigh(centred.T @ centred)
-    most = vectors[:, values >= (1.0 - _AS_MUCH) * values[-1]]
-    part = np.sum(most**2, axis=1)
-    joint = int(np.argmax(part >= (1.0 - _AS_MUCH) * part.max()))
-    axis = most @ most[joint]
-    return axis / np.linalg.norm(axis)
 
 
 def _middle(along: FloatArray) -> float:

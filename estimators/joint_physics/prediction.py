@@ -256,13 +256,8 @@ def terms_of(root: FloatArray, friction: NDArray[np.int64]) -> VarianceTerms:
     taken = place[less[kept]]
     change[taken >= 0, taken[taken >= 0]] = -1.0
     of_terms = root[:, kept] @ np.linalg.inv(change)
-    return VarianceTerms(kept, less[kept], _by_columns(_lower(of_terms)))
-
-
-def _lower(root: FloatArray) -> FloatArray:
-    """Return the lower triangular L with Lᵀ L = Rᵀ R."""
-    _, upper = np.linalg.qr(root[:, ::-1])
-    return upper[::-1, ::-1]
+    _, upper = np.linalg.qr(of_terms[:, ::-1])
+    return VarianceTerms(kept, less[kept], _by_columns(upper[::-1, ::-1]))
 
 
 def _by_columns(lower: FloatArray) -> NDArray[np.float32]:

@@ -11,19 +11,15 @@ Weights, gradients and moments are tuples of flat arrays in the order of `Mlp.sh
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple, TypeAlias
+from collections.abc import Mapping
+from typing import ClassVar, Final, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.neural.network import Network, free_size
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _MEMORYLESS: FloatArray = np.zeros(0)
 _ROWS = 8192  # evaluated at once, so that the hidden layer stays in the cache

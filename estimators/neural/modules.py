@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from estimators.neural.lstm import cell_name
 from estimators.neural.transformer import NORM_EPSILON, position_encoding, weight_shapes
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 Memory: TypeAlias = "list[tuple[Tensor, Tensor]] | None"  # h and c of each cell
 _WIDER: Final = 2  # feed-forward over d_model
@@ -156,7 +153,14 @@ class TransformerModule(Module):
         self.register_buffer("position_encoding", encoding)
         shapes = weight_shapes(self.parts, self.inputs, outputs, d, layers, heads, _WIDER * d)
         for name, shape in shapes.items():
-            self.register_parameter(name, nn.Parameter(_initial(name, shape)))
+            # Xavier's weights, zero biases, and norms that scale by 1
+            values = torch.zeros(shape)
+            if name.endswith("norm"):
+                values[..., 0, :] = 1.0
+            elif not name.endswith("bias"):
+                fan_in, fan_out = shape[-2:] if not name.endswith("qkv") else (shape[3], shape[3])
+                values.uniform_(-1.0, 1.0).mul_(np.sqrt(6.0 / (fan_in + fan_out)))
+            self.register_parameter(name, nn.Parameter(values))
 
     def weights(self) -> dict[str, FloatArray]:
         """Return the weights by the names that `Network` expects, the encoding among them."""
@@ -207,14 +211,3 @@ def _forward(x: Tensor, w: dict[str, Tensor], coder: str, i: int) -> Tensor:
 
 def _norm(x: Tensor, scale_and_shift: Tensor) -> Tensor:
     return functional.layer_norm(x, x.shape[-1:], *scale_and_shift, eps=NORM_EPSILON)
-
-
-def _initial(name: str, shape: tuple[int, ...]) -> Tensor:
-    """Return Xavier's weights, zero biases, and norms that scale by 1."""
-    values = torch.zeros(shape)
-    if name.endswith("norm"):
-        values[..., 0, :] = 1.0
-    elif not name.endswith("bias"):
-        fan_in, fan_out = shape[-2:] if not name.endswith("qkv") else (shape[3], shape[3])
-        values.uniform_(-1.0, 1.0).mul_(np.sqrt(6.0 / (fan_in + fan_out)))
-    return values

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import ModelStoreError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 
 class Network(ABC):
@@ -37,7 +33,17 @@ class Network(ABC):
     recurrent: ClassVar[bool]
 
     def __init__(self, columns: NDArray[np.int64], weights: Mapping[str, FloatArray]) -> None:
-        self.columns = self._checked(columns)
+        # Columns that compiled code can be given, which checks no index
+        if columns.ndim != 2 or not columns.size or columns.dtype.kind not in "iu":  # noqa: PLR2004  # (G, f)
+            raise ModelStoreError(
+                f"{self.kind}: columns are {columns.dtype} of shape {columns.shape}, expected "
+                "integers of shape (parts, inputs of each)"
+            )
+        if columns.min() < 0:
+            raise ModelStoreError(
+                f"{self.kind}: columns go down to {columns.min()}, expected 0 or more"
+            )
+        self.columns = np.ascontiguousarray(columns, dtype=np.int64)
         self.weights: dict[str, FloatArray] = {}
         shapes = self.shapes(columns.shape[0], columns.shape[1], weights)
         for name, shape in shapes.items():
@@ -51,19 +57,6 @@ class Network(ABC):
             if not np.isfinite(array).all():
                 raise ModelStoreError(f"{self.kind}: weight {name!r} is not finite")
             self.weights[name] = array
-
-    def _checked(self, columns: NDArray[Any]) -> NDArray[np.int64]:
-        """Return columns that compiled code can be given, which checks no index."""
-        if columns.ndim != 2 or not columns.size or columns.dtype.kind not in "iu":  # noqa: PLR2004  # (G, f)
-            raise ModelStoreError(
-                f"{self.kind}: columns are {columns.dtype} of shape {columns.shape}, expected "
-                "integers of shape (parts, inputs of each)"
-            )
-        if columns.min() < 0:
-            raise ModelStoreError(
-                f"{self.kind}: columns go down to {columns.min()}, expected 0 or more"
-            )
-        return np.ascontiguousarray(columns, dtype=np.int64)
 
     @staticmethod
     @abstractmethod

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Final
+from collections.abc import Mapping
+from typing import ClassVar, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.neural.network import Network, free_size
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 NORM_EPSILON: Final = 1e-5
 _LONGEST_PERIOD: Final = 10_000.0  # of the position encoding [rad^-1], as in the original

@@ -43,20 +43,16 @@ from Python cost more than its arithmetic, so what is asked of many is compiled 
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 SHOWN: Final = 1e-10  # of the largest eigenvalue; columns of a condition number up to 1e5
 ROUNDING: Final = float(np.finfo(np.float64).eps)  # of the diagonal, by each row of a matrix

@@ -14,23 +14,18 @@ Source: MacKay, "Bayesian interpolation", Neural Computation 1992.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from math import nan
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
 from estimators.regression.definite import RIDGE, gains_beside, lower_of, of_right_signs
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 REACH = 3.0  # prior deviations of a nuisance parameter; more is a wrong parameter
 _NO_BLOCKS = np.zeros(0, dtype=np.int64)

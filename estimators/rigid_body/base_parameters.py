@@ -78,7 +78,19 @@ def find_base_parameters(model: RobotModel, terms: JointTerms) -> BaseParameters
     Source: Gautier, "Numerical calculation of the base inertial parameters of robots", J. Robotic
     Systems 1991; Khalil and Dombre, "Modeling, Identification and Control of Robots", 2002, ch. 12.
     """
-    W = _random_regressor(model, terms)
+    # Stack all joints' equations of random motion, (n samples, full parameters)
+    random = np.random.default_rng(0)
+    n = model.n
+    velocity, acceleration = random.uniform(-_FASTEST, _FASTEST, (2, _SAMPLES, n))
+    position = random.uniform(-np.pi, np.pi, (_SAMPLES, n))
+    Y = RegressorChain.of(model).regressor(
+        Motion(np.arange(float(_SAMPLES)), position, velocity, acceleration)
+    )
+    own = terms.columns(velocity, acceleration)
+    D = np.zeros((n, _SAMPLES, own.shape[2], n))
+    for j in range(n):
+        D[j, :, :, j] = own[:, j]
+    W = np.concatenate([Y, D.reshape(n, _SAMPLES, -1)], axis=2).reshape(n * _SAMPLES, -1)
     scale = np.linalg.norm(W, axis=0)
     scale[scale < _INDEPENDENT * scale.max()] = np.inf  # rounding of a column that is zero
     independent = _independent_columns(W / scale, _order(model, terms))
@@ -97,23 +109,6 @@ def _order(model: RobotModel, terms: JointTerms) -> NDArray[np.int64]:
     return np.concatenate(
         [of_terms[: of_terms.size - late], links, of_terms[-late:] if late else []]
     )
-
-
-def _random_regressor(model: RobotModel, terms: JointTerms) -> FloatArray:
-    """Stack all joints' equations of random motion, (n samples, full parameters)."""
-    random = np.random.default_rng(0)
-    n = model.n
-    velocity, acceleration = random.uniform(-_FASTEST, _FASTEST, (2, _SAMPLES, n))
-    position = random.uniform(-np.pi, np.pi, (_SAMPLES, n))
-    Y = RegressorChain.of(model).regressor(
-        Motion(np.arange(float(_SAMPLES)), position, velocity, acceleration)
-    )
-    own = terms.columns(velocity, acceleration)
-    D = np.zeros((n, _SAMPLES, own.shape[2], n))
-    for j in range(n):
-        D[j, :, :, j] = own[:, j]
-    W = np.concatenate([Y, D.reshape(n, _SAMPLES, -1)], axis=2)
-    return W.reshape(n * _SAMPLES, -1)
 
 
 def _independent_columns(W: FloatArray, order: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -188,13 +183,10 @@ class Conditioning:
         value = np.log(values[-1] / values[0]) / 2
         value += (np.log(large.sum()) + np.log(small.sum())) / (2 * sharpness)
         M = (vectors * (large / large.sum() - small / small.sum()) / (2 * values)) @ vectors.T
-        return self._slope(float(value), motion, 2 * (stacked @ M).reshape(K.shape))
-
-    def _slope(self, value: float, motion: Motion, weight: FloatArray) -> MotionGradient:
-        """Contract the derivative of the regressor by the samples with a weight (n, T, b)."""
+        # Contract the derivative of the regressor by the samples with a weight (n, T, b)
         n, T, links = self.chain.n, len(motion), self.chain.width
         full = np.zeros((n, T, links + 2 * n))
-        full[:, :, self.base.independent] = weight
+        full[:, :, self.base.independent] = 2 * (stacked @ M).reshape(K.shape)
         chain, linkage = self.chain, self.chain.linkage
         rates = [linkage.rates(x) for x in (motion.velocity, motion.acceleration)]
         of_links = linkage.rates(np.moveaxis(full[:, :, :links], 0, -1))
@@ -208,7 +200,7 @@ class Conditioning:
         viscous, coulomb = (np.einsum("jtj->tj", own[:, :, term]) for term in range(2))
         turn = 1 / np.cosh(motion.velocity / _SMOOTH_WIDTH) ** 2  # of the smoothed sign
         slope[1] += viscous + coulomb * turn / _SMOOTH_WIDTH
-        return MotionGradient(value, *slope)
+        return MotionGradient(float(value), *slope)
 
     def _gram(self, motion: Motion) -> FloatArray:
         gram = np.zeros((self.columns, self.columns))

@@ -167,7 +167,15 @@ def identify(
     else:
         likely = bodies.fit(tolerance)
     consistent = bodies.fit_significant(tolerance, likely)
-    apart = _disagreement(bodies, tolerance, consistent, equations, fit.weight)
+    # D (FOLDS, p), with Dᵀ D the covariance of parameters fitted without each fold in turn
+    absent = consistent.deviation == 0
+    fits: list[FloatArray] = []
+    for fold in range(FOLDS):
+        gram, product = equations.weighted(fit.weight, without=fold)
+        without = replace(bodies, data=Quadratic(gram, product, bodies.data.spread))
+        held = consistent.parameters
+        fits.append(without.fit(tolerance, held, absent, held).parameters)
+    apart = jackknife(fits)
     surely = replace(consistent, spread=np.concatenate([consistent.spread, apart]))
     covariance = surely.spread.T @ surely.spread
     known = tolerances_of(consistent.parameters, covariance, equations, terms)
@@ -267,27 +275,6 @@ class _Bodies:
             held[apart <= _SIGNIFICANT * observable.deviation] = 1.0
             held *= self.stated
         return self.fit(tolerance, found.parameters, absent, held)
-
-
-def _disagreement(
-    bodies: _Bodies,
-    tolerance: float,
-    found: ConsistentFit,
-    equations: ArmEquations,
-    weight: FloatArray,
-) -> FloatArray:
-    """Return D (FOLDS, p), with Dᵀ D the covariance of parameters fitted without each fold in turn.
-
-    What is held at some value with all rows is so without some.
-    """
-    absent = found.deviation == 0
-    fits: list[FloatArray] = []
-    for fold in range(FOLDS):
-        gram, product = equations.weighted(weight, without=fold)
-        without = replace(bodies, data=Quadratic(gram, product, bodies.data.spread))
-        held = found.parameters
-        fits.append(without.fit(tolerance, held, absent, held).parameters)
-    return jackknife(fits)
 
 
 def _simulation(

@@ -10,9 +10,9 @@ import numpy as np
 from estimators.rigid_body.tables import base_estimates, known_of, notes_of
 from limo_driver.model.units import common_unit
 from limo_driver.pages import Charts, Page, Pin, arm_view
-from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
 from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
+from limo_driver.pages.motion import arm_section
 from limo_driver.physics import display_name
 from limo_driver.quoting import in_shell
 from limo_driver.runtime.display import joint_labels

@@ -167,7 +167,16 @@ def notes_of(found: Identification) -> tuple[str, ...]:
 
 
 def _fitted(found: Identification) -> tuple[BaseEstimate, ...]:
-    labels = _labels(found)
+    # Name and unit of every full parameter, in the order of the regressor
+    n = found.model.n
+    numbers = range(1, found.model.linkage.links + 1)
+    links = [(f"{name}_{i}", unit) for i in numbers for name, unit in _PER_LINK]
+    terms = [
+        (f"{term.parameter}_{j + 1}", unit_of(term.unit, is_sliding=found.model.sliding[j]))
+        for term in found.terms.all()
+        for j in range(n)
+    ]
+    labels = links + terms
     base, deviation = found.base, found.fit.deviation
     nominal = base.reduce(found.nominal)
     nominal = np.where(np.abs(nominal) < _ROUNDING, 0.0, nominal)
@@ -221,19 +230,6 @@ def known_of(found: Identification) -> str:
     size = sizes_of(estimates)
     known = sum(item.deviation <= size[item.name] for item in estimates)
     return f"{known} of {len(estimates)} base parameters are known to better than their size"
-
-
-def _labels(found: Identification) -> list[tuple[str, str]]:
-    """Return name and unit of every full parameter, in the order of the regressor."""
-    n = found.model.n
-    numbers = range(1, found.model.linkage.links + 1)
-    links = [(f"{name}_{i}", unit) for i in numbers for name, unit in _PER_LINK]
-    terms = [
-        (f"{term.parameter}_{j + 1}", unit_of(term.unit, is_sliding=found.model.sliding[j]))
-        for term in found.terms.all()
-        for j in range(n)
-    ]
-    return links + terms
 
 
 def _summand(factor: float, name: str) -> str:

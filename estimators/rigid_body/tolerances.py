@@ -70,11 +70,21 @@ def tolerances_of(
     """
     default = Tolerances()
     error = np.maximum(equations.rmse(parameters), _LEAST_ERROR)
-    G = equations.mean_gram()
+    gram, links = equations.mean_gram(), equations.chain.width
+    n = len(gram)
     inertia = _of_inertias(
-        parameters, covariance, np.tensordot(error**-2, G, 1), equations.chain.links
+        parameters, covariance, np.tensordot(error**-2, gram, 1), equations.chain.links
     )
-    friction = _of_friction(parameters, covariance, equations, terms)
+    kinds = [k for k, term in enumerate(terms.all()) if term.effect.endswith("friction")]
+    found: list[float] = []
+    for j in range(n):
+        at = links + n * np.array(kinds) + j
+        G, beta = gram[j][np.ix_(at, at)], parameters[at]
+        energy = float(beta @ G @ beta)  # [N² m²]
+        if energy > 0:
+            variance = float(np.sum(G * covariance[np.ix_(at, at)]))
+            found.append(min(1.0, max(variance, 0.0) / energy))  # rounding of none
+    friction = float(np.sqrt(np.mean(found))) if found else 0.0
     return Tolerances(
         max(default.inertia, round(inertia, _DIGITS)),
         max(default.friction, round(friction, _DIGITS)),
@@ -89,23 +99,6 @@ def _of_inertias(phi: FloatArray, covariance: FloatArray, G: FloatArray, links: 
         nothing = np.zeros((PER_LINK, PER_LINK))
         known_to_one[own, own] = RegularisedInverse.of(nothing, metric_root(phi[own])).matrix
     return float(np.sqrt(np.sum(G[at, at] * covariance[at, at]) / np.sum(G[at, at] * known_to_one)))
-
-
-def _of_friction(
-    phi: FloatArray, covariance: FloatArray, equations: ArmEquations, terms: JointTerms
-) -> float:
-    gram, links = equations.mean_gram(), equations.chain.width
-    n = len(gram)
-    kinds = [k for k, term in enumerate(terms.all()) if term.effect.endswith("friction")]
-    found: list[float] = []
-    for j in range(n):
-        at = links + n * np.array(kinds) + j
-        G, beta = gram[j][np.ix_(at, at)], phi[at]
-        energy = float(beta @ G @ beta)  # [N² m²]
-        if energy > 0:
-            variance = float(np.sum(G * covariance[np.ix_(at, at)]))
-            found.append(min(1.0, max(variance, 0.0) / energy))  # rounding of none
-    return float(np.sqrt(np.mean(found))) if found else 0.0
 
 
 def stated_armatures(model: RobotModel, terms: JointTerms) -> FloatArray:

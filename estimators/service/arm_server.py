@@ -125,7 +125,15 @@ class ArmServer(ModelChanges):
         """Return the condition since the last call, as JSON values, and publish it."""
         service = self.service
         if service is not None:
-            self._tell_silence(service)
+            # Tell when joint states end and come again, and for how long there were none
+            silence = self._silence
+            ended = silence.look(service.arrivals.counts.total(), answering=self.answering)
+            if silence.silent:
+                text, lasts = f"no joint states for {silence.limit:g} s", silence.lasts
+                state = f"silent for {lasts:.0f} s"
+                self._bulletin.enter(ServicePhase.SILENT, text, Level.ERROR, state)
+            elif ended and self.answering:
+                self._bulletin.enter(ServicePhase.SERVING, "joint states come again")
         now: dict[str, Any] = {**self._bulletin.condition(), "counts": dict(self._refused)}
         if service is not None:
             service.end_silent_contacts()
@@ -259,17 +267,6 @@ class ArmServer(ModelChanges):
             state = f"{_WAITING_FOR_STATES} of {self.arm!r}: a driver of {other!r} is there"
             self._bulletin.enter(ServicePhase.WAITING, state, state=state)
             self.outlet.event("other-arm", state, Level.WARN, other=other)
-
-    def _tell_silence(self, service: ArmService) -> None:
-        """Tell when joint states end and come again, and for how long there were none."""
-        silence = self._silence
-        ended = silence.look(service.arrivals.counts.total(), answering=self.answering)
-        if silence.silent:
-            text, lasts = f"no joint states for {silence.limit:g} s", silence.lasts
-            state = f"silent for {lasts:.0f} s"
-            self._bulletin.enter(ServicePhase.SILENT, text, Level.ERROR, state)
-        elif ended and self.answering:
-            self._bulletin.enter(ServicePhase.SERVING, "joint states come again")
 
     def _follow(self, source: str) -> None:
         """Keep to the source of a state, and tell when another one sends at the same time."""

@@ -23,14 +23,12 @@ Tibshirani, "An Introduction to the Bootstrap", 1993, ch. 21 (influence of an ob
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from limo_driver.errors import DivergedError, ShapeError
-
-if TYPE_CHECKING:
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 LEVEL: Final = 0.95
 BLOCK: Final = 5.0  # [s], longer than the errors of slow motion remember

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from estimators.base import LiveEstimator
     from estimators.service.inference.inbox import NetworkOutlet
     from estimators.service.model_changes import ModelChanges
     from estimators.service.settings import ServiceSettings
@@ -112,16 +111,13 @@ class Opening:
             LimoError: It cannot be read, or not be streamed at the arm's rate.
         """
         model = self._models.load(version)
-        stream = self._ready(model, arm.rate)
+        known = tuple(self._streams)  # others may load meanwhile
+        stream = next((s for s in known if s.model is model and s.rate == arm.rate), None)
         if stream is None:
             stream = fastest(Stream(model, arm.rate, self._settings.delay))
             warm_up(stream)
             self._streams.append(stream)
         return LiveModel(version, stream, arm.bound)
-
-    def _ready(self, model: LiveEstimator, rate: float) -> Stream | None:
-        known = tuple(self._streams)  # others may load meanwhile
-        return next((s for s in known if s.model is model and s.rate == rate), None)
 
     def _first_model(self, service: ArmService) -> LiveModel:
         """Return the champion, or else a champion before it, or else the physics."""

@@ -103,18 +103,15 @@ class Service(Closing):
         try:
             while not self._stopped.is_set():
                 self._show_all()
-                self._wait_for_change()
+                # Wait until the status is due, or something has changed meanwhile
+                with suppress(Empty):
+                    self._due.get(timeout=STATUS_PERIOD)
+                while not self._due.empty():  # what changed at the same time is told at once
+                    self._due.get()
             self._show_all()
         except BaseException as error:  # noqa: BLE001  # `wait` raises it
             self._failure = error
             self.stop()
-
-    def _wait_for_change(self) -> None:
-        """Wait until the status is due, or something has changed meanwhile."""
-        with suppress(Empty):
-            self._due.get(timeout=STATUS_PERIOD)
-        while not self._due.empty():  # what changed at the same time is told at once
-            self._due.get()
 
     def _show_all(self) -> None:
         for server in self._servers:

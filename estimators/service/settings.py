@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.parameters import Declared, parameter
-
-if TYPE_CHECKING:
-    from limo_driver.types import FloatArray, JointLimits
+from limo_driver.types import FloatArray, JointLimits
 
 _PART_OF_LIMIT: Final = 0.1  # of the torque limit, that a learned part may add by default
 

@@ -254,7 +254,12 @@ def _held_out(
         tell(k / len(folds))
         model = make().fit(rest)
         for one in held:
-            error, estimate = _errors(model, one, bandwidth)
+            # What the simulation leaves of a stretch, (T, n) [N m], and the estimate of it
+            estimate = model.estimate(one).filtered(one, bandwidth)
+            scored = ~one.edges(bandwidth)
+            residual = (one.filtered_torque(bandwidth) - estimate.simulation)[scored]
+            parts = (getattr(estimate, item.name)[scored] for item in fields(estimate))
+            error, estimate = (residual, Estimate(*parts))
             own = list(_blocks(error, estimate))
             within.append(_within(error, estimate))
             blocks += own
@@ -296,17 +301,6 @@ def _judge(name: str, products: FloatArray, fold: NDArray[np.int64]) -> Tried:
             )
         left[j] = np.sqrt(max(error, _LEAST) / len(own))
     return Tried(name, left, shares, np.full(n, np.nan))
-
-
-def _errors(
-    model: ResidualModel[Any], held: Recording, bandwidth: float
-) -> tuple[FloatArray, Estimate]:
-    """Return what the simulation leaves of a stretch, (T, n) [N m], and the estimate of it."""
-    estimate = model.estimate(held).filtered(held, bandwidth)
-    scored = ~held.edges(bandwidth)
-    residual = (held.filtered_torque(bandwidth) - estimate.simulation)[scored]
-    parts = (getattr(estimate, item.name)[scored] for item in fields(estimate))
-    return residual, Estimate(*parts)
 
 
 def _within(residual: FloatArray, estimate: Estimate) -> FloatArray:

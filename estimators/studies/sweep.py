@@ -165,13 +165,7 @@ def save_sweep(sweep: Sweep, folder: Path) -> None:
     """
     with whole(folder / TABLE) as draft:
         pq.write_table(pa.Table.from_pylist(list(_values(sweep))), draft)
-    sweep_page(sweep).save(folder / PAGE)
-    if sweep.ranked and sweep.best.folder is not None:
-        load_model(sweep.best.folder).save(folder / BEST)
-
-
-def sweep_page(sweep: Sweep) -> Page:
-    """Return the page of a sweep."""
+    # One page of all trials
     charts = Charts()
     drawn = grid(charts.place(_against(sweep, name), name) for name in sweep.varied)
     rows = [[escape(str(cell)) for cell in row] for row in sweep.rows()]
@@ -188,7 +182,9 @@ def sweep_page(sweep: Sweep) -> Page:
     if failed:
         lost = table((*sweep.varied, "seed", "why"), failed)
         body += section("Trials without a network", lost, "failed")
-    return Page("Sweep", body or paragraph("no trial"), charts)
+    Page("Sweep", body or paragraph("no trial"), charts).save(folder / PAGE)
+    if sweep.ranked and sweep.best.folder is not None:
+        load_model(sweep.best.folder).save(folder / BEST)
 
 
 def _against(sweep: Sweep, name: str) -> dict[str, Any]:

@@ -191,7 +191,19 @@ def best(table: Table, part: str, split: str) -> tuple[str, str] | None:
 def write(table: Table, folder: Path) -> None:
     """Write all files, each whole or not at all."""
     write_whole(folder / JSON, json.dumps(_values(table), indent=1, allow_nan=False))
-    write_whole(folder / CSV, _csv(table))
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [*(f"joint_{j + 1}" for j in range(table.data.model.n)), "joint_average"]
+    writer.writerow(
+        ["split", "part", "architecture", "runs", "left"]
+        + [f"{name}{suffix}" for suffix in ("", "_spread", "_paper") for name in names]
+    )
+    for split, part, row, figures in table.entries():
+        values: list[str] = []
+        for which in (figures.mean, figures.spread, figures.paper):
+            values += [""] * len(names) if which is None else map(repr, which.tolist())
+        writer.writerow([split, part, row.name, len(figures.numbers), figures.left, *values])
+    write_whole(folder / CSV, text.getvalue().rstrip("\n"))
     write_whole(folder / MARKDOWN, _markdown(table))
     write_whole(folder / CLAIMS_FILE, _claims(table))
 
@@ -246,22 +258,6 @@ def _values(table: Table) -> dict[str, Any]:
             for judgement in judge(table, claim)
         ],
     }
-
-
-def _csv(table: Table) -> str:
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = [*(f"joint_{j + 1}" for j in range(table.data.model.n)), "joint_average"]
-    writer.writerow(
-        ["split", "part", "architecture", "runs", "left"]
-        + [f"{name}{suffix}" for suffix in ("", "_spread", "_paper") for name in names]
-    )
-    for split, part, row, figures in table.entries():
-        values: list[str] = []
-        for which in (figures.mean, figures.spread, figures.paper):
-            values += [""] * len(names) if which is None else map(repr, which.tolist())
-        writer.writerow([split, part, row.name, len(figures.numbers), figures.left, *values])
-    return text.getvalue().rstrip("\n")
 
 
 def _markdown(table: Table) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,20 +19,15 @@ from estimators.studies.table1_results import (
     SPLIT_WORDS,
     SPLITS,
     Protocol,
+    Table,
     span,
 )
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, layout, numbers
+from limo_driver.pages.markup import Figure as Chart
 from limo_driver.pages.markup import folded, grid, header, listed, section, table
 from limo_driver.quoting import in_html as escape
 from limo_driver.runtime.outputs import whole
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from estimators.studies.table1_results import Table
-    from limo_driver.pages.markup import Figure as Chart
 
 PAGE: Final = "report.html"
 _STYLES: Final = ((SEQUENCES, AFTER, "circle"), (SCAFFOLDS, BEFORE, "square"))
@@ -51,12 +48,23 @@ def table_page(found: Table) -> Page:
     charts = Charts()
     title = _title(found)
     drawn = grid(charts.place(_errors(found, part), part.capitalize()) for part in PARTS)
+    n = found.data.model.n
+    heads = ("architecture", "runs", *(f"joint {j}" for j in range(1, n + 1)), "average")
+    body = ""
+    for split in SPLITS:
+        for part in PARTS:
+            rows = [
+                [escape(row.name), done(figures), *(cell(figures, i) for i in range(n + 1))]
+                for of_split, of_part, row, figures in found.entries()
+                if (of_split, of_part) == (split, part)
+            ]
+            body += folded(f"{part.capitalize()}, {SPLIT_NAMES[split]}", table(heads, rows, 1))
     body = (
         header("Table I of Çallar and Böttger 2022", title, found.headline())
         + section("Notes", listed(_known(found)), "notes")
         + section("Errors", drawn, "errors", _SPLITS)
         + section("The paper's claims", _claims(found), "claims", _JUDGED)
-        + section("All figures", _tables(found), "table", found.scored)
+        + section("All figures", body, "table", found.scored)
     )
     return Page(title, body, charts)
 
@@ -148,21 +156,6 @@ def _claims(found: Table) -> str:
     return body
 
 
-def _tables(found: Table) -> str:
-    n = found.data.model.n
-    heads = ("architecture", "runs", *(f"joint {j}" for j in range(1, n + 1)), "average")
-    body = ""
-    for split in SPLITS:
-        for part in PARTS:
-            rows = [
-                [escape(row.name), done(figures), *(cell(figures, i) for i in range(n + 1))]
-                for of_split, of_part, row, figures in found.entries()
-                if (of_split, of_part) == (split, part)
-            ]
-            body += folded(f"{part.capitalize()}, {SPLIT_NAMES[split]}", table(heads, rows, 1))
-    return body
-
-
 PICTURE: Final = "table1.png"
 _WIDTH: Final = 140  # characters of a line
 _LINES: Final = {  # split → label, colour, marker, offset from the middle of a row
@@ -208,7 +201,7 @@ def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matp
         panel.errorbar(
             means,
             places + offset,
-            xerr=_whiskers(means, spreads),
+            xerr=[np.minimum(spreads, 0.9 * np.nan_to_num(means)).tolist(), spreads],
             fmt=marker,
             color=colour,
             markersize=5,
@@ -222,8 +215,3 @@ def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matp
     panel.set_axisbelow(True)
     for place in places[:-1]:
         panel.axhline(place + 0.5, color="0.93", linewidth=0.8)
-
-
-def _whiskers(means: list[float], spreads: list[float]) -> list[list[float]]:
-    """Keep the lower whisker above zero, which a logarithmic axis does not have."""
-    return [np.minimum(spreads, 0.9 * np.nan_to_num(means)).tolist(), spreads]

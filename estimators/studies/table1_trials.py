@@ -129,23 +129,7 @@ class TrialRunner:
             fitted = fit_prepared(prepared, settings, on_epoch)
             network = fitted.network
             epochs, device = len(fitted.record["epochs"]), str(fitted.record["device"])
-        return TrialResult(
-            trial,
-            self._mse(trial, settings, prepared, network),
-            epochs,
-            time.perf_counter() - began,
-            device,
-            {name: version(name) for name in _PACKAGES},
-        )
-
-    def _mse(
-        self,
-        trial: Trial,
-        settings: TrainingSettings,
-        prepared: TrainingData,
-        network: Network | None,
-    ) -> dict[str, tuple[float, ...]]:
-        """Return the MSE of each part and joint [(N m)²]."""
+        # The MSE of each part and joint [(N m)²]
         length = trial.row.sequence_length
         nothing = prepared.output_scaling.normalise(np.zeros(prepared.targets.shape[1]))
         seen = ScoringMotion(
@@ -163,10 +147,17 @@ class TrialRunner:
             unseen.squared_errors(network, length)[unseen.scored],
         )
         variance = prepared.output_scaling.std**2
-        return {
-            part: tuple((variance * squares.mean(axis=0)).tolist())
-            for part, squares in zip(PARTS, by_part, strict=True)
-        }
+        return TrialResult(
+            trial,
+            {
+                part: tuple((variance * squares.mean(axis=0)).tolist())
+                for part, squares in zip(PARTS, by_part, strict=True)
+            },
+            epochs,
+            time.perf_counter() - began,
+            device,
+            {name: version(name) for name in _PACKAGES},
+        )
 
     def _validation(self, settings: TrainingSettings, prepared: TrainingData) -> ScoringMotion:
         """Return the validation motion as the training motion is: filtered and normalised."""

@@ -13,14 +13,13 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.joints import sharp
 from limo_driver.exports.changes.target import Target, target_of
-from limo_driver.exports.formats import ISAAC_LAB, MJCF, URDF, USD, edited_format
-from limo_driver.exports.mjcf.assets import assets_of
-from limo_driver.exports.mjcf.file import FIRMNESS, edited_mjcf, rubs_anew
-from limo_driver.exports.mjcf.servos import have_changed, write_rests
+from limo_driver.exports.mjcf import FIRMNESS, edited_mjcf, rubs_anew
 from limo_driver.exports.proof import errors
 from limo_driver.exports.remainder import Remainder, proof_motion, remainders, unwritten
+from limo_driver.exports.servos import have_changed, write_rests
 from limo_driver.exports.urdf import actuators, edited_urdf
 from limo_driver.exports.usd import files_of, write_layer
+from limo_driver.exports.xml_edits import ISAAC_LAB, MJCF, URDF, USD, assets_of, edited_format
 from limo_driver.model.descriptions.description import DOWN
 from limo_driver.physics import GravityDirection, Simulation
 from limo_driver.runtime.display import Displayed

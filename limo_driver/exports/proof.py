@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from limo_driver.exports.formats import DRAKE, ISAAC_LAB, MJCF, URDF, USD
 from limo_driver.exports.urdf import rotors_of, tables_of
-from limo_driver.exports.xml_edits import XmlText
+from limo_driver.exports.xml_edits import DRAKE, ISAAC_LAB, MJCF, URDF, USD, XmlText
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

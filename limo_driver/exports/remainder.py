@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.exports.formats import ISAAC_LAB, MJCF, USD
+from limo_driver.exports.xml_edits import ISAAC_LAB, MJCF, USD
 from limo_driver.physics import Armature, Backlash, PreslidingHysteresis, SensorEffect, display_name
 from limo_driver.runtime.parameters import parameters_of
 from limo_driver.types import Motion

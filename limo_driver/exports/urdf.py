@@ -23,9 +23,16 @@ from typing import TYPE_CHECKING, Final
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.bodies import write_added
 from limo_driver.exports.changes.origin import write_origin
-from limo_driver.exports.formats import DRAKE, URDF, WITH_FRICTION
 from limo_driver.exports.remainder import BEYOND_ACTUATORS, beyond_default, unit_of
-from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
+from limo_driver.exports.xml_edits import (
+    DRAKE,
+    URDF,
+    WITH_FRICTION,
+    Element,
+    XmlText,
+    as_list,
+    differ,
+)
 from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.physics.drives import as_described
 from limo_driver.quoting import in_docstring, in_xml

@@ -152,7 +152,8 @@ def _others(session: zenoh.Session, keys: Keys, part: str, own: str) -> set[str]
     began = time.monotonic()
     while True:
         linked = time.monotonic() >= began + LINKING
-        alive = _alive(session)
+        replies = session.liveliness().get(Keys.of_any().alive(_ANY), timeout=LINKING)
+        alive = {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
         heard, witnesses, bystanders = _heard(session, keys, part)
         seen |= heard | {token for token in alive if token.startswith(keys.alive(part, ""))}
         silent = {zid for token in alive if (zid := _zid(token))} - witnesses - {str(session.zid())}
@@ -175,12 +176,6 @@ def _others(session: zenoh.Session, keys: Keys, part: str, own: str) -> set[str]
                 "not asked by others all the time"
             )
         time.sleep(LINKING / 10)
-
-
-def _alive(session: zenoh.Session) -> set[str]:
-    """Return the tokens of all drivers and services that are seen from here."""
-    replies = session.liveliness().get(Keys.of_any().alive(_ANY), timeout=LINKING)
-    return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
 
 
 def _reached(session: zenoh.Session) -> set[str]:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import zenoh
 
 from limo_driver.errors import ConfigError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 _TLS: Final = "transport/link/tls"
 _PATHS: Final = (

@@ -334,7 +334,13 @@ class ModelClient:
         while True:
             for reply in self._session.get(key, payload=to_json(asked), timeout=timeout):
                 if reply.ok is not None:
-                    return _answer(key, reply.ok.payload.to_bytes())
+                    try:
+                        answer: object = json.loads(reply.ok.payload.to_bytes())
+                    except (ValueError, RecursionError):
+                        answer = None
+                    if not isinstance(answer, dict):
+                        raise ModelStoreError(f"{key}: the answer is no JSON object")
+                    return answer
                 if reply.err is not None:
                     raise ModelStoreError(_refusal(key, reply.err.payload.to_bytes(), timeout))
             if time.monotonic() >= ends:  # a service has its name before it can answer
@@ -351,16 +357,6 @@ class ModelClient:
                 return False
             time.sleep(0.1)
         return True
-
-
-def _answer(key: str, payload: bytes) -> dict[str, Any]:
-    try:
-        answer: object = json.loads(payload)
-    except (ValueError, RecursionError):
-        answer = None
-    if not isinstance(answer, dict):
-        raise ModelStoreError(f"{key}: the answer is no JSON object")
-    return answer
 
 
 def _refusal(key: str, payload: bytes, timeout: float) -> str:

@@ -15,8 +15,9 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import zenoh
 import zenoh.ext
@@ -29,16 +30,12 @@ from limo_driver.network.messages import (
     WRENCH,
     Attachment,
     JointStateCodec,
-    JointStateMessage,
     RosAttachment,
 )
 from limo_driver.network.messages.joint_state import GID_SIZE
 from limo_driver.network.streaming import declare_history
 from limo_driver.quoting import in_line
 from limo_driver.runtime.processes import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 # As `rosidl` computes them of the definitions, the same from Jazzy to Kilted.
 HASHES: Final = {
@@ -246,19 +243,16 @@ class RosReader:
         about = RosAttachment.decode(attachment)
         state = self._codec.decode(payload)
         if state.names != self._codec.names:
-            payload = self._in_order(state, len(payload))
-        return RosState(payload, Attachment(about.sequence, about.stamp_ns), about.gid.hex())
-
-    def _in_order(self, state: JointStateMessage, end: int) -> bytes:
-        place = {name: j for j, name in enumerate(state.names)}
-        missing = [name for name in self._codec.names if name not in place]
-        if missing or len(place) < len(state.names):
-            fault = f"without {', '.join(missing)}" if missing else "with a joint named twice"
-            raise WireFormatError(
-                f"joint states of {', '.join(state.names) or 'no joint'}, {fault}", end
+            place = {name: j for j, name in enumerate(state.names)}
+            missing = [name for name in self._codec.names if name not in place]
+            if missing or len(place) < len(state.names):
+                fault = f"without {', '.join(missing)}" if missing else "with a joint named twice"
+                raise WireFormatError(
+                    f"joint states of {', '.join(state.names) or 'no joint'}, {fault}", len(payload)
+                )
+            order = [place[name] for name in self._codec.names]
+            arrays = (state.position, state.velocity, state.torque)
+            payload = self._codec.encode(
+                state.stamp_ns, *(values[order] if values.size else values for values in arrays)
             )
-        order = [place[name] for name in self._codec.names]
-        arrays = (state.position, state.velocity, state.torque)
-        return self._codec.encode(
-            state.stamp_ns, *(values[order] if values.size else values for values in arrays)
-        )
+        return RosState(payload, Attachment(about.sequence, about.stamp_ns), about.gid.hex())

@@ -21,10 +21,11 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import zenoh
 import zenoh.ext
@@ -34,11 +35,7 @@ from limo_driver.network.claims import Keys, Witness, claim, note_ends
 from limo_driver.network.config import explained, read_config
 from limo_driver.network.messages import Attachment, JointStateCodec
 from limo_driver.runtime.processes import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from limo_driver.types import JointState
+from limo_driver.types import JointState
 
 KEPT_EVENTS: Final = 100  # for those who come late
 _HEARTBEAT: Final = 1.0  # [s] after which a missed event is noticed
@@ -300,7 +297,12 @@ class Arrivals:
         last = self._sequence
         old = last is not None and sequence <= last and stamp <= self._stamp
         if old and not self._insists(sequence, stamp):
-            self._count_old(sequence)
+            if sequence in self._missing:
+                del self._missing[sequence]
+                self.counts["lost"] -= 1
+                self.counts["late"] += 1
+            else:
+                self.counts["duplicated"] += 1
             return False
         if last is not None and sequence <= last:
             self.counts["restarts"] += 1
@@ -316,14 +318,6 @@ class Arrivals:
         self._old = sequence, stamp
         self._in_a_row = self._in_a_row + 1 if follows else 1
         return self._in_a_row > _INSISTENT
-
-    def _count_old(self, sequence: int) -> None:
-        if sequence in self._missing:
-            del self._missing[sequence]
-            self.counts["lost"] -= 1
-            self.counts["late"] += 1
-        else:
-            self.counts["duplicated"] += 1
 
     def _count_lost(self, first: int, stop: int) -> None:
         if first == stop:

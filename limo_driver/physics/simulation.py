@@ -15,6 +15,7 @@ from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import split_reference
 from limo_driver.model.descriptions.reading import USD_ENDINGS
 from limo_driver.physics.described import EffectGroups, described_effects
+from limo_driver.physics.domain import Score
 from limo_driver.physics.drives import channels_of_drives, described_drives, described_motors
 from limo_driver.physics.effect import (
     ArmEffect,
@@ -28,7 +29,6 @@ from limo_driver.physics.effect import (
 )
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.physics.effects.transmission import JointElasticity
-from limo_driver.physics.score import Score
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save, sections_of
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH, differentiate
@@ -97,7 +97,8 @@ class Simulation(Displayed):
         self.model.check_masses()
         self._check_drives()
         for effect in self.effects:
-            for joint in _joints_of(effect):
+            named = [known.name for known in effect.parameters() if known.unit == JOINT]
+            for joint in (*effect.joints, *(getattr(effect, name) for name in named)):
                 if not 1 <= joint <= self.model.n:
                     raise ConfigError(
                         f"{effect.name}: joint {joint} does not exist; "
@@ -435,9 +436,3 @@ def displaced(time: FloatArray, displacement: FloatArray, bandwidth: float) -> D
     rate = (time.size - 1) / float(time[-1] - time[0])
     highest = SAFE_BANDWIDTH * rate
     return differentiate(time, displacement, min(bandwidth, highest), [slice(0, time.size)])
-
-
-def _joints_of(effect: Effect) -> tuple[int, ...]:
-    """Return every joint that an effect names."""
-    named = [known.name for known in effect.parameters() if known.unit == JOINT]
-    return (*effect.joints, *(getattr(effect, name) for name in named))

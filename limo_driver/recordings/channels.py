@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError, ShapeError
 from limo_driver.types import FloatArray
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-
-    from numpy.typing import NDArray
 
 _TURN = 2 * np.pi
 _OF_SPAN = 0.9  # of all that is recorded, that a wrap crosses at least

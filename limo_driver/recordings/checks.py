@@ -226,11 +226,7 @@ def check_arm(
             f"{model.limits.position_max[j]:.3g} {unit}; is it in {other}, or another robot?",
             path=source or None,
         )
-    _check_torque_scale(model, torque, source)
-
-
-def _check_torque_scale(model: RobotModel, torque: FloatArray, source: str) -> None:
-    """Refuse torques that the drives cannot make, and not by a little: another unit."""
+    # Refuse torques that the drives cannot make, and not by a little: another unit
     usual, most = np.median(np.abs(torque), axis=0), model.limits.torque
     stated = np.isfinite(most) & (most > 0)  # a description may leave them out
     factor = np.where(stated, usual / np.where(stated, most, 1.0), 0.0)

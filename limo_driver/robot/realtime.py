@@ -21,18 +21,15 @@ import os
 import resource
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.processes import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
 
 PRIORITY: Final = 40  # of SCHED_FIFO: above all that is not real time, below the kernel's 50
 YOUNG_LIMIT: Final = 5000  # containers that may wait for the collector while it is off
@@ -114,7 +111,7 @@ class Realtime(Closing):
         self._freeze()
         self._fine_timers()
         if fifo:
-            self._fifo(priority)
+            self._undo += _prefer(0, priority, self.refused)
         if fifo if lock_memory is None else lock_memory:
             self._undo += _lock_memory(self.refused)
 
@@ -151,9 +148,6 @@ class Realtime(Closing):
         before = libc.prctl(_PR_GET_TIMERSLACK, 0, 0, 0, 0)
         if libc.prctl(_PR_SET_TIMERSLACK, _FINE_SLACK, 0, 0, 0) == 0:
             self._undo.append(lambda: libc.prctl(_PR_SET_TIMERSLACK, max(before, 0), 0, 0, 0))
-
-    def _fifo(self, priority: int) -> None:
-        self._undo += _prefer(0, priority, self.refused)
 
 
 class RealtimeThreads(Closing):

@@ -17,8 +17,9 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import event, sigutils
@@ -28,9 +29,6 @@ from numba.core.serialize import dumps
 
 from limo_driver.runtime import compilation, machine_code
 from limo_driver.runtime.machine_code import digest, reached
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 

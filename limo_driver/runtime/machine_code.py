@@ -15,20 +15,18 @@ import pickle
 import secrets
 import sys
 import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import llvmlite
 import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numba.core.types import Type
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
 
 _HEAD: Final = b"limo machine code 1\n"
 _CHECK: Final = 32  # bytes of the digest behind it
@@ -85,7 +83,16 @@ class CodePlace:
             except OSError as error:
                 reason = reason or f"{error.filename or folder}: {error.strerror}"
             else:
-                self._tidy(folder)
+                try:
+                    own = [p for p in folder.iterdir() if p.name.startswith(f"{self._name}-")]
+                    own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
+                    files = [path for path in own if path.suffix == _SUFFIX]
+                    left = [path for path in own if path.suffix in {_DRAFT, _LOCK}]
+                    old = time.time() - _LEFT_OVER
+                    for path in [*files[_KEPT:], *(p for p in left if p.stat().st_mtime < old)]:
+                        path.unlink()
+                except OSError:
+                    pass  # another process tidies, too
                 return
         _say_not_kept(reason)
 
@@ -120,19 +127,6 @@ class CodePlace:
 
     def _file(self, key: str) -> str:
         return f"{self._name}-{self._digest}-{_short(key)}{_SUFFIX}"
-
-    def _tidy(self, folder: Path) -> None:
-        """Remove what old versions, and writers that were killed, have left of this function."""
-        try:
-            own = [p for p in folder.iterdir() if p.name.startswith(f"{self._name}-")]
-            own.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-            files = [path for path in own if path.suffix == _SUFFIX]
-            left = [path for path in own if path.suffix in {_DRAFT, _LOCK}]
-            old = time.time() - _LEFT_OVER
-            for path in [*files[_KEPT:], *(p for p in left if p.stat().st_mtime < old)]:
-                path.unlink()
-        except OSError:
-            pass  # another process tidies, too
 
 
 class CodeLock:

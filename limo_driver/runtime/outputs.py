@@ -9,17 +9,15 @@ import errno
 import fcntl
 import json
 import os
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import rmtree
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 from limo_driver.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Mapping
 
 PARQUET = (".parquet", ".pq")  # endings of what is written
 PAGES = (".html", ".htm")

@@ -14,17 +14,15 @@ from __future__ import annotations
 import math
 import operator
 import re
+from collections.abc import Iterable
 from dataclasses import MISSING, dataclass, field, fields
 from enum import Enum
 from functools import cache, cached_property
 from inspect import cleandoc
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, cast
+from typing import Any, ClassVar, Final, Literal, cast
 
 from limo_driver.errors import ConfigError, ParameterError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 REAL, WHOLE, FLAG, TEXT = "a number", "a whole number", "true or false", "a text"
 JOINT: Final = "joint"  # unit of the 1-based number of a joint

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
     from subprocess import Popen
-    from types import FrameType, TracebackType
+    from types import FrameType
     from typing import Self
 
 _ENDING: Final = {signal.SIGINT, signal.SIGTERM}
@@ -94,12 +94,7 @@ class Closing(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

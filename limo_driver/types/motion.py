@@ -44,7 +44,12 @@ class ArrayFields:
         shape: tuple[int, ...] | None = None
         for name in _array_fields(type(self)):
             array = getattr(self, name)
-            if not _is_settled(array):
+            if not (
+                type(array) is np.ndarray
+                and array.base is None
+                and not array.flags.writeable
+                and array.dtype is _FLOAT64
+            ):
                 array = np.array(array, dtype=np.float64)
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
@@ -52,16 +57,6 @@ class ArrayFields:
                 shape = array.shape
             if array.shape != shape:
                 raise ShapeError(name, array.shape, "(n,)" if shape is None else f"{shape}")
-
-
-def _is_settled(array: object) -> bool:
-    """Say whether nobody can write to an array: it owns its values, and they are read-only."""
-    return (
-        type(array) is np.ndarray
-        and array.base is None
-        and not array.flags.writeable
-        and array.dtype is _FLOAT64
-    )
 
 
 @cache

@@ -10,12 +10,15 @@ Each joint, one at a time and in a pose of its own, does what shows one part of 
 Its pose is the one of those drawn in which gravity changes most along its ramps, and changes its
 sign if it can: play shows only there. Holds on the way show the sag of all joints; then all move
 together. The whole is repeated, so that each repetition can be predicted from the others.
+
+Timeline: commands of all joints, one after the other at an even rate.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -28,7 +31,6 @@ from limo_driver.runtime.outputs import whole
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.trajectory import Segment, Trajectory
 from limo_driver.types import FloatArray, readonly
-from limopa.excitation.timeline import Timeline
 from limopa.feasibility import Condition, Feasibility
 from limopa.path import Line
 from limopa.request import EVERYWHERE, Surroundings
@@ -38,6 +40,89 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from limo_driver.model import RobotModel
+    from limo_driver.types import FloatArray
+
+
+class Timeline:
+    """Set-points of n joints, each in force until the next.
+
+    Args:
+        start: First pose, (n,) [rad].
+        rate: Of the set-points [Hz].
+    """
+
+    def __init__(self, start: FloatArray, rate: float) -> None:
+        self.rate = rate
+        self._parts: list[FloatArray] = [np.array(start)[None, :]]
+        self._segments: list[Segment] = []
+        self.rows = 1
+
+    @property
+    def pose(self) -> FloatArray:
+        """Where it ends, (n,) [rad]."""
+        return self._parts[-1][-1]
+
+    @property
+    def duration(self) -> float:
+        """How long it is [s]."""
+        return (self.rows - 1) / self.rate
+
+    def follow(self, command: FloatArray, kind: str) -> None:
+        """Add set-points, (T, n) [rad]."""
+        if len(command):
+            self._parts.append(command)
+            self._segments.append(Segment(kind, self.rows, self.rows + len(command)))
+            self.rows += len(command)
+
+    def hold(self, seconds: float, kind: str = "hold") -> None:
+        """Keep the pose."""
+        self.follow(np.repeat(self.pose[None, :], self._many(seconds), axis=0), kind)
+
+    def go(self, goal: FloatArray, speed: FloatArray, kind: str) -> None:
+        """Lead smoothly to a pose, no joint faster than its speed (n,) [rad/s]."""
+        away = goal - self.pose
+        many = self._many(1.5 * float(np.max(np.abs(away) / speed)))  # 1.5: peak of a cubic
+        s = np.arange(1, many + 1)[:, None] / max(many, 1)
+        self.follow(self.pose + (3.0 - 2.0 * s) * s**2 * away, kind)
+
+    def visit(
+        self, j: int, away: Sequence[float], speed: float, kind: str, hold: float = 0.0
+    ) -> None:
+        """Lead a joint at an even speed to places from its pose, and reverse there.
+
+        Args:
+            j: Joint, 0-based.
+            away: Places, from where it is [rad].
+            speed: [rad/s].
+            kind: What the motion is for.
+            hold: At each place [s].
+        """
+        base, at = self.pose, 0.0
+        parts: list[FloatArray] = []
+        for place in away:
+            many = self._many(abs(place - at) / speed)
+            parts.append(at + (place - at) * np.arange(1, many + 1) / max(many, 1))
+            parts.append(np.full(self._many(hold), place))
+            at = place
+        self._one(base, j, np.concatenate(parts), kind)
+
+    def steps(self, j: int, away: Sequence[float], hold: float, kind: str) -> None:
+        """Let a joint jump to places from its pose, and stay there [rad], [s]."""
+        self._one(self.pose, j, np.repeat(np.array(away), self._many(hold)), kind)
+
+    def finished(self) -> tuple[FloatArray, FloatArray, tuple[Segment, ...]]:
+        """Return times (T,) [s], set-points (T, n) [rad] and what they are for."""
+        command = np.concatenate(self._parts)
+        return np.arange(len(command)) / self.rate, command, tuple(self._segments)
+
+    def _one(self, base: FloatArray, j: int, away: FloatArray, kind: str) -> None:
+        command = np.repeat(base[None, :], away.size, axis=0)
+        command[:, j] += away
+        self.follow(command, kind)
+
+    def _many(self, seconds: float) -> int:
+        return ceil(seconds * self.rate - 1e-9)
+
 
 _POSES: Final = 160  # drawn
 _DRAWS: Final = 20_000  # in vain, before giving up
@@ -217,7 +302,13 @@ class _Planner:
             for j, (pose, low, high) in enumerate(self._own_poses()):
                 self._go(line, pose)
                 line.hold(_HOLD)
-                self._alone(line, j, low, high)
+                # Do with one joint all that shows its drive
+                line.visit(j, (high, low, 0.0), _SLOW, f"ramp {j + 1}")
+                step = [min(_STEP, high), max(-_STEP, low)]
+                line.steps(j, (step[0], 0.0, step[1], 0.0), _STEP_HOLD, f"steps {j + 1}")
+                line.visit(j, (high, low, 0.0), float(self.speed[j]), f"quick {j + 1}", _STEP_HOLD)
+                creep = [min(_CREEPS, high), max(-_CREEPS, low)]
+                line.visit(j, (*creep, *creep, 0.0), _CREEP, f"creep {j + 1}")
             self._together(line)
             repetitions.append(slice(start, line.rows))
         self._go(line, home)
@@ -290,15 +381,6 @@ class _Planner:
             f"no way was found from {np.round(here, 2)} to {np.round(goal, 2)} rad among "
             f"{len(ways)}",
         )
-
-    def _alone(self, line: Timeline, j: int, low: float, high: float) -> None:
-        """Do with one joint all that shows its drive."""
-        line.visit(j, (high, low, 0.0), _SLOW, f"ramp {j + 1}")
-        step = [min(_STEP, high), max(-_STEP, low)]
-        line.steps(j, (step[0], 0.0, step[1], 0.0), _STEP_HOLD, f"steps {j + 1}")
-        line.visit(j, (high, low, 0.0), float(self.speed[j]), f"quick {j + 1}", _STEP_HOLD)
-        creep = [min(_CREEPS, high), max(-_CREEPS, low)]
-        line.visit(j, (*creep, *creep, 0.0), _CREEP, f"creep {j + 1}")
 
     def _together(self, line: Timeline) -> None:
         """Move all joints at once, on sines of their own, as far as there is room."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.change import SlowChange
+from estimators.evaluation_result import SlowChange
 
 RATE, SECONDS, STD = 100.0, 60.0, 0.2
 TIME = np.arange(int(RATE * SECONDS)) / RATE

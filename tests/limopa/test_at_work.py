@@ -13,7 +13,7 @@ from limo_driver.errors import ConfigError, InfeasiblePathError, LimoError, Reco
 from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
 from limopa import Exploring, PlanRequest, Surroundings, Workspace, plan, summarise
-from limopa.near import ways
+from limopa.distances import ways
 
 COUCH = Workspace(radius=np.inf, lower=(0.35, -0.2, 0.1), upper=(0.75, 0.25, 0.45), throughout=True)
 QUICK = PlanRequest(scaffolds=3, rate=100.0, exploring=Exploring(waypoints=(300, 400)))

@@ -12,7 +12,7 @@ from limo_driver.app.console.arguments import in_options
 from limo_driver.errors import InfeasiblePathError
 from limopa import Exploring, Feasibility, PlanRequest, Surroundings, Workspace, plan
 from limopa.feasibility import Condition
-from limopa.hindrance import hindrance
+from limopa.scaffold import hindrance
 
 FAR = Workspace(radius=np.inf, lower=(1.2, 0.0, 0.0), upper=(1.4, 0.1, 0.1), throughout=True)
 NUMBER = r"(-?[\d.e+-]+)"

@@ -147,14 +147,19 @@ class SimulatedArm:
             (port.stiffness, port.damping, port.velocity, port.torque) for port in self.joints
         ]
         stiffness, damping, velocity, torque = np.array(columns).T
-        targets = self._targets(steps, stiff)
+        # Positions along the spline, (T, n) [rad]; an impedance has its own at once
+        s = (np.arange(1, steps + 1) / steps)[:, None]
+        first, second, last = self._knots
+        spline = 0.5 * (1 - s) ** 2 * first + (0.5 + s - s * s) * second + 0.5 * s * s * last
+        targets = np.where(stiff != 0.0, last, spline)
         damping = damping * stiff
         made = np.clip(
             driven * (torque + damping * velocity), -self._torque_limit, self._torque_limit
         )
         measured = self._arm.pace(targets, servo, stiffness * stiff, damping, made)
         self._simulated += steps * STEP
-        self._warm(measured[2], steps * STEP)
+        settled = AMBIENT + WARMING * (measured[2] / self._torque_limit) ** 2
+        self._temperature += min((steps * STEP) / WARMING_TIME, 1.0) * (settled - self._temperature)
         self._write(measured)
 
     def _shift_knots(self, servo: FloatArray, acts: list[Actuation], duration: float) -> None:
@@ -168,22 +173,6 @@ class SimulatedArm:
                 goal[j] = self._knots[2, j] if self.guided is None else self.guided[j]
         self._knots = np.stack([self._knots[1], self._knots[2], goal])
         self._servo = servo
-
-    def _targets(self, steps: int, stiff: FloatArray) -> FloatArray:
-        """Return positions along the spline, (T, n) [rad]; an impedance has its own at once.
-
-        The spline's velocity is continuous, so that the servo's feed-forward does not kick at
-        every set-point; it comes half a period after the set-points.
-        """
-        s = (np.arange(1, steps + 1) / steps)[:, None]
-        first, second, last = self._knots
-        spline = 0.5 * (1 - s) ** 2 * first + (0.5 + s - s * s) * second + 0.5 * s * s * last
-        return np.where(stiff != 0.0, last, spline)
-
-    def _warm(self, torque: FloatArray, time: float) -> None:
-        """Heat the windings with the square of their torque."""
-        settled = AMBIENT + WARMING * (torque / self._torque_limit) ** 2
-        self._temperature += min(time / WARMING_TIME, 1.0) * (settled - self._temperature)
 
     def _write(self, measured: FloatArray) -> None:
         if not np.isfinite(measured).all():

@@ -125,7 +125,20 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
         self._fresh = False  # a position came in this period
         self._limited = False
         self._add_profile(temperature)
-        self._add_pdos()
+        # Add four PDOs each way; what is in them by default is what profile 402 says
+        received = [((0x6040, 0),), ((0x6040, 0), (0x6060, 0)), ((0x6040, 0), (0x607A, 0)), ()]
+        sent = [((0x6041, 0),), ((0x6041, 0), (0x6061, 0)), ((0x6041, 0), (0x6064, 0)), ()]
+        for k in range(PDOS):
+            rpdo, tpdo = frames.RPDO1 + 0x100 * k, frames.TPDO1 + 0x100 * k
+            on = k == 0
+            self.rpdos.append(
+                SimulatedPdo(
+                    self.objects, 0x1400 + k, 0x1600 + k, rpdo + self.node, received[k], on=on
+                )
+            )
+            self.tpdos.append(
+                SimulatedPdo(self.objects, 0x1800 + k, 0x1A00 + k, tpdo + self.node, sent[k], on=on)
+            )
         self.reset_application()
 
     @property
@@ -200,7 +213,12 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
         if port.actuation is not Actuation.POSITION:
             port.actuation = Actuation.POSITION
             stream.start(port.measured_position, port.measured_velocity)
-        target = self._scale.position(self._limited_target())
+        # The target within the software limits, where there are any (607D)
+        target = int(self._target.value)
+        lower, upper = self.objects.number(0x607D, 1), self.objects.number(0x607D, 2)
+        limited = max(lower, min(target, upper)) if lower < upper else target  # both 0: none
+        self._limited = limited != target
+        target = self._scale.position(limited)
         if self._fresh:
             stream.take(target, period)
         else:
@@ -212,14 +230,6 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
             return
         port.position = stream.position
         port.torque = self._wanted_torque(0)
-
-    def _limited_target(self) -> int:
-        """Return the target within the software limits, where there are any (607D)."""
-        target = int(self._target.value)
-        lower, upper = self.objects.number(0x607D, 1), self.objects.number(0x607D, 2)
-        limited = max(lower, min(target, upper)) if lower < upper else target  # both 0: none
-        self._limited = limited != target
-        return limited
 
     def _window(self) -> float:
         """Return how far target and joint may part [rad] (6065)."""
@@ -365,20 +375,4 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
                 temperature.object,
                 temperature.subindex,
                 measured(I16, lambda: round(port.temperature / step)),
-            )
-
-    def _add_pdos(self) -> None:
-        """Add four PDOs each way; what is in them by default is what profile 402 says."""
-        received = [((0x6040, 0),), ((0x6040, 0), (0x6060, 0)), ((0x6040, 0), (0x607A, 0)), ()]
-        sent = [((0x6041, 0),), ((0x6041, 0), (0x6061, 0)), ((0x6041, 0), (0x6064, 0)), ()]
-        for k in range(PDOS):
-            rpdo, tpdo = frames.RPDO1 + 0x100 * k, frames.TPDO1 + 0x100 * k
-            on = k == 0
-            self.rpdos.append(
-                SimulatedPdo(
-                    self.objects, 0x1400 + k, 0x1600 + k, rpdo + self.node, received[k], on=on
-                )
-            )
-            self.tpdos.append(
-                SimulatedPdo(self.objects, 0x1800 + k, 0x1A00 + k, tpdo + self.node, sent[k], on=on)
             )

@@ -6,8 +6,9 @@ A node hears frames and the time, and gives frames back through `send`; it knows
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Sequence
 from enum import IntEnum
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from backends.can import port
 from backends.can.simulator.objects import (
@@ -20,13 +21,9 @@ from backends.can.simulator.objects import (
     WRONG_LENGTH,
     ObjectDictionary,
     SdoAbort,
+    SimulatedPdo,
     Variable,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from backends.can.simulator.objects import SimulatedPdo
 
 REMEMBERED: Final = 8  # errors in 1003
 VENDOR: Final = 0  # none: a simulated drive has no vendor's number

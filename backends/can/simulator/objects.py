@@ -9,12 +9,10 @@ of mapped objects to 0, write them, set their number, switch it on.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+from typing import Final
 
 U8, U16, U32, I8, I16, I32 = "<B", "<H", "<I", "<b", "<h", "<i"
 TEXT: Final = "text"

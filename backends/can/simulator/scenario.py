@@ -244,10 +244,7 @@ class Guide(Fault):
         return start + (self.position - start) * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
 
 
-KINDS: Final[dict[str, type[Fault]]] = {
-    kind.name: kind
-    for kind in (LostFrames, BusOff, Babble, DriveFault, WrongNode, SwappedJoints, Guide)
-}
+KINDS: Final[dict[str, type[Fault]]] = {kind.name: kind for kind in Fault.__subclasses__()}
 
 
 def rewired(joints: Sequence[Joint], faults: Sequence[Fault]) -> tuple[Joint, ...]:

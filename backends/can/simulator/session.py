@@ -25,7 +25,7 @@ from backends.can.damiao import codec as damiao
 from backends.can.port import SDO_REPLY, SDO_REQUEST, BusPort
 from backends.can.simulator.arm import SimulatedArm
 from backends.can.simulator.cia402_drive import Cia402Drive
-from backends.can.simulator.damiao_drive import DamiaoDrive
+from backends.can.simulator.drive import DamiaoDrive
 from backends.can.simulator.scenario import (
     FROM_DRIVES,
     SWITCHED_ON,
@@ -139,7 +139,17 @@ class Station(Closing):
                 self.hear(frame.id, frame.data)
             if now >= until:
                 break
-        self._tick(now)
+        elapsed, self._ticked = now - self._ticked, now
+        self._guide(now - self._started)
+        for drive in self.drives:
+            drive.tick(now)
+        for _ in range(self.arm.periods_due(self._period, now)):
+            self._demand(self._period)
+            self.arm.move_on(self._period)
+        if self._began is None and any(drive.enabled for drive in self.drives):
+            self._began = now
+        if self._began is not None:
+            self._play(now - self._began, elapsed)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -162,19 +172,6 @@ class Station(Closing):
             period = self._period
             self._demand(period)
             self.arm.synchronise(period, now)
-
-    def _tick(self, now: float) -> None:
-        elapsed, self._ticked = now - self._ticked, now
-        self._guide(now - self._started)
-        for drive in self.drives:
-            drive.tick(now)
-        for _ in range(self.arm.periods_due(self._period, now)):
-            self._demand(self._period)
-            self.arm.move_on(self._period)
-        if self._began is None and any(drive.enabled for drive in self.drives):
-            self._began = now
-        if self._began is not None:
-            self._play(now - self._began, elapsed)
 
     def _guide(self, elapsed: float) -> None:
         """Let a hand move the arm."""
@@ -362,7 +359,8 @@ class SimulatedDrives(Closing):
         )
         self.summary: dict[str, Any] | None = None  # once closed: what happened on the bus
         try:
-            started = self._read_line()
+            stream = self._process.stdout
+            started = "" if stream is None else stream.readline()
         except BaseException:
             self.kill()
             raise
@@ -393,7 +391,3 @@ class SimulatedDrives(Closing):
         """End the process as a cut cable would: at once, without a word."""
         self._process.kill()
         self._process.communicate()
-
-    def _read_line(self) -> str:
-        stream = self._process.stdout
-        return "" if stream is None else stream.readline()

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from google.protobuf.message import DecodeError
 from google.protobuf.unknown_fields import UnknownFieldSet
 
 from backends.fri.codec import messages as m
 from limo_driver.errors import WireFormatError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
 
 _MASK32, _MASK64 = (1 << 32) - 1, (1 << 64) - 1
 _NEGATIVE: Final = {1, (1 << 33) - 1}  # upper bits of a number that was written with 32 bits, or 64

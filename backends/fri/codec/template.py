@@ -16,11 +16,17 @@ from collections.abc import Callable, Iterator, Sequence
 from operator import attrgetter, itemgetter
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
-from backends.fri.codec.codec import Version, datagram_of, decode, encode, payload_of, protobuf_of
+from backends.fri.codec.codec import (
+    MESSAGES,
+    Version,
+    datagram_of,
+    decode,
+    encode,
+    payload_of,
+    protobuf_of,
+)
 from backends.fri.codec.fields import MisfitError, Nested, Part
-from backends.fri.codec.messages import Command, Monitoring
-from backends.fri.codec.schema import MESSAGES
-from backends.fri.codec.version import unframed
+from backends.fri.codec.messages import Command, Monitoring, unframed
 
 MOST_LAYOUTS: Final = 32  # that are remembered
 MOST_WRITTEN: Final = 4  # messages

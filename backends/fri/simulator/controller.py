@@ -7,18 +7,23 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from backends.fri.codec.messages import SafetyState, SessionState
+from backends.fri.simulator.connection.port import Channel, ConnectionQuality, UdpPort
 from backends.fri.simulator.listener import CommandedArm, Listener
-from backends.fri.simulator.monitoring import MonitoringWriter, Standing
-from backends.fri.simulator.port import Channel, ConnectionQuality, UdpPort
 from backends.fri.simulator.report import ClientObservations, ControllerReport
 from backends.fri.simulator.scenario import ControllerScenario, Exchange, Now, ScenarioClock
-from backends.fri.simulator.session import Circumstances, ControllerSession, ControllerVisit
+from backends.fri.simulator.session import (
+    Circumstances,
+    ControllerSession,
+    ControllerVisit,
+    MonitoringWriter,
+    Standing,
+)
 from limo_driver.robot.realtime import Pace, Realtime, sleeper
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from backends.fri.simulator.arm import ArmState
-    from backends.fri.simulator.session import ControllerSettings
+    from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
 
 WIND_DOWN: Final = 0.1  # [s] in MONITORING_READY before the session is closed
@@ -100,10 +105,21 @@ class SimulatedController(Closing):
         """
         with Realtime(fifo=self.settings.fifo) as realtime:
             while self._farewells < FAREWELL:
-                self._wait()
+                # Sleep until the next cycle; datagrams that were delayed go out when they are due
+                due = self._pace.next_ns()
+                while (leaving := self._network.next_ns()) is not None and leaving < due:
+                    self._sleep(leaving)
+                    self._send_due(leaving)
+                skipped = self._pace.skipped
+                self._pace.wait()
+                self._cycles = 1 + self._pace.skipped - skipped
                 self._cycle()
                 realtime.tidy()
-            self._linger()
+            # Count answers that are still under way
+            self._sleep(time.monotonic_ns() + round(1e9 * GRACE))
+            heard_ns = time.monotonic_ns()
+            self._listener.listen(self._port, self._time, Now().to_robot, self._session)
+            self._listener.close_interval(heard_ns)
             notes = tuple(realtime.refused)
         return self._report(notes)
 
@@ -111,16 +127,6 @@ class SimulatedController(Closing):
         """Close the port and let go of the arm."""
         self._port.close()
         self._motion.arm.close()
-
-    def _wait(self) -> None:
-        """Sleep until the next cycle; datagrams that were delayed go out when they are due."""
-        due = self._pace.next_ns()
-        while (leaving := self._network.next_ns()) is not None and leaving < due:
-            self._sleep(leaving)
-            self._send_due(leaving)
-        skipped = self._pace.skipped
-        self._pace.wait()
-        self._cycles = 1 + self._pace.skipped - skipped
 
     def _cycle(self) -> None:
         heard_ns = time.monotonic_ns()
@@ -136,7 +142,17 @@ class SimulatedController(Closing):
         if self._now.silent:
             self._listener.disturb()
         else:
-            self._speak()
+            packet, state = self._packet(), self._session.state
+            self.findings.rate(self._level)
+            now = time.monotonic_ns()
+            disturbed = self._network.put(packet, now, self._now.to_client)
+            self._send_due(now)
+            self._ledger.send(
+                time.monotonic_ns(), expects_answer=state is not SessionState.IDLE, state=state
+            )
+            if disturbed:
+                self._ledger.disturb()
+                self._listener.disturb()
         if self._time >= self._ends and self._session.state is SessionState.IDLE:
             self._farewells += 1
         self._time += 1e-3 * steps
@@ -145,7 +161,15 @@ class SimulatedController(Closing):
         before = self._session.state
         if before is not SessionState.IDLE:
             self._level = min(self._quality.level, self._now.quality)
-        cap, reason = self._cap()
+        # The highest state that the program and the scenario allow, and why
+        caps = [(self._now.session, "the scenario says so")]
+        if self._time >= self._ends:
+            caps.append((SessionState.IDLE, "the program is over"))
+        elif self._time >= self._ends - WIND_DOWN:
+            caps.append((SessionState.MONITORING_READY, "the program is over"))
+        if self.settings.monitoring_only:
+            caps.append((SessionState.MONITORING_READY, self.settings.monitoring_only))
+        cap, reason = min(caps, key=lambda cap: cap[0])
         given = Circumstances(
             self._level, self._listener.confirmed, cap, reason, self._why_stopped()
         )
@@ -164,34 +188,10 @@ class SimulatedController(Closing):
             self._listener.begin()
             self._clock.begin_commanding(self._time)
 
-    def _cap(self) -> tuple[SessionState, str]:
-        """Return the highest state that the program and the scenario allow, and why."""
-        caps = [(self._now.session, "the scenario says so")]
-        if self._time >= self._ends:
-            caps.append((SessionState.IDLE, "the program is over"))
-        elif self._time >= self._ends - WIND_DOWN:
-            caps.append((SessionState.MONITORING_READY, "the program is over"))
-        if self.settings.monitoring_only:
-            caps.append((SessionState.MONITORING_READY, self.settings.monitoring_only))
-        return min(caps, key=lambda cap: cap[0])
-
     def _why_stopped(self) -> str:
         if self._now.safety is not SafetyState.NORMAL:
             return f"safety stop {self._now.safety.name}"
         return self._listener.stop
-
-    def _speak(self) -> None:
-        packet, state = self._packet(), self._session.state
-        self.findings.rate(self._level)
-        now = time.monotonic_ns()
-        disturbed = self._network.put(packet, now, self._now.to_client)
-        self._send_due(now)
-        self._ledger.send(
-            time.monotonic_ns(), expects_answer=state is not SessionState.IDLE, state=state
-        )
-        if disturbed:
-            self._ledger.disturb()
-            self._listener.disturb()
 
     def _packet(self) -> bytes:
         session, motion = self._session, self._motion
@@ -220,13 +220,6 @@ class SimulatedController(Closing):
     def _send_due(self, now_ns: int) -> None:
         for packet in self._network.take(now_ns):
             self._port.send(packet.data, self.client)
-
-    def _linger(self) -> None:
-        """Count answers that are still under way."""
-        self._sleep(time.monotonic_ns() + round(1e9 * GRACE))
-        heard_ns = time.monotonic_ns()
-        self._listener.listen(self._port, self._time, Now().to_robot, self._session)
-        self._listener.close_interval(heard_ns)
 
     def _report(self, refused: tuple[str, ...]) -> ControllerReport:
         settings, pace = self.settings, self._pace

@@ -19,20 +19,19 @@ from backends.fri.codec.messages import (
     MAX_TRANSFORMATIONS,
     WRENCH,
     CommandMode,
+    Generation,
     IoDirection,
     IoType,
     IoValue,
     Transformation,
 )
-from backends.fri.codec.version import Generation
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.runtime.parameters import Declared, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from backends.fri.codec.messages import Command, CommandData
-    from backends.fri.codec.version import FriVersion
+    from backends.fri.codec.messages import Command, CommandData, FriVersion
     from limo_driver.types import FloatArray, JointLimits
 
 ROUNDING: Final = 2e-6  # relative: the difference of two positions has few digits of either

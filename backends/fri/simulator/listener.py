@@ -14,6 +14,7 @@ import numpy as np
 from backends.fri.codec.messages import JOINTS, Command, ControlMode, SessionState
 from backends.fri.codec.template import CommandTemplate
 from backends.fri.simulator.arm import ControlledArm, SetpointPath
+from backends.fri.simulator.connection.port import Address, Channel, Delivered, Disturbance, UdpPort
 from backends.fri.simulator.judge import (
     MOST_INTERVALS,
     CommandJudge,
@@ -22,14 +23,14 @@ from backends.fri.simulator.judge import (
     display_name,
     monitored_as_of,
 )
-from backends.fri.simulator.port import Address, Channel, Delivered, Disturbance, UdpPort
 from backends.fri.simulator.report import Arrival, Ledger
 from backends.fri.simulator.scenario import FlangeForce, HandGuiding, Now
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
     from backends.fri.simulator.report import ClientObservations
-    from backends.fri.simulator.session import ControllerSession, ControllerSettings
+    from backends.fri.simulator.session import ControllerSession
+    from backends.fri.simulator.settings import ControllerSettings
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

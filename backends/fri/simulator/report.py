@@ -13,8 +13,8 @@ from backends.fri.codec.messages import Quality
 from limo_driver.robot.realtime import LatencyHistogram
 
 if TYPE_CHECKING:
+    from backends.fri.simulator.connection.port import Fates
     from backends.fri.simulator.judge import Signals, Wanted
-    from backends.fri.simulator.port import Fates
     from backends.fri.simulator.session import ControllerVisit
     from limo_driver.types import FloatArray
 
@@ -178,7 +178,15 @@ class Ledger:
         took = at_ns - self._sent_at[place]
         self.latency.add(took * _NANO)
         self.slow += self.late_ns is not None and took > self.late_ns
-        return self._settle(interval, at_ns)
+        # Note the answer to an interval; of several, the first counts
+        place = interval % REMEMBERED
+        ended = self._ended[place]
+        in_time = ended == _RUNNING or at_ns <= ended + self.period_ns
+        if self._fates[place] == _Fate.OPEN:
+            self._fates[place] = _Fate.IN_TIME if in_time else _Fate.LATE
+            expected = self._heard_from <= interval
+            self.late += expected and interval < self._judged  # it had been given up
+        return Arrival.IN_TIME if in_time else Arrival.LATE
 
     def state_of(self, reflected: int) -> int | None:
         """Return what a packet said of the session's state; None if it was never sent."""
@@ -194,17 +202,6 @@ class Ledger:
         """Return the place of a packet; None if it was never sent, or long ago."""
         age = (self.next_sequence - 1 - reflected) % _MODULUS
         return None if age >= min(REMEMBERED, self.sent) else (self.sent - 1 - age) % REMEMBERED
-
-    def _settle(self, interval: int, at_ns: int) -> Arrival:
-        """Note the answer to an interval; of several, the first counts."""
-        place = interval % REMEMBERED
-        ended = self._ended[place]
-        in_time = ended == _RUNNING or at_ns <= ended + self.period_ns
-        if self._fates[place] == _Fate.OPEN:
-            self._fates[place] = _Fate.IN_TIME if in_time else _Fate.LATE
-            expected = self._heard_from is not None and self._heard_from <= interval
-            self.late += expected and interval < self._judged  # it had been given up
-        return Arrival.IN_TIME if in_time else Arrival.LATE
 
     def _count_client(self, sequence: int) -> None:
         before, self._client_sequence = self._client_sequence, sequence

@@ -16,18 +16,16 @@ events:
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, ClassVar, Final
+from pathlib import Path
+from typing import ClassVar, Final
 
 from backends.fri.codec.messages import JOINTS, Quality, SafetyState, SessionState
-from backends.fri.simulator.port import UNDISTURBED, Disturbance
+from backends.fri.simulator.connection.port import UNDISTURBED, Disturbance
 from limo_driver.runtime.declarations import read_yaml
 from limo_driver.runtime.parameters import JOINT, Declared, parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
 
 _EPSILON: Final = 1e-9  # [s]
 
@@ -307,20 +305,5 @@ class Exchange(ControllerEvent):
 
 
 EVENTS: dict[str, type[ControllerEvent]] = {
-    kind.name: kind
-    for kind in (
-        Loss,
-        Delay,
-        Reorder,
-        Duplicate,
-        QualityDrop,
-        SafetyStop,
-        SessionCap,
-        SimulatedPush,
-        FlangeForce,
-        Silence,
-        ProgramMotion,
-        HandGuiding,
-        Exchange,
-    )
+    kind.name: kind for kind in ControllerEvent.__subclasses__()
 }

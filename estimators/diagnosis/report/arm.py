@@ -11,8 +11,8 @@ from estimators.diagnosis.quantities import heading_of, of_joints
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Verdict
 from limo_driver.pages.arm import ArmView, Ghost, Pin, PlayedMotion, PushArrow, arm_view
-from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.markup import Charts, grid
+from limo_driver.pages.motion import arm_section
 from limo_driver.physics import Payload
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Interval, Ve
 from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.arm import Pin, arm_view
-from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.markup import (
     UNSAID,
     columns,
@@ -24,6 +23,7 @@ from limo_driver.pages.markup import (
     table,
     typeset,
 )
+from limo_driver.pages.motion import arm_section
 from limo_driver.physics import Effect, Payload, display_name
 from limo_driver.quoting import in_html as escape
 

@@ -15,7 +15,6 @@ from estimators.diagnosis.report.cards import cards
 from estimators.diagnosis.report.page import unobservable
 from estimators.diagnosis.report.sections import identified, stated_values
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
-from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import (
     AFTER,
     BEFORE,
@@ -34,6 +33,7 @@ from limo_driver.pages.markup import (
     paragraph,
     section,
 )
+from limo_driver.pages.motion import arm_section
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

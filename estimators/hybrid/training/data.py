@@ -78,7 +78,17 @@ def prepare(
         inputs.append(x)
         targets.append(recording.filtered_torque(bandwidth) - torque)
     stride = max(1, round(recordings[0].rate / settings.rate)) if settings.rate else 1
-    use = np.concatenate(_split(recordings, settings, stride, random))
+    # Say for each row of each recording who sees it
+    if settings.split == "sequences":
+        length = settings.sequence_length * stride
+        uses = split_sequences(recordings, settings.held_out, random, length, settings.bandwidth)
+    elif settings.split == "recordings":
+        uses = split_recordings(recordings, settings.held_out, random)
+    else:
+        uses = split_blocks(recordings, settings.held_out, random)
+    for use, recording in zip(uses, recordings, strict=True):
+        use[recording.edges(settings.bandwidth)] = LEFT_OUT
+    use = np.concatenate(uses)
     x, y = np.concatenate(inputs), np.concatenate(targets)
     _check_split(use, settings.held_out, recordings)
     scalings = InputScaling.of(x[use == TRAINING]), Scaling.of(y[use == TRAINING])
@@ -147,25 +157,6 @@ def inputs_and_torque(
                 memory, motion[piece], torque[piece], simulation.body
             )
     return inputs, torque
-
-
-def _split(
-    recordings: Sequence[Recording],
-    settings: TrainingSettings,
-    stride: int,
-    random: np.random.Generator,
-) -> list[NDArray[np.int8]]:
-    """Say for each row of each recording who sees it."""
-    if settings.split == "sequences":
-        length = settings.sequence_length * stride
-        uses = split_sequences(recordings, settings.held_out, random, length, settings.bandwidth)
-    elif settings.split == "recordings":
-        uses = split_recordings(recordings, settings.held_out, random)
-    else:
-        uses = split_blocks(recordings, settings.held_out, random)
-    for use, recording in zip(uses, recordings, strict=True):
-        use[recording.edges(settings.bandwidth)] = LEFT_OUT
-    return uses
 
 
 def _stretches(recordings: Sequence[Recording]) -> Iterator[slice]:

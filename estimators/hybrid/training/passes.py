@@ -273,7 +273,15 @@ class CompiledRowPasses(RowPasses):
         weights = tuple(_flat(parameter) for parameter in parameters)
         moments = tuple(tuple(_flat(state[name]) for state in states) for name in _MOMENTS)
         fixed = data.inputs, data.targets, module.columns_of_parts(), weights
-        constants = _constants(optimizer)
+        group = optimizer.param_groups[0]
+        constants = AdamW(
+            learning_rate=float(group["lr"]),
+            weight_decay=float(group["weight_decay"]),
+            beta1=float(group["betas"][0]),
+            beta2=float(group["betas"][1]),
+            epsilon=float(group["eps"]),
+            largest_gradient=LARGEST_GRADIENT,
+        )
 
         def train(batches: NDArray[np.int64]) -> float:
             loss = descend(*fixed, batches, moments, int(states[0]["step"]), constants)
@@ -292,18 +300,6 @@ class CompiledRowPasses(RowPasses):
         pieces = rows[:whole].reshape(-1, self.batch), rows[whole:].reshape(1, -1)
         total = sum(loss(piece) * piece.size for piece in pieces if piece.size)
         return total / max(len(rows), 1)
-
-
-def _constants(optimizer: torch.optim.Optimizer) -> AdamW:
-    group = optimizer.param_groups[0]
-    return AdamW(
-        learning_rate=float(group["lr"]),
-        weight_decay=float(group["weight_decay"]),
-        beta1=float(group["betas"][0]),
-        beta2=float(group["betas"][1]),
-        epsilon=float(group["eps"]),
-        largest_gradient=LARGEST_GRADIENT,
-    )
 
 
 def _state(optimizer: torch.optim.Optimizer, parameter: Tensor) -> dict[str, Any]:

@@ -101,7 +101,14 @@ class TrainingSettings(Declared):
                 f"rate = {self.rate:g} Hz has to be {self.bandwidth:g} Hz, the bandwidth, or more: "
                 "slower samples miss whole swings of the motion"
             )
-        self._check_layers()
+        most = {"mlp7": 1, "lstm-2": 1, "lstm-fcl": _LSTM_LAYERS}.get(self.model)
+        if most is not None and self.layers > most:
+            raise ConfigError(
+                f"layers = {self.layers}, but {self.model} is built with at most {most}"
+            )
+        width = self.hidden or WIDTHS[self.model]
+        if self.model == "transformer" and width % self.heads:
+            raise ConfigError(f"hidden = {width} has to be a multiple of heads = {self.heads}")
         self.features_for(1)
 
     def features_for(self, n: int) -> Features:
@@ -125,16 +132,6 @@ class TrainingSettings(Declared):
         if not features.inputs:
             raise ConfigError(f"without: nothing is left of the features {self.features}")
         return features
-
-    def _check_layers(self) -> None:
-        most = {"mlp7": 1, "lstm-2": 1, "lstm-fcl": _LSTM_LAYERS}.get(self.model)
-        if most is not None and self.layers > most:
-            raise ConfigError(
-                f"layers = {self.layers}, but {self.model} is built with at most {most}"
-            )
-        width = self.hidden or WIDTHS[self.model]
-        if self.model == "transformer" and width % self.heads:
-            raise ConfigError(f"hidden = {width} has to be a multiple of heads = {self.heads}")
 
 
 def usual_settings(features: str) -> TrainingSettings:

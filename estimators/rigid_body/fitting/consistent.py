@@ -199,7 +199,8 @@ class _Problem:
     def hessian(self, phi: FloatArray) -> FloatArray:
         hessian = self.data.gram + np.diag(self.ridge)
         size, each = PER_LINK * self.links, np.arange(self.links)
-        metrics = body_metric(phi[:size].reshape(self.links, PER_LINK), self.basis)
+        root = metric_root(phi[:size].reshape(self.links, PER_LINK), self.basis)
+        metrics = root.swapaxes(-1, -2) @ root
         blocks = hessian[:size, :size].reshape(self.links, PER_LINK, self.links, PER_LINK)
         blocks[each, :, each] += self.precision * metrics
         hessian[:size, :size] = blocks.reshape(size, size)
@@ -326,17 +327,6 @@ def _reach(changes: FloatArray) -> float:
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:
     """Return J (..., 4, 4) of (m, m c, I at the joint frame) of links, (..., 10)."""
     return _spanned(parameters, _BASIS)
-
-
-def body_metric(parameters: FloatArray, basis: FloatArray | None = None) -> FloatArray:
-    """Return the second derivative of D at bodies of own parameters (..., 10), (..., 10, 10).
-
-    Args:
-        parameters: Of the bodies.
-        basis: Of what has to be positive definite, (10, d, d); the pseudo-inertia by default.
-    """
-    root = metric_root(parameters, basis)
-    return root.swapaxes(-1, -2) @ root
 
 
 def metric_root(parameters: FloatArray, basis: FloatArray | None = None) -> FloatArray:

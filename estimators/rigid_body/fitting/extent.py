@@ -89,15 +89,12 @@ class Extents:
     def of(self, link: int) -> Extent:
         """Return that of a link (0-based) and, of the last one, of a load on it."""
         if link not in self._known:
-            self._known[link] = self._found(link)
+            centre, radius = _around(*zip(*self._places(link), strict=True))
+            length = self._length()
+            radius = max(_GENEROUS * radius, _DRIVE * length)
+            last = link == self.model.linkage.links - 1
+            self._known[link] = Extent(centre, radius + last * _LOAD * length)
         return self._known[link]
-
-    def _found(self, link: int) -> Extent:
-        centre, radius = _around(*zip(*self._places(link), strict=True))
-        length = self._length()
-        radius = max(_GENEROUS * radius, _DRIVE * length)
-        last = link == self.model.linkage.links - 1
-        return Extent(centre, radius + last * _LOAD * length)
 
     def _places(self, link: int) -> Iterator[tuple[FloatArray, float]]:
         """Yield spheres (3,), radius [m] that are known to belong to a link."""

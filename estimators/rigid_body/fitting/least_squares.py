@@ -70,17 +70,22 @@ def fit_base(equations: ArmEquations, base: BaseParameters, nominal: FloatArray)
     effective = equations.effective_rows(base.expand(solution.parameters))
     share = np.maximum(effective, 1e-300) / np.maximum(equations.count, 1)
     row_variance = found.rmse**2 / share
-    trusted = _trusted(effective, equations.thinned.use.sum(axis=0))
+    lasting = 1.0 - effective / np.maximum(equations.thinned.use.sum(axis=0), 1)
+    trusted = 1.0 / (1.0 + effective * lasting / _COARSE)
     of_score, _ = equations.weighted(weight**2 * row_variance / trusted)
     of_errors = root_of(of_score[np.ix_(base.independent, base.independent)])
     scale = effective.sum() / float(weight * found.rmse**2 @ effective)
     start = base.reduce(nominal)
     without = [_solve(equations, base, start, weight, fold).parameters for fold in range(FOLDS)]
     spread = np.concatenate([solution.inverse.spread(of_errors), jackknife(without)])
+    # Mark the base parameters (b,) that are terms of a joint and known to next to nothing
+    links, torque = equations.chain.width, equations.energy / np.maximum(equations.count, 1)
+    joint = (base.independent - links) % torque.size
+    small = np.linalg.norm(spread, axis=0) < _NEXT_TO_NOTHING * np.sqrt(torque)[joint]
     return BaseFit(
         solution.parameters,
         spread,
-        solution.inverse.shown | _hardly_any(equations, base, np.linalg.norm(spread, axis=0)),
+        solution.inverse.shown | (small & (base.independent >= links)),
         effective,
         found.rmse,
         weight * share * scale * trusted,
@@ -88,32 +93,6 @@ def fit_base(equations: ArmEquations, base: BaseParameters, nominal: FloatArray)
         solution.condition,
         solution.excited,
     )
-
-
-def _hardly_any(
-    equations: ArmEquations, base: BaseParameters, deviation: FloatArray
-) -> NDArray[np.bool_]:
-    """Mark the base parameters (b,) that are terms of a joint and known to next to nothing.
-
-    A friction of zero is never known to better than its size.
-    """
-    links, torque = equations.chain.width, equations.energy / np.maximum(equations.count, 1)
-    joint = (base.independent - links) % torque.size
-    small = deviation < _NEXT_TO_NOTHING * np.sqrt(torque)[joint]
-    return small & (base.independent >= links)
-
-
-def _trusted(effective: FloatArray, thinned: FloatArray) -> FloatArray:
-    """Return the power at which each joint's likelihood stands beside a prior, (n,).
-
-    Errors that last are what the model lacks, and no number of rows makes the model right: a
-    likelihood of N rows that holds only up to a small relative entropy counts as one of
-    alpha N / (alpha + N). Errors that do not last leave N as it is.
-
-    Source: Miller and Dunson, "Robust Bayesian inference via coarsening", JASA 2019, eq. (3).
-    """
-    lasting = 1.0 - effective / np.maximum(thinned, 1)
-    return 1.0 / (1.0 + effective * lasting / _COARSE)
 
 
 @dataclass(frozen=True)

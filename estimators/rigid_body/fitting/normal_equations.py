@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray, Motion
+    from limo_driver.types import FloatArray
 
 CHUNK = 1024  # samples whose regressor is held at a time; it stays in the processor's cache
 BLOCK = 65536  # samples filtered at a time
@@ -242,54 +242,35 @@ class _Sums:
         smoothed = piece.motion(rows.bandwidth)
         step = max(1, int(piece.rate / (_DENSE * rows.bandwidth)))
         kept = np.flatnonzero(use)[::step]
-        own = self._own_columns(piece, smoothed, rows.bandwidth)[kept]
+        # The joint terms' columns, then the sign of every further width, (T, n, own)
+        signs = [
+            smooth(piece.time, np.tanh(smoothed.velocity / width), rows.bandwidth, piece.segments)
+            for width in self.terms.sign_widths
+        ]
+        columns = self.terms.columns(smoothed.velocity, smoothed.acceleration, signs[0])
+        own = np.concatenate([columns, *(sign[:, :, None] for sign in signs[1:])], axis=2)[kept]
         torque = piece.filtered_torque(rows.bandwidth)[kept]
         motion = smoothed[kept]
         count = (np.abs(motion.velocity) > MOVING) | (not rows.moving_only)
         count &= measured
         fold = places.fold[kept]
         for chunk in _chunks(fold):
-            self._add_chunk(
-                int(fold[chunk.start]), motion[chunk], own[chunk], torque[chunk], count[chunk]
-            )
+            T, used, k = chunk.stop - chunk.start, count[chunk], int(fold[chunk.start])
+            self.chain.fill(motion[chunk], self._Y)
+            self._Y[:, :T, self.links :] = own[chunk].transpose(1, 0, 2)
+            for j in range(self.n):
+                y, tau = self._Y[j, :T, self.chain.first(j) :], torque[chunk, j]
+                if not used[:, j].all():
+                    y, tau = y[used[:, j]], tau[used[:, j]]
+                self.gram[j][k] += y.T @ y
+                self.product[j][k] += y.T @ tau
+                self.energy[j] += tau @ tau
+                self.count[j] += tau.size
         independent = max(1, int(piece.rate / (2 * rows.bandwidth)) // step)
         few = np.arange(0, len(motion), independent)
         self.thinned.append(
             ThinnedRows(motion[few], own[few], torque[few], count[few], places.block[kept][few])
         )
-
-    def _own_columns(self, piece: Recording, motion: Motion, bandwidth: float) -> FloatArray:
-        """Return the joint terms' columns, then the sign of every further width, (T, n, own).
-
-        The sign is filtered as the torque was: its change at a reversal has all frequencies, of
-        which the torque has lost the high ones.
-        """
-        signs = [
-            smooth(piece.time, np.tanh(motion.velocity / width), bandwidth, piece.segments)
-            for width in self.terms.sign_widths
-        ]
-        columns = self.terms.columns(motion.velocity, motion.acceleration, signs[0])
-        return np.concatenate([columns, *(sign[:, :, None] for sign in signs[1:])], axis=2)
-
-    def _add_chunk(
-        self,
-        fold: int,
-        motion: Motion,
-        own: FloatArray,
-        torque: FloatArray,
-        use: NDArray[np.bool_],
-    ) -> None:
-        T = len(motion)
-        self.chain.fill(motion, self._Y)
-        self._Y[:, :T, self.links :] = own.transpose(1, 0, 2)
-        for j in range(self.n):
-            y, tau = self._Y[j, :T, self.chain.first(j) :], torque[:, j]
-            if not use[:, j].all():
-                y, tau = y[use[:, j]], tau[use[:, j]]
-            self.gram[j][fold] += y.T @ y
-            self.product[j][fold] += y.T @ tau
-            self.energy[j] += tau @ tau
-            self.count[j] += tau.size
 
     def symmetric(self) -> tuple[FloatArray, FloatArray]:
         """Spread each joint's sums over the full parameters, (FOLDS, n, p, p), (FOLDS, n, p)."""

@@ -252,26 +252,21 @@ class ArmService:
             self._tell_contacts(now)
         self.window.add(answer, self.watchdog.active, self._unturned, known=known)
         if self._leaving is not None:
-            self._tell_step(self._leaving, now, state.position, torque)
-
-    def _tell_step(
-        self, before: LiveModel, now: float, position: FloatArray, torque: FloatArray | None
-    ) -> None:
-        """Tell by how much torque stepped at a swap, of the first state after it."""
-        self._leaving = None
-        answer = Answer.of(len(self.arm.joint_names))
-        with suppress(LimoError):  # it may have been replaced because it fails
-            before.step(now, position, torque, answer)
-            step = np.abs(answer.torque - self._answer.torque)
-            j = int(step.argmax())
-            self._outlet.event(
-                "step",
-                f"{self.model.version} after {before.version}: torque steps by at most "
-                f"{step[j]:.2g} N m, at joint {j + 1}",
-                version=self.model.version,
-                before=before.version,
-                step=step.tolist(),
-            )
+            # Tell by how much torque stepped at a swap, of the first state after it
+            before, self._leaving = self._leaving, None
+            answer = Answer.of(len(self.arm.joint_names))
+            with suppress(LimoError):  # it may have been replaced because it fails
+                before.step(now, state.position, torque, answer)
+                step = np.abs(answer.torque - self._answer.torque)
+                j = int(step.argmax())
+                self._outlet.event(
+                    "step",
+                    f"{self.model.version} after {before.version}: torque steps by at most "
+                    f"{step[j]:.2g} N m, at joint {j + 1}",
+                    version=self.model.version,
+                    before=before.version,
+                    step=step.tolist(),
+                )
 
     def _step(self, now: float, position: FloatArray, torque: FloatArray | None) -> None:
         try:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.network.contact_state import Touch
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 REPORT_PERIOD: Final = 0.1  # [s] of states, after which a report is due again, changed or not
 _ROUNDING: Final = 1e-6  # [s], of stamps

@@ -105,7 +105,12 @@ class Judge:
             if verdict is not None:
                 self._stage.note(verdict=verdict.reason)
                 if verdict.promote:
-                    self._tell_verdict(challenger, verdict)
+                    self._server.outlet.event(
+                        "shadow",
+                        f"challenger {challenger} is {verdict.reason}",
+                        version=challenger,
+                        verdict=verdict.as_values(),
+                    )
                     return verdict
                 if verdict.drop:
                     raise LimoError(verdict.reason)
@@ -138,7 +143,16 @@ class Judge:
             if serving.physics_only:
                 yield from self._send_back(old, new, f"version {new} failed on probation")
                 return
-            self._check_probation(old, new, serving.version)
+            # Somebody may have changed the store or what serves
+            aliases = self._store.aliases
+            if serving.version != new:
+                raise LimoError(f"{serving.version} serves by now: probation of {new} is over")
+            if str(aliases.champion) != new:
+                raise LimoError(
+                    f"{aliases.champion} is the champion by now: probation of {new} is over"
+                )
+            if not aliases.previous or str(aliases.previous[-1]) != old:
+                raise LimoError(f"{old} is no longer what {new} came after: its probation is over")
             self._aside.submit(shadow.take, self._stopped).result()
             self._stage.note(judged=shadow.seconds)
             if shadow.seconds < due:
@@ -174,18 +188,6 @@ class Judge:
         if serves != champion:
             raise LimoError(f"{serves} serves by now, not {champion}")
 
-    def _check_probation(self, old: str, new: str, serves: str) -> None:
-        """Raise where somebody changed the store or what serves."""
-        aliases = self._store.aliases
-        if serves != new:
-            raise LimoError(f"{serves} serves by now: probation of {new} is over")
-        if str(aliases.champion) != new:
-            raise LimoError(
-                f"{aliases.champion} is the champion by now: probation of {new} is over"
-            )
-        if not aliases.previous or str(aliases.previous[-1]) != old:
-            raise LimoError(f"{old} is no longer what {new} came after: its probation is over")
-
     def _send_back(self, old: str, new: str, why: str) -> Generator[None]:
         """Roll back; where that fails, on a machine that is busy for example, try again later."""
         for left in reversed(range(_ROLLBACKS)):
@@ -200,14 +202,6 @@ class Judge:
             self._stage.note(verdict=f"{why}; going back to {old} is tried again")
             while self._now < until:
                 yield
-
-    def _tell_verdict(self, challenger: str, verdict: Comparison) -> None:
-        self._server.outlet.event(
-            "shadow",
-            f"challenger {challenger} is {verdict.reason}",
-            version=challenger,
-            verdict=verdict.as_values(),
-        )
 
     def _compared(self, champion: str, challenger: str) -> Shadow:
         """Return both beside each other, loaded aside from the stream."""

@@ -165,6 +165,10 @@ def newest_motion(
     recording = Recording.from_arrays(
         columns.time[rows], columns.position[rows], columns.torque[rows]
     )
+    # The SHA-256 of what is learned from, which the same logs give again
+    digest = sha256()
+    for values in (recording.time, recording.position, recording.torque):
+        digest.update(np.ascontiguousarray(values).tobytes())
     return LoggedMotion(
         recording,
         {
@@ -174,7 +178,7 @@ def newest_motion(
             "samples": len(recording),
             "rate": rate,
             "other_rate_samples": int((new & free & ~alike).sum()),
-            "sha256": _digest(recording),
+            "sha256": digest.hexdigest(),
         },
         contact=float((new & ~free).sum() / rate),
     )
@@ -200,14 +204,6 @@ def _of_span(folder: Path, arm: str, span: Span) -> list[Path]:
 def _began(path: Path, arm: str) -> float:
     stamp = datetime.strptime(path.stem[len(arm) :], _NAME_ENDS)
     return stamp.replace(tzinfo=UTC).timestamp()
-
-
-def _digest(recording: Recording) -> str:
-    """Return the SHA-256 of what is learned from, which the same logs give again."""
-    digest = sha256()
-    for values in (recording.time, recording.position, recording.torque):
-        digest.update(np.ascontiguousarray(values).tobytes())
-    return digest.hexdigest()
 
 
 @dataclass

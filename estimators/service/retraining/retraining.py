@@ -130,7 +130,14 @@ class Keeper:
         """Take the next step; report a failure of this program, and begin again with waiting."""
         try:
             if self._server.service is not self._kept:
-                self._begin_anew()
+                # Go on with states of another rate, like a service that has just started
+                if self._kept is not None:
+                    self._stages.close()
+                    self._end_training()
+                    self._trained = -np.inf
+                    self.stage.enter("idle", 0.0)
+                    self._stages = self._live()
+                self._kept = self._server.service
             if self._kept is not None and not self._server.answering:
                 return
             next(self._stages)
@@ -146,41 +153,12 @@ class Keeper:
         while not self._stopped.wait(_PERIOD):
             self.tick()
 
-    def _begin_anew(self) -> None:
-        """Go on with states of another rate, like a service that has just started."""
-        if self._kept is not None:
-            self._stages.close()
-            self._end_training()
-            self._trained = -np.inf
-            self.stage.enter("idle", 0.0)
-            self._stages = self._live()
-        self._kept = self._server.service
-
     def _live(self) -> Generator[None]:
         """Go through the stages."""
         while self._server.service is None:
             yield
         began = self._now
-        yield from self._go_on()
-        yield from self._keep(began)
-
-    @property
-    def _service(self) -> ArmService:
-        assert self._server.service is not None  # noqa: S101  # `_live` waits for it
-        return self._server.service
-
-    @property
-    def _now(self) -> float:
-        """Seconds of states that came."""
-        return self._service.history.count / self._service.arm.rate
-
-    @property
-    def _wait(self) -> float:
-        """Seconds until the next training may begin."""
-        return self._trained + self._settings.pause - self._now
-
-    def _go_on(self) -> Generator[None]:
-        """Go on where the service before was stopped."""
+        # Go on where the service before was stopped
         try:
             left = self._file.read()
         except ModelStoreError as error:
@@ -201,6 +179,22 @@ class Keeper:
             )
         elif left is not None:
             yield from self._train_anew(left)
+        yield from self._keep(began)
+
+    @property
+    def _service(self) -> ArmService:
+        assert self._server.service is not None  # noqa: S101  # `_live` waits for it
+        return self._server.service
+
+    @property
+    def _now(self) -> float:
+        """Seconds of states that came."""
+        return self._service.history.count / self._service.arm.rate
+
+    @property
+    def _wait(self) -> float:
+        """Seconds until the next training may begin."""
+        return self._trained + self._settings.pause - self._now
 
     def _probation_anew(self, left: Unfinished) -> Generator[None]:
         old, new = str(left.before), str(left.champion)
@@ -238,7 +232,12 @@ class Keeper:
         self._note(wanted)
         while True:
             if gather:
-                yield from self._gather(wanted.reason)
+                # Wait until what would be learned from is all of the arm as it is now
+                until = self._now + max(self._settings.seconds, self._wait)
+                self.stage.enter(GATHERING, self._now, reason=wanted.reason)
+                while self._now < until and self._asked is None:
+                    self.stage.note(left=until - self._now)
+                    yield
             self._trained = self._now
             wanted = replace(wanted, stage=TRAINING, tries=wanted.tries - 1)
             judged = yield from self._attempt(self._retrain(wanted))
@@ -289,7 +288,17 @@ class Keeper:
         """Wait for something that calls for training, and return what it is."""
         every = self._settings.every
         while True:
-            drifting = self._drifting()
+            # Report the joints that drift
+            drifting = () if self._drift is None else self._drift.drifting(self._service)
+            if drifting:
+                named = ", ".join(map(str, drifting))
+                self._server.outlet.event(
+                    "drift",
+                    f"the residual of joint {named} became larger",
+                    Level.WARN,
+                    joints=list(drifting),
+                    version=self._service.model.version,
+                )
             if self._asked is not None:
                 return Unfinished(TRAINING, self._asked, tries=1)
             if drifting:
@@ -298,28 +307,6 @@ class Keeper:
             if every is not None and self._now - began >= every and self._wait <= 0:
                 return Unfinished(TRAINING, f"{every / _HOUR:g} h since the last", tries=1)
             yield
-
-    def _gather(self, reason: str) -> Generator[None]:
-        """Wait until what would be learned from is all of the arm as it is now."""
-        until = self._now + max(self._settings.seconds, self._wait)
-        self.stage.enter(GATHERING, self._now, reason=reason)
-        while self._now < until and self._asked is None:
-            self.stage.note(left=until - self._now)
-            yield
-
-    def _drifting(self) -> tuple[int, ...]:
-        """Return the joints that drift now, and tell it."""
-        joints = () if self._drift is None else self._drift.drifting(self._service)
-        if joints:
-            named = ", ".join(map(str, joints))
-            self._server.outlet.event(
-                "drift",
-                f"the residual of joint {named} became larger",
-                Level.WARN,
-                joints=list(joints),
-                version=self._service.model.version,
-            )
-        return joints
 
     def _watch(self) -> DriftWatch | None:
         try:
@@ -379,15 +366,11 @@ class Keeper:
         verdict = yield from self._judge.shadow(champion, version)
         predicted = verdict.ratio.high
         # Kept before it is so: a service that ends in between does not let it off probation.
-        self._note(_on_probation(champion, version, reason, predicted))
+        ratios = [float(v) if np.isfinite(v) else None for v in predicted]
+        self._note(Unfinished(PROBATION, reason, 0, int(version), int(champion), ratios))
         server.promote(version, f"{reason}; {verdict.reason}", instead_of=champion)
         yield from self._probation(champion, version, predicted)
 
     def _probation(self, old: str, new: str, predicted: FloatArray) -> Generator[None]:
         self.stage.enter(PROBATION, self._now, champion=new, before=old)
         yield from self._judge.probation(old, new, predicted)
-
-
-def _on_probation(old: str, new: str, reason: str, predicted: FloatArray) -> Unfinished:
-    ratios = [float(v) if np.isfinite(v) else None for v in predicted]
-    return Unfinished(PROBATION, reason, 0, int(new), int(old), ratios)

@@ -95,18 +95,14 @@ def learned(kind: str, champion: ResidualModel[Any], recording: Recording) -> Re
     if wanted in trained_by_name():
         estimator = to_train(wanted)
         return estimator.unfitted(champion.simulation, champion.bandwidth).fit([recording])
-    settings = _settings(wanted, champion)
-    return HybridModel(champion.simulation, settings).fit([recording])
-
-
-def _settings(wanted: str, champion: ResidualModel[Any]) -> TrainingSettings:
     from estimators.hybrid.training.settings import usual_settings
 
     if wanted in NETWORKS:
         settings = replace(usual_settings("drive"), model=wanted)
     else:
         settings = _settings_of(champion)
-    return replace(settings, bandwidth=champion.bandwidth, device="cpu")
+    settings = replace(settings, bandwidth=champion.bandwidth, device="cpu")
+    return HybridModel(champion.simulation, settings).fit([recording])
 
 
 def _settings_of(champion: ResidualModel[Any]) -> TrainingSettings:
@@ -147,7 +143,15 @@ def train(
     """
     champion = store.open("champion")
     known = champion.load()
-    learned_from, held_out = _split(motion.recording)
+    # The motion to learn from, and the last part, which is held out
+    moved = len(motion.recording) / motion.recording.rate
+    if moved < _LEAST:
+        raise RecordingError(
+            f"only {moved:.3g} s of motion outside of contact to learn from, expected at least "
+            f"{_LEAST:g} s"
+        )
+    first = round((1.0 - _HELD_OUT) * len(motion.recording))
+    learned_from, held_out = (motion.recording[:first], motion.recording[first:])
     model = learned(kind, known, learned_from)
     metrics = _metrics(model, known, held_out, delay)
     record = {
@@ -156,18 +160,6 @@ def train(
     }
     added = _add(store, model, held_out, champion, record, delay)
     return {"version": added.number, "parent": champion.number, **record}
-
-
-def _split(recording: Recording) -> tuple[Recording, Recording]:
-    """Return the motion to learn from, and the last part, which is held out."""
-    moved = len(recording) / recording.rate
-    if moved < _LEAST:
-        raise RecordingError(
-            f"only {moved:.3g} s of motion outside of contact to learn from, expected at least "
-            f"{_LEAST:g} s"
-        )
-    first = round((1.0 - _HELD_OUT) * len(recording))
-    return recording[:first], recording[first:]
 
 
 def _metrics(
@@ -303,7 +295,15 @@ class TrainingProcess:
             arguments.append(f"--sign={store.signing_key.resolve()}")
         held, self._held = os.pipe()  # closed when this process ends, however it does
         try:
-            self._process = _start(arguments, held)
+            self._process = subprocess.Popen(  # noqa: S603  # our own module
+                [*_COMMAND, *arguments],
+                stdin=held,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                env=os.environ | _ONE_THREAD,
+                start_new_session=True,  # Ctrl-C is for the service, which then ends this one
+            )
         except BaseException:
             os.close(self._held)
             raise
@@ -351,15 +351,3 @@ class TrainingProcess:
             return f"training took longer than {self._limit:g} s"
         told = errors.strip().splitlines()
         return f"training ended with status {status}" + (f": {told[-1]}" if told else "")
-
-
-def _start(arguments: Sequence[str], held: int) -> subprocess.Popen[str]:
-    return subprocess.Popen(  # noqa: S603  # our own module
-        [*_COMMAND, *arguments],
-        stdin=held,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | _ONE_THREAD,
-        start_new_session=True,  # Ctrl-C is for the service, which then ends this one
-    )

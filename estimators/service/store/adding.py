@@ -61,7 +61,18 @@ def gather(folder: Path, into: Path, robot: str) -> ResidualModel[Any]:
     for name in (MANIFEST, WEIGHTS, SIMULATION):
         copyfile(folder / name, into / name)
     if robot not in BUILT_IN:
-        _take_robot_along(model, into, robot)
+        # Copy the URDF, and let simulation and manifest refer to the copy
+        urdf = into / f"{robot}.urdf"
+        described = model.simulation.model.description
+        if described.kind == "URDF" and not model.simulation.model.chosen:
+            copyfile(model.simulation.model.urdf, urdf)
+        else:  # with the meshes and joints that it is meant with
+            urdf.write_text(described.text, encoding="utf-8")
+        replace(model.simulation, robot=str(urdf)).save(into / SIMULATION)
+        given = read_manifest(into)
+        own = {**given["simulation"].content, "sha256": digest(into / SIMULATION)}
+        manifest = as_manifest({**given.content, "robot": robot, "simulation": own})
+        write(into / MANIFEST, manifest.encode())
     for path in into.iterdir():
         sync(path)
     return load_model(into)
@@ -110,18 +121,3 @@ def as_json(content: Mapping[str, Any]) -> bytes:
         return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
     except (TypeError, ValueError) as error:
         raise ModelStoreError(f"the record of the version is no JSON: {error}") from None
-
-
-def _take_robot_along(model: ResidualModel[Any], into: Path, robot: str) -> None:
-    """Copy the URDF, and let simulation and manifest refer to the copy."""
-    urdf = into / f"{robot}.urdf"
-    described = model.simulation.model.description
-    if described.kind == "URDF" and not model.simulation.model.chosen:
-        copyfile(model.simulation.model.urdf, urdf)
-    else:  # with the meshes and joints that it is meant with
-        urdf.write_text(described.text, encoding="utf-8")
-    replace(model.simulation, robot=str(urdf)).save(into / SIMULATION)
-    given = read_manifest(into)
-    own = {**given["simulation"].content, "sha256": digest(into / SIMULATION)}
-    manifest = as_manifest({**given.content, "robot": robot, "simulation": own})
-    write(into / MANIFEST, manifest.encode())

@@ -23,10 +23,10 @@ from estimators.service.store.aliases import (
     draft,
     locked,
     read_aliases,
+    sign,
     write,
 )
 from estimators.service.store.aliases import replace_file as replace
-from estimators.service.store.signature import sign
 from estimators.service.store.version import GOLDEN, RECORD, Golden, Version
 from limo_driver.errors import ModelStoreError
 from limo_driver.runtime.outputs import sync
@@ -182,7 +182,23 @@ class ModelStore:
         try:
             home.mkdir(parents=True, exist_ok=True)
             with draft(home) as path:
-                return self._added(home, path, Path(folder), golden, parent, record or {}, delay)
+                model = gather(Path(folder), path, home.name)
+                golden.check_robot(model.simulation.model)
+                kept, found = Golden.of(model, golden, delay)
+                write(path / GOLDEN, kept.as_bytes())
+                content = recorded(path, model, kept, found, record or {})
+                with locked(home):
+                    numbers = _numbers(home)
+                    if parent is not None and parent not in numbers:
+                        raise ModelStoreError(f"{home}: has no version {parent} to be the parent")
+                    number = max(numbers, default=0) + 1
+                    write(path / RECORD, as_json({**content, "version": number, "parent": parent}))
+                    if self.signing_key is not None:
+                        sign(path / RECORD, self.signing_key)
+                    sync(path)
+                    final = path.rename(home / str(number))
+                    sync(home)
+                return Version.read(final)
         except OSError as error:
             raise ModelStoreError(f"{home}: cannot be written: {error.strerror}") from None
 
@@ -273,34 +289,6 @@ class ModelStore:
         if self._robot is not None and robot != self._robot:
             raise ModelStoreError(f"{folder}: is of robot {robot}, expected {self._robot}")
         return robot
-
-    def _added(
-        self,
-        home: Path,
-        path: Path,
-        folder: Path,
-        golden: Recording,
-        parent: int | None,
-        record: Mapping[str, Any],
-        delay: float,
-    ) -> Version:
-        model = gather(folder, path, home.name)
-        golden.check_robot(model.simulation.model)
-        kept, found = Golden.of(model, golden, delay)
-        write(path / GOLDEN, kept.as_bytes())
-        content = recorded(path, model, kept, found, record)
-        with locked(home):
-            numbers = _numbers(home)
-            if parent is not None and parent not in numbers:
-                raise ModelStoreError(f"{home}: has no version {parent} to be the parent")
-            number = max(numbers, default=0) + 1
-            write(path / RECORD, as_json({**content, "version": number, "parent": parent}))
-            if self.signing_key is not None:
-                sign(path / RECORD, self.signing_key)
-            sync(path)
-            final = path.rename(home / str(number))
-            sync(home)
-        return Version.read(final)
 
 
 def _numbers(home: Path) -> tuple[int, ...]:

@@ -22,7 +22,7 @@ import numpy as np
 from safetensors.numpy import save as save_tensors
 
 from estimators.model_folder import LARGEST_FILE, load_model, tensors_of
-from estimators.service.store.signature import check_signature
+from estimators.service.store.aliases import check_signature
 from estimators.stream import Stream
 from limo_driver.errors import ModelStoreError
 from limo_driver.runtime.declarations import read_json
@@ -260,7 +260,15 @@ class Golden:
                 gives no finite torque.
         """
         stream = Stream(model, recording.rate, delay)
-        part = recording[_liveliest(recording)]
+        # The rows of `SECONDS` without a gap in which the joints travel farthest
+        rows = max(recording.segments, key=lambda part: part.stop - part.start)
+        length = min(int(SECONDS * recording.rate), rows.stop - rows.start)
+        steps = np.abs(np.diff(recording.position[rows], axis=0)).sum(axis=1)
+        travelled = np.concatenate([[0.0], np.cumsum(steps)])
+        start = rows.start + int(
+            (travelled[length - 1 :] - travelled[: travelled.size - length + 1]).argmax()
+        )
+        part = recording[slice(start, start + length)]
         found = replay(stream, part.time, part.position)
         if not np.isfinite(found.torque).all():
             raise ModelStoreError("the torque of the golden motion is not finite")
@@ -325,15 +333,3 @@ class Golden:
             "samples": self.time.size,
             "position_sha256": sha256(self.position.tobytes()).hexdigest(),
         }
-
-
-def _liveliest(recording: Recording) -> slice:
-    """Return the rows of `SECONDS` without a gap in which the joints travel farthest."""
-    rows = max(recording.segments, key=lambda part: part.stop - part.start)
-    length = min(int(SECONDS * recording.rate), rows.stop - rows.start)
-    steps = np.abs(np.diff(recording.position[rows], axis=0)).sum(axis=1)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    start = rows.start + int(
-        (travelled[length - 1 :] - travelled[: travelled.size - length + 1]).argmax()
-    )
-    return slice(start, start + length)

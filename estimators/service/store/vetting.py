@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     import threading
     from collections.abc import Generator, Sequence
 
-    from limo_driver.types import FloatArray
 
 _LOOK: Final = 0.2  # [s] between two looks whether it has to end
 TIMEOUT: Final = 120.0  # [s] of processor time; a fresh process compiles first
@@ -99,8 +98,12 @@ def vet(
     """
     number = store.number(which)
     used, at = 0.0, time.monotonic()  # processor time, and when there was last more of it
+    given = [str(store.root.resolve()), str(number), f"--robot={store.robot}"]
+    given += [f"--rate={demand.rate!r}", f"--delay={demand.delay!r}"]
+    given += [f"--limit={demand.slowest!r}"]
+    given += [f"--joint={name}" for name in demand.joints]
     with subprocess.Popen(  # noqa: S603  # our own module
-        [*_COMMAND, *_arguments(store, number, demand)],
+        [*_COMMAND, *(given + [f"--trust={key.resolve()}" for key in store.trusted_keys])],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -171,7 +174,15 @@ def _examine(
         figures["deviation"] = golden.deviation(model)
     with _refusing("diverging"):
         answered = replay(stream, *golden.at(demand.rate))
-        _check_bounded(answered.torque, model.simulation.model.limits.torque)
+        # Check that no torque is beyond what the joint can give
+        highest = np.abs(answered.torque).max(axis=0)  # (n,), NaN if any is
+        beyond = ~(highest <= model.simulation.model.limits.torque)
+        if beyond.any():
+            j = int(beyond.argmax())
+            raise ModelStoreError(
+                f"joint {j + 1} gives up to {highest[j]:.4g} N m on the golden motion, expected at "
+                f"most the {model.simulation.model.limits.torque[j]:.4g} N m of its limit"
+            )
     with _refusing("slow"):
         figures |= answered.latency()
         _check_latency(figures["p50"], demand)
@@ -184,32 +195,12 @@ def _check_joints(found: tuple[str, ...], expected: tuple[str, ...]) -> None:
         )
 
 
-def _check_bounded(torque: FloatArray, limit: FloatArray) -> None:
-    """Check that no torque is beyond what the joint can give."""
-    highest = np.abs(torque).max(axis=0)  # (n,), NaN if any is
-    beyond = ~(highest <= limit)
-    if beyond.any():
-        j = int(beyond.argmax())
-        raise ModelStoreError(
-            f"joint {j + 1} gives up to {highest[j]:.4g} N m on the golden motion, expected at "
-            f"most the {limit[j]:.4g} N m of its limit"
-        )
-
-
 def _check_latency(median: float, demand: Demand) -> None:
     if median > demand.slowest:
         raise ModelStoreError(
             f"a step takes {1e6 * median:.0f} µs of CPU (median), expected at most "
             f"{1e6 * demand.slowest:.0f} µs at {demand.rate:g} Hz"
         )
-
-
-def _arguments(store: ModelStore, number: int, demand: Demand) -> list[str]:
-    given = [str(store.root.resolve()), str(number), f"--robot={store.robot}"]
-    given += [f"--rate={demand.rate!r}", f"--delay={demand.delay!r}"]
-    given += [f"--limit={demand.slowest!r}"]
-    given += [f"--joint={name}" for name in demand.joints]
-    return given + [f"--trust={key.resolve()}" for key in store.trusted_keys]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

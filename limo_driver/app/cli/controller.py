@@ -76,12 +76,12 @@ def command(
             --scenario lossy.yaml
         limo controller --io FRI.Clock:bool:input:1 --transformation PickPos
     """
-    from backends.fri.codec.version import FriVersion
+    from backends.fri.codec.messages import FriVersion
+    from backends.fri.simulator.connection.port import Address
     from backends.fri.simulator.controller import SimulatedController
     from backends.fri.simulator.judge import check_signal_name, parse_io
-    from backends.fri.simulator.port import Address
     from backends.fri.simulator.scenario import ControllerScenario
-    from backends.fri.simulator.session import ANYWHERE, MODES, ControllerSettings
+    from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
     from limo_driver.physics import Simulation
     from limo_driver.robot.interrupts import interrupts
 
@@ -119,7 +119,7 @@ def command(
 def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
     """Return where the arm stands at first [rad]."""
     from backends.fri.codec.messages import JOINTS
-    from backends.fri.simulator.session import POSE
+    from backends.fri.simulator.settings import POSE
     from limo_driver.model import BUILT_IN
     from limo_driver.trajectory import Trajectory
 

@@ -66,7 +66,23 @@ def command(
     """
     require_file(out, files)
     if out.suffix == _MCAP:
-        _to_log(files, out, robot, topic or _TOPIC, mapping, as_json=as_json)
+        from limo_driver.app.library.reading import read
+        from limo_driver.logs.ros.joint_state_log import write_joint_states
+        from limo_driver.model import RobotModel
+
+        if len(files) > 1:
+            raise ConfigError(f"{len(files)} files to make one log of, expected one recording")
+        model = None if robot is None else RobotModel.load(robot)
+        recording = read(files[0], model, mapping)
+        joints, start_ns = _named(files[0], recording.n)
+        if model is not None:
+            joints = model.joint_names
+        write_joint_states(recording, out, joints, topic or _TOPIC, start_ns)
+        counts = {"topic": topic or _TOPIC, "joints": list(joints), "samples": len(recording)}
+        counts |= {"duration": recording.duration}
+        left = [f"{name} is left behind" for name in recording.extras]
+        notes = [*recording.warnings, *map(str, recording.left_out), *left]
+        _report(out, counts, notes, as_json=as_json)
         return
     if out.suffix in _LAYOUTS:
         _refuse_for_layout(out, robot=robot, topic=topic, mapping=mapping, episode=episode)
@@ -76,7 +92,16 @@ def command(
     if mapping is None and all(map(_is_bag, files)):
         _to_recording(files, out, robot, topic, as_json=as_json)
     else:
-        _mapped(files, out, robot, mapping, topic, episode, as_json=as_json)
+        from limo_driver.app.library.converting import convert_log
+        from limo_driver.model import RobotModel
+
+        if len(files) > 1:
+            raise ConfigError(
+                f"{len(files)} logs to convert, expected one, or bags without a mapping"
+            )
+        model = None if robot is None else RobotModel.load(robot)
+        found = convert_log(files[0], out, model, mapping, topic, episode)
+        _report(out, _counts(found), list(found.notes), as_json=as_json)
 
 
 def _refuse_for_layout(out: Path, **options: object) -> None:
@@ -134,26 +159,6 @@ def _is_bag(path: Path) -> bool:
     return ending_of(path) not in {*ARRAYS, *OBJECTS, *PARQUET, *TEXTS}
 
 
-def _mapped(
-    files: list[Path],
-    out: Path,
-    robot: str | None,
-    mapping: Path | None,
-    topic: str | None,
-    episode: int | None,
-    *,
-    as_json: bool,
-) -> None:
-    from limo_driver.app.library.converting import convert_log
-    from limo_driver.model import RobotModel
-
-    if len(files) > 1:
-        raise ConfigError(f"{len(files)} logs to convert, expected one, or bags without a mapping")
-    model = None if robot is None else RobotModel.load(robot)
-    found = convert_log(files[0], out, model, mapping, topic, episode)
-    _report(out, _counts(found), list(found.notes), as_json=as_json)
-
-
 def _to_recording(
     files: list[Path], out: Path, robot: str | None, topic: str | None, *, as_json: bool
 ) -> None:
@@ -172,38 +177,6 @@ def _to_recording(
 def _counts(found: Converted) -> dict[str, Any]:
     rows = {"samples": found.samples, "usable": found.usable, "duration": found.duration}
     return {"joints": list(found.joints), **rows}
-
-
-def _to_log(
-    files: list[Path],
-    out: Path,
-    robot: str | None,
-    topic: str,
-    mapping: Path | None,
-    *,
-    as_json: bool,
-) -> None:
-    from limo_driver.app.library.reading import read
-    from limo_driver.logs.ros.joint_state_log import write_joint_states
-    from limo_driver.model import RobotModel
-
-    if len(files) > 1:
-        raise ConfigError(f"{len(files)} files to make one log of, expected one recording")
-    model = None if robot is None else RobotModel.load(robot)
-    recording = read(files[0], model, mapping)
-    joints, start_ns = _named(files[0], recording.n)
-    if model is not None:
-        joints = model.joint_names
-    write_joint_states(recording, out, joints, topic, start_ns)
-    counts = {
-        "topic": topic,
-        "joints": list(joints),
-        "samples": len(recording),
-        "duration": recording.duration,
-    }
-    left = [f"{name} is left behind" for name in recording.extras]
-    notes = [*recording.warnings, *map(str, recording.left_out), *left]
-    _report(out, counts, notes, as_json=as_json)
 
 
 def _named(path: Path, n: int) -> tuple[tuple[str, ...], int]:

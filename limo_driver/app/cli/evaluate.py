@@ -67,12 +67,20 @@ def command(
     if against is not None:
         judge, robot = _of_simulations(sim, against, estimate, external)
     else:
-        judge, robot = _of_model(model, sim)
+        # What judges a model on a recording, and its arm
+        from estimators.model_folder import check_simulation, load_model
+        from limo_driver.app.library.learning import evaluate
+        from limo_driver.physics import Simulation
+
+        trained = load_model(model or "")
+        if sim is not None:
+            check_simulation(trained, Simulation.load(sim))
+        judge, robot = partial(evaluate, trained), trained.simulation.model
     measured = read(recording, robot, mapping)
     notes = terminal(stderr=True, soft_wrap=True)
     for item in (*measured.left_out, *measured.warnings):
         notes.print(f"{recording}: {item}")
-    evaluation = judge(measured)
+    evaluation: Any = judge(measured)
     if getattr(evaluation, "trained_on", False):
         notes.print(
             f"{recording}: the model was trained on it; these errors say nothing of other motion",
@@ -114,18 +122,6 @@ def _files(against: Path | None) -> tuple[str, ...]:
     from estimators.evaluation import FILES
 
     return FILES if against is None else comparison.FILES
-
-
-def _of_model(model: Path | None, sim: Path | None) -> tuple[Callable[..., Any], RobotModel]:
-    """Return what judges a model on a recording, and its arm."""
-    from estimators.model_folder import check_simulation, load_model
-    from limo_driver.app.library.learning import evaluate
-    from limo_driver.physics import Simulation
-
-    trained = load_model(model or "")
-    if sim is not None:
-        check_simulation(trained, Simulation.load(sim))
-    return partial(evaluate, trained), trained.simulation.model
 
 
 def _of_simulations(

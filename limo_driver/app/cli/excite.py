@@ -11,7 +11,7 @@ import typer
 
 from limo_driver.app.cli.plan import Distances, require_writable
 from limo_driver.app.console.arguments import RobotOption, describe_options, refuse_options
-from limo_driver.app.console.terminal import progress, terminal
+from limo_driver.app.console.terminal import columns_of, progress, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import page_of, require_file
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from estimators.rigid_body.base_parameters import Conditioning
     from limo_driver.model import RobotModel
     from limopa.excitation.search import Excitation, ExcitationRequest
-    from limopa.excitation.servo import ServoExcitation, ServoRequest
+    from limopa.excitation.servo import ServoExcitation
 
 _FOR_TORQUE = frozenset(("harmonics", "starts", "iterations", "workspace_radius", "picture"))
 _FOR_SERVOS = frozenset(("lerobot", "motors"))
@@ -112,7 +112,9 @@ def command(
 
     surroundings = distances.surroundings
     if drives is Drives.POSITION_SERVO:
+        from limo_driver.app.library.moving import excite_servos
         from limopa.excitation.servo import ServoRequest
+        from limopa.page import servo_page
 
         if picture is not None:
             raise ConfigError("is not drawn for servos; the page beside --out is", path=picture)
@@ -120,7 +122,25 @@ def command(
             context, frozenset(context.params) - _FOR_TORQUE, "is not for position servos"
         )
         wanted = ServoRequest(duration=duration, rate=rate or 50.0, surroundings=surroundings)
-        excite_for_servos(out, robot, wanted, seed, lerobot, motors, as_json=as_json)
+        if out.suffix.lower() != ".csv":
+            raise ConfigError(
+                "is no CSV; commands for position servos are written as .csv", path=out
+            )
+        page = page_of(out)
+        for path in (out, page):
+            if path is not None:
+                require_file(path)
+        model = RobotModel.load(robot)
+        names = tuple(motors.split(",")) if motors else model.joint_names
+        if len(names) != model.n:
+            raise ConfigError(f"--motors names {len(names)}, but {model.name} has {model.n} joints")
+        commands = excite_servos(model, wanted, seed=seed)
+        commands.save(out)
+        if lerobot is not None:
+            commands.save_for_lerobot(lerobot, names)
+        if page is not None:
+            servo_page(commands, model, out.name, robot, names).save(page)
+        _report_servos(commands, as_json=as_json)
         return
     refuse_options(context, frozenset(context.params) - _FOR_SERVOS, "is for position servos")
     page = require_writable(out, picture, robot)
@@ -226,73 +246,19 @@ def _joints(found: Excitation, model: RobotModel) -> list[JointFigures]:
 def _table(joints: list[JointFigures]) -> Table:
     from math import degrees
 
-    from rich.table import Table
-
-    table = Table(title="joints (peaks relative to their limits)", title_justify="left")
-    for heading in (
-        "joint", "harmonics", "from\n[deg]", "to\n[deg]", "peak\nvelocity", "peak\naccel.",
-        "peak\njerk",
-    ):  # fmt: skip
-        table.add_column(heading, justify="right")
-    for j in joints:
-        table.add_row(
-            str(j.joint),
-            " ".join(map(str, j.harmonics)),
-            f"{degrees(j.position_min):.0f}",
-            f"{degrees(j.position_max):.0f}",
-            f"{j.peak_velocity:.0%}",
-            f"{j.peak_acceleration:.0%}",
-            f"{j.peak_jerk:.0%}",
-        )
-    return table
-
-
-def excite_for_servos(
-    out: Path,
-    robot: str,
-    request: ServoRequest,
-    seed: int,
-    lerobot: Path | None,
-    motors: str | None,
-    *,
-    as_json: bool,
-) -> None:
-    """Plan commands, write them, and say what is in them.
-
-    Args:
-        out: CSV to be written.
-        robot: The arm.
-        request: What the motion has to be.
-        seed: Of every random draw.
-        lerobot: Folder for a LeRobotDataset of the same commands.
-        motors: Their names there, with commas between; those of the joints if not given.
-        as_json: Whether figures are printed as JSON.
-
-    Raises:
-        ConfigError: Something cannot be written, or the names are of another number.
-        InfeasiblePathError: There is no such motion.
-    """
-    from limo_driver.app.library.moving import excite_servos
-    from limo_driver.model import RobotModel
-    from limopa.page import servo_page
-
-    if out.suffix.lower() != ".csv":
-        raise ConfigError("is no CSV; commands for position servos are written as .csv", path=out)
-    page = page_of(out)
-    for path in (out, page):
-        if path is not None:
-            require_file(path)
-    model = RobotModel.load(robot)
-    names = tuple(motors.split(",")) if motors else model.joint_names
-    if len(names) != model.n:
-        raise ConfigError(f"--motors names {len(names)}, but {model.name} has {model.n} joints")
-    found = excite_servos(model, request, seed=seed)
-    found.save(out)
-    if lerobot is not None:
-        found.save_for_lerobot(lerobot, names)
-    if page is not None:
-        servo_page(found, model, out.name, robot, names).save(page)
-    _report_servos(found, as_json=as_json)
+    return columns_of(
+        {
+            "joint": (j.joint for j in joints),
+            "harmonics": (" ".join(map(str, j.harmonics)) for j in joints),
+            "from\n[deg]": (f"{degrees(j.position_min):.0f}" for j in joints),
+            "to\n[deg]": (f"{degrees(j.position_max):.0f}" for j in joints),
+            "peak\nvelocity": (f"{j.peak_velocity:.0%}" for j in joints),
+            "peak\naccel.": (f"{j.peak_acceleration:.0%}" for j in joints),
+            "peak\njerk": (f"{j.peak_jerk:.0%}" for j in joints),
+        },
+        title="joints (peaks relative to their limits)",
+        title_justify="left",
+    )
 
 
 def _report_servos(found: ServoExcitation, *, as_json: bool) -> None:

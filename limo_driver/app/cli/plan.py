@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.console.arguments import RobotOption, describe_options
-from limo_driver.app.console.terminal import progress, terminal
+from limo_driver.app.console.terminal import columns_of, progress, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import page_of, require_file, require_parquet
 
@@ -207,7 +207,17 @@ def _report(statistics: Statistics, *, as_json: bool) -> None:
             f"reaching: {s.reaching_duration.mean:.1f} s each, "
             f"up to {s.reaching_duration.most:.1f} s"
         )
-    console.print(_joint_table(s), _rejection_table(s))
+    from rich.table import Table
+
+    stages = s.rejections
+    conditions = sorted({name for counts in stages.values() for name in counts})
+    table = Table(title=f"rejected by ({s.candidates} scaffolds drawn)", title_justify="left")
+    table.add_column("condition")
+    for stage in stages:
+        table.add_column(stage, justify="right")
+    for name in conditions:
+        table.add_row(name, *(str(counts.get(name, 0)) for counts in stages.values()))
+    console.print(_joint_table(s), table)
     if s.unchecked_pairs:
         pairs = ", ".join(" and ".join(pair) for pair in s.unchecked_pairs)
         console.print(f"not checked against each other, since they always touch: {pairs}")
@@ -216,41 +226,21 @@ def _report(statistics: Statistics, *, as_json: bool) -> None:
 def _joint_table(statistics: Statistics) -> Table:
     from math import degrees
 
-    from rich.table import Table
-
-    table = Table(title="joints (peaks relative to their limits)", title_justify="left")
-    for heading in (
-        "joint", "range\ncovered", "reversals", "rotation\nbetween",
-        "peak\nvelocity", "peak\naccel.", "peak\njerk",
-    ):  # fmt: skip
-        table.add_column(heading, justify="right")
-    for j in statistics.joints:
-        table.add_row(
-            str(j.joint),
-            f"{j.coverage:.0%}",
-            str(j.reversals),
-            f"{degrees(j.rotation_between_reversals):.1f} deg",
-            f"{j.peak_velocity:.0%}",
-            f"{j.peak_acceleration:.0%}",
-            f"{j.peak_jerk:.0%}",
-        )
-    return table
-
-
-def _rejection_table(statistics: Statistics) -> Table:
-    from rich.table import Table
-
-    stages = statistics.rejections
-    conditions = sorted({name for counts in stages.values() for name in counts})
-    table = Table(
-        title=f"rejected by ({statistics.candidates} scaffolds drawn)", title_justify="left"
+    joints = statistics.joints
+    turned = (degrees(j.rotation_between_reversals) for j in joints)
+    return columns_of(
+        {
+            "joint": (j.joint for j in joints),
+            "range\ncovered": (f"{j.coverage:.0%}" for j in joints),
+            "reversals": (j.reversals for j in joints),
+            "rotation\nbetween": (f"{rotation:.1f} deg" for rotation in turned),
+            "peak\nvelocity": (f"{j.peak_velocity:.0%}" for j in joints),
+            "peak\naccel.": (f"{j.peak_acceleration:.0%}" for j in joints),
+            "peak\njerk": (f"{j.peak_jerk:.0%}" for j in joints),
+        },
+        title="joints (peaks relative to their limits)",
+        title_justify="left",
     )
-    table.add_column("condition")
-    for stage in stages:
-        table.add_column(stage, justify="right")
-    for name in conditions:
-        table.add_row(name, *(str(counts.get(name, 0)) for counts in stages.values()))
-    return table
 
 
 def _clock(seconds: float) -> str:

@@ -21,7 +21,7 @@ from limo_driver.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from estimators.service.settings import RetrainingSettings, ServiceSettings
+    from estimators.service.settings import ServiceSettings
     from limo_driver.logs.mcap_log import LogLimits
     from limo_driver.network.messages import Event
 
@@ -124,10 +124,33 @@ def command(
     from limo_driver.network.ros import RosTopic
 
     if free:
-        contact = free_contact(context, model, free, false_alarms, delay)
+        # What `--contact` would say for a rate of false alarms on free motion
+        from limo_driver.app.library.contacts import contact_thresholds
+
+        if model is None:
+            raise ConfigError("--free takes --model, whose errors on that motion it judges")
+        if is_on_command_line(context, "contact"):
+            raise ConfigError("--contact and --free both say what a contact is")
+        levels = contact_thresholds(model, free, false_alarms=false_alarms, delay=delay)
+        contact = ",".join(f"{level:.3g}" for level in levels)
+        say(f"{false_alarms:g} false alarms an hour: --contact {contact}", stderr=True)
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
-    retraining = retraining_of(stores, log, retrain, retrain_every, training_seconds, challenger)
+    # How to retrain, or None where it is not wanted or not possible
+    from estimators.service.settings import RetrainingSettings
+
+    possible = None not in stores.values() and log is not None
+    if retrain and not possible:
+        raise ConfigError("--retrain needs --store for the models and --log to learn from")
+    if retrain_every is not None and (retrain is False or not possible):
+        raise ConfigError("--retrain-every is for a service that retrains: give --store and --log")
+    if challenger != "same":
+        from estimators.service.retraining.trainer import check_kind
+
+        check_kind(challenger)
+    every = None if retrain_every is None else 3600.0 * retrain_every
+    settings = RetrainingSettings(training_seconds, every, kind=challenger)
+    retraining = settings if possible and retrain is not False else None
     apart = len(stores) > 1 and not listens(network.listen or (), network.config)
     with (serve_apart if apart else serve)(
         stores,
@@ -171,26 +194,6 @@ def settings_of(
         contact_torque=per_joint("--contact", contact, "N m"),
         contact_duration=per_joint("--contact-for", contact_for, "s"),
     )
-
-
-def free_contact(
-    context: typer.Context, model: Path | None, free: list[Path], false_alarms: float, delay: float
-) -> str:
-    """Return what `--contact` would say for a rate of false alarms on free motion.
-
-    Raises:
-        ConfigError: There is no model, or contacts are given twice.
-    """
-    from limo_driver.app.library.contacts import contact_thresholds
-
-    if model is None:
-        raise ConfigError("--free takes --model, whose errors on that motion it judges")
-    if is_on_command_line(context, "contact"):
-        raise ConfigError("--contact and --free both say what a contact is")
-    levels = contact_thresholds(model, free, false_alarms=false_alarms, delay=delay)
-    found = ",".join(f"{level:.3g}" for level in levels)
-    say(f"{false_alarms:g} false alarms an hour: --contact {found}", stderr=True)
-    return found
 
 
 def per_joint(option: str, text: str, unit: str) -> tuple[float, ...]:
@@ -240,31 +243,6 @@ def stores_of(given: list[str], store: Path | None) -> dict[str, Path | None]:
             raise ConfigError(f"--arm {entry} names a store, and so does --store {store}")
         stores[name] = Path(own) if own else store
     return stores
-
-
-def retraining_of(
-    stores: dict[str, Path | None],
-    log: Path | None,
-    wanted: bool | None,
-    hours: float | None,
-    seconds: float,
-    kind: str,
-) -> RetrainingSettings | None:
-    """Return how to retrain, or None where it is not wanted or not possible."""
-    from estimators.service.settings import RetrainingSettings
-
-    possible = None not in stores.values() and log is not None
-    if wanted and not possible:
-        raise ConfigError("--retrain needs --store for the models and --log to learn from")
-    if hours is not None and (wanted is False or not possible):
-        raise ConfigError("--retrain-every is for a service that retrains: give --store and --log")
-    if kind != "same":
-        from estimators.service.retraining.trainer import check_kind
-
-        check_kind(kind)
-    every = None if hours is None else 3600.0 * hours
-    settings = RetrainingSettings(seconds, every, kind=kind)
-    return settings if possible and wanted is not False else None
 
 
 def teller(*, several: bool, as_json: bool) -> Callable[[str, Event], None]:

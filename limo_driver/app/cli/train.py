@@ -19,6 +19,7 @@ from limo_driver.app.console.terminal import (
     Machines,
     OnOption,
     WorkersOption,
+    columns_of,
     print_notes,
     progress,
     progress_bar,
@@ -28,14 +29,11 @@ from limo_driver.app.console.terminal import (
 from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rich.table import Table
 
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
     from estimators.residual_model import ResidualModel
-    from estimators.studies.model_choice import ModelChoice
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
 
@@ -155,10 +153,28 @@ def command(
     if model != AUTO:
         require_model(model)
     if sweep is not None:
+        from estimators.studies.sweep import BEST, PAGE, TABLE
+        from limo_driver.app.library.sweeping import sweep as swept
+
         refuse_options(context, OPTIONS, "is said in the space of a sweep, not beside --sweep")
         simulation, measured = _load(recordings, sim, out, mapping)
         tests = [read(path, simulation.model, mapping) for path in test or ()]
-        run_sweep(simulation, measured, sweep, out, tests, workers, on, as_json=as_json)
+        notes, console = terminal(stderr=True, soft_wrap=True), terminal()
+        with told_progress(notes, "training") as tell:
+            found = swept(
+                simulation, measured, sweep, out, tests=tests, workers=workers, on=on.value,
+                progress=tell,
+            )  # fmt: skip
+        for trial in found.failed:
+            notes.print(f"{trial.key}: {trial.error}")
+        if as_json:
+            best = {"model": str(out / BEST), "left": found.best.left, "key": found.best.key}
+            console.print_json(data=best)
+            return
+        console.print(found.headline())
+        left = "error left: of the simulation's, on motion that training did not see"
+        console.print(columns_of(found.figures(), caption=left))
+        console.print(f"wrote {out}: {TABLE}, {PAGE}, {BEST}", soft_wrap=True)
         return
     refuse_options(context, frozenset(context.params) - _OF_A_SWEEP, "takes --sweep")
     settings, most = None, float("inf")
@@ -265,65 +281,47 @@ def _train_best(
             notes.print(f"{one.name} was not compared: {one.refused}")
     if not quiet:
         terminal(soft_wrap=True).print(choice.headline())
-        terminal().print(_choice_table(choice))
+        table = columns_of(
+            choice.figures(),
+            title="RMSE of the simulation, and the part of it that each model leaves",
+            caption="on stretches that the model did not see, of which it learns what the others "
+            "confirm; 1.00: a joint stays as the simulation has it",
+        )
+        terminal().print(table)
     return trained
-
-
-def _choice_table(choice: ModelChoice) -> Table:
-    from rich.table import Table
-
-    columns = choice.figures()
-    table = Table(
-        title="RMSE of the simulation, and the part of it that each model leaves",
-        caption="on stretches that the model did not see, of which it learns what the others "
-        "confirm; 1.00: a joint stays as the simulation has it",
-    )
-    for name in columns:
-        table.add_column(name, justify="right")
-    for row in zip(*columns.values(), strict=True):
-        table.add_row(*map(str, row))
-    return table
 
 
 def _network_table(
     rmse: dict[str, dict[str, list[float]]], gain: list[float], bandwidth: float
 ) -> Table:
-    from rich.table import Table
-
     columns = {
-        f"{'rigid body' if name == 'rigid_body' else name}, {where.replace('_', '-')}": rmse[where][
-            name
-        ]
+        f"{name.replace('_', ' ')}, {where.replace('_', '-')}": rmse[where][name]
         for where in ("training", "held_out")
         for name in ("rigid_body", "hybrid")
     }
     if "left_out" in rmse:
         columns["hybrid, left out"] = rmse["left_out"]["hybrid"]
-    table = Table(
+    return columns_of(
+        {
+            "joint": range(1, len(gain) + 1),
+            **{name: [f"{value:.4f}" for value in values] for name, values in columns.items()},
+            "gain": [f"{part:.2f}" for part in gain],
+        },
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
         caption="held-out: blocks that choose which weights are kept; left out: stretches "
         "predicted by networks that did not see them, which the standard deviation and the gain "
         "come from; gain: the part of the network's torque that they confirm",
     )
-    for heading in ("joint", *columns, "gain"):
-        table.add_column(heading, justify="right")
-    for j, values in enumerate(zip(*columns.values(), strict=True)):
-        table.add_row(str(j + 1), *(f"{value:.4f}" for value in values), f"{gain[j]:.2f}")
-    return table
 
 
 def _table(rmse: dict[str, list[float]], model: ResidualModel[Any], bandwidth: float) -> Table:
-    from rich.table import Table
-
-    table = Table(
+    simulation, held_out = ([f"{x:.4f}" for x in rmse[name]] for name in ("simulation", "held_out"))
+    joints = range(1, len(simulation) + 1)
+    return columns_of(
+        {"joint": joints, "simulation": simulation, f"{model.name}, held out": held_out},
         title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
         caption=f"held out: {model.held_out_is}",
     )
-    for heading in ("joint", "simulation", f"{model.name}, held out"):
-        table.add_column(heading, justify="right")
-    for j, values in enumerate(zip(rmse["simulation"], rmse["held_out"], strict=True)):
-        table.add_row(str(j + 1), *(f"{value:.4f}" for value in values))
-    return table
 
 
 _OF_A_SWEEP: Final = frozenset(("test", "workers", "on"))
@@ -332,60 +330,3 @@ _OF_EVERY_MODEL: Final = frozenset(
 )
 _OF_NETWORKS: Final = frozenset(item.name for item in fields(NetworkOptions)) - _OF_EVERY_MODEL
 _COMPARED: Final = 0.7  # of the work; the rest is training
-
-
-def run_sweep(
-    simulation: Simulation,
-    recordings: Sequence[Recording],
-    space: Path,
-    out: Path,
-    tests: Sequence[Recording],
-    workers: int | None,
-    on: Machines,
-    *,
-    as_json: bool,
-) -> None:
-    """Train every setting, and print the best ones.
-
-    Args:
-        simulation: The identified one.
-        recordings: To train on.
-        space: The space.yaml.
-        out: Folder of the sweep.
-        tests: Recordings that choose nothing.
-        workers: How many run at a time.
-        on: Processes, or a cluster of Ray.
-        as_json: Print the figures as JSON.
-    """
-    from rich.table import Table
-
-    from estimators.studies.sweep import BEST, PAGE, TABLE
-    from limo_driver.app.library.sweeping import sweep
-
-    notes, console = terminal(stderr=True, soft_wrap=True), terminal()
-    with told_progress(notes, "training") as tell:
-        found = sweep(
-            simulation,
-            recordings,
-            space,
-            out,
-            tests=tests,
-            workers=workers,
-            on=on.value,
-            progress=tell,
-        )
-    for trial in found.failed:
-        notes.print(f"{trial.key}: {trial.error}")
-    if as_json:
-        best = {"model": str(out / BEST), "left": found.best.left, "key": found.best.key}
-        console.print_json(data=best)
-        return
-    console.print(found.headline())
-    grid = Table(caption="error left: of the simulation's, on motion that training did not see")
-    columns = found.figures()
-    for name in columns:
-        grid.add_column(name, justify="right")
-    for row in zip(*columns.values(), strict=True):
-        grid.add_row(*map(str, row))
-    console.print(grid)
-    console.print(f"wrote {out}: {TABLE}, {PAGE}, {BEST}", soft_wrap=True)

@@ -53,12 +53,7 @@ class Stopping:
         sys.excepthook = self._ask_again_unseen
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *_trace: object) -> None:
         self.over = True
         sys.unraisablehook, sys.excepthook = self._lost, self._shown
         if self in sys.meta_path:

@@ -13,7 +13,7 @@ import typer
 from limo_driver.quoting import on_terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator
+    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 
     from rich.console import Console
     from rich.progress import Progress, ProgressColumn
@@ -92,6 +92,16 @@ def table_of(*headings: str, title: str | None = None, caption: str | None = Non
             table.add_column(heading, overflow="fold")
         else:
             table.add_column(heading, justify="right", no_wrap=True)
+    return table
+
+
+def columns_of(figures: Mapping[str, Iterable[object]], **look: Any) -> Table:  # noqa: ANN401
+    """Return a table with each heading over its column; `look` is as of `rich.table.Table`."""
+    from rich.table import Column, Table
+
+    table = Table(*(Column(heading, justify="right") for heading in figures), **look)
+    for row in zip(*figures.values(), strict=True):
+        table.add_row(*map(str, row))
     return table
 
 

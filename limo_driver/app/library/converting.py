@@ -8,8 +8,8 @@ from importlib.metadata import version
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from limo_driver.app.library.reading import columns_of, mapping_of, said
-from limo_driver.errors import ConfigError, LimoError, RecordingError
+from limo_driver.app.library.reading import columns_of, mapping_of, proposed, said
+from limo_driver.errors import LimoError, RecordingError
 from limo_driver.logs.readers.blocks import check_units, long_log
 from limo_driver.logs.readers.formats.bag import read_bags, topic_with
 from limo_driver.logs.readers.proposals.proposal import propose
@@ -195,13 +195,7 @@ def _mapped(
         raise RecordingError("holds no rows", path=log)
     told: tuple[str, ...] = ()
     if mapping is None:
-        if model is None:
-            raise ConfigError(
-                "its columns are not limo's own, so `robot` or `mapping` has to say what they are; "
-                "`limo inspect` proposes a mapping",
-                path=log,
-            )
-        proposal = propose(first, model)
+        proposal = proposed(first, model)
         mapping, told, model = proposal.mapping, (said(proposal),), proposal.model
     elif model is not None:
         model = mapped_part(mapping, model)

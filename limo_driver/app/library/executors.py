@@ -116,7 +116,11 @@ class ProcessPool(Generic[TaskT, OutcomeT]):
 
     def submit(self, task: TaskT) -> None:
         """Have a process do a task."""
-        worker = self._idle.pop() if self._idle else self._begun()
+        worker = (
+            self._idle.pop()
+            if self._idle
+            else WorkerProcess(_work, (self._job, self._progress is not None))
+        )
         worker.start(task)
         self._busy[worker.connection] = worker
 
@@ -132,9 +136,6 @@ class ProcessPool(Generic[TaskT, OutcomeT]):
         """Kill the processes."""
         for worker in (*self._idle, *self._busy.values()):
             worker.stop()
-
-    def _begun(self) -> WorkerProcess[TaskT]:
-        return WorkerProcess(_work, (self._job, self._progress is not None))
 
     def _received(self, worker: WorkerProcess[TaskT]) -> list[tuple[TaskT, OutcomeT | str]]:
         """Return the task that has ended, if one has."""
@@ -198,7 +199,18 @@ class RayCluster(Generic[TaskT, OutcomeT]):
         self._tasks: dict[Any, TaskT] = {}  # by Ray's reference
         self._own = not self._ray.is_initialized()
         if self._own:
-            self._connect()
+            quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+            address = os.environ.get("RAY_ADDRESS", "auto")
+            _require_answer(address)
+            try:
+                self._ray.init(address=address, **quiet)
+            except (ConnectionError, RuntimeError, ValueError) as error:
+                if address != "auto" or not isinstance(error, ConnectionError):
+                    raise ConfigError(
+                        f"the cluster at {address} cannot be used: {_line(error)}"
+                    ) from None
+                os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray reports its use
+                self._ray.init(address="local", include_dashboard=False, **quiet)
         try:
             self._require_one_version()
         except BaseException:
@@ -235,20 +247,6 @@ class RayCluster(Generic[TaskT, OutcomeT]):
             self._ray.cancel(sent, force=True)
         if self._own:
             self._ray.shutdown()
-
-    def _connect(self) -> None:
-        quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
-        address = os.environ.get("RAY_ADDRESS", "auto")
-        _require_answer(address)
-        try:
-            self._ray.init(address=address, **quiet)
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            if address != "auto" or not isinstance(error, ConnectionError):
-                raise ConfigError(
-                    f"the cluster at {address} cannot be used: {_line(error)}"
-                ) from None
-            os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # else Ray reports its use
-            self._ray.init(address="local", include_dashboard=False, **quiet)
 
     def _alive(self) -> list[dict[str, Any]]:
         return [node for node in self._ray.nodes() if node["Alive"]]

@@ -83,7 +83,7 @@ def export(
         >>> print(limo.export(sim, "mjcf", "exported/"))
     """
     from limo_driver.exports.export import write
-    from limo_driver.exports.formats import KINDS, MJCF, USD, edited_format
+    from limo_driver.exports.xml_edits import KINDS, MJCF, USD, edited_format
     from limo_driver.recordings.bandwidth import bandwidth_for
     from limo_driver.runtime.installed_mujoco import RELEASE, RELEASES
 
@@ -123,7 +123,7 @@ def export(
 
 def _bare(simulation: Simulation, to: str) -> str:
     """Return the robot as a file of a format that its own is not of."""
-    from limo_driver.exports.formats import MJCF
+    from limo_driver.exports.xml_edits import MJCF
 
     if to != MJCF:
         return simulation.model.description.text

@@ -16,7 +16,6 @@ from limo_driver.logs.readers.inspection import NO_MOTION, Inspection, ShownPara
 from limo_driver.logs.readers.mapping import QUANTITIES, Channels, TimeColumns, values_of
 from limo_driver.logs.readers.proposals.times import time_columns
 from limo_driver.pages import Page, arm_view
-from limo_driver.pages.arm_section import lost_meshes, stage, still
 from limo_driver.pages.figures import JOINTS, Curve, Curves, LeftOutRows, curves_section
 from limo_driver.pages.markup import (
     UNSAID,
@@ -28,6 +27,7 @@ from limo_driver.pages.markup import (
     percent,
     section,
 )
+from limo_driver.pages.motion import lost_meshes, stage, still
 from limo_driver.recordings.channels import CHANNELS, Columns, without_wraps
 from limo_driver.recordings.gate.doubts import OneClock
 
@@ -144,7 +144,8 @@ def columns_page(table: LogTable, recording: Recording | None = None) -> Page:
         table: What it holds.
         recording: The same, where it has limo's own columns.
     """
-    _check_rows(table)
+    if not table.rows:
+        raise RecordingError("holds no rows of numbers", path=table.source or None)
     time = time_columns(table).columns
     axis, seconds = _seconds(time, table)
     drawn = list(_as_logged(table, time.columns, is_own=recording is not None))
@@ -183,11 +184,6 @@ def _curves_of(found: Inspection) -> Curves:
         tuple(range(position.shape[1])),
         axis,
     )
-
-
-def _check_rows(table: LogTable) -> None:
-    if not table.rows:
-        raise RecordingError("holds no rows of numbers", path=table.source or None)
 
 
 def _seconds(time: TimeColumns, table: LogTable) -> tuple[str, FloatArray]:

@@ -226,16 +226,25 @@ def columns_of(
     if used is not None:
         part = None if model is None else mapped_part(used, model)
         return used.columns(table, part), used, part
+    proposal = proposed(table, model)
+    columns = proposal.mapping.columns(table, proposal.model)
+    told = (said(proposal), *columns.warnings)
+    return replace(columns, warnings=told), proposal.mapping, proposal.model
+
+
+def proposed(table: LogTable, model: RobotModel | None) -> Proposal:
+    """Return what is proposed for a table without a mapping.
+
+    Raises:
+        ConfigError: Nobody says what arm it is of.
+    """
     if model is None:
         raise ConfigError(
             "its columns are not limo's own, so `robot` or `mapping` has to say what they are; "
             "`limo inspect` proposes a mapping",
             path=table.source or None,
         )
-    proposal = propose(table, model)
-    columns = proposal.mapping.columns(table, proposal.model)
-    told = (said(proposal), *columns.warnings)
-    return replace(columns, warnings=told), proposal.mapping, proposal.model
+    return propose(table, model)
 
 
 def said(proposal: Proposal) -> str:

@@ -269,7 +269,7 @@ def _check_signing(trust: Sequence[Path], sign: Path | None, model: object) -> N
     if model is not None and (trust or sign is not None):
         raise ConfigError("`trust` and `sign` are for the versions of a `store`")
     if sign is not None:
-        from estimators.service.store.signature import check_signing
+        from estimators.service.store.aliases import check_signing
 
         check_signing(sign, trust)
 

@@ -128,7 +128,9 @@ def sweep(
     require_folder(folder, "the sweep")
     with only_writer(folder):
         store = SweepStore.at(folder, known)
-        ended = _ended(job, trials, store, (workers, on), progress or _silent)
+        ended = _ended(
+            job, trials, store, (workers, on), progress or (lambda _trial, _done, _all: None)
+        )
         found = Sweep(ended, tried.varied)
         save_sweep(found, folder)
     if not found.ranked:
@@ -160,10 +162,6 @@ def _ended(
             ended[trial.key] = store.finished(trial) or replace(trial, error="cannot be read")
         progress(ended[trial.key], len(ended), len(trials))
     return tuple(ended[trial.key] for trial in trials)
-
-
-def _silent(_trial: SweepTrial | None, _done: int, _all: int) -> None:
-    return
 
 
 def _space_of(space: SweepSpace | Path | str) -> SweepSpace:

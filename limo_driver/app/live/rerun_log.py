@@ -61,7 +61,10 @@ class RerunLog(Closing):
 
     def __init__(self, arm: str, model: RobotModel, target: str) -> None:
         opened = _opener(target)
-        self._rr = _rerun()
+        require_package("rerun", "a view in Rerun")
+        import rerun
+
+        self._rr = rerun
         self._model, self._arm = model, arm
         self._estimated = self._drawn = -1.0  # time stamps of what was logged last [s]
         self._stream: Any = self._rr.RecordingStream(f"limo {arm}")
@@ -88,7 +91,22 @@ class RerunLog(Closing):
         if "torque" in shown and shown["estimate_stamp"] != self._estimated:
             self._estimated = shown["estimate_stamp"]
             self._stream.set_time("time", timestamp=self._estimated)
-            self._log_torques(shown)
+            rr = self._rr
+            for j, name in enumerate(self._model.joint_names):
+                estimate, width = shown["torque"][j], shown["interval"][j]
+                values = {"measured": shown["measured"][j], "estimated": estimate}
+                if estimate is not None and width is not None:
+                    values |= {"lower": estimate - width, "upper": estimate + width}
+                for series, value in values.items():
+                    if value is not None:
+                        self._log(["torque", name, series], rr.Scalars(value))
+                if shown["external"][j] is not None:
+                    self._log(["external torque", name], rr.Scalars(shown["external"][j]))
+            if shown["force"] is not None and None not in shown["position"]:
+                flange = self._model.flange_pose(np.array(shown["position"], dtype=float))[:3, 3]
+                vector = _METRES_PER_NEWTON * np.array(shown["force"], dtype=float)
+                arrow = rr.Arrows3D(origins=[flange], vectors=[vector], colors=[_RED])
+                self._log(["arm", "force"], arrow)
 
     def close(self) -> None:
         """Write what is left, and end the log."""
@@ -136,24 +154,6 @@ class RerunLog(Closing):
             at = self._rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
             self._log(self._link(link), at)
 
-    def _log_torques(self, shown: dict[str, Any]) -> None:
-        rr = self._rr
-        for j, name in enumerate(self._model.joint_names):
-            estimate, width = shown["torque"][j], shown["interval"][j]
-            values = {"measured": shown["measured"][j], "estimated": estimate}
-            if estimate is not None and width is not None:
-                values |= {"lower": estimate - width, "upper": estimate + width}
-            for series, value in values.items():
-                if value is not None:
-                    self._log(["torque", name, series], rr.Scalars(value))
-            if shown["external"][j] is not None:
-                self._log(["external torque", name], rr.Scalars(shown["external"][j]))
-        if shown["force"] is not None and None not in shown["position"]:
-            flange = self._model.flange_pose(np.array(shown["position"], dtype=float))[:3, 3]
-            vector = _METRES_PER_NEWTON * np.array(shown["force"], dtype=float)
-            arrow = rr.Arrows3D(origins=[flange], vectors=[vector], colors=[_RED])
-            self._log(["arm", "force"], arrow)
-
     def _blueprint(self) -> Any:  # noqa: ANN401  # rerun's own
         """Return what stands where: the arm and events on the left, torques on the right."""
         import rerun.blueprint as rrb
@@ -177,13 +177,6 @@ class RerunLog(Closing):
                 ),
             )
         )
-
-
-def _rerun() -> Any:  # noqa: ANN401  # rerun's module
-    require_package("rerun", "a view in Rerun")
-    import rerun
-
-    return rerun
 
 
 def _opener(target: str) -> Callable[[Any], None]:

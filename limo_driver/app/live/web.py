@@ -20,8 +20,8 @@ import numpy as np
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
 from limo_driver.pages import Page, arm_view
-from limo_driver.pages.arm_section import stage
 from limo_driver.pages.markup import paragraph
+from limo_driver.pages.motion import stage
 from limo_driver.quoting import in_html
 from limo_driver.runtime.processes import Closing
 

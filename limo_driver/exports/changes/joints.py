@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
-from limo_driver.exports.formats import MJCF, WITH_ARMATURE, WITH_FRICTION
+from limo_driver.exports.xml_edits import MJCF, WITH_ARMATURE, WITH_FRICTION
 from limo_driver.model.descriptions.description import (
     JointDynamics,
     StatedBristles,
@@ -27,6 +27,7 @@ from limo_driver.physics import (
     PositionDependentFriction,
     PreslidingHysteresis,
     QuadraticDrag,
+    Simulation,
     SpringLoad,
     TorqueRipple,
     ViscousFriction,
@@ -35,10 +36,6 @@ from limo_driver.physics.described import SIGN_WIDTH
 from limo_driver.physics.effect import TorqueEffect
 from limo_driver.physics.effects.friction import VelocityFriction
 from limo_driver.physics.effects.hysteresis import LAWS, MAXWELL_SLIP
-
-if TYPE_CHECKING:
-    from limo_driver.physics import Simulation
-
 
 _SHARP: Final = 1e-4  # [rad/s]
 _STIFFER: Final = 1.2  # than height over mean width: least torque left of four elements

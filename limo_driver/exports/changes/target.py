@@ -24,8 +24,7 @@ from limo_driver.exports.changes.bodies import (
 )
 from limo_driver.exports.changes.joints import EffectSplit, split
 from limo_driver.exports.changes.origin import FileOrigin
-from limo_driver.exports.formats import MJCF, USD, edited_format
-from limo_driver.exports.xml_edits import XmlText
+from limo_driver.exports.xml_edits import MJCF, USD, XmlText, edited_format
 from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.physics import (

@@ -294,25 +294,7 @@ def joint_limits(
     if assumed:
         velocity = np.where(velocity > 0, velocity, np.where(chain.sliding, _SLOW_SLIDE, _SLOW))
         torque = np.where(torque > 0, torque, np.inf)
-    _narrow(chain, lower, upper, velocity, path)
-    planned = _JERK_PER_VELOCITY * velocity
-    if jerk is not None:
-        planned = np.where(np.isfinite(jerk), jerk, planned)
-    return JointLimits(
-        position_min=lower,
-        position_max=upper,
-        velocity=velocity,
-        acceleration=_ACCELERATION_PER_VELOCITY * velocity,
-        jerk=planned,
-        torque=torque,
-        torque_rate=_TORQUE_RATE_PER_TORQUE * torque,
-    )
-
-
-def _narrow(
-    chain: Chain, lower: FloatArray, upper: FloatArray, velocity: FloatArray, path: Path
-) -> None:
-    """Narrow limits (n,) to those at which followers reach theirs."""
+    # Narrow limits (n,) to those at which followers reach theirs
     tree, linkage = chain.tree, chain.linkage
     for link in np.flatnonzero(linkage.own[linkage.driver] != np.arange(linkage.links)).tolist():
         joint, ratio = int(linkage.driver[link]), float(linkage.ratio[link])
@@ -328,6 +310,18 @@ def _narrow(
                 "position of that at which both are within their limits",
                 path=path,
             )
+    planned = _JERK_PER_VELOCITY * velocity
+    if jerk is not None:
+        planned = np.where(np.isfinite(jerk), jerk, planned)
+    return JointLimits(
+        position_min=lower,
+        position_max=upper,
+        velocity=velocity,
+        acceleration=_ACCELERATION_PER_VELOCITY * velocity,
+        jerk=planned,
+        torque=torque,
+        torque_rate=_TORQUE_RATE_PER_TORQUE * torque,
+    )
 
 
 def is_nearly_possible(body: Inertial) -> bool:

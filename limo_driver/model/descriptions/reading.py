@@ -2,33 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Final, cast
+from pathlib import Path
+from typing import Final, cast
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.description import Following, JointDynamics, RobotDescription
+from limo_driver.model.descriptions.description import (
+    Following,
+    JointDynamics,
+    RobotDescription,
+    read_xml,
+)
 from limo_driver.model.descriptions.geometry import numbers, rotation_of, rpy_of, turned
-from limo_driver.model.descriptions.urdf_checks import check_urdf, end_of
-from limo_driver.model.descriptions.urdf_mends import (
+from limo_driver.model.descriptions.urdf_checks import (
+    check_urdf,
+    end_of,
     mended,
     plain,
     unranged_notes,
     with_plain_numbers,
     without_ends,
 )
-from limo_driver.model.descriptions.xml_text import read_xml
 from limo_driver.runtime.display import shortened
 from limo_driver.runtime.given_files import apart
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 USD_ENDINGS: Final = (".usd", ".usda", ".usdc", ".usdz")
 _TURNING: Final = ("revolute", "continuous")

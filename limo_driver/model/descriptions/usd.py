@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -38,9 +38,7 @@ from limo_driver.model.descriptions.usd_joints import (
     write_shapes,
 )
 from limo_driver.runtime.plugins import require_package
-
-if TYPE_CHECKING:
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _AXES: Final = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 INERTIA: Final = "newton:inertia"  # about the centre of mass, in axes of the body
@@ -147,6 +145,8 @@ def read_usd(path: Path) -> RobotDescription:
         ConfigError: It cannot be opened, its base floats, a joint has more than one axis, or a body
             lacks mass or inertia.
     """
+    from pxr import UsdGeom
+
     stage = open_stage(path)
     joints, bodies = joints_of(stage, path), bodies_of(stage, path)
     if not bodies:
@@ -161,7 +161,25 @@ def read_usd(path: Path) -> RobotDescription:
     for name, prim in bodies.items():
         link = _write_link(root, name, prim, shifts[name], path, is_base=name not in tree)
         hulls |= write_shapes(link, prim, bodies, shifts[name])
-    _write_base(root, stage, joints, bodies, tree, path)
+    (base, *others) = [name for name in bodies if name not in tree] or [""]
+    if others or not base:
+        raise ConfigError(
+            f"its bodies are no tree: {', '.join([base, *others]) or 'none'} at the root", path=path
+        )
+    ends = [_ends(stage, joint) for joint in joints]
+    if not any(None in pair and bodies[base] in pair for pair in ends):
+        raise ConfigError(
+            f"its base {base} is fixed to nothing; limo's arms stand on a fixed base, which a "
+            "PhysicsFixedJoint to the world makes it",
+            path=path,
+        )
+    pose = UsdGeom.XformCache().GetLocalToWorldTransform(bodies[base]).RemoveScaleShear()
+    matrix = np.array(pose, dtype=np.float64)  # of rows
+    mount = ET.SubElement(root, "joint", name="world_mount", type="fixed")
+    place, R = matrix[3, :3], matrix[:3, :3].T
+    ET.SubElement(mount, "origin", xyz=numbers(place), rpy=numbers(rpy_of(R)))
+    ET.SubElement(mount, "parent", link="world")
+    ET.SubElement(mount, "child", link=base)
     for name, joint in tree.items():
         _write_joint(root, stage, joint, name, shifts)
         dynamics[joint.GetName()] = dynamics_of(joint)
@@ -274,37 +292,6 @@ def _tensor(moments: Any, turned: Any, prim: Any) -> FloatArray | None:  # noqa:
     for (i, j), value in zip(ORDER, six.Get(), strict=True):
         tensor[i, j] = tensor[j, i] = value
     return tensor
-
-
-def _write_base(
-    root: ET.Element,
-    stage: Any,  # noqa: ANN401
-    joints: list[Any],
-    bodies: dict[str, Any],
-    tree: dict[str, Any],
-    path: Path,
-) -> None:
-    from pxr import UsdGeom
-
-    (base, *others) = [name for name in bodies if name not in tree] or [""]
-    if others or not base:
-        raise ConfigError(
-            f"its bodies are no tree: {', '.join([base, *others]) or 'none'} at the root", path=path
-        )
-    ends = [_ends(stage, joint) for joint in joints]
-    if not any(None in pair and bodies[base] in pair for pair in ends):
-        raise ConfigError(
-            f"its base {base} is fixed to nothing; limo's arms stand on a fixed base, which a "
-            "PhysicsFixedJoint to the world makes it",
-            path=path,
-        )
-    pose = UsdGeom.XformCache().GetLocalToWorldTransform(bodies[base]).RemoveScaleShear()
-    matrix = np.array(pose, dtype=np.float64)  # of rows
-    joint = ET.SubElement(root, "joint", name="world_mount", type="fixed")
-    place, R = matrix[3, :3], matrix[:3, :3].T
-    ET.SubElement(joint, "origin", xyz=numbers(place), rpy=numbers(rpy_of(R)))
-    ET.SubElement(joint, "parent", link="world")
-    ET.SubElement(joint, "child", link=base)
 
 
 def _write_joint(

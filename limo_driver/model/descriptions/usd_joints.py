@@ -14,18 +14,15 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from limo_driver.model.descriptions.description import JointDynamics, StatedMotor, StatedServo
 from limo_driver.model.descriptions.geometry import numbers, rpy_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 DEGREES: Final = 180.0 / math.pi  # [deg/rad]
 KINDS: Final = {

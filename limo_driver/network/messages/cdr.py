@@ -11,19 +11,15 @@ Source: OMG, "DDS-XTypes 1.3", section 7.4 (plain CDR, version 1).
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from limo_driver.errors import ShapeError, WireFormatError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 HEADER_SIZE = 4

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 
@@ -18,12 +19,7 @@ from limo_driver.network.messages.cdr import (
     check_lengths,
     utf8,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Self
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _DOUBLES: Final = np.dtype("<f8")
 _LONGEST = 65536  # bytes, room for a thousand joints; a stranger's names are not read for seconds

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import Any, Final, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages.cdr import (
@@ -27,14 +29,7 @@ from limo_driver.network.messages.cdr import (
     split_time,
     utf8,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
-
+from limo_driver.types import FloatArray
 
 _STAMP: Final = struct.Struct("<iI")
 
@@ -263,21 +258,17 @@ def decode_event(payload: bytes | memoryview) -> Event:
     """
     reader = CdrReader(payload)
     stamp_ns = reader.time("stamp")
-    level = _level(reader)
+    value = reader.number("B", "level")
+    if value not in set(Level):
+        known = ", ".join(str(int(level)) for level in Level)
+        raise WireFormatError(f"level is {value}, expected one of {known}", reader.offset - 1)
+    level = Level(value)
     kind = reader.string("name")
     text, facts = _message(reader)
     file, function = reader.string("file"), reader.string("function")
     line = reader.number("I", "line")
     reader.end()
     return Event(stamp_ns, level, kind, text, facts, file, function, line)
-
-
-def _level(reader: CdrReader) -> Level:
-    value = reader.number("B", "level")
-    if value not in set(Level):
-        known = ", ".join(str(int(level)) for level in Level)
-        raise WireFormatError(f"level is {value}, expected one of {known}", reader.offset - 1)
-    return Level(value)
 
 
 def _message(reader: CdrReader) -> tuple[str, dict[str, Any]]:

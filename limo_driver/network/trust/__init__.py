@@ -66,29 +66,6 @@ def write_trust(
     require_package("cryptography", "a certificate")
     from limo_driver.network.trust.roles import Authority
 
-    _check(hosts, days)
-    require_folder(folder, "certificates and configurations")
-    authority = Authority.new(days)
-    passwords = {name: secrets.token_urlsafe(_PASSWORD_BYTES) for name in ROLES}
-    files = _pair(folder / _AUTHORITY, authority.issued)
-    for role in ROLES.values():
-        own = folder / role.name
-        files |= _pair(own, authority.issue(role.name, hosts.get(role.name)))
-        files[own / f"{_AUTHORITY}.pem"] = authority.issued.certificate
-        files[own / CONFIGURATION] = _configuration(role, hosts, passwords[role.name]).encode()
-        if users := [name for name, other in ROLES.items() if role.name in other.links_to]:
-            files[own / _USERS] = _dictionary(users, passwords)
-    if not force and (there := [path for path in files if os.path.lexists(path)]):
-        raise ConfigError(
-            "is there already, and others trust it; give `force` to write it over", path=there[0]
-        )
-    with _opened(folder) as root:
-        for path, content in files.items():
-            _write_privately(root, path, content)
-    return TrustFolder(folder, {name: folder / name / CONFIGURATION for name in ROLES})
-
-
-def _check(hosts: Mapping[str, Host], days: int) -> None:
     reached = {name for role in ROLES.values() for name in role.links_to}
     if set(hosts) != reached:
         raise ConfigError(f"hosts of {', '.join(sorted(hosts))}, expected of {sorted(reached)}")
@@ -100,14 +77,29 @@ def _check(hosts: Mapping[str, Host], days: int) -> None:
         raise ConfigError(
             f"certificates would be valid for {days} days, expected 1 to {_MOST_DAYS}"
         )
+    require_folder(folder, "certificates and configurations")
+    authority = Authority.new(days)
+    passwords = {name: secrets.token_urlsafe(_PASSWORD_BYTES) for name in ROLES}
+    files = _pair(folder / _AUTHORITY, authority.issued)
+    for role in ROLES.values():
+        own = folder / role.name
+        files |= _pair(own, authority.issue(role.name, hosts.get(role.name)))
+        files[own / f"{_AUTHORITY}.pem"] = authority.issued.certificate
+        files[own / CONFIGURATION] = _configuration(role, hosts, passwords[role.name]).encode()
+        if users := [name for name, other in ROLES.items() if role.name in other.links_to]:
+            files[own / _USERS] = "".join(f"{name}:{passwords[name]}\n" for name in users).encode()
+    if not force and (there := [path for path in files if os.path.lexists(path)]):
+        raise ConfigError(
+            "is there already, and others trust it; give `force` to write it over", path=there[0]
+        )
+    with _opened(folder) as root:
+        for path, content in files.items():
+            _write_privately(root, path, content)
+    return TrustFolder(folder, {name: folder / name / CONFIGURATION for name in ROLES})
 
 
 def _pair(folder: Path, issued: Issued) -> dict[Path, bytes]:
     return {folder / "certificate.pem": issued.certificate, folder / "key.pem": issued.key}
-
-
-def _dictionary(users: list[str], passwords: Mapping[str, str]) -> bytes:
-    return "".join(f"{name}:{passwords[name]}\n" for name in users).encode()
 
 
 @contextmanager

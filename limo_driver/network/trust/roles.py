@@ -96,7 +96,11 @@ ROLES: Final = {
 
 def access_control(role: Role) -> dict[str, Any]:
     """Return Zenoh's `access_control` for sessions of a role."""
-    others = _linked(role)
+    others = [
+        other
+        for other in ROLES.values()
+        if other.name in role.links_to or role.name in other.links_to
+    ]
     rules = [_rule("ours", _ALL_MESSAGES, _EVERYTHING, "egress"), _hears()]
     for other in others:
         rules += _sends(other)
@@ -113,14 +117,6 @@ def access_control(role: Role) -> dict[str, Any]:
             for other in others
         ],
     }
-
-
-def _linked(role: Role) -> list[Role]:
-    return [
-        other
-        for other in ROLES.values()
-        if other.name in role.links_to or role.name in other.links_to
-    ]
 
 
 def _subject(role: Role, other: Role) -> dict[str, Any]:

@@ -136,20 +136,6 @@ class PreslidingHysteresis(TorqueEffect):
     def __post_init__(self) -> None:
         super().__post_init__()
         law = LAWS[self.law]
-        self._check_parameters(law)
-        for name, value in law.optional.items():
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, value)
-        self._same_length(
-            *(name for name in law.required if isinstance(getattr(self, name), tuple))
-        )
-        for up, down in zip(self.up, self.down, strict=True):
-            if up < down:
-                raise ConfigError(
-                    f"{self.place}: a relay goes up at {up:g} rad, below its down at {down:g} rad"
-                )
-
-    def _check_parameters(self, law: Law) -> None:
         given = {
             known.name
             for known in self.parameters()
@@ -162,6 +148,17 @@ class PreslidingHysteresis(TorqueEffect):
                 f"{self.place}: law {self.law} has no {', '.join(foreign)}; "
                 f"it has {', '.join(law.parameters)}"
             )
+        for name, value in law.optional.items():
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, value)
+        self._same_length(
+            *(name for name in law.required if isinstance(getattr(self, name), tuple))
+        )
+        for up, down in zip(self.up, self.down, strict=True):
+            if up < down:
+                raise ConfigError(
+                    f"{self.place}: a relay goes up at {up:g} rad, below its down at {down:g} rad"
+                )
 
     @property
     def initial_stiffness(self) -> float:

@@ -8,8 +8,10 @@ from __future__ import annotations
 import gzip
 import io
 import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from pathlib import Path
+from typing import Any, Final, Generic, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -17,10 +19,6 @@ from pyarrow import csv
 
 from limo_driver.errors import RecordingError
 from limo_driver.runtime.given_files import Spent
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
-    from pathlib import Path
 
 # pyarrow ships no type stubs, so its tables are unknown to the checker.
 # pyright: reportUnknownParameterType=false

@@ -9,8 +9,10 @@ import gzip
 import re
 import zlib
 from codecs import getincrementaldecoder
+from collections.abc import Collection, Iterator
 from csv import reader
-from typing import TYPE_CHECKING, Any, NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 from pyarrow import csv
@@ -26,10 +28,6 @@ from limo_driver.recordings.files.batches import (
     text_source,
 )
 from limo_driver.runtime.display import shortened
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
-    from pathlib import Path
 
 _HEAD = 65536  # bytes that are looked at
 _LINES = 20

@@ -22,7 +22,7 @@ import zlib
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -31,11 +31,7 @@ import pyarrow.parquet as pq
 from limo_driver.errors import PlacedError, RecordingError
 from limo_driver.recordings.files.batches import STRETCH, most_rows
 from limo_driver.runtime.given_files import Spent, check_file
-
-if TYPE_CHECKING:
-    from typing import BinaryIO
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 DAMAGE: Final = (OSError, pa.ArrowException, UnicodeDecodeError)  # of a file that is none
 _WIDEST: Final = 1 << 15  # bytes of a column in one row: 4096 numbers; images have more

@@ -15,9 +15,10 @@ import io
 import json
 import os
 import threading
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -29,11 +30,7 @@ from limo_driver.recordings.files.parquet import DAMAGE, LogStream, StoredLog, w
 from limo_driver.runtime import written_by
 from limo_driver.runtime.outputs import reason, replacing, require_parquet
 from limo_driver.runtime.processes import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from limo_driver.types import FloatArray, JointState
+from limo_driver.types import FloatArray, JointState
 
 METADATA_KEY = b"limo.recording"
 FLUSH_PERIOD = 0.25  # [s]; a killed process loses about this much
@@ -164,7 +161,15 @@ class Recorder(Closing):
             self._stream.close()
             self._sync()
             self._file.close()
-            _to_parquet(self.partial, self.path)
+            # Turn the stream into Parquet, batch by batch, so that it is whole or absent
+            log = StoredLog(self.partial)
+            with replacing(self.path) as draft:
+                with pq.ParquetWriter(draft, log.schema, use_dictionary=False) as writer:
+                    for table in blocks_of(log.batches(), log.schema, _ROWS_OF_GROUP):
+                        writer.write_table(table)
+                if losses := log.describe_losses():
+                    raise pa.ArrowInvalid(f"its log {losses}")
+            self.partial.unlink()
         except (OSError, MemoryError, pa.ArrowException) as error:
             self._abandon()
             raise self._lost(error) from None
@@ -283,15 +288,3 @@ def _schema(quantities: tuple[str, ...], n: int, header: Mapping[str, Any]) -> p
             METADATA_KEY: json.dumps({written_by.KEY: written_by.installed(), **header}).encode()
         },
     )
-
-
-def _to_parquet(partial: Path, path: Path) -> None:
-    """Turn the stream into Parquet, batch by batch, so that it is whole or absent."""
-    log = StoredLog(partial)
-    with replacing(path) as draft:
-        with pq.ParquetWriter(draft, log.schema, use_dictionary=False) as writer:
-            for table in blocks_of(log.batches(), log.schema, _ROWS_OF_GROUP):
-                writer.write_table(table)
-        if losses := log.describe_losses():
-            raise pa.ArrowInvalid(f"its log {losses}")
-    partial.unlink()

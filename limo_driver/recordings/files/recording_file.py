@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,12 +25,7 @@ from limo_driver.runtime import written_by
 from limo_driver.runtime.display import shortened
 from limo_driver.runtime.given_files import check_file
 from limo_driver.runtime.outputs import require_parquet, whole
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping
-    from pathlib import Path
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 # a joint of four digits at most: no file has more columns
 _JOINT_COLUMN = re.compile(r"(?P<quantity>[a-z_]*[a-z])_(?P<joint>[1-9]\d{0,3})")

@@ -19,17 +19,14 @@ systems", 1963, of which the last pass takes no inverse.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from limo_driver.recordings.filters.differentiation import Derivatives, impulse_responses, smooth
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _CALMER: Final = (1.0, 0.25, 0.0625)  # times the sharpest bandwidth; more of them gain nothing
 _SWITCHES: Final = 0.1  # [1/s], from each to another; ten times less or more changes little

@@ -145,7 +145,31 @@ class CausalDifferentiator(CausalFilter):
     """
 
     def __init__(self, rate: float, bandwidth: float, delay: float) -> None:
-        super().__init__(rate, _taps(rate, bandwidth, _samples(rate, bandwidth, delay)))
+        # The delay in samples, of values that were found to be possible
+        for name, value, unit in (
+            ("rate", rate, "Hz"),
+            ("bandwidth", bandwidth, "Hz"),
+            ("delay", delay, "s"),
+        ):
+            if not 0 < value < np.inf:
+                raise ConfigError(f"{name} = {value:g} {unit} has to be above 0 and finite")
+        if bandwidth > HIGHEST_BANDWIDTH * rate:
+            raise ConfigError(
+                f"a bandwidth of {bandwidth:g} Hz is too high for positions at {rate:g} Hz; "
+                f"at most {HIGHEST_BANDWIDTH * rate:.3g} Hz"
+            )
+        longest = min(LONGEST_DELAY, MOST_SAMPLES / rate)
+        if delay > longest:
+            raise ConfigError(
+                f"a delay of {delay:g} s is too long at {rate:g} Hz; at most {longest:.3g} s"
+            )
+        samples = round(delay * rate)
+        if samples < FEWEST_SAMPLES:
+            raise ConfigError(
+                f"a delay of {delay:g} s is {samples} samples at {rate:g} Hz; "
+                f"at least {FEWEST_SAMPLES / rate:.3g} s, {FEWEST_SAMPLES} samples, are needed"
+            )
+        super().__init__(rate, _taps(rate, bandwidth, samples))
         self.bandwidth = bandwidth
 
     def step(
@@ -187,34 +211,6 @@ class CausalDifferentiator(CausalFilter):
         """
         values, after = self.filter(memory, time, position)
         return Motion.trusted(time - self.delay, values[0], values[1], values[2]), after
-
-
-def _samples(rate: float, bandwidth: float, delay: float) -> int:
-    """Return the delay in samples, of values that were found to be possible."""
-    for name, value, unit in (
-        ("rate", rate, "Hz"),
-        ("bandwidth", bandwidth, "Hz"),
-        ("delay", delay, "s"),
-    ):
-        if not 0 < value < np.inf:
-            raise ConfigError(f"{name} = {value:g} {unit} has to be above 0 and finite")
-    if bandwidth > HIGHEST_BANDWIDTH * rate:
-        raise ConfigError(
-            f"a bandwidth of {bandwidth:g} Hz is too high for positions at {rate:g} Hz; "
-            f"at most {HIGHEST_BANDWIDTH * rate:.3g} Hz"
-        )
-    longest = min(LONGEST_DELAY, MOST_SAMPLES / rate)
-    if delay > longest:
-        raise ConfigError(
-            f"a delay of {delay:g} s is too long at {rate:g} Hz; at most {longest:.3g} s"
-        )
-    samples = round(delay * rate)
-    if samples < FEWEST_SAMPLES:
-        raise ConfigError(
-            f"a delay of {delay:g} s is {samples} samples at {rate:g} Hz; "
-            f"at least {FEWEST_SAMPLES / rate:.3g} s, {FEWEST_SAMPLES} samples, are needed"
-        )
-    return samples
 
 
 def _taps(rate: float, bandwidth: float, samples: int) -> FloatArray:

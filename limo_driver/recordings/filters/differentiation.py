@@ -8,22 +8,17 @@ through the same filter stay comparable: none lags behind the other.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 ORDER = 4  # of the Butterworth filter; run twice, hence 8
 HIGHEST_BANDWIDTH = 0.4  # of the sampling rate; nearer to 0.5 the filter has no room to fall

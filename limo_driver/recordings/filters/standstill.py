@@ -17,15 +17,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from limo_driver.recordings.filters.causal_differentiation import CausalDifferentiator, DelayLine
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 REACH: Final = 5.0  # standard deviations of the mean position, within which a joint rests
 SETTLED: Final = 0.1  # [s] for which it has to; a reversal of 0.01 rad/s² is over by then

@@ -206,11 +206,15 @@ def doubts_about_rows(columns: Columns, rows: NDArray[np.int64]) -> tuple[str, .
         columns: Of the whole recording.
         rows: That can be used, (T,).
     """
+    found: list[str] = []
+    for quantity, values in columns.quantities().items():
+        if holes := int((~np.isfinite(values[rows])).any(axis=1).sum()):
+            found.append(f"{quantity} is missing in {holes} rows")
     return (
         *(() if columns.spread else about_gaps(columns.time[rows])),
         *_about_joints(columns, rows),
         *_about_velocity(columns, rows),
-        *_about_holes(columns, rows),
+        *found,
     )
 
 
@@ -264,14 +268,6 @@ def _about_joints(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
         no_torque = columns.command is not None and torque[0] == 0
         if np.ptp(torque) == 0 and not (is_warned or no_torque):
             found.append(f"torque_{j + 1} is always {torque[0]:g} N m")
-    return found
-
-
-def _about_holes(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
-    found: list[str] = []
-    for quantity, values in columns.quantities().items():
-        if holes := int((~np.isfinite(values[rows])).any(axis=1).sum()):
-            found.append(f"{quantity} is missing in {holes} rows")
     return found
 
 

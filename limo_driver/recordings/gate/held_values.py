@@ -104,7 +104,16 @@ def held_position(
     caught_up = (stops - starts >= FEWEST) & (jump > LEAST_JUMP)
     caught_up &= speed > FASTER * speed.max(initial=0.0, where=~caught_up)
     if command is not None and caught_up.any():
-        caught_up &= ~_sticks(time, position, command, starts, stops)
+        # Whether friction may have held a joint over runs of rows, until it broke away, (K,)
+        away = np.abs(position[stops] - position[stops - 1])
+        reach = 0.25 * MOST_ACCELERATION * (time[stops] - time[stops - 1]) ** 2
+        behind = stops[-1]  # runs follow one another without a gap
+        swing = np.maximum.reduceat(command[:behind], starts) - np.minimum.reduceat(
+            command[:behind], starts
+        )
+        second, most = np.sort(swing)[-2:]
+        other = np.where(swing == most, second, most)
+        caught_up &= ~((away < reach) & ((starts == 0) | (other > _ALIKE * swing)))
     for k in np.flatnonzero(caught_up):
         first, stop = int(starts[k]), int(stops[k])
         held[first + 1 : stop] = command is None or not _rests(time, command, first, stop)
@@ -157,36 +166,6 @@ def _rests(time: FloatArray, command: FloatArray, first: int, stop: int) -> bool
     """Say whether a joint is told to rest over a stretch of rows, but at its end."""
     last = int(np.searchsorted(time, time[stop] - LATEST, "right"))
     return last > first + 1 and float(np.ptp(command[first:last])) < LEAST_JUMP
-
-
-def _sticks(
-    time: FloatArray,
-    position: FloatArray,
-    command: FloatArray,
-    starts: NDArray[np.int64],
-    stops: NDArray[np.int64],
-) -> NDArray[np.bool_]:
-    """Say whether friction may have held a joint over runs of rows, until it broke away, (K,).
-
-    From rest to rest within a row it goes no further than its acceleration lets it. And friction
-    holds a joint wherever it starts: at first, or in another rest while its command moves as much.
-
-    Args:
-        time: (T,) [s].
-        position: (T,) [rad].
-        command: (T,) [rad].
-        starts: First rows of runs of equal positions, (K,).
-        stops: Rows behind them, (K,).
-    """
-    away = np.abs(position[stops] - position[stops - 1])
-    reach = 0.25 * MOST_ACCELERATION * (time[stops] - time[stops - 1]) ** 2
-    behind = stops[-1]  # runs follow one another without a gap
-    swing = np.maximum.reduceat(command[:behind], starts) - np.minimum.reduceat(
-        command[:behind], starts
-    )
-    second, most = np.sort(swing)[-2:]
-    other = np.where(swing == most, second, most)
-    return (away < reach) & ((starts == 0) | (other > _ALIKE * swing))
 
 
 def _runs(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -190,12 +190,26 @@ class _Gate:
 
     def check_values(self) -> None:
         """Leave out rows with a value that is none."""
-        self.leave_out("a value is missing or not finite", self.not_finite())
+        # Only what a fit needs counts; a hole in the temperature costs no row
+        finite = np.isfinite(self.columns.time)
+        for values in (self.columns.position, self.columns.torque, self.columns.command):
+            if values is not None:
+                finite &= np.isfinite(values).all(axis=1)
+        self.leave_out("a value is missing or not finite", ~finite[self.rows])
         self.leave_out("a value is impossible", self.impossible())
 
     def check_times(self) -> Mask:
         """Leave out single rows out of time; return which of the others are in short fragments."""
-        self.check_direction()
+        # Refuse rows in no order of time: no run of them would be left to be judged
+        back = np.flatnonzero(np.diff(self.time) < 0)
+        if back.size > _BACKWARDS * max(self.time.size - 1, 1):
+            first, second = self.rows[back[0]], self.rows[back[0] + 1]
+            raise RecordingError(
+                f"the time runs backwards in {back.size} of {self.time.size} rows, at row {second} "
+                f"from {self.columns.time[first]:.6g} s to {self.columns.time[second]:.6g} s; "
+                "expected rows in order of time",
+                rows=[int(second)],
+            )
         self.leave_out("the time repeats that of the row before", self.repeated())
         self.leave_out("a value is impossible", self.impossible_time())
         self.leave_out("the time does not increase", self.astray())
@@ -209,14 +223,6 @@ class _Gate:
         self.leave_out(f"less than {SHORTEST_PIECE:g} s between gaps", self.short())
         self.check_amount()
         self.check_units()
-
-    def not_finite(self) -> Mask:
-        """Only what a fit needs counts; a hole in the temperature costs no row."""
-        finite = np.isfinite(self.columns.time)
-        for values in (self.columns.position, self.columns.torque, self.columns.command):
-            if values is not None:
-                finite &= np.isfinite(values).all(axis=1)
-        return ~finite[self.rows]
 
     def empty(self) -> str:
         """Name the columns that a fit needs and that hold no number at all."""
@@ -236,7 +242,10 @@ class _Gate:
     def impossible(self) -> Mask:
         bad = np.zeros(self.rows.size, dtype=bool)
         for quantity, values in self.columns.quantities().items():
-            limit = self._farthest(quantity)
+            # How large a quantity of each joint may be, (n,)
+            usual = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
+            turning = led_by(VELOCITY, self.columns.led) & (quantity == "position")
+            limit = np.where(turning, _IMPOSSIBLE_EXTRA, usual)
             size = np.abs(values[self.rows])
             self._refuse_systematic(quantity, size > limit, limit)  # NaN compares false
             if quantity == "torque" and size.size:
@@ -244,12 +253,6 @@ class _Gate:
                 limit = np.minimum(limit, np.maximum(factor * np.median(size, axis=0), least))
             bad |= (size > limit).any(axis=1)
         return bad
-
-    def _farthest(self, quantity: str) -> FloatArray:
-        """Return how large a quantity of each joint may be, (n,)."""
-        usual = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
-        turning = led_by(VELOCITY, self.columns.led) & (quantity == "position")
-        return np.where(turning, _IMPOSSIBLE_EXTRA, usual)
 
     def _refuse_systematic(self, quantity: str, beyond: Mask, limit: FloatArray) -> None:
         share = beyond.mean(axis=0) if beyond.size else np.zeros(1)
@@ -259,18 +262,6 @@ class _Gate:
                 f"{quantity}_{j + 1} is beyond ±{limit[j]:g} in {share[j]:.0%} of the rows, "
                 f"expected {_UNIT_HINT[quantity]}",
                 rows=self.rows[np.flatnonzero(beyond[:, j])[:1]].tolist(),
-            )
-
-    def check_direction(self) -> None:
-        """Refuse rows in no order of time: no run of them would be left to be judged."""
-        back = np.flatnonzero(np.diff(self.time) < 0)
-        if back.size > _BACKWARDS * max(self.time.size - 1, 1):
-            first, second = self.rows[back[0]], self.rows[back[0] + 1]
-            raise RecordingError(
-                f"the time runs backwards in {back.size} of {self.time.size} rows, at row {second} "
-                f"from {self.columns.time[first]:.6g} s to {self.columns.time[second]:.6g} s; "
-                "expected rows in order of time",
-                rows=[int(second)],
             )
 
     def repeated(self) -> Mask:

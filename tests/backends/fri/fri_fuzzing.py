@@ -13,7 +13,7 @@ from stepped_arm import SteppedArm, wake
 
 from backends.fri.codec import messages as m
 from backends.fri.codec.codec import encode_command, encode_monitoring
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import Generation
 from limo_driver.errors import LimoError
 from limo_driver.types import PositionCommand, TorqueCommand
 

@@ -8,7 +8,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from backends.fri.codec import messages as m
-from backends.fri.codec.version import FriVersion, Generation
+from backends.fri.codec.messages import FriVersion, Generation
 
 some = settings(max_examples=12, deadline=None)  # each runs for every generation
 GENERATIONS = tuple(Generation)

@@ -14,7 +14,7 @@ from ports import free_port
 
 from backends.fri.codec import messages as m
 from backends.fri.codec.codec import decode_command, encode_monitoring
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import Generation
 from backends.fri.connection import _KERNEL_TIME
 from backends.fri.robot import FriRobot
 

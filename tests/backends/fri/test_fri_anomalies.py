@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fri_messages import POSE
+from fri_messages import GENERATIONS, POSE
 from judged_arm import ACTIVE, GOAL, ROUNDING, moving, pushing, stand_still
 from lanes import sampled
 from robot_commands import position
@@ -10,7 +10,6 @@ from stepped_arm import SteppedArm, stepped
 
 from backends.fri.answers import DOUBTED, FLICKER
 from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
-from backends.fri.codec.version import Generation
 from limo_driver.errors import BackendError, HoldingError
 
 
@@ -201,7 +200,7 @@ class TestAnActiveSessionThatSaysSomethingElse:
             assert torques[real - 1].any()
             assert not torques[-1].any()
 
-    @pytest.mark.parametrize("generation", [Generation.ONE, Generation.TWO_FIVE])
+    @pytest.mark.parametrize("generation", GENERATIONS[:2])
     @pytest.mark.parametrize("state", LEFT_FOR[:2])
     def test_that_it_ended_for_long_goes_on_where_the_arm_was_left(self, state, generation):
         with stepped(generation=generation) as robot:

@@ -12,8 +12,7 @@ from lanes import sampled
 from robot_commands import START
 from stepped_arm import stepped
 
-from backends.fri.codec.messages import CommandMode
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import CommandMode, Generation
 
 POSITION = {
     "test_robot": [

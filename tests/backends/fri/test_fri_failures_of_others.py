@@ -11,8 +11,7 @@ from stepped_arm import keep_kernel_time, stepped
 from backends.fri import FriRobot
 from backends.fri.answers import DOUBTED
 from backends.fri.codec.codec import detect, encode_monitoring
-from backends.fri.codec.messages import CommandMode, Quality, SessionState
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import CommandMode, Generation, Quality, SessionState
 from backends.fri.robot import STALL
 from limo_driver.errors import BackendError, ConnectionLostError, HoldingError, WireFormatError
 from limo_driver.types import PositionCommand, TorqueCommand

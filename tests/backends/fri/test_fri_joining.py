@@ -5,8 +5,7 @@ import pytest
 from fri_messages import POSE
 from stepped_arm import stepped
 
-from backends.fri.codec.messages import SessionState
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import Generation, SessionState
 
 pytestmark = pytest.mark.waits
 

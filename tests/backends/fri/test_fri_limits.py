@@ -14,7 +14,7 @@ from stepped_arm import stepped
 from backends.fri import connection
 from backends.fri.codec import messages
 from backends.fri.codec.codec import encode_monitoring
-from backends.fri.codec.version import FriVersion, Generation
+from backends.fri.codec.messages import FriVersion, Generation
 from backends.fri.connection import Connection, Datagram, pace, unusable
 from backends.fri.wire_limits import VelocityFilter
 from limo_driver.errors import BackendError, ConnectionLostError

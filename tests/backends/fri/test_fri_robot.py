@@ -17,13 +17,13 @@ from backends.fri.codec import messages as m
 from backends.fri.codec.messages import (
     CommandMode,
     DriveState,
+    Generation,
     IoDirection,
     IoType,
     IoValue,
     Quality,
     SessionState,
 )
-from backends.fri.codec.version import Generation
 from limo_driver.errors import (
     BackendError,
     ConfigError,

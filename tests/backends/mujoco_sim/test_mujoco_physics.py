@@ -10,7 +10,7 @@ from lanes import sampled
 from simulated_runs import felt, iiwa, play, rms
 
 from backends.mujoco_sim import MujocoRobot
-from backends.mujoco_sim.drives import friction_damping
+from backends.mujoco_sim.realisation import friction_damping
 from limo_driver.physics import (
     Armature,
     AsymmetricFriction,

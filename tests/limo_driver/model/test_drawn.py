@@ -14,7 +14,7 @@ from limo_driver.model.drawn import (
     drawing_of,
 )
 from limo_driver.pages import arm_view
-from limo_driver.pages.arm_section import arm_section
+from limo_driver.pages.motion import arm_section
 
 URDF = """<robot name="two">
 <material name="orange"><color rgba="1 0.5 0 1"/></material>

@@ -11,9 +11,9 @@ from firefox import program as firefox_program
 
 from limo_driver.model import RobotModel
 from limo_driver.pages import Charts, Ghost, Page, Pin, PlayedMotion, PushArrow, arm_view
-from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import Curve, Curves, LeftOutRows, curves_section
 from limo_driver.pages.markup import paragraph, table
+from limo_driver.pages.motion import arm_section
 
 pytestmark = [
     pytest.mark.slow("starts a browser"),

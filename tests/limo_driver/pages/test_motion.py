@@ -12,9 +12,9 @@ from one_file import arm_of, check_page, drawn
 from limo_driver.model import RobotModel
 from limo_driver.model.kinematics import KinematicChain
 from limo_driver.pages import Charts, Page
-from limo_driver.pages.arm_section import planned_motion
 from limo_driver.pages.figures import rounded_ticks
 from limo_driver.pages.markup import columns, header, listed, next_steps
+from limo_driver.pages.motion import planned_motion
 from limo_driver.trajectory import Trajectory
 from limo_driver.types import Motion
 

@@ -10,7 +10,7 @@ import pytest
 
 from limo_driver.model import RobotModel
 from limo_driver.pages import Pin, arm_view
-from limo_driver.pages.arm_section import HEIGHT, still
+from limo_driver.pages.motion import HEIGHT, still
 
 LONG = "joint 4: quadratic drag 6.012 N m s^2/rad^2 [5.952, 6.072]"
 

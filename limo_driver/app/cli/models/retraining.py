@@ -167,36 +167,19 @@ def retrain(
     if (place.arm is None) == (log is None):
         raise ConfigError("give --arm to ask a running service, or --log to learn without one")
     if place.arm is not None:
-        _refuse_options_of_logs(name, sign, kind)
+        if name is not None or sign is not None or kind != "same":
+            raise ConfigError(
+                "--name, --sign and --kind are for training from --log; the service has its own"
+            )
         with place.asked() as client:
             stage = client.retrain(reason)
         print_found(stage, f"a challenger will be trained: {reason}", as_json=as_json)
         return
     assert log is not None  # noqa: S101  # checked above
-    found = _trained(place.opened(), log, name, seconds, kind, delay, sign)
-    print_found(found, _describe(found), as_json=as_json)
-
-
-def _refuse_options_of_logs(name: str | None, sign: Path | None, kind: str) -> None:
-
-    if name is not None or sign is not None or kind != "same":
-        raise ConfigError(
-            "--name, --sign and --kind are for training from --log; the service has its own"
-        )
-
-
-def _trained(
-    store: ModelStore,
-    log: Path,
-    name: str | None,
-    seconds: float,
-    kind: str,
-    delay: float,
-    sign: Path | None,
-) -> dict[str, Any]:
+    store = place.opened()
     from estimators.service.retraining.logged_motion import Span, newest_motion
     from estimators.service.retraining.trainer import check_kind, train
-    from estimators.service.store.signature import check_signing
+    from estimators.service.store.aliases import check_signing
     from estimators.service.store.store import ModelStore
 
     check_kind(kind)
@@ -205,7 +188,8 @@ def _trained(
     joints = store.open("champion").joints
     motion = newest_motion(log, name or _only_arm(log), joints, Span(seconds))
     signing = ModelStore(store.root, store.robot, store.trusted_keys, sign)
-    return train(signing, motion, delay, kind)
+    found = train(signing, motion, delay, kind)
+    print_found(found, _describe(found), as_json=as_json)
 
 
 def _only_arm(folder: Path) -> str:

@@ -93,34 +93,23 @@ def command(
         with suppress(KeyboardInterrupt):
             if web:
                 page = _PORT if port is None else port
-                _serve(watched, session, keys, robot, page, duration)
+                # Serve the page of an arm until the time is over
+                from limo_driver.app.live.web import ArmFeed, LiveServer
+                from limo_driver.model import BUILT_IN, RobotModel
+
+                model = RobotModel.load(robot or BUILT_IN[0])
+                with (
+                    ArmFeed(session, keys, model, lambda: watched.of(keys.arm)) as feed,
+                    LiveServer(keys.arm, model, feed.snapshot, page) as server,
+                ):
+                    say(f"open {server.address}")
+                    threading.Event().wait(duration)
             elif rerun is not None:
                 _log_to_rerun(watched, session, keys, robot, rerun, duration)
             else:
                 show(watched, duration)
         for subscriber in followed:
             subscriber.undeclare()
-
-
-def _serve(
-    watched: Watched,
-    session: zenoh.Session,
-    keys: Keys,
-    robot: str | None,
-    port: int,
-    duration: float | None,
-) -> None:
-    """Serve the page of an arm until the time is over."""
-    from limo_driver.app.live.web import ArmFeed, LiveServer
-    from limo_driver.model import BUILT_IN, RobotModel
-
-    model = RobotModel.load(robot or BUILT_IN[0])
-    with (
-        ArmFeed(session, keys, model, lambda: watched.of(keys.arm)) as feed,
-        LiveServer(keys.arm, model, feed.snapshot, port) as server,
-    ):
-        say(f"open {server.address}")
-        threading.Event().wait(duration)
 
 
 def _log_to_rerun(

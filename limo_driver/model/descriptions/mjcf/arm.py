@@ -8,13 +8,20 @@ of them.
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.description import RobotDescription, StatedMotor, StatedServo
+from limo_driver.model.descriptions.description import (
+    MOST_JOINTS,
+    RobotDescription,
+    StatedMotor,
+    StatedServo,
+)
 from limo_driver.model.descriptions.mjcf.joints import (
     HINGE,
     OWN,
@@ -33,13 +40,8 @@ from limo_driver.model.descriptions.mjcf.joints import (
 )
 from limo_driver.model.descriptions.mjcf.writer import ArmWriter
 from limo_driver.model.descriptions.urdf_checks import LARGEST
-from limo_driver.model.descriptions.xml_text import MOST_JOINTS
 from limo_driver.runtime.given_files import apart
 from limo_driver.runtime.installed_mujoco import PLASTIC, RELEASE, VERSION, mujoco
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 _PLACED: Final = (  # what an arm is written from
     *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),

@@ -25,8 +25,8 @@ from limo_driver.model.descriptions.description import (
     StatedBristles,
     StatedRipple,
     StatedSlip,
+    read_xml,
 )
-from limo_driver.model.descriptions.xml_text import read_xml
 from limo_driver.runtime.given_files import ReadingBudget
 from limo_driver.runtime.installed_mujoco import mujoco
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -26,9 +26,7 @@ from limo_driver.model.descriptions.mjcf.joints import (
     play_of,
 )
 from limo_driver.runtime.installed_mujoco import mujoco
-
-if TYPE_CHECKING:
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 TURNING: Final = {HINGE: "revolute", SLIDE: "prismatic"}
 _POLYNOMIAL: Final = 5  # coefficients of an equality of joints
@@ -49,7 +47,15 @@ class ArmWriter:
 
     def write(self, body: int) -> None:
         """Write a body with its joint, its inertia and shapes, and all bodies that it carries."""
-        name, joints = body_name(self.model, body), self._joints(body)
+        # The joints of a body; one that lets it float is none, with a note
+        first, many = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])
+        every = range(first, first + many)
+        free = [joint for joint in every if int(self.model.jnt_type[joint]) not in TURNING]
+        self.notes += [
+            f"the base is taken to stand still: {joint_name(self.model, joint)} would let it float"
+            for joint in free
+        ]
+        name, joints = body_name(self.model, body), [joint for joint in every if joint not in free]
         play = play_of(self.model, joints)
         if play is not None:
             joints.remove(play)
@@ -61,7 +67,15 @@ class ArmWriter:
         self._shapes(link, body, anchor)
         self._joints_of(name, body, joints)
         if joint is not None and play is not None:
-            self._play(joint, play)
+            # Take a second hinge of a body for the backlash of its joint
+            title, own = joint_name(self.model, joint), joint_name(self.model, play)
+            low, high = self.model.jnt_range[play].tolist()
+            self.plays[title] = own
+            self.dynamics[title] = replace(self.dynamics[title], gap=high - low)
+            self.notes.append(
+                f"joint {own} has no actuator and {high - low:.3g} rad of range: it is the play of "
+                f"{title}, about the middle of that range"
+            )
         for site in np.flatnonzero(self.model.site_bodyid == body).tolist():
             self._site(name, site, anchor)
         for child in np.flatnonzero(self.model.body_parentid == body).tolist():
@@ -91,17 +105,6 @@ class ArmWriter:
             )
             coupled += 1
         return coupled
-
-    def _joints(self, body: int) -> list[int]:
-        """Return the joints of a body; one that lets it float is none, with a note."""
-        first, many = int(self.model.body_jntadr[body]), int(self.model.body_jntnum[body])
-        every = range(first, first + many)
-        free = [joint for joint in every if int(self.model.jnt_type[joint]) not in TURNING]
-        self.notes += [
-            f"the base is taken to stand still: {joint_name(self.model, joint)} would let it float"
-            for joint in free
-        ]
-        return [joint for joint in every if joint not in free]
 
     def _parent(self, body: int) -> tuple[str, FloatArray]:
         parent = int(self.model.body_parentid[body])
@@ -152,17 +155,6 @@ class ArmWriter:
         most = repr(effort(model, joint))
         ET.SubElement(element, "limit", {**kept, "effort": most, "velocity": "0"})
         self.dynamics[title] = dynamics(model, joint)
-
-    def _play(self, joint: int, play: int) -> None:
-        """Take a second hinge of a body for the backlash of its joint."""
-        title, own = joint_name(self.model, joint), joint_name(self.model, play)
-        low, high = self.model.jnt_range[play].tolist()
-        self.plays[title] = own
-        self.dynamics[title] = replace(self.dynamics[title], gap=high - low)
-        self.notes.append(
-            f"joint {own} has no actuator and {high - low:.3g} rad of range: it is the play of "
-            f"{title}, about the middle of that range"
-        )
 
     def _fixed(self, title: str, parent: str, child: str, place: FloatArray, R: FloatArray) -> None:
         element = ET.SubElement(self.robot, "joint", name=title, type="fixed")

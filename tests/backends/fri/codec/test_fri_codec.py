@@ -20,6 +20,8 @@ from backends.fri.codec.messages import (
     Command,
     CommandData,
     ConnectionInfo,
+    FriVersion,
+    Generation,
     Header,
     IoDirection,
     IoType,
@@ -30,8 +32,8 @@ from backends.fri.codec.messages import (
     SessionState,
     Timestamp,
     Transformation,
+    frame,
 )
-from backends.fri.codec.version import FriVersion, Generation, frame
 from limo_driver.errors import ConfigError, WireFormatError
 
 V1 = FriVersion.V1_15

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from backends.fri.codec.codec import decode_monitoring, encode_command, encode_monitoring
-from backends.fri.codec.version import Generation
+from backends.fri.codec.messages import Generation
 from limo_driver.errors import WireFormatError
 
 

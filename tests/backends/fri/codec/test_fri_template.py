@@ -15,6 +15,7 @@ from backends.fri.codec.messages import (
     Command,
     CommandData,
     ConnectionInfo,
+    Generation,
     Header,
     IoDirection,
     IoType,
@@ -29,7 +30,6 @@ from backends.fri.codec.template import (
     CommandTemplate,
     MonitoringTemplate,
 )
-from backends.fri.codec.version import Generation
 from limo_driver.errors import WireFormatError
 
 

@@ -18,6 +18,7 @@ from backends.fri.codec.messages import (
     CommandMode,
     ConnectionInfo,
     DriveState,
+    Generation,
     IpoData,
     OperationMode,
     Quality,
@@ -25,7 +26,6 @@ from backends.fri.codec.messages import (
     SafetyState,
     SessionState,
 )
-from backends.fri.codec.version import Generation
 from backends.fri.doctor import examine
 from backends.fri.session import advice
 

@@ -9,8 +9,7 @@ import socket
 from controller_runs import LIMO, PATIENCE, process
 
 from backends.fri.codec.codec import decode_monitoring, encode_command
-from backends.fri.codec.messages import Command, CommandData, Header
-from backends.fri.codec.version import FriVersion
+from backends.fri.codec.messages import Command, CommandData, FriVersion, Header
 
 VERSION = FriVersion.V1_15
 BURST = 32  # mutants for each good answer

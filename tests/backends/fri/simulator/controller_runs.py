@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from backends.fri.codec.messages import SessionState
-from backends.fri.codec.version import FriVersion
+from backends.fri.codec.messages import FriVersion, SessionState
+from backends.fri.simulator.connection.port import Address, QualityModel
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.port import Address, QualityModel
-from backends.fri.simulator.session import MODES, ControllerSettings, SessionTimes
+from backends.fri.simulator.settings import MODES, ControllerSettings, SessionTimes
 from limo_driver.robot.realtime import Pace
 
 if TYPE_CHECKING:

@@ -9,12 +9,13 @@ import pytest
 
 from backends.fri.codec.codec import encode_command
 from backends.fri.codec.messages import Command, CommandData, CommandMode, Header, SessionState
+from backends.fri.simulator.connection.port import UNDISTURBED, Address, ClientDatagram, Disturbance
 from backends.fri.simulator.judge import Wanted
 from backends.fri.simulator.listener import CommandedArm, Listener
-from backends.fri.simulator.port import UNDISTURBED, Address, ClientDatagram, Disturbance
 from backends.fri.simulator.report import ClientObservations
 from backends.fri.simulator.scenario import Now
-from backends.fri.simulator.session import POSE, ControllerSession, ControllerSettings, SessionTimes
+from backends.fri.simulator.session import ControllerSession
+from backends.fri.simulator.settings import POSE, ControllerSettings, SessionTimes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -6,8 +6,8 @@ from controller_runs import PATIENT, InStep, last_line, started_client
 from ports import free_port
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
+from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.port import Address
 from backends.fri.simulator.scenario import (
     ControllerScenario,
     Delay,
@@ -23,7 +23,7 @@ from backends.fri.simulator.scenario import (
     Silence,
     SimulatedPush,
 )
-from backends.fri.simulator.session import ControllerSettings
+from backends.fri.simulator.settings import ControllerSettings
 from limo_driver.model import RobotModel
 
 pytestmark = pytest.mark.waits

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
-from backends.fri.simulator.port import (
+from backends.fri.simulator.connection.port import (
     UNDISTURBED,
     Channel,
     ConnectionQuality,
@@ -23,7 +23,8 @@ from backends.fri.simulator.scenario import (
     ScenarioClock,
     SimulatedPush,
 )
-from backends.fri.simulator.session import Circumstances, ControllerSession, SessionTimes
+from backends.fri.simulator.session import Circumstances, ControllerSession
+from backends.fri.simulator.settings import SessionTimes
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:

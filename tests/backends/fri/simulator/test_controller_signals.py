@@ -10,13 +10,14 @@ from backends.fri.codec.codec import encode_command
 from backends.fri.codec.messages import (
     Command,
     CommandData,
+    FriVersion,
+    Generation,
     Header,
     IoDirection,
     IoType,
     IoValue,
     Transformation,
 )
-from backends.fri.codec.version import FriVersion, Generation
 from backends.fri.simulator.judge import (
     Signals,
     check_signal_name,

@@ -25,7 +25,7 @@ from estimators.service.retraining.logged_motion import Span, newest_motion
 from estimators.service.retraining.trainer import TrainingProcess, learned, train
 from estimators.service.settings import RetrainingSettings
 from estimators.service.store import store as store_module
-from estimators.service.store.signature import check_signing
+from estimators.service.store.aliases import check_signing
 from estimators.service.store.store import ModelStore
 from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
 from limo_driver.logs.mcap_log import LogLimits, McapLog

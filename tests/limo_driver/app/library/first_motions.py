@@ -20,10 +20,10 @@ from backends.can.simulator.scenario import SWITCHED_ON, BusScenario, Guide
 from backends.fri import doctor
 from backends.fri.codec.messages import SessionState
 from backends.fri.robot import FriRobot
+from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.port import Address
 from backends.fri.simulator.scenario import ControllerScenario, HandGuiding, SessionCap
-from backends.fri.simulator.session import ControllerSettings
+from backends.fri.simulator.settings import ControllerSettings
 from limo_driver.app.library.first_motion.arms import CanArm, FriArm
 from limo_driver.app.library.first_motion.records import Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.steps import FirstMotionSettings

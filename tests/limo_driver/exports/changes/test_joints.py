@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from limo_driver.exports.changes.joints import sharp, split, stand_in
-from limo_driver.exports.formats import MJCF, URDF
+from limo_driver.exports.xml_edits import MJCF, URDF
 from limo_driver.physics import (
     Armature,
     AsymmetricFriction,

@@ -10,7 +10,7 @@ from mjcf_arms import arm_of
 
 import limo_driver as limo
 from limo_driver.errors import ConfigError
-from limo_driver.exports.mjcf.servos import append_lines, write_motors
+from limo_driver.exports.servos import append_lines, write_motors
 from limo_driver.exports.xml_edits import XmlText
 from limo_driver.model.descriptions.description import JointDynamics, StatedBristles, StatedRipple
 from limo_driver.physics import CoulombFriction, PreslidingHysteresis, Simulation, TorqueRipple

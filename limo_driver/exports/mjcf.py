@@ -18,9 +18,8 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.exports.changes.bodies import write_added
 from limo_driver.exports.changes.origin import alike, write_comment, write_origin
-from limo_driver.exports.mjcf.assets import write_folders
-from limo_driver.exports.mjcf.servos import append_lines, write_motors, write_servos, write_slips
-from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ
+from limo_driver.exports.servos import append_lines, write_motors, write_servos, write_slips
+from limo_driver.exports.xml_edits import Element, XmlText, as_list, differ, write_folders
 from limo_driver.model.descriptions.description import JointDynamics
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.model.descriptions.mjcf import check_includes

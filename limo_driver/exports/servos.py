@@ -215,7 +215,14 @@ def write_motors(
     ):
         if len(had) == len(has) and all(map(_alike_numbers, had, has)):
             continue
-        own = _motors_of(texts, joint, attribute)
+        own = [
+            (text, element)
+            for text in texts
+            for element in text.root.walk()
+            if element.tag == _TAG
+            and element.attributes.get("joint") == joint
+            and attribute in element.attributes
+        ]
         if len(own) != len(had):
             raise ConfigError(
                 f"{attribute} of joint {joint} has to change, but is stated in a default class; "
@@ -257,19 +264,6 @@ def append_lines(text: XmlText, section: str, lines: Sequence[str]) -> None:
         for line in lines:
             text.append(text.root, f"  {line}")
         text.append(text.root, f"</{section}>")
-
-
-def _motors_of(
-    texts: Sequence[XmlText], joint: str, attribute: str
-) -> list[tuple[XmlText, Element]]:
-    return [
-        (text, element)
-        for text in texts
-        for element in text.root.walk()
-        if element.tag == _TAG
-        and element.attributes.get("joint") == joint
-        and attribute in element.attributes
-    ]
 
 
 def _is_own(element: Element, joint: str, attribute: str) -> bool:
@@ -318,7 +312,21 @@ def write_slips(texts: Sequence[XmlText], target: Target, into: Path) -> None:
     for joint, stated, wanted in target.joints():
         if alike(stated.slips, wanted.slips):
             continue
-        _remove(elements, joint, stated, wanted, into)
+        # The plastic springs of the joint go, but tendons that others may count on stay.
+        own = [(text, element) for text, element in elements if _is_plastic(element, joint)]
+        if len(own) != len(stated.slips):
+            raise ConfigError(
+                f"{_YIELD} of joint {joint} has to change, but is stated in a default class; state "
+                "it in its own tendon",
+                path=into,
+            )
+        for text, element in own:
+            if element.attributes.get("name", "").startswith(f"{joint}_slip_"):
+                text.drop(element)
+                continue
+            text.remove(element, _YIELD)
+            if element.tag == "fixed" or not (wanted.stiffness or wanted.cubic):
+                text.set(element, "stiffness", "0")
         rest = as_list(model.joint(joint).qpos0[0])
         lines += [
             f'<fixed name="{in_xml(f"{joint}_slip_{number}")}" {plain}'
@@ -330,30 +338,6 @@ def write_slips(texts: Sequence[XmlText], target: Target, into: Path) -> None:
     for text, element in elements:
         if element.tag == "key":
             text.remove(element, _STATE)  # of so many springs as there were
-
-
-def _remove(
-    elements: Sequence[tuple[XmlText, Element]],
-    joint: str,
-    stated: JointDynamics,
-    wanted: JointDynamics,
-    into: Path,
-) -> None:
-    """Remove the plastic springs of a joint, but leave tendons that others may count on."""
-    own = [(text, element) for text, element in elements if _is_plastic(element, joint)]
-    if len(own) != len(stated.slips):
-        raise ConfigError(
-            f"{_YIELD} of joint {joint} has to change, but is stated in a default class; state it "
-            "in its own tendon",
-            path=into,
-        )
-    for text, element in own:
-        if element.attributes.get("name", "").startswith(f"{joint}_slip_"):
-            text.drop(element)
-            continue
-        text.remove(element, _YIELD)
-        if element.tag == "fixed" or not (wanted.stiffness or wanted.cubic):
-            text.set(element, "stiffness", "0")
 
 
 def _is_plastic(element: Element, joint: str) -> bool:
