@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import is_of_bodies, likelier, names_of
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.quantities import heading_of, of_joints, rounded, value_columns
+from estimators.diagnosis.quantities import heading_of, placed, rounded, value_columns
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.binning import loop_stretch
@@ -261,10 +261,7 @@ def _compared_to(lead: float) -> str:
 
 def _name(item: Explanation, names: Sequence[str] = ()) -> str:
     joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
-    sentences = [
-        f"{display_name(e)} ({of_joints(j, names)})"
-        for e, j in zip(item.effects, joints, strict=False)
-    ]
+    sentences = [placed(e, j, names) for e, j in zip(item.effects, joints, strict=False)]
     return " + ".join(sentences) or "no effect"
 
 
