@@ -92,14 +92,14 @@ def of_joints(joints: Sequence[int], names: Sequence[str] = ()) -> str:
 
 
 def placed(effect: str, joints: Sequence[int], names: Sequence[str] = ()) -> str:
-    """Return an effect with its joints: "backlash of joint 2 (stick)"; of the arm, it stands alone.
+    """Return an effect with its joints: "backlash at joint 2 (stick)"; of the arm, it stands alone.
 
     Args:
         effect: Identifier.
         joints: Where it acts, 1-based.
         names: Of all joints of the arm, where they are known.
     """
-    return display_name(effect) + (f" of {of_joints(joints, names)}" if joints else "")
+    return display_name(effect) + (f" at {of_joints(joints, names)}" if joints else "")
 
 
 def heading_of(joint: int, names: Sequence[str]) -> str:

@@ -67,8 +67,9 @@ class Charts:
 def _inert(value: Any, key: str = "") -> Any:  # noqa: ANN401  # values of plotly
     """Return values of a chart in whose texts plotly finds no tags, but in those of limo's own."""
     if isinstance(value, str):
-        is_own = key == "hovertemplate"
-        return value if is_own else in_line(value).replace("&", "&amp;").replace("<", "&lt;")
+        if key == "hovertemplate":
+            return value
+        return in_line(_with_people(value)).replace("&", "&amp;").replace("<", "&lt;")
     if isinstance(value, dict):
         return {name: _inert(item, name) for name, item in value.items()}
     if isinstance(value, list) and any(isinstance(item, (str, dict, list)) for item in value):
@@ -110,9 +111,13 @@ def header(crumb: str, title: str, *sources: str, badge: tuple[str, str] | None 
 
 def typeset(text: str) -> str:
     """Return a text whose numbers stay beside their units, and intervals and units whole."""
-    named = _PEOPLE.sub(lambda name: name[0].capitalize(), _PERCENT.sub(" %", text))
-    kept = _WHOLE.sub(lambda whole: whole[0].replace(" ", _NBSP), named)
+    spaced = _PERCENT.sub(" %", _with_people(text))
+    kept = _WHOLE.sub(lambda whole: whole[0].replace(" ", _NBSP), spaced)
     return kept.replace("^2", "\N{SUPERSCRIPT TWO}")
+
+
+def _with_people(text: str) -> str:
+    return _PEOPLE.sub(lambda name: name[0].capitalize(), text)
 
 
 def prose(text: str) -> str:

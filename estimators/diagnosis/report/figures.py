@@ -236,7 +236,7 @@ def shifts(moved: Sequence[Shift]) -> Figure:
         "text": [f"{s.nominal:.4g} to {s.fitted:.4g} {s.unit}" for s in moved],
         "hovertemplate": "%{y}: %{text}, %{x} sigma<extra></extra>",
     }  # fmt: skip
-    axes = layout("moved by [standard deviations of its tolerance]", "")
+    axes = layout("moved by [\N{GREEK SMALL LETTER SIGMA}]", "")
     axes["yaxis"] |= {"autorange": "reversed", "automargin": True}
     reach = max(2.5, 1.1 * max((abs(item.sigmas) for item in moved), default=0.0))
     axes["xaxis"] |= {"range": [-reach, reach], "zeroline": True}

@@ -308,7 +308,7 @@ def tests(diagnosis: DiagnosisResult) -> str:
     headings = ("joint", "its error goes with", "explains of its reducible error, beside the above")
     return section(
         "What the error of each joint goes with",
-        folded(f"{len(rows)} dependences", table(headings, rows)) if rows else "",
+        folded(f"Dependences found: {len(rows)}", table(headings, rows)) if rows else "",
         "tests",
         "Found joint by joint, before any effect was named: a joint is listed with a variable if "
         "knowing it predicts held-out error better. What is not listed is not denied: another "
