@@ -149,7 +149,15 @@ def multiply(arrays: Arrays, n: int, vector: FloatArray, product: FloatArray) ->
 
 @compiled(inline="always")
 def friction_damping(
-    law: int, p0: float, p1: float, p2: float, p3: float, velocity: float
+    law: int,
+    p0: float,
+    p1: float,
+    p2: float,
+    p3: float,
+    fastest: float,
+    up: float,
+    down: float,
+    velocity: float,
 ) -> float:
     """Return the secant torque / velocity [N m s/rad]; its limit at rest.
 
@@ -157,7 +165,9 @@ def friction_damping(
     friction itself, taken explicitly, would reverse the motion.
     """
     v = away_from_rest(velocity)
-    return friction_torque(law, p0, p1, p2, p3, v) / v
+    inside = min(max(v, -fastest), fastest)
+    torque = friction_torque(law, p0, p1, p2, p3, inside)
+    return (torque + (up if v > inside else down) * (v - inside)) / v
 
 
 @compiled(inline="always")

@@ -34,7 +34,7 @@ from backends.mujoco_sim.drives import (
 from backends.mujoco_sim.layout import Arrays, Links, Scratch, Servo, gather, gather_state, spread
 from backends.mujoco_sim.realisation import Plant
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effects.laws import PARAMETERS
+from limo_driver.physics.effects.laws import ROW
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.installed_mujoco import RELEASE, mujoco
 
@@ -343,10 +343,13 @@ def _friction(
         expected = 2.0 * velocity[j] - memory[row.LAST_VELOCITY * n + j] + rate[j]
         friction[j] += friction_damping(
             plant.friction_law[f],
-            plant.friction_parameters[PARAMETERS * f + 0],
-            plant.friction_parameters[PARAMETERS * f + 1],
-            plant.friction_parameters[PARAMETERS * f + 2],
-            plant.friction_parameters[PARAMETERS * f + 3],
+            plant.friction_parameters[ROW * f + 0],
+            plant.friction_parameters[ROW * f + 1],
+            plant.friction_parameters[ROW * f + 2],
+            plant.friction_parameters[ROW * f + 3],
+            plant.friction_parameters[ROW * f + 4],
+            plant.friction_parameters[ROW * f + 5],
+            plant.friction_parameters[ROW * f + 6],
             expected,
         )
 

@@ -15,7 +15,7 @@ import numpy as np
 from backends.virtual import check_gains
 from limo_driver.errors import ConfigError
 from limo_driver.physics import JointCoupling
-from limo_driver.physics.effects.laws import PARAMETERS
+from limo_driver.physics.effects.laws import ROW
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -44,7 +44,7 @@ class Plant(NamedTuple):
     offset: FloatArray  # (n,) [N m], of the torque sensor
     friction_joint: NDArray[np.int64]  # (F,) 0-based
     friction_law: NDArray[np.int64]  # (F,) see friction_laws
-    friction_parameters: FloatArray  # (F, 4)
+    friction_parameters: FloatArray  # (F, laws.ROW)
     element_joint: NDArray[np.int64]  # (E,) 0-based
     element_stiffness: FloatArray  # (E,) [N m/rad]
     element_width: FloatArray  # (E,) [rad]
@@ -134,7 +134,7 @@ class Draft:
             offset=self.offset,
             friction_joint=np.array([row[0] for row in frictions], dtype=np.int64),
             friction_law=np.array([row[1] for row in frictions], dtype=np.int64),
-            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, PARAMETERS),
+            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, ROW),
             element_joint=np.array([row[0] for row in elements], dtype=np.int64),
             element_stiffness=np.array([row[1] for row in elements], dtype=float),
             element_width=np.array([row[2] for row in elements], dtype=float),

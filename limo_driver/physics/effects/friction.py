@@ -11,6 +11,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.domain import Domain
 from limo_driver.physics.effect import MOST_SLOPE, MOST_TORQUE, Friction, Hypothesis, State
 from limo_driver.physics.effects import laws
 from limo_driver.runtime.parameters import parameter
@@ -119,16 +120,19 @@ class VelocityFriction(Friction):
 
     def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray:
         """Return what a slope adds: the one stated before, or its own."""
-        beyond, stated = motion.velocity - inside.velocity, self.domain and self.domain.slope
-        up, down = self.slopes if stated is None else (stated, stated)
+        beyond, (_, up, down) = motion.velocity - inside.velocity, self.end
         return np.where(beyond > 0, up, down) * beyond
 
+    @property
+    def end(self) -> tuple[float, float, float]:
+        """Speed up to which it is its law [rad/s], and slopes beyond, as those of `slopes`."""
+        domain = self.domain or Domain()
+        up, down = self.slopes if domain.slope is None else (domain.slope,) * 2
+        return np.inf if domain.speed is None else domain.speed, up, down
+
     def realise(self, robot: SimulatedPlant) -> None:
-        """Ask for the compiled law, or to be sampled."""
-        if not self.is_law:
-            robot.sample(self)
-            return
-        robot.add_friction(self.joint, self.friction_law, self.row)
+        """Ask for the compiled law."""
+        robot.add_friction(self.joint, self.friction_law, np.append(self.row, self.end))
 
 
 class Frictions(NamedTuple):
