@@ -10,15 +10,7 @@ import numpy as np
 from limo_driver.model.units import common_unit, unit_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, curve, dots, layout
-from limo_driver.pages.markup import (
-    columns,
-    header,
-    listed,
-    next_steps,
-    paragraph,
-    percent,
-    section,
-)
+from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -205,8 +197,8 @@ def _headline(errors: tuple[FloatArray, FloatArray] | None, names: Sequence[str]
     mean = float(np.exp(np.mean(np.log(np.maximum(left, _LEAST)))))
     worst = int(np.argmax(left))
     return (
-        f"{percent(mean)} of the simulation's error is left on motion held out (geometric mean "
-        f"over joints), at most {percent(left[worst])}, at {names[worst]}."
+        f"{100 * mean:.2g} % of the simulation's error is left on motion held out (geometric mean "
+        f"over joints), at most {100 * left[worst]:.2g} %, at {names[worst]}."
     )
 
 

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import stream_and_push
 
-from estimators.diagnosis.reading import verdict_in
+from estimators.diagnosis.quantities import verdict_in
 from estimators.diagnosis.report.truth import beside_the_truth, recovered
 from limo_driver.errors import LimoError
 from limo_driver.model import RobotModel
 from limo_driver.pages import Charts, Page
+from limo_driver.pages.arm_section import planned_motion
 from limo_driver.pages.figures import (
     AFTER,
     BEFORE,
@@ -33,7 +34,6 @@ from limo_driver.pages.figures import (
     rounded_ticks,
 )
 from limo_driver.pages.markup import columns, grid, header, paragraph, section
-from limo_driver.pages.motion import planned_motion
 from limo_driver.physics import Payload, QuadraticDrag
 from limo_driver.trajectory import Trajectory
 

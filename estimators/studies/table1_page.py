@@ -205,10 +205,11 @@ def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matp
         figures = [table.figures(row, part, split) for row in ROWS]
         means = [np.nan if f.mean is None else f.mean[-1] for f in figures]
         spreads = [0.0 if f.spread is None else f.spread[-1] for f in figures]
+        lower = np.minimum(spreads, 0.9 * np.nan_to_num(means))  # above 0, for a logarithmic axis
         panel.errorbar(
             means,
             places + offset,
-            xerr=_whiskers(means, spreads),
+            xerr=[lower, spreads],
             fmt=marker,
             color=colour,
             markersize=5,
@@ -222,8 +223,3 @@ def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matp
     panel.set_axisbelow(True)
     for place in places[:-1]:
         panel.axhline(place + 0.5, color="0.93", linewidth=0.8)
-
-
-def _whiskers(means: list[float], spreads: list[float]) -> list[list[float]]:
-    """Keep the lower whisker above zero, which a logarithmic axis does not have."""
-    return [np.minimum(spreads, 0.9 * np.nan_to_num(means)).tolist(), spreads]

@@ -160,7 +160,8 @@ def command(line: str) -> str:
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], numeric: int = 0) -> str:
     """Return a table of HTML cells; columns from `numeric` on are numbers (0: none is)."""
     kinds = [' class="n"' if numeric and k >= numeric else "" for k in range(len(headings))]
-    head = "".join(f"<th{k}>{_heading(h)}</th>" for k, h in zip(kinds, headings, strict=True))
+    names = (escape(text).replace("[N m]", "[N&nbsp;m]") for text in headings)  # units stay whole
+    head = "".join(f"<th{k}>{name}</th>" for k, name in zip(kinds, names, strict=True))
     body = "".join(
         "<tr>" + "".join(f"<td{k}>{c}</td>" for k, c in zip(kinds, cells, strict=True)) + "</tr>"
         for cells in rows
@@ -219,10 +220,6 @@ def _cell(value: object) -> str:
     if value is None:
         return UNSAID
     return significant(value) if isinstance(value, float) else escape(typeset(str(value)))
-
-
-def _heading(text: str) -> str:
-    return escape(text).replace("[N m]", "[N&nbsp;m]")  # no break inside a unit
 
 
 def _small(text: str) -> str:

@@ -160,14 +160,12 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
     return figures
 
 
-def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
-    """Torque beyond the rigid body over position: measured, and of all simulations."""
-    return _beyond_body(traces, j, stretch, traces.position[:, j], _LABELS["position"])
-
-
-def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
-    """Torque beyond the rigid body over time: measured, and of all simulations."""
-    return _beyond_body(traces, j, stretch, traces.time, "time [s]")
+def loops(traces: Traces, j: int, stretch: Stretch) -> tuple[Figure, Figure]:
+    """Torque beyond the rigid body, measured and of all simulations: over position, over time."""
+    return (
+        _beyond_body(traces, j, stretch, traces.position[:, j], _LABELS["position"]),
+        _beyond_body(traces, j, stretch, traces.time, "time [s]"),
+    )
 
 
 def _beyond_body(traces: Traces, j: int, stretch: Stretch, x: FloatArray, label: str) -> Figure:

@@ -113,14 +113,11 @@ def _joint(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
     ]
     stretch = loop_stretch(traces, j, LOOPS.duration)
     note = _span(diagnosis, stretch.start, stretch.stop, stretch.recording)
+    over_position, over_time = figures.loops(traces, j, stretch)
+    follows = stretch.recording == played(diagnosis)
     drawn = [
-        charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
-        charts.place(
-            figures.torque_over_time(traces, j, stretch),
-            "Torque over time",
-            note,
-            follows=stretch.recording == played(diagnosis),
-        ),
+        charts.place(over_position, "Torque over position", note),
+        charts.place(over_time, "Torque over time", note, follows=follows),
     ]
     return grid(drawn) + grid(profiles, "three") + grid(maps)
 

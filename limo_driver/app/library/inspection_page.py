@@ -145,7 +145,8 @@ def columns_page(table: LogTable, recording: Recording | None = None) -> Page:
         table: What it holds.
         recording: The same, where it has limo's own columns.
     """
-    _check_rows(table)
+    if not table.rows:
+        raise RecordingError("holds no rows of numbers", path=table.source or None)
     time = time_columns(table).columns
     axis, seconds = _seconds(time, table)
     drawn = list(_as_logged(table, time.columns, is_own=recording is not None))
@@ -184,11 +185,6 @@ def _curves_of(found: Inspection) -> Curves:
         tuple(range(position.shape[1])),
         axis,
     )
-
-
-def _check_rows(table: LogTable) -> None:
-    if not table.rows:
-        raise RecordingError("holds no rows of numbers", path=table.source or None)
 
 
 def _seconds(time: TimeColumns, table: LogTable) -> tuple[str, FloatArray]:

@@ -116,7 +116,8 @@ class VelocityFriction(Friction):
     @property
     def is_law(self) -> bool:
         """Whether it is its compiled law, and goes on otherwise nowhere."""
-        return self.domain is None
+        goes_on = self.friction_law == laws.VISCOUS  # by its own slope, if no other is stated
+        return self.domain is None or (goes_on and self.domain.slope is None)
 
     def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray:
         """Return what a slope adds: the one stated before, or its own."""
@@ -338,11 +339,6 @@ class ViscousFriction(VelocityFriction):
             raise ConfigError(f"{self.place}: lacks f_v, or f_v_plus and f_v_minus")
         if self.f_v is not None and sides:
             raise ConfigError(f"{self.place}: has f_v and a slope by direction; give one or other")
-
-    @property
-    def is_law(self) -> bool:
-        """Whether no other slope is stated beyond its domain."""
-        return self.domain is None or self.domain.slope is None
 
     @property
     def slopes(self) -> tuple[float, float]:
