@@ -324,12 +324,7 @@ def _wind_up(
 
 @compiled(inline="always")
 def _friction(
-    plant: Plant,
-    memory: FloatArray,
-    added: FloatArray,
-    n: int,
-    frictions: int,
-    own: Scratch,
+    plant: Plant, memory: FloatArray, added: FloatArray, n: int, frictions: int, own: Scratch
 ) -> None:
     """Sum the secant damping of every joint's frictions, at the velocity expected next.
 
