@@ -295,9 +295,10 @@ def loop_figure(evaluation: EvaluationResult, window: float = _WINDOW) -> Figure
         position = evaluation.motion.position[rows, j]
         for name, torque in torques_of(evaluation):
             own = torque[rows, j] - evaluation.frictionless[rows, j]
-            ax.plot(np.rad2deg(position), own, label=name, **_LINES.get(name, _MODEL))
+            ax.plot(position, own, label=name, **_LINES.get(name, _MODEL))
         ax.set_title(f"{evaluation.joint_names[j]}  {_rmse_of(evaluation, j)}", fontsize="x-small")
-        ax.set_xlabel(f"$q_{{{j + 1}}}$ [°]")
+        unit = unit_of("rad", is_sliding=evaluation.robot.sliding[j])
+        ax.set_xlabel(f"$q_{{{j + 1}}}$ [{unit}]")
         ax.set_ylabel(f"friction, joint {j + 1} [{evaluation.units[j]}]")
     for ax in axes[n:]:
         ax.set_visible(False)

@@ -185,7 +185,7 @@ def limits(model: ResidualModel[Any]) -> tuple[str, ...]:
         "there.",
         "Friction follows temperature and grease from one day to the next, which no interval has: "
         "`limo evaluate` tells offset and friction since training where torque is measured.",
-        f"Motion and torque are heard up to {model.bandwidth:g} Hz.",
+        f"It follows motion and torque up to {model.bandwidth:g} Hz.",
         "It estimates torque. It is no safety function.",
     )
 
@@ -197,8 +197,8 @@ def _headline(errors: tuple[FloatArray, FloatArray] | None, names: Sequence[str]
     mean = float(np.exp(np.mean(np.log(np.maximum(left, _LEAST)))))
     worst = int(np.argmax(left))
     return (
-        f"{mean:.2f} of the simulation's error is left on motion held out, {left[worst]:.2f} at "
-        f"{names[worst]}, the most (geometric mean over joints)."
+        f"{100 * mean:.2g} % of the simulation's error is left on motion held out (geometric mean "
+        f"over joints), at most {100 * left[worst]:.2g} %, at {names[worst]}."
     )
 
 

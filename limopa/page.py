@@ -6,8 +6,6 @@ from math import inf
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
 from limo_driver.pages.motion import planned_motion
@@ -26,9 +24,9 @@ if TYPE_CHECKING:
 
 _LONG = 120.0  # [s], said in minutes from here on
 _LEAD = (
-    "Covered: part of a joint's range that is visited, in bins of 5°. Reversals are those while "
-    "exploring; between two of them a joint turns by the median given. Peaks are parts of the "
-    "joint's limits."
+    "Covered: part of a joint's range that is visited, in 72 bins a turn. Reversals are those "
+    "while exploring; between two of them a joint turns by the median given. Peaks are parts of "
+    "the joint's limits."
 )
 _SHOWN = {
     "ramp": "slow ramps: gain (from sag under gravity), dry friction",
@@ -93,9 +91,7 @@ def _joints(summary: Statistics, called: Sequence[str]) -> dict[str, list[object
         "joint": [called[joint.joint - 1] for joint in summary.joints],
         "covered": [f"{joint.coverage:.0%}" for joint in summary.joints],
         "reversals": [joint.reversals for joint in summary.joints],
-        "between them [°]": [
-            float(np.degrees(joint.rotation_between_reversals)) for joint in summary.joints
-        ],
+        "between them [rad]": [joint.rotation_between_reversals for joint in summary.joints],
         "peak velocity": [f"{joint.peak_velocity:.0%}" for joint in summary.joints],
         "peak acceleration": [f"{joint.peak_acceleration:.0%}" for joint in summary.joints],
         "peak jerk": [f"{joint.peak_jerk:.0%}" for joint in summary.joints],
@@ -139,7 +135,7 @@ def excitation_page(
 
 def _excited_joints(found: Excitation, model: RobotModel) -> dict[str, list[object]]:
     motion, peaks = found.trajectory, found.trajectory.peaks().over(model.limits)
-    ends = np.degrees([motion.position.min(axis=0), motion.position.max(axis=0)])
+    ends = motion.position.min(axis=0), motion.position.max(axis=0)
     shares = {
         "peak velocity": peaks.velocity,
         "peak acceleration": peaks.acceleration,
@@ -148,8 +144,8 @@ def _excited_joints(found: Excitation, model: RobotModel) -> dict[str, list[obje
     return {
         "joint": list(joints_called(model.joint_names)),
         "harmonics": [" ".join(map(str, own)) for own in found.harmonics],
-        "from [°]": [f"{angle:.0f}" for angle in ends[0]],
-        "to [°]": [f"{angle:.0f}" for angle in ends[1]],
+        "from [rad]": [f"{angle:.2f}" for angle in ends[0]],
+        "to [rad]": [f"{angle:.2f}" for angle in ends[1]],
         **{name: [f"{part:.0%}" for part in values] for name, values in shares.items()},
     }
 
@@ -181,16 +177,16 @@ def servo_page(
         "one identifies can be checked on another. Move the arm slowly to the first pose before "
         "sending the first command."
     )
-    degrees = np.degrees([found.command[0], found.command.min(axis=0), found.command.max(axis=0)])
-    names = ("first pose [°]", "lowest [°]", "highest [°]")
-    said: dict[str, list[object]] = {"joint": list(found.joint_names)}
-    for name, own in zip(names, degrees, strict=True):
-        said[name] = [f"{x:.0f}" for x in own]
+    poses = found.command[0], found.command.min(axis=0), found.command.max(axis=0)
+    names = ("first pose [rad]", "lowest [rad]", "highest [rad]")
+    joints: dict[str, list[object]] = {"joint": list(found.joint_names)}
+    for name, own in zip(names, poses, strict=True):
+        joints[name] = [f"{x:.2f}" for x in own]
     body = (
         header(f"Commands for the servos of {model.name}", title, source)
         + motion
         + section("What each part of the motion shows", columns(_spent(found)), "parts")
-        + section("What each joint does", columns(said), "joints")
+        + section("What each joint does", columns(joints), "joints")
         + not_checked(found.unchecked_pairs)
         + _send_them(file, robot, ",".join(motors or model.joint_names))
     )

@@ -35,7 +35,7 @@ from backends.mujoco_sim.realisation import (
     uncompensated,
 )
 from limo_driver.errors import ConfigError
-from limo_driver.physics.effects.laws import PARAMETERS
+from limo_driver.physics.effects.laws import ROW
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.installed_mujoco import RELEASE, mujoco
 from limo_driver.types import FloatArray
@@ -321,12 +321,7 @@ def _wind_up(
 
 @compiled(inline="always")
 def _friction(
-    plant: Plant,
-    memory: FloatArray,
-    added: FloatArray,
-    n: int,
-    frictions: int,
-    own: Scratch,
+    plant: Plant, memory: FloatArray, added: FloatArray, n: int, frictions: int, own: Scratch
 ) -> None:
     """Sum the secant damping of every joint's frictions, at the velocity expected next.
 
@@ -340,10 +335,13 @@ def _friction(
         expected = 2.0 * velocity[j] - memory[row.LAST_VELOCITY * n + j] + rate[j]
         friction[j] += friction_damping(
             plant.friction_law[f],
-            plant.friction_parameters[PARAMETERS * f + 0],
-            plant.friction_parameters[PARAMETERS * f + 1],
-            plant.friction_parameters[PARAMETERS * f + 2],
-            plant.friction_parameters[PARAMETERS * f + 3],
+            plant.friction_parameters[ROW * f + 0],
+            plant.friction_parameters[ROW * f + 1],
+            plant.friction_parameters[ROW * f + 2],
+            plant.friction_parameters[ROW * f + 3],
+            plant.friction_parameters[ROW * f + 4],
+            plant.friction_parameters[ROW * f + 5],
+            plant.friction_parameters[ROW * f + 6],
             expected,
         )
 

@@ -22,7 +22,7 @@ from backends.mujoco_sim import layout as row
 from backends.virtual import check_gains
 from limo_driver.errors import ConfigError
 from limo_driver.physics import JointCoupling
-from limo_driver.physics.effects.laws import PARAMETERS, friction_torque
+from limo_driver.physics.effects.laws import ROW, friction_torque
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Plant(NamedTuple):
     offset: FloatArray  # (n,) [N m], of the torque sensor
     friction_joint: NDArray[np.int64]  # (F,) 0-based
     friction_law: NDArray[np.int64]  # (F,) see friction_laws
-    friction_parameters: FloatArray  # (F, 4)
+    friction_parameters: FloatArray  # (F, laws.ROW)
     element_joint: NDArray[np.int64]  # (E,) 0-based
     element_stiffness: FloatArray  # (E,) [N m/rad]
     element_width: FloatArray  # (E,) [rad]
@@ -143,7 +143,7 @@ class Draft:
             offset=self.offset,
             friction_joint=np.array([row[0] for row in frictions], dtype=np.int64),
             friction_law=np.array([row[1] for row in frictions], dtype=np.int64),
-            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, PARAMETERS),
+            friction_parameters=np.array([row[2] for row in frictions]).reshape(-1, ROW),
             element_joint=np.array([row[0] for row in elements], dtype=np.int64),
             element_stiffness=np.array([row[1] for row in elements], dtype=float),
             element_width=np.array([row[2] for row in elements], dtype=float),
@@ -378,7 +378,15 @@ def multiply(arrays: Arrays, n: int, vector: FloatArray, product: FloatArray) ->
 
 @compiled(inline="always")
 def friction_damping(
-    law: int, p0: float, p1: float, p2: float, p3: float, velocity: float
+    law: int,
+    p0: float,
+    p1: float,
+    p2: float,
+    p3: float,
+    fastest: float,
+    up: float,
+    down: float,
+    velocity: float,
 ) -> float:
     """Return the secant torque / velocity [N m s/rad]; its limit at rest.
 
@@ -386,7 +394,9 @@ def friction_damping(
     friction itself, taken explicitly, would reverse the motion.
     """
     v = away_from_rest(velocity)
-    return friction_torque(law, p0, p1, p2, p3, v) / v
+    inside = min(max(v, -fastest), fastest)
+    torque = friction_torque(law, p0, p1, p2, p3, inside)
+    return (torque + (up if v > inside else down) * (v - inside)) / v
 
 
 @compiled(inline="always")

@@ -129,9 +129,6 @@ class SampledEffects:
         return state
 
     @_add.register(Friction)
-    def _(self, effect: Friction, state: State, cycle: _Cycle) -> State:
-        return self._damp(effect, state, cycle)
-
     def _damp(self, effect: Friction | MotionEffect, state: State, cycle: _Cycle) -> State:
         """Add a torque that has the sign of the velocity, or its opposite, as a damping."""
         j = effect.joint - 1

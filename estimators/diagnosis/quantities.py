@@ -91,6 +91,17 @@ def of_joints(joints: Sequence[int], names: Sequence[str] = ()) -> str:
     return f"joint{'s' * (len(joints) > 1)} {', '.join(called)}"
 
 
+def placed(effect: str, joints: Sequence[int], names: Sequence[str] = ()) -> str:
+    """Return an effect with its joints: "backlash at joint 2 (stick)"; of the arm, it stands alone.
+
+    Args:
+        effect: Identifier.
+        joints: Where it acts, 1-based.
+        names: Of all joints of the arm, where they are known.
+    """
+    return display_name(effect) + (f" at {of_joints(joints, names)}" if joints else "")
+
+
 def heading_of(joint: int, names: Sequence[str]) -> str:
     """Return how a heading calls a joint (1-based): "Joint 3 (elbow)".
 

@@ -164,7 +164,7 @@ def _say(item: Finding, names: Sequence[str]) -> list[str]:
     same = ", ".join(display_name(other) for other in item.equivalent)
     sure = f"confidence {100 * item.confidence:.0f} %"
     return [
-        f"{name} ({place_of(item, names)}){f': {values}' if values else ''}",
+        f"{name}, {place_of(item, names)}{f': {values}' if values else ''}",
         f"  {item.evidence}",
         f"  {sure}{f'; cannot be told from {same}' if same else ''}",
     ]

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from estimators.diagnosis.headline import headline
-from estimators.diagnosis.quantities import name_of_value, of_joints
+from estimators.diagnosis.quantities import QUANTITIES, name_of_value, of_joints, placed
 from estimators.diagnosis.verdict import REPORT, Finding, Identified, StatedValue, Verdict
 from estimators.studies.fleet import FleetDiagnosis, changed
 from estimators.studies.fleet_row import FLEET, FleetRow
@@ -31,7 +31,6 @@ from limo_driver.pages.markup import (
     table,
     typeset,
 )
-from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
 from limo_driver.runtime.outputs import whole
 
@@ -218,29 +217,31 @@ def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
 
 
 def _findings(rows: Sequence[FleetRow]) -> str:
+    """Return what was found, at which arms, and in how many of their recordings."""
     recordings = Counter(row.arm for row in rows if row.diagnosed)
-    found = Counter(
-        (name, row.arm) for row in rows if row.verdict is not None for name in _named(row.verdict)
-    )
+    found: dict[str, Counter[str]] = {}
+    for row in rows:
+        for name in _named(row.verdict) if row.verdict is not None else ():
+            found.setdefault(name, Counter())[row.arm] += 1
     listed = [
-        [escape(effect), escape(arm), f"{count} of {recordings[arm]}"]
-        for (effect, arm), count in sorted(found.items(), key=lambda item: (-item[1], item[0]))
+        [escape(typeset(name)), escape(", ".join(f"{a} ({n} of {recordings[a]})" for a, n in arms))]
+        for name, arms in ((n, c.most_common()) for n, c in sorted(found.items()))
     ]
-    return table(("finding", "arm", "recordings"), listed, 2) if listed else ""
+    return table(("finding", "arms, and how many of their recordings"), listed) if listed else ""
 
 
 def _named(verdict: Verdict) -> list[str]:
-    """Return what a recording has: findings, and stated values that differ."""
-    values = (item for item in verdict.values if item.reported)
+    """Return what a recording has: findings, and other quantities that are not as stated."""
+    names, found = verdict.names, verdict.findings
+    named = {(x.effect, x.joints) for x in found}
+    values = [
+        x
+        for x in verdict.values
+        if x.reported and (x.effect, x.name) in QUANTITIES and (x.effect, x.joints) not in named
+    ]
     return [
-        *(
-            f"{display_name(x.effect)}, {of_joints(x.joints, verdict.names)}"
-            for x in verdict.findings
-        ),
-        *(
-            f"{name_of_value(x)}, {of_joints(x.joints, verdict.names)}: not as stated"
-            for x in values
-        ),
+        *(placed(x.effect, x.joints, names) for x in found),
+        *(f"{name_of_value(x)} at {of_joints(x.joints, names)}: not as stated" for x in values),
     ]
 
 
@@ -275,7 +276,7 @@ def _floors(row: FleetRow) -> float:
 
 
 def _linked(row: FleetRow, folder: Path) -> str:
-    name = escape(str(row.recording))
+    name = escape(Path(row.recording).name)
     if row.folder is None or not (row.folder / REPORT).exists():
         return name
     return f'<a href="{escape((row.folder / REPORT).relative_to(folder).as_posix())}">{name}</a>'

@@ -76,7 +76,8 @@ class TableData:
         description = read_json(folder / DESCRIPTION, ConfigError, SCHEMA).needs(*_REQUIRED)
         for name in RECORDINGS:
             if not (folder / name).is_file():
-                raise ConfigError(f"lacks {name}; it has to hold {_contents()}", path=folder)
+                held = ", ".join((*RECORDINGS, DESCRIPTION))
+                raise ConfigError(f"lacks {name}; it has to hold {held}", path=folder)
         model = RobotModel.load(beside(description.text(ROBOT), folder))
         excitation, limo, validation = (Recording.load(folder / name) for name in RECORDINGS)
         for recording in (excitation, limo, validation):
@@ -117,10 +118,6 @@ class TableData:
             self.limo[slice(int(start), int(stop))]
             for start, stop in pairwise([0, *cuts, len(self.limo)])
         )
-
-
-def _contents() -> str:
-    return ", ".join((*RECORDINGS, DESCRIPTION))
 
 
 def _digest(path: Path) -> str:

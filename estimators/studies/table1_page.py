@@ -198,10 +198,11 @@ def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matp
         figures = [table.figures(row, part, split) for row in ROWS]
         means = [np.nan if f.mean is None else f.mean[-1] for f in figures]
         spreads = [0.0 if f.spread is None else f.spread[-1] for f in figures]
+        lower = np.minimum(spreads, 0.9 * np.nan_to_num(means))  # above 0, for a logarithmic axis
         panel.errorbar(
             means,
             places + offset,
-            xerr=[np.minimum(spreads, 0.9 * np.nan_to_num(means)).tolist(), spreads],
+            xerr=[lower, spreads],
             fmt=marker,
             color=colour,
             markersize=5,

@@ -93,7 +93,7 @@ class Protocol(Declared):
         once = [(SEQUENCES, row) for row in ROWS]
         once += [(SCAFFOLDS, row) for row in ROWS]
         once += [(SEQUENCES, row) for row in topologies]
-        once.sort(key=_slowness)
+        once.sort(key=lambda item: _SLOWER.index(item[1].model))
         return tuple(
             Trial(row, split, run, self._settings(row, split, run), digests)
             for run in range(self.runs)
@@ -103,10 +103,6 @@ class Protocol(Declared):
     def _settings(self, row: Row, split: str, run: int) -> TrainingSettings:
         settings = replace(row.settings(), split=split, seed=run, epochs=self.epochs)
         return settings if settings.model == PERCEPTRON else replace(settings, batch=self.batch)
-
-
-def _slowness(once: tuple[str, Row]) -> int:
-    return _SLOWER.index(once[1].model)
 
 
 @dataclass(frozen=True)

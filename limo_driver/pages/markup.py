@@ -65,8 +65,9 @@ class Charts:
 def _inert(value: Any, key: str = "") -> Any:  # noqa: ANN401  # values of plotly
     """Return values of a chart in whose texts plotly finds no tags, but in those of limo's own."""
     if isinstance(value, str):
-        is_own = key == "hovertemplate"
-        return value if is_own else in_line(value).replace("&", "&amp;").replace("<", "&lt;")
+        if key == "hovertemplate":
+            return value
+        return in_line(_with_people(value)).replace("&", "&amp;").replace("<", "&lt;")
     if isinstance(value, dict):
         return {name: _inert(item, name) for name, item in value.items()}
     if isinstance(value, list) and any(isinstance(item, (str, dict, list)) for item in value):
@@ -108,9 +109,13 @@ def header(crumb: str, title: str, *sources: str, badge: tuple[str, str] | None 
 
 def typeset(text: str) -> str:
     """Return a text whose numbers stay beside their units, and intervals and units whole."""
-    named = _PEOPLE.sub(lambda name: name[0].capitalize(), _PERCENT.sub(" %", text))
-    kept = _WHOLE.sub(lambda whole: whole[0].replace(" ", _NBSP), named)
+    spaced = _PERCENT.sub(" %", _with_people(text))
+    kept = _WHOLE.sub(lambda whole: whole[0].replace(" ", _NBSP), spaced)
     return kept.replace("^2", "\N{SUPERSCRIPT TWO}")
+
+
+def _with_people(text: str) -> str:
+    return _PEOPLE.sub(lambda name: name[0].capitalize(), text)
 
 
 def prose(text: str) -> str:
@@ -153,7 +158,8 @@ def command(line: str) -> str:
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], numeric: int = 0) -> str:
     """Return a table of HTML cells; columns from `numeric` on are numbers (0: none is)."""
     kinds = [' class="n"' if numeric and k >= numeric else "" for k in range(len(headings))]
-    head = "".join(f"<th{k}>{_heading(h)}</th>" for k, h in zip(kinds, headings, strict=True))
+    names = (escape(text).replace("[N m]", "[N&nbsp;m]") for text in headings)  # units stay whole
+    head = "".join(f"<th{k}>{name}</th>" for k, name in zip(kinds, names, strict=True))
     body = "".join(
         "<tr>" + "".join(f"<td{k}>{c}</td>" for k, c in zip(kinds, cells, strict=True)) + "</tr>"
         for cells in rows
@@ -212,10 +218,6 @@ def _cell(value: object) -> str:
     if value is None:
         return UNSAID
     return significant(value) if isinstance(value, float) else escape(typeset(str(value)))
-
-
-def _heading(text: str) -> str:
-    return escape(text).replace("[N m]", "[N&nbsp;m]")  # no break inside a unit
 
 
 def _small(text: str) -> str:

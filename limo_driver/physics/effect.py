@@ -183,7 +183,7 @@ class SimulatedPlant(Protocol):
         ...
 
     def add_friction(self, joint: int, law: int, parameters: FloatArray) -> None:
-        """Add a friction of one of `friction_laws`, with its padded parameters."""
+        """Add a friction of one of `laws`, with its padded parameters and where it ends."""
         ...
 
     def add_slipping_spring(self, joint: int, stiffness: float, width: float) -> None:

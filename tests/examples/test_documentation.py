@@ -271,6 +271,10 @@ HAS = {  # a reader of each document; the rest comes from its own blocks
     "workflow.md": "monday.parquet tuesday.parquet wednesday.parquet arm.urdf believed.yaml",
 }
 
+ENDS = {  # what a reader came for
+    "ultrasound.md": r"at [\d.]+ s: \[[-\d. ]+\] N, 95 % within \[[\d. ]+\] N",
+}
+
 
 def run(block, folder):
     """Run a block in a folder, with what runs beside it once that says something."""
@@ -351,7 +355,7 @@ TO_RUN = {
 @pytest.mark.filterwarnings("default:.* ran .* times, since the arm held")
 @pytest.mark.parametrize("document", [name for name, found in TO_RUN.items() if found])
 def test_a_document_does_what_it_says(document, reader):
-    folder = reader(document)
+    folder, printed = reader(document), ""
     for block in TO_RUN[document]:
         done, held = run_in_time(block, folder)
         if held:
@@ -360,6 +364,8 @@ def test_a_document_does_what_it_says(document, reader):
             warnings.warn(told, HeldWarning, stacklevel=1)
         assert done.returncode == 0, f"{block}:\n{done.stdout}"
         assert "Traceback" not in done.stdout, f"{block}:\n{done.stdout}"
+        printed += done.stdout
+    assert re.search(ENDS.get(document, ""), printed), printed
 
 
 def test_a_reader_with_little_time_plans_little_and_watches_shortly(tmp_path):

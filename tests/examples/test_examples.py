@@ -32,7 +32,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ),
         pytest.param(
             "weigh_by_servos",
-            "payload (at the flange): mass 0.1",
+            "payload, at the flange: mass 0.1",
             marks=pytest.mark.slow("plays three minutes of commands, and diagnoses"),
         ),
         pytest.param(

@@ -160,14 +160,12 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
     return figures
 
 
-def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
-    """Torque beyond the rigid body over position: measured, and of all simulations."""
-    return _beyond_body(traces, j, stretch, traces.position[:, j], _LABELS["position"])
-
-
-def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
-    """Torque beyond the rigid body over time: measured, and of all simulations."""
-    return _beyond_body(traces, j, stretch, traces.time, "time [s]")
+def loops(traces: Traces, j: int, stretch: Stretch) -> tuple[Figure, Figure]:
+    """Torque beyond the rigid body, measured and of all simulations: over position, over time."""
+    return (
+        _beyond_body(traces, j, stretch, traces.position[:, j], _LABELS["position"]),
+        _beyond_body(traces, j, stretch, traces.time, "time [s]"),
+    )
 
 
 def _beyond_body(traces: Traces, j: int, stretch: Stretch, x: FloatArray, label: str) -> Figure:
@@ -236,7 +234,7 @@ def shifts(moved: Sequence[Shift]) -> Figure:
         "text": [f"{s.nominal:.4g} to {s.fitted:.4g} {s.unit}" for s in moved],
         "hovertemplate": "%{y}: %{text}, %{x} sigma<extra></extra>",
     }  # fmt: skip
-    axes = layout("moved by [standard deviations of its tolerance]", "")
+    axes = layout("moved by [\N{GREEK SMALL LETTER SIGMA}]", "")
     axes["yaxis"] |= {"autorange": "reversed", "automargin": True}
     reach = max(2.5, 1.1 * max((abs(item.sigmas) for item in moved), default=0.0))
     axes["xaxis"] |= {"range": [-reach, reach], "zeroline": True}

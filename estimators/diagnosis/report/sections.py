@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import is_of_bodies, likelier, names_of
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.quantities import heading_of, of_joints, rounded, value_columns
+from estimators.diagnosis.quantities import heading_of, placed, rounded, value_columns
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.binning import loop_stretch
@@ -113,14 +113,11 @@ def _joint(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
     ]
     stretch = loop_stretch(traces, j, LOOPS.duration)
     note = _span(diagnosis, stretch.start, stretch.stop, stretch.recording)
+    over_position, over_time = figures.loops(traces, j, stretch)
+    follows = stretch.recording == played(diagnosis)
     drawn = [
-        charts.place(figures.loops(traces, j, stretch), "Torque over position", note),
-        charts.place(
-            figures.torque_over_time(traces, j, stretch),
-            "Torque over time",
-            note,
-            follows=stretch.recording == played(diagnosis),
-        ),
+        charts.place(over_position, "Torque over position", note),
+        charts.place(over_time, "Torque over time", note, follows=follows),
     ]
     return grid(drawn) + grid(profiles, "three") + grid(maps)
 
@@ -261,10 +258,7 @@ def _compared_to(lead: float) -> str:
 
 def _name(item: Explanation, names: Sequence[str] = ()) -> str:
     joints = list(item.joints) + [()] * (len(item.effects) - len(item.joints))
-    sentences = [
-        f"{display_name(e)} ({of_joints(j, names)})"
-        for e, j in zip(item.effects, joints, strict=False)
-    ]
+    sentences = [placed(e, j, names) for e, j in zip(item.effects, joints, strict=False)]
     return " + ".join(sentences) or "no effect"
 
 
@@ -311,7 +305,7 @@ def tests(diagnosis: DiagnosisResult) -> str:
     headings = ("joint", "its error goes with", "explains of its reducible error, beside the above")
     return section(
         "What the error of each joint goes with",
-        folded(f"{len(rows)} dependences", table(headings, rows)) if rows else "",
+        folded(f"Dependences found: {len(rows)}", table(headings, rows)) if rows else "",
         "tests",
         "Found joint by joint, before any effect was named: a joint is listed with a variable if "
         "knowing it predicts held-out error better. What is not listed is not denied: another "

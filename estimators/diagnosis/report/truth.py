@@ -108,7 +108,9 @@ def _concealed(effect: Effect, joints: Sequence[str]) -> str:
 
 
 def _values(item: Finding) -> str:
-    return f"{display_name(item.effect)}: {quantity_of(item) or values_of(item) or 'found'}"
+    law = item.parameters.get("law")  # whose values say little beside its loop, which is drawn
+    values = display_name(str(law.value)) if law else quantity_of(item) or values_of(item)
+    return f"{display_name(item.effect)}: {values or 'found'}"
 
 
 def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdict]) -> Page:

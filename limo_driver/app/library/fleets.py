@@ -222,7 +222,8 @@ def matched(
     """
     found: dict[Path | str, None] = {}
     for item in [given] if isinstance(given, (Path, str)) else given:
-        places = _objects(item) if isinstance(item, str) and _is_url(item) else _files(item)
+        is_url = isinstance(item, str) and "://" in item and not Path(item).exists()
+        places = _objects(str(item)) if is_url else _files(item)
         if not places:
             raise ConfigError(f"{item}: matches no file, expected {wanted}")
         found |= dict.fromkeys(places)
@@ -290,10 +291,6 @@ def at_hand(place: Path | str) -> Generator[Path]:
         yield copy
 
 
-def _is_url(item: str) -> bool:
-    return "://" in item and not Path(item).exists()
-
-
 def _files(item: Path | str) -> list[Path]:
     if Path(item).is_file():  # also a name with brackets in it
         return [Path(item)]
@@ -305,15 +302,12 @@ def _objects(pattern: str) -> list[str]:
     outer = pattern.split("::")[1:]
     try:
         store, path = _store_of(pattern)
-        found = sorted(n for n, about in store.glob(path, detail=True).items() if _is_file(about))
+        about = store.glob(path, detail=True)
+        found = sorted(name for name in about if about[name]["type"] != "directory")
         return ["::".join([store.unstrip_protocol(name), *outer]) for name in found]
     except Exception as error:  # each kind of store has errors of its own
         line = " ".join(str(error).split())
         raise ConfigError(f"{pattern}: cannot be listed: {line}") from error
-
-
-def _is_file(about: dict[str, Any]) -> bool:
-    return about["type"] != "directory"
 
 
 def _store_of(url: str) -> tuple[Any, str]:

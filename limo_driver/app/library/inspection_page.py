@@ -30,6 +30,7 @@ from limo_driver.pages.markup import (
 from limo_driver.pages.motion import lost_meshes, stage, still
 from limo_driver.recordings.channels import CHANNELS, Columns, without_wraps
 from limo_driver.recordings.gate.doubts import OneClock
+from limo_driver.runtime.display import joint_called
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -114,18 +115,18 @@ def _shown(found: Inspection) -> str:
         return ""
     wanted = Counter(item.remedy for item in rows if item.remedy not in {"", NO_MOTION})
     plans = [f"{motion}: {many}" for motion, many in wanted.most_common(_PLANS)]
-    open_ones = [item for item in rows if item.remedy]
-    known = [item for item in rows if not item.remedy]
-    lists = [_parameters(part) for part in (open_ones, known)]
+    parts = {
+        "that other motion would show": [item for item in rows if item.remedy],
+        "that are identifiable": [item for item in rows if not item.remedy],
+    }
     body = paragraph("To record as well, and of how many of them it tells most:") if plans else ""
     body += listed(plans)
-    body += lists[0] + (folded(f"{len(known)} that are identifiable", lists[1]) if known else "")
+    for which, part in parts.items():
+        body += folded(f"{len(part)} {which}", _parameters(part)) if part else ""
     return section("What this motion shows of the arm", body, "shows", _SHOWS)
 
 
 def _parameters(rows: Sequence[ShownParameter]) -> str:
-    if not rows:
-        return ""
     table = {
         "parameter": [f"{item.name} [{item.unit}]" for item in rows],
         "known to": [
@@ -234,7 +235,7 @@ def _curve(found: Inspection, quantity: str, j: int, values: FloatArray, *, is_s
     more = [f"{key} {stated[key]:g}" for key, usual in (("sign", 1), ("zero", 0), ("factor", 1))
             if stated[key] != usual]  # fmt: skip
     read = ", ".join([f"{part.columns[j]} [{stated['unit']}]", *more])
-    joint = f"joint {j + 1} {found.mapping.joints[j]}"
+    joint = f"joint {joint_called(j + 1, found.mapping.joints[j])}"
     return Curve(
         joint if kind == quantity else f"{joint}, {quantity.replace('_', ' ')}",
         part.columns[j],

@@ -49,8 +49,10 @@ _PLACES = (
     '<p class="key small"><i class="measured"></i>measured <i class="after"></i>estimated, with its'
     ' 95 % interval <i class="gap"></i>no value <i class="pushed"></i>contact '
     '<i class="swap"></i>other model</p></section>'
-    '<section class="facts"><div><h2>Events</h2><ul id="events"></ul></div>'
-    '<div><h2>Service</h2><table id="status"></table></div></section></div>'
+    '<section class="facts"><div tabindex="0" role="group" aria-label="Events"><h2>Events</h2>'
+    '<ul id="events"></ul></div>'
+    '<div tabindex="0" role="group" aria-label="Service"><h2>Service</h2>'
+    '<table id="status"></table></div></section></div>'
 )
 _LEAD = (
     "Rings: external torque of each joint, beside the 95 % interval of its estimate. Arrow: the "

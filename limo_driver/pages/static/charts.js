@@ -3,6 +3,7 @@ const figures = JSON.parse(document.getElementById("figures").textContent);
 const touch = matchMedia("(pointer: coarse)").matches;
 const config = { displaylogo: false, displayModeBar: false, responsive: true };
 const LETTER = 6.6; // [px] of the title of an axis
+const LEGEND = 40; // [px] that the height of a chart allows for it
 const font = getComputedStyle(document.body).fontFamily;
 
 // Break the title of an axis into two lines where it is longer than its axis; no unit is broken.
@@ -19,6 +20,7 @@ function broken(title, room) {
 async function draw(place) {
   if (place.closest("details:not([open])")) return;
   place.dataset.drawn = "yes";
+  place.style.height = place.dataset.height ??= place.style.height;
   await library("plotly");
   const { data, layout } = themed(structuredClone(figures[Number(place.dataset.figure)]));
   layout.font.family = font;
@@ -36,6 +38,10 @@ async function draw(place) {
   broken(layout.yaxis?.title, place.clientHeight - t - b);
   if (touch) layout.dragmode = false; // a finger scrolls the page
   await Plotly.react(place, data, layout, config);
+  const more = (place.querySelector(".legend")?.getBBox().height ?? 0) - LEGEND;
+  if (more <= 0) return;
+  place.style.height = `calc(${place.dataset.height} + ${more}px)`;
+  await Plotly.Plots.resize(place); // a legend of more lines would lie over what is drawn
 }
 const drawAll = (root) => Promise.all(
   [...root.querySelectorAll(".chart:not([data-drawn])")].map(draw));

@@ -56,8 +56,9 @@ class JointStrip {
     this.canvas = figure.appendChild(document.createElement("canvas"));
     this.canvas.className = "strip";
     this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", `Torque of joint ${j + 1}, ${name}, over time`);
-    Object.assign(this, { name, j, kept });
+    const plain = name.toLowerCase().replace(/[^a-z0-9]/g, "").endsWith(`joint${j + 1}`);
+    Object.assign(this, { name, j, kept, label: plain ? `joint ${j + 1}` : `joint ${j + 1} (${name})` });
+    this.canvas.setAttribute("aria-label", `Torque of ${this.label} over time`);
     place("joints").append(figure);
   }
 
@@ -67,7 +68,7 @@ class JointStrip {
     const { end, rows, marks } = this.kept, start = end - span, now = this.kept.at(end);
     const external = this.value(now, "external"), sure = this.value(now, "interval");
     const lost = this.value(now, "torque") === null || end - now.t > SILENT;
-    this.caption.replaceChildren(cell("b", `${this.j + 1} ${this.name}`), cell("i", "external"), cell("span", lost ? "no value"
+    this.caption.replaceChildren(cell("b", this.label), cell("i", "external"), cell("span", lost ? "no value"
       : `${shownNumber(external)}${sure === null ? "" : ` ± ${shownNumber(sure)}`} N m` +
         (now.outside?.[this.j] && !now.fallback ? ", unlike what was learned" : "")));
     const pushed = [...marks.values()].some((m) => m.joint === this.j + 1 && m.t <= end && (m.ended ?? end) >= end);

@@ -11,6 +11,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.physics.description import Confusion, Description
+from limo_driver.physics.domain import Domain
 from limo_driver.physics.effect import MOST_SLOPE, MOST_TORQUE, Friction, Hypothesis, State
 from limo_driver.physics.effects import laws
 from limo_driver.runtime.parameters import parameter
@@ -115,20 +116,24 @@ class VelocityFriction(Friction):
     @property
     def is_law(self) -> bool:
         """Whether it is its compiled law, and goes on otherwise nowhere."""
-        return self.domain is None
+        goes_on = self.friction_law == laws.VISCOUS  # by its own slope, if no other is stated
+        return self.domain is None or (goes_on and self.domain.slope is None)
 
     def goes_on(self, inside: JointMotion, motion: JointMotion) -> FloatArray:
         """Return what a slope adds: the one stated before, or its own."""
-        beyond, stated = motion.velocity - inside.velocity, self.domain and self.domain.slope
-        up, down = self.slopes if stated is None else (stated, stated)
+        beyond, (_, up, down) = motion.velocity - inside.velocity, self.end
         return np.where(beyond > 0, up, down) * beyond
 
+    @property
+    def end(self) -> tuple[float, float, float]:
+        """Speed up to which it is its law [rad/s], and slopes beyond, as those of `slopes`."""
+        domain = self.domain or Domain()
+        up, down = self.slopes if domain.slope is None else (domain.slope,) * 2
+        return np.inf if domain.speed is None else domain.speed, up, down
+
     def realise(self, robot: SimulatedPlant) -> None:
-        """Ask for the compiled law, or to be sampled."""
-        if not self.is_law:
-            robot.sample(self)
-            return
-        robot.add_friction(self.joint, self.friction_law, self.row)
+        """Ask for the compiled law."""
+        robot.add_friction(self.joint, self.friction_law, np.append(self.row, self.end))
 
 
 class Frictions(NamedTuple):
@@ -334,11 +339,6 @@ class ViscousFriction(VelocityFriction):
             raise ConfigError(f"{self.place}: lacks f_v, or f_v_plus and f_v_minus")
         if self.f_v is not None and sides:
             raise ConfigError(f"{self.place}: has f_v and a slope by direction; give one or other")
-
-    @property
-    def is_law(self) -> bool:
-        """Whether no other slope is stated beyond its domain."""
-        return self.domain is None or self.domain.slope is None
 
     @property
     def slopes(self) -> tuple[float, float]:

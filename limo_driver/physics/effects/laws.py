@@ -28,6 +28,7 @@ from limo_driver.types import FloatArray
 # (tau_plus, tau_minus, v_eps), (coefficient,).
 COULOMB, VISCOUS, STRIBECK, ASYMMETRIC, DRAG = 0, 1, 2, 3, 4
 PARAMETERS = 4
+ROW = PARAMETERS + 3  # with the speed at which it ends, and the slopes beyond, up and down
 POSITION, STEP, VELOCITY = 0, 1, 2  # rows of a path [rad, rad, rad/s]
 _SHORT_STEP = 0.05  # [presliding distances] of one Runge-Kutta step, for exponents up to 1
 _SLIDING = 1e-12  # of tau_c, at most, is yet to come where the joint slides

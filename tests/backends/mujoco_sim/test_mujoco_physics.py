@@ -38,6 +38,7 @@ from limo_driver.physics import (
     TorqueRipple,
     ViscousFriction,
 )
+from limo_driver.physics.domain import Domain, JointMotion
 
 FRICTIONS = (
     AsymmetricFriction(joint=1, tau_plus=1.5, tau_minus=0.5, v_eps=0.003),
@@ -46,6 +47,9 @@ FRICTIONS = (
     ViscousFriction(joint=1, f_v=4.0),
     ViscousFriction(joint=1, f_v_plus=4.0, f_v_minus=2.0),
     StribeckFriction(joint=1, tau_s=0.4, v_s=0.02, delta=1.5),
+    CoulombFriction(joint=1, tau_c=1.5, v_eps=0.002, domain=Domain(speed=0.5)),
+    CoulombFriction(joint=1, tau_c=1.5, v_eps=0.002, domain=Domain(speed=0.5, slope=2.0)),
+    ViscousFriction(joint=1, f_v_plus=4.0, f_v_minus=2.0, domain=Domain(speed=0.5)),
 )
 
 
@@ -53,10 +57,12 @@ FRICTIONS = (
 @given(v=st.floats(-2.0, 2.0))
 @pytest.mark.parametrize("effect", FRICTIONS, ids=lambda e: e.name)
 def test_a_friction_is_a_damping_that_dissipates(effect, v):
-    damping = friction_damping(effect.friction_law, *effect.row, v)
+    damping = friction_damping(effect.friction_law, *effect.row, *effect.end, v)
     assert 0 <= damping < np.inf
     if abs(v) > 1e-8:
-        assert damping * v == pytest.approx(effect.torque(np.array([v]))[0], abs=1e-12)
+        still, moving = np.zeros(1), np.array([v])
+        torque, _ = effect.evaluate(still, JointMotion(still, still, moving, still, still))
+        assert damping * v == pytest.approx(torque[0], abs=1e-12)
 
 
 def test_measured_torque_is_the_predicted_one(hysteretic, exploration):

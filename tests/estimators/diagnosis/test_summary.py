@@ -36,7 +36,7 @@ def test_it_has_findings_equivalents_table_and_notes():
     lines = lines_of(VERDICT)
     assert lines[0] == headline(VERDICT)
     assert lines[1:4] == [
-        "payload (at the flange): mass 0.97 kg [0.75, 1.18]",
+        "payload, at the flange: mass 0.97 kg [0.75, 1.18]",
         f"  {FINDING.evidence}",
         "  confidence 93 %; cannot be told from link inertia",
     ]

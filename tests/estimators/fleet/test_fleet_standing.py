@@ -285,3 +285,16 @@ def test_arm_and_date_come_from_the_path():
     assert date_of(Path("2025-01-01/20260301_1415.parquet")) == datetime(2026, 3, 1, 14, 15)
     assert date_of(Path("arm3/2026-13-41.parquet")) is None
     assert date_of(Path("arm3/serial_820260301.parquet")) is None
+
+
+def test_what_is_found_is_listed_once_with_its_arms_and_no_setting_of_a_fit(tmp_path):
+    load = missing("payload", mass=1.0)
+    rows = [
+        having(row(f"arm{k}", day, (0.1,)), stated("v_eps", 5.0), findings=(load,))
+        for k in range(2)
+        for day in range(2 + k)
+    ]
+    page = fleet_page(FleetDiagnosis("one", tuple(rows), joints=("stick",)), tmp_path).html()
+    assert page.count("<td>payload at joint 1</td>") == 1
+    assert "arm1 (3 of 3), arm0 (2 of 2)" in page
+    assert "at joint 1: not as stated" not in page

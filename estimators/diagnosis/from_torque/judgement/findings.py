@@ -45,10 +45,10 @@ from estimators.diagnosis.from_torque.judgement.ordinary import beyond_siblings,
 from estimators.diagnosis.from_torque.judgement.surrogate import where_of
 from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies, likelier, signature_of
 from estimators.diagnosis.held_out import reducible_removed
-from estimators.diagnosis.quantities import listed, of_joints, rounded
+from estimators.diagnosis.quantities import listed, placed, rounded
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
-from limo_driver.physics import Payload, display_name
+from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -277,7 +277,7 @@ def _placed(items: Sequence[Candidate]) -> list[str]:
     at: dict[str, list[int]] = {}
     for item in items:
         at.setdefault(item.effect, []).extend(j + 1 for j in item.joints)
-    return [f"{display_name(effect)} ({of_joints(sorted({*on}))})" for effect, on in at.items()]
+    return [placed(effect, sorted({*on})) for effect, on in at.items()]
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_torque.selection.search import Search
-from estimators.diagnosis.quantities import listed, of_joints
+from estimators.diagnosis.quantities import listed, placed
 from estimators.diagnosis.settings.judgement import GUESSES
 from estimators.regression.evidence import Evidence, Prior, joined
 from limo_driver.logs.readers.columns import CURRENT
-from limo_driver.physics import TorqueGain, display_name
+from limo_driver.physics import TorqueGain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -141,6 +141,4 @@ def _sentence(guess: _Guess, gone: Sequence[_Place], come: Sequence[_Place]) -> 
 
 
 def _places(some: Sequence[_Place]) -> str:
-    return listed(
-        [f"{display_name(effect)} ({of_joints([j + 1 for j in on])})" for effect, on in some]
-    )
+    return listed([placed(effect, [j + 1 for j in on]) for effect, on in some])

@@ -66,7 +66,7 @@ def test_currents_without_a_factor_are_drawn_as_such(two_links_urdf):
     (one, other) = (c for c in given["curves"] if c["column"] in amperes)
     assert (one["axis"], one["name"], other["axis"]) == (
         "current [A]",
-        "joint 1 a",
+        "joint 1 (a)",
         "current [A]",
     )
     assert "no factor says how many N m" in one["read"]

@@ -51,10 +51,10 @@ def test_one_unknown_joint_is_told_alone(observed):
 
 def test_what_stands_in_is_named_once_with_all_its_joints(observed):
     one = unknown(observed, (1,), [("presliding_hysteresis", (1,))]).evidence
-    assert "the improved simulation has presliding hysteresis (joint 2) in place of a part" in one
+    assert "the improved simulation has presliding hysteresis at joint 2 in place of a part" in one
     several = [("coulomb_friction", (0,)), ("coulomb_friction", (1,)), ("gravity_direction", ())]
     many = unknown(observed, (1,), several).evidence
-    assert "coulomb friction (joints 1, 2) and gravity direction (whole arm) in place of" in many
+    assert "coulomb friction at joints 1, 2 and gravity direction in place of" in many
 
 
 @pytest.mark.parametrize(("material", "duration"), [(0.7, 10.0), (3.0, 150.0), (3.0, 5.0)])

@@ -1,1 +1,0 @@
-"""Where programs import the port of the simulated controller from."""
