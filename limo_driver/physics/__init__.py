@@ -2,7 +2,6 @@
 
 from limo_driver.physics.catalogue import CATALOGUE, display_name
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.domain import Score
 from limo_driver.physics.drives import (
     DcMotor,
     JointDrive,
@@ -53,6 +52,7 @@ from limo_driver.physics.effects.transmission import (
     JointElasticity,
     TorqueRipple,
 )
+from limo_driver.physics.score import Score
 from limo_driver.physics.simulation import Simulation
 from limo_driver.physics.simulation_file import Tolerances
 from limo_driver.runtime.parameters import Parameter, parameter

@@ -12,20 +12,16 @@ part of a range runs away beyond it. So an effect may have a domain, in `sim.yam
   domain: {position: [-0.8, 1.1]}
 ```
 Without one, an effect is its equation everywhere.
-
-Score: how far a simulation's torque is from a recorded one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.types import FloatArray
 
@@ -123,41 +119,3 @@ class Domain(Declared):
             and f"{self.temperature[0]:.3g} to {self.temperature[1]:.3g} °C",
         }
         return ", ".join(f"{name} {text}" for name, text in parts.items() if text)
-
-
-@dataclass(frozen=True, repr=False)
-class Score(Displayed):
-    """Errors of a predicted torque against a recorded one, behind one zero-phase filter.
-
-    Args:
-        rmse: Root mean square error of each joint, (n,) [N m]; NaN where no torque was measured.
-        torque: Root mean square of the measured torque, (n,) [N m], to compare with.
-        joint_names: Of the n joints.
-        samples: That were scored: all but those near the end of a stretch without a gap.
-        bandwidth: Of the filter [Hz].
-        source: Where the recording is from.
-    """
-
-    rmse: FloatArray
-    torque: FloatArray
-    joint_names: tuple[str, ...]
-    samples: int
-    bandwidth: float
-    source: str = ""
-
-    def headline(self) -> str:
-        """Say the largest error, and the motion on which it was found."""
-        worst = int(np.nanargmax(self.rmse))
-        of = f" of {self.source}" if self.source else ""
-        return (
-            f"RMSE up to {self.rmse[worst]:.4f} N m ({self.joint_names[worst]}) over "
-            f"{self.samples} samples{of}, torque filtered at {self.bandwidth:g} Hz"
-        )
-
-    def figures(self) -> Mapping[str, Sequence[object]]:
-        """Return error and measured torque of each joint."""
-        return {
-            "joint": self.joint_names,
-            "RMSE [N m]": self.rmse.tolist(),
-            "measured torque, RMS [N m]": self.torque.tolist(),
-        }

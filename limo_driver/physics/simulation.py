@@ -15,7 +15,6 @@ from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import split_reference
 from limo_driver.model.descriptions.reading import USD_ENDINGS
 from limo_driver.physics.described import EffectGroups, described_effects
-from limo_driver.physics.domain import Score
 from limo_driver.physics.drives import channels_of_drives, described_drives, described_motors
 from limo_driver.physics.effect import (
     ArmEffect,
@@ -29,6 +28,7 @@ from limo_driver.physics.effect import (
 )
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.physics.effects.transmission import JointElasticity
+from limo_driver.physics.score import Score
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save, sections_of
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH, differentiate
@@ -278,6 +278,7 @@ class Simulation(Displayed):
             samples=int(scored.sum()),
             bandwidth=width,
             source=recording.source,
+            sliding=self.model.sliding,
         )
 
     def headline(self) -> str:

@@ -29,6 +29,7 @@ from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import HOLDING, OBSERVABLE
 from estimators.diagnosis.verdict import (
+    TORQUE,
     UNKNOWN,
     Fit,
     Holds,
@@ -78,6 +79,7 @@ def fit_of(
         tuple(rmse(proven, every).tolist()),
         tuple(j + 1 for j in above_floor(problem, given, floor)),
         tuple(j + 1 for j in above_floor(problem, proven, floor)),
+        unit=problem.observed.unit(TORQUE),
     )
 
 
@@ -182,6 +184,7 @@ def conclude(
         holds=held_by(problem, solution),
         doubts=doubts,
         joint_names=problem.observed.simulation.model.joint_names,
+        sliding=problem.observed.simulation.model.sliding,
     )
 
 
@@ -231,7 +234,8 @@ def not_observable(
     return tuple(
         NotObservable(
             effect,
-            f"less than {rounded(torque * float(remaining.floor[joint]), 2)} N m RMS of it at "
+            f"less than {rounded(torque * float(remaining.floor[joint]), 2)} "
+            f"{problem.observed.unit('N m', joint)} RMS of it at "
             f"joint {joint + 1} could not be told from values that move within their tolerances",
         )
         for effect, (torque, joint) in sorted(least.items())

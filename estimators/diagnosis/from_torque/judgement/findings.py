@@ -55,6 +55,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from limo_driver.types import FloatArray
 
@@ -115,6 +116,7 @@ def findings_of(
                 evidence=_sentence(
                     candidate,
                     joint,
+                    problem.observed.unit("N m", joint),
                     float(before[joint]),
                     float(after[joint]),
                     float(remaining.floor[joint]),
@@ -131,7 +133,13 @@ def findings_of(
 
 
 def _sentence(
-    candidate: Candidate, joint: int, before: float, after: float, floor: float, lead: float
+    candidate: Candidate,
+    joint: int,
+    unit: str,
+    before: float,
+    after: float,
+    floor: float,
+    lead: float,
 ) -> str:
     signature = signature_of(candidate.effect)
     if is_of_bodies(candidate.effect):
@@ -140,8 +148,8 @@ def _sentence(
         said = f"At joint {joint + 1} {signature}"
     return (
         f"{said}; on held-out motion it reduces the "
-        f"RMSE there from {rounded(before, 3)} to {rounded(after, 3)} N m "
-        f"(noise floor {rounded(floor, 3)} N m), and "
+        f"RMSE there from {rounded(before, 3)} to {rounded(after, 3)} {unit} "
+        f"(noise floor {rounded(floor, 3)} {unit}), and "
         + (
             f"is {likelier(lead)} than the next explanation."
             if lead > 0
@@ -221,7 +229,7 @@ def unknown_of(
             where=where,
             share=share,
             heldout_rmse=BeforeAfter(values, values),
-            evidence=_unknown_sentence(remaining, ranked)
+            evidence=_unknown_sentence(problem.observed, remaining, ranked)
             + _stand_in_sentence([problem.candidates[member] for member in stand_ins]),
         ),
     )
@@ -240,12 +248,15 @@ def _together(places: Sequence[Where]) -> Where:
     )
 
 
-def _unknown_sentence(remaining: RemainingResidual, joints: Sequence[int]) -> str:
+def _unknown_sentence(
+    observed: Observations, remaining: RemainingResidual, joints: Sequence[int]
+) -> str:
     """Say what a black box predicts at each joint (0-based)."""
     figures = [
-        f"{rounded(remaining.predictable[j], 3)} N m RMS at joint {j + 1} "
-        f"(noise floor {rounded(remaining.floor[j], 3)} N m)"
+        f"{rounded(remaining.predictable[j], 3)} {unit} RMS at joint {j + 1} "
+        f"(noise floor {rounded(remaining.floor[j], 3)} {unit})"
         for j in joints
+        for unit in [observed.unit("N m", j)]
     ]
     return (
         "No effect of the catalogue explains a part of the remaining residual that a black box "

@@ -147,7 +147,8 @@ def notes(observed: Observations, left: FloatArray) -> Iterator[str]:
         apart = ", ".join("-" if np.isnan(x) else rounded(x) for x in item.apart)
         yield (
             f"{first} and {second} repeat one motion. Beside what the motion explains, one torque "
-            f"is {apart} N m RMS off (joint by joint): noise, and what changed in between."
+            f"is {apart} {observed.unit('N m')} RMS off (joint by joint): noise, and what "
+            "changed in between."
         )
 
 
