@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from limo_driver.model.units import common_unit, unit_of
+from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import (
@@ -62,7 +62,7 @@ def evaluation_page(found: EvaluationResult) -> Page:
     view = _arm(found)
     rigid, model = (float(np.sqrt(side.mean_mse)) for side in (found.rigid_body, found.hybrid))
     seen = ", on motion that it was trained on" if found.trained_on else ""
-    unit = common_unit("N m", found.robot.sliding)
+    unit = unit_of("N m", found.robot.sliding)
     title = (
         f"{found.model[:1].upper()}{found.model[1:]} is {model:.3g} {unit} off the measured "
         f"torque, the rigid body alone {rigid:.3g} {unit} (RMS over joints){seen}{_harmed(found)}."
@@ -124,7 +124,7 @@ def _errors(found: EvaluationResult, charts: Charts) -> str:
         ),
         (found.hybrid.rmse, found.model, {"symbol": "circle", "size": 11, "color": AFTER}),
     )
-    axes = layout(f"RMSE [{common_unit('N m', found.robot.sliding)}], logarithmic", "")
+    axes = layout(f"RMSE [{unit_of('N m', found.robot.sliding)}], logarithmic", "")
     axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate([e for e, _, _ in errors]))
     axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
     marks = [
@@ -201,7 +201,7 @@ def _joint(found: EvaluationResult, charts: Charts, j: int) -> str:
         over_time.append(curve(time, own, name, *style))
         loops.append(curve(position, own, name, *style))
     friction = f"friction [{found.units[j]}]"
-    place = f"position [{unit_of('rad', is_sliding=found.robot.sliding[j])}]"
+    place = f"position [{unit_of('rad', found.robot.sliding, j)}]"
     drawn = (
         (over_time, layout("time [s]", friction), "Friction over time", True),
         (loops, layout(place, friction), "Friction over position", False),

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.base import DEVIATIONS
 from estimators.change import SlowChange
-from limo_driver.model.units import common_unit, unit_of
+from limo_driver.model.units import unit_of
 from limo_driver.runtime.display import Displayed
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ class EvaluationResult(Displayed):
     @property
     def units(self) -> tuple[str, ...]:
         """Units of the joints' torques: N of those that slide."""
-        return tuple(unit_of("N m", is_sliding=each) for each in self.robot.sliding)
+        return tuple(unit_of("N m", self.robot.sliding, j) for j in range(self.robot.n))
 
     @property
     def _residual(self) -> FloatArray:
@@ -139,16 +139,17 @@ class EvaluationResult(Displayed):
 
     def headline(self) -> str:
         """Say how much less the error is than that of the rigid body."""
+        unit = unit_of("N m", self.robot.sliding)
         return (
-            f"{self.model}: mean MSE {self.hybrid.mean_mse:.3g} (N m)², rigid body "
-            f"{self.rigid_body.mean_mse:.3g} (N m)², over {int(self.scored.sum())} samples"
+            f"{self.model}: mean MSE {self.hybrid.mean_mse:.3g} ({unit})², rigid body "
+            f"{self.rigid_body.mean_mse:.3g} ({unit})², over {int(self.scored.sum())} samples"
             + (f" of {self.recording.source}" if self.recording.source else "")
             + (", which it was trained on" if self.trained_on else "")
         )
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the errors of each joint beside the noise floor."""
-        unit = common_unit("N m", self.robot.sliding)
+        unit = unit_of("N m", self.robot.sliding)
         return {
             "joint": self.joint_names,
             f"RMSE of the rigid body [{unit}]": self.rigid_body.rmse.tolist(),

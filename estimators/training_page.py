@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.model.units import common_unit, unit_of
+from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, curve, dots, layout
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
@@ -71,7 +71,7 @@ def training_page(model: ResidualModel[Any], recordings: Sequence[Recording]) ->
     record, charts = model.fitted.record, Charts()
     names = model.simulation.model.joint_names
     errors = held_out_errors(record)
-    unit = common_unit("N m", model.simulation.model.sliding)
+    unit = unit_of("N m", model.simulation.model.sliding)
     title = (
         f"{model.name} of {PurePath(model.simulation.model.name).stem}: {_headline(errors, names)}"
     )
@@ -116,7 +116,7 @@ def model_card(model: ResidualModel[Any], recordings: Sequence[Recording]) -> st
         f"| {name} | {before:.3g} | {after:.3g} |"
         for name, before, after in zip(robot.joint_names, *errors, strict=True)
     ] if errors else []  # fmt: skip
-    unit = common_unit("N m", robot.sliding)
+    unit = unit_of("N m", robot.sliding)
     choice = record.get("choice", {}).get("chosen")
     lines = [
         "---",
@@ -267,7 +267,7 @@ def _ranges(model: ResidualModel[Any], recordings: Sequence[Recording]) -> dict[
     position = np.concatenate([one.position for one in recordings])
     speed = [np.abs(one.motion(model.bandwidth).velocity).max(axis=0) for one in recordings]
     torque = np.concatenate([one.torque for one in recordings])
-    turn, push = ([unit_of(u, is_sliding=s) for s in robot.sliding] for u in ("rad", "N m"))
+    turn, push = ([unit_of(u, robot.sliding, j) for j in range(robot.n)] for u in ("rad", "N m"))
     joints = range(robot.n)
     return {
         "joint": list(robot.joint_names),

@@ -30,7 +30,7 @@ from estimators.rigid_body.tolerances import (
     without_stated,
 )
 from limo_driver.errors import ConfigError
-from limo_driver.model.units import common_unit, unit_of
+from limo_driver.model.units import unit_of
 from limo_driver.physics import Armature, Simulation
 from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -108,7 +108,7 @@ class Identification(Displayed):
         for item in self.estimates:
             column = terms.setdefault(f"{item.parameter} [{item.unit}]", [""] * self.model.n)
             column[item.joint - 1] = item.value
-        unit = common_unit("N m", self.model.sliding)
+        unit = unit_of("N m", self.model.sliding)
         return {
             "joint": self.model.joint_names,
             f"RMSE, in sample [{unit}]": self.rmse_consistent.tolist(),
@@ -334,7 +334,7 @@ def _estimates(
     terms: JointTerms, fit: ConsistentFit, observable: NDArray[np.bool_], sliding: Sequence[bool]
 ) -> tuple[TermEstimate, ...]:
     return tuple(
-        TermEstimate(*named, value, deviation, unit_of(term.unit, is_sliding=sliding[joint - 1]))
+        TermEstimate(*named, value, deviation, unit_of(term.unit, sliding, joint - 1))
         for term, joint, value, deviation in _by_joint(observable.size, terms, fit)
         for named in [(term.effect, term.parameter, joint)]
         if observable[joint - 1] and (deviation > 0 or term.effect.endswith("friction"))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.rigid_body.tables import base_estimates, known_of, notes_of
-from limo_driver.model.units import common_unit
+from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page, Pin, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
@@ -97,7 +97,7 @@ def identification_page(found: Identification, file: str) -> Page:
 
 def _torque(found: Identification) -> str:
     """Return the unit of the joints' torques."""
-    return common_unit("N m", found.model.sliding)
+    return unit_of("N m", found.model.sliding)
 
 
 def _errors(found: Identification) -> Figure:

@@ -10,7 +10,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from limo_driver.model.units import common_unit, unit_of
+from limo_driver.model.units import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +37,7 @@ def joint_table(found: Identification) -> Table:
         padding=0,
         show_edge=False,
     )
-    torque = common_unit("N m", found.model.sliding)
+    torque = unit_of("N m", found.model.sliding)
     for heading in ("#", f"base\n\n{torque}", f"body\n\n{torque}"):
         table.add_column(heading, justify="right", no_wrap=True)
     names = dict.fromkeys((item.effect, item.parameter, item.unit) for item in found.estimates)
@@ -110,7 +110,7 @@ def as_values(found: Identification) -> dict[str, Any]:
         "effective_rows": found.fit.effective.tolist(),
         "inertia_tolerance": found.tolerance,
         "known_to": found.simulation.tolerances.as_values(),
-        "torque_units": [unit_of("N m", is_sliding=each) for each in found.model.sliding],
+        "torque_units": [unit_of("N m", found.model.sliding, j) for j in range(found.model.n)],
         "rmse": {
             "base_parameters": found.fit.rmse.tolist(),
             "consistent": found.rmse_consistent.tolist(),
@@ -229,7 +229,7 @@ def _labels(found: Identification) -> list[tuple[str, str]]:
     numbers = range(1, found.model.linkage.links + 1)
     links = [(f"{name}_{i}", unit) for i in numbers for name, unit in _PER_LINK]
     terms = [
-        (f"{term.parameter}_{j + 1}", unit_of(term.unit, is_sliding=found.model.sliding[j]))
+        (f"{term.parameter}_{j + 1}", unit_of(term.unit, found.model.sliding, j))
         for term in found.terms.all()
         for j in range(n)
     ]

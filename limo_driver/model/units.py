@@ -1,34 +1,28 @@
-"""Units of what joints that slide have, where those of joints that turn are known."""
+"""Units of joints: in m and N where they slide, in rad and N m where they turn."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Sequence
 
-_OF_SLIDES: Final = {
-    "rad": "m",
-    "rad/s": "m/s",
-    "rad/s^2": "m/s^2",
-    "N m": "N",
-    "N m/rad": "N/m",
-    "N m s/rad": "N s/m",
-    "kg m^2": "kg",
-    "rad/(N m)": "m/N",
-}
+_OF_SLIDES: Final = (("(N m)", "N"), ("N m", "N"), ("rad", "m"), ("kg m^2", "kg"))
 
 
-def unit_of(unit: str, *, is_sliding: bool) -> str:
-    """Return the unit of a joint that slides, of what has this unit where a joint turns."""
-    return _OF_SLIDES.get(unit, unit) if is_sliding else unit
-
-
-def common_unit(unit: str, sliding: Iterable[bool]) -> str:
-    """Return the units that joints have together, such as `N m` or, of some that slide, `N m, N`.
+def unit_of(unit: str, sliding: Sequence[bool], joint: int | None = None) -> str:
+    """Return the unit at a joint, or of all joints together, such as `N m, N`.
 
     Args:
-        unit: Of a joint that turns.
-        sliding: Which joints slide, (n,).
+        unit: What it is where joints turn, such as `N m s/rad`.
+        sliding: Which joints slide, (n,); empty if none does.
+        joint: 0-based; all if not given.
     """
-    return ", ".join(dict.fromkeys(unit_of(unit, is_sliding=each) for each in sliding))
+    kinds = sliding if joint is None else sliding[joint : joint + 1]
+    return ", ".join(dict.fromkeys(_slides(unit) if each else unit for each in kinds)) or unit
+
+
+def _slides(unit: str) -> str:
+    for turning, sliding in _OF_SLIDES:
+        unit = unit.replace(turning, sliding)
+    return unit

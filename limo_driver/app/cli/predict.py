@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from limo_driver.app.console.arguments import MappingOption, describe_options
 from limo_driver.app.console.terminal import terminal
 from limo_driver.errors import ConfigError
-from limo_driver.model.units import common_unit, unit_of
+from limo_driver.model.units import unit_of
 from limo_driver.runtime.outputs import require_file, require_parquet, whole
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def command(
         rows = {"used": len(measured), "left_out": left_out}
         warnings = [*measured.warnings, *odd]
         units = {
-            name: [unit_of(_UNITS[name], is_sliding=each) for each in physics.model.sliding]
+            name: [unit_of(_UNITS[name], physics.model.sliding, j) for j in range(measured.n)]
             for name in columns
             if name in _UNITS
         }
@@ -129,7 +129,7 @@ def _written(
     """Say what the file holds."""
     empty = recording.rows_total - len(recording)
     rows = f"{recording.rows_total} rows" + (f", {empty} of them empty" if empty else "")
-    units = {name: f" [{common_unit(unit, sliding)}]" for name, unit in _UNITS.items()}
+    units = {name: f" [{unit_of(unit, sliding)}]" for name, unit in _UNITS.items()}
     named = ", ".join(f"{name}_1 … {name}_{recording.n}{units.get(name, '')}" for name in columns)
     return f"{out}: {rows}: time [s], {named}"
 

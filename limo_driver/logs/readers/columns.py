@@ -191,7 +191,7 @@ _SAID = {MEASURED: "measured", PLAIN: "", COMMANDED: "commanded", DERIVED: "deri
 
 def si_unit(quantity: str, *, is_sliding: bool = False) -> str:
     """Return the SI unit of a quantity of a joint that turns, or slides."""
-    return unit_of(next(iter(UNITS[quantity])), is_sliding=is_sliding)
+    return unit_of(next(iter(UNITS[quantity])), (is_sliding,))
 
 
 def quantity_of(unit: str) -> str:

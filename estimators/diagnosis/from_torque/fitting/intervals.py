@@ -27,6 +27,7 @@ from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Z95, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.model.descriptions.description import SITE
+from limo_driver.model.units import unit_of
 from limo_driver.physics import Payload
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def with_parameters(findings: Sequence[_Found], observed: Observations) -> tuple
     around = Linearised.of(observed, tuple(effects.values()), tuple(links.values()))
     of_nuisance, of_effects = around.deviations()
     parameters = {
-        k: _of_effect(effect, spread)
+        k: _of_effect(effect, spread, simulation.model.sliding)
         for (k, effect), spread in zip(effects.items(), of_effects, strict=True)
     }
     for k, link in links.items():
@@ -98,10 +99,15 @@ def _effect(finding: Finding | Identified, simulation: Simulation) -> Effect | N
     return found_in(simulation, finding.effect, finding.joints, missing=missing)
 
 
-def _of_effect(effect: Any, spread: FloatArray) -> dict[str, Interval]:  # noqa: ANN401  # of any class
+def _of_effect(
+    effect: Any,  # noqa: ANN401  # of any class
+    spread: FloatArray,
+    sliding: Sequence[bool],
+) -> dict[str, Interval]:
     """Return the parameters of an effect, given the deviations of its entries."""
     entries = zip(entries_of(effect), spread.tolist(), strict=True)
     deviation = {(entry.name, entry.at): s for entry, s in entries}
+    own = [sliding[j - 1] for j in effect.joints]
     known: dict[str, Interval] = {}
     for item in effect.parameters():
         value, within = getattr(effect, item.name), (item.lower, item.upper)
@@ -113,7 +119,7 @@ def _of_effect(effect: Any, spread: FloatArray) -> dict[str, Interval]:  # noqa:
         ]
         estimated = any(name == item.name for name, _ in deviation)
         ci = (tuple(pairs) if item.is_list else pairs[0]) if estimated else None
-        known[item.name] = Interval(value, item.unit, ci)
+        known[item.name] = Interval(value, unit_of(item.unit, own), ci)
     return known
 
 

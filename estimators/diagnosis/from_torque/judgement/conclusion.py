@@ -40,6 +40,7 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from estimators.regression.definite import best_first, ranked
+from limo_driver.model.units import unit_of
 from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
@@ -208,7 +209,7 @@ def not_observable(
     An effect that is in the set has shown at one joint, and is left out: where else it could be is
     no reason to say that these recordings do not excite it.
     """
-    evidence = solution.search.evidence
+    evidence, sliding = solution.search.evidence, problem.observed.simulation.model.sliding
     size = problem.columns.size()
     least: dict[str, tuple[float, int]] = {}
     moves = np.count_nonzero(problem.observed.moving, axis=0) > 0
@@ -231,7 +232,8 @@ def not_observable(
     return tuple(
         NotObservable(
             effect,
-            f"less than {rounded(torque * float(remaining.floor[joint]), 2)} N m RMS of it at "
+            f"less than {rounded(torque * float(remaining.floor[joint]), 2)} "
+            f"{unit_of('N m', sliding, joint)} RMS of it at "
             f"joint {joint + 1} could not be told from values that move within their tolerances",
         )
         for effect, (torque, joint) in sorted(least.items())

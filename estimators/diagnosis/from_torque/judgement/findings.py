@@ -48,6 +48,7 @@ from estimators.diagnosis.held_out import reducible_removed
 from estimators.diagnosis.quantities import listed, of_joints, rounded
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
+from limo_driver.model.units import unit_of
 from limo_driver.physics import Payload, display_name
 
 if TYPE_CHECKING:
@@ -82,6 +83,7 @@ def findings_of(
     lost = lost_by(problem, solution)
     time, stretches = problem.observed.slow.time, problem.observed.stretches
     duration = sum(float(np.ptp(time[rows])) for rows in stretches)
+    sliding = problem.observed.simulation.model.sliding
     found: list[Finding] = []
     for member in named:
         candidate = problem.candidates[member]
@@ -115,6 +117,7 @@ def findings_of(
                 evidence=_sentence(
                     candidate,
                     joint,
+                    unit_of("N m", sliding, joint),
                     float(before[joint]),
                     float(after[joint]),
                     float(remaining.floor[joint]),
@@ -131,7 +134,13 @@ def findings_of(
 
 
 def _sentence(
-    candidate: Candidate, joint: int, before: float, after: float, floor: float, lead: float
+    candidate: Candidate,
+    joint: int,
+    unit: str,
+    before: float,
+    after: float,
+    floor: float,
+    lead: float,
 ) -> str:
     signature = signature_of(candidate.effect)
     if is_of_bodies(candidate.effect):
@@ -140,8 +149,8 @@ def _sentence(
         said = f"At joint {joint + 1} {signature}"
     return (
         f"{said}; on held-out motion it reduces the "
-        f"RMSE there from {rounded(before, 3)} to {rounded(after, 3)} N m "
-        f"(noise floor {rounded(floor, 3)} N m), and "
+        f"RMSE there from {rounded(before, 3)} to {rounded(after, 3)} {unit} "
+        f"(noise floor {rounded(floor, 3)} {unit}), and "
         + (
             f"is {likelier(lead)} than the next explanation."
             if lead > 0
@@ -221,7 +230,7 @@ def unknown_of(
             where=where,
             share=share,
             heldout_rmse=BeforeAfter(values, values),
-            evidence=_unknown_sentence(remaining, ranked)
+            evidence=_unknown_sentence(remaining, ranked, problem.observed.simulation.model.sliding)
             + _stand_in_sentence([problem.candidates[member] for member in stand_ins]),
         ),
     )
@@ -240,12 +249,15 @@ def _together(places: Sequence[Where]) -> Where:
     )
 
 
-def _unknown_sentence(remaining: RemainingResidual, joints: Sequence[int]) -> str:
+def _unknown_sentence(
+    remaining: RemainingResidual, joints: Sequence[int], sliding: Sequence[bool]
+) -> str:
     """Say what a black box predicts at each joint (0-based)."""
     figures = [
-        f"{rounded(remaining.predictable[j], 3)} N m RMS at joint {j + 1} "
-        f"(noise floor {rounded(remaining.floor[j], 3)} N m)"
+        f"{rounded(remaining.predictable[j], 3)} {unit} RMS at joint {j + 1} "
+        f"(noise floor {rounded(remaining.floor[j], 3)} {unit})"
         for j in joints
+        for unit in [unit_of("N m", sliding, j)]
     ]
     return (
         "No effect of the catalogue explains a part of the remaining residual that a black box "

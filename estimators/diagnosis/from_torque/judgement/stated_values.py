@@ -24,6 +24,7 @@ from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.diagnosis.verdict import LINK_INERTIA, Z95, StatedValue, is_felt_by_all
 from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
+from limo_driver.model.units import unit_of
 from limo_driver.physics import BodyEffect, TorqueGain
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ class _Values(ValueComparison):
             effect=effect.name,
             joints=joints,
             joint_names=self.names(joints),
-            unit=known.unit,
+            unit=unit_of(known.unit, [self.stated.model.sliding[j - 1] for j in joints]),
             stated=stated,
             fitted=value,
             ci95=None if spread is None else _interval(value, spread, known),
@@ -327,7 +328,7 @@ class _Values(ValueComparison):
             effect="",
             joints=joints,
             joint_names=self.names(joints),
-            unit="N m",
+            unit=unit_of("N m", self.stated.model.sliding, worst),
             stated=stated,
             fitted=value,
             ci95=None if reach is None else (max(value - reach, 0.0), value + reach),

@@ -18,6 +18,7 @@ from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.settings.judgement import BLACK_BOX, REGION
 from estimators.diagnosis.verdict import Where
 from estimators.regression.definite import inverse_root
+from limo_driver.model.units import unit_of
 from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
@@ -134,11 +135,14 @@ def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:
     if not rows.size or energy.sum() <= 0:
         return Where(region=f"joint {joint + 1}", figure=figure)
     samples = observed.kept[rows]
+    speed, far, push = (
+        unit_of(unit, observed.simulation.model.sliding, joint) for unit in ("rad/s", "rad", "N m")
+    )
     said = [
-        *_side(_SPEED, "rad/s", np.abs(observed.slow.velocity[rows, joint]), energy),
-        *_side(_REVERSAL, "rad", observed.since_reversal[samples, joint], energy),
-        *_side(_LOAD, "N m", np.abs(observed.load[samples, joint]), energy),
-        *_range(observed.slow.position[rows, joint], energy),
+        *_side(_SPEED, speed, np.abs(observed.slow.velocity[rows, joint]), energy),
+        *_side(_REVERSAL, far, observed.since_reversal[samples, joint], energy),
+        *_side(_LOAD, push, np.abs(observed.load[samples, joint]), energy),
+        *_range(observed.slow.position[rows, joint], energy, far),
     ]
     recordings, time = _stretches(observed, rows, energy)
     if time:
@@ -166,14 +170,14 @@ def _side(names: tuple[str, str], unit: str, values: FloatArray, energy: FloatAr
     return [f"{name} (half of it {side} {rounded(half, 2)} {unit})"]
 
 
-def _range(position: FloatArray, energy: FloatArray) -> list[str]:
-    """Say which narrow range of positions (R,) has half the energy, if one does."""
+def _range(position: FloatArray, energy: FloatArray, unit: str) -> list[str]:
+    """Say which narrow range of positions (R,), in this unit, has half the energy, if one does."""
     order = np.argsort(position, kind="stable")
     first, last = _narrowest(energy[order], 0.5)
     if (last - first) > REGION.part * len(order):
         return []
     low, high = position[order][[first, last - 1]]
-    return [f"near one position (half of it between {low:.3f} and {high:.3f} rad)"]
+    return [f"near one position (half of it between {low:.3f} and {high:.3f} {unit})"]
 
 
 def _stretches(

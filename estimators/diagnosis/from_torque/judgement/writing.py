@@ -29,6 +29,7 @@ from estimators.diagnosis.quantities import of_joints
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
+from limo_driver.model.units import unit_of
 from limo_driver.physics import ViscousFriction
 from limo_driver.physics.domain import Domain
 from limo_driver.physics.effect import TorqueEffect
@@ -226,7 +227,11 @@ class Written:
                 f"not hold where {self.kind} were left out: {some}."
             )
         if self.offsets:
-            some = ", ".join(f"{value:+.3g} N m at joint {joint}" for joint, value in self.offsets)
+            sliding = self.improved.simulation.model.sliding
+            some = ", ".join(
+                f"{value:+.3g} {unit_of('N m', sliding, joint - 1)} at joint {joint}"
+                for joint, value in self.offsets
+            )
             yield (
                 f"Where {self.kind} were left out, offsets of the torque surely help, and are "
                 f"written into the improved simulation: {some}."
@@ -330,7 +335,7 @@ def _of_several_joints(
         sum_now, sum_other = (np.sum(((scale + x[0]) / scale) ** 2) for x in (now, other))
         much = mended[j] > CONTRIBUTION.material * elsewhere.floor[j]
         if much or (mended[j] > 0 and sum_other < sum_now):
-            yield Withheld(part.name, _in_words(now, j))
+            yield Withheld(part.name, _in_words(now, j, elsewhere))
             known, now = (*known, part.name), other
 
 
@@ -351,7 +356,9 @@ def _of_one_joint(
             if other[0][j] < min(best.get(j, (0.0, []))[0], 0.0):
                 best[j] = (float(other[0][j]), [name])
     for j, names in own.items():
-        yield from (Withheld(name, _in_words(now, j)) for name in best.get(j, (0.0, names))[1])
+        yield from (
+            Withheld(name, _in_words(now, j, elsewhere)) for name in best.get(j, (0.0, names))[1]
+        )
 
 
 def _rare(
@@ -377,6 +384,7 @@ def _rare(
             yield Withheld(part.name, f"acts on {100 * share.max():.1g} % of the rows alone")
 
 
-def _in_words(change: FloatArray, j: int) -> str:
+def _in_words(change: FloatArray, j: int, elsewhere: Elsewhere) -> str:
     middle, low, high = change[:, j]
-    return f"RMSE of joint {j + 1} {middle:+.2g} N m, 95 % interval {low:+.2g} to {high:+.2g}"
+    unit = unit_of("N m", elsewhere.given.model.sliding, j)
+    return f"RMSE of joint {j + 1} {middle:+.2g} {unit}, 95 % interval {low:+.2g} to {high:+.2g}"

@@ -17,6 +17,7 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
 from estimators.diagnosis.from_torque.residuals.usable_joints import without_effort
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
+from limo_driver.model.units import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -162,22 +163,22 @@ def other_unit(observed: Observations) -> Mistake | None:
     All torques together are judged more strictly than one, since a sensor may be wrong, and a
     friction known badly.
     """
-    scale = dict(_scales(observed))
+    scale, sliding = dict(_scales(observed)), observed.simulation.model.sliding
     wrong = [
         j for j, factor in scale.items() if not 1 / PLAUSIBILITY.scale < factor < PLAUSIBILITY.scale
     ]
     usual = float(np.exp(np.mean(np.log(list(scale.values()))))) if len(scale) > 1 else 1.0
     if not 1 / PLAUSIBILITY.scale_of_all < usual < PLAUSIBILITY.scale_of_all:
         return Mistake(
-            f"the torques are {usual:.3g} times what motion and arm make of them; expected N m; "
-            f"are they in {_unit_of(usual)}, or is it another robot?",
+            f"the torques are {usual:.3g} times what motion and arm make of them; expected "
+            f"{unit_of('N m', sliding)}; are they in {_other_unit(usual)}, or is it another robot?",
             _divided(np.full(observed.n, usual)),
         )
     if wrong:
         j = wrong[0]
         return Mistake(
-            f"torque_{j + 1} is {scale[j]:.3g} times what its motion makes of it; expected N m; is "
-            f"it in {_unit_of(scale[j])}?",
+            f"torque_{j + 1} is {scale[j]:.3g} times what its motion makes of it; expected "
+            f"{unit_of('N m', sliding, j)}; is it in {_other_unit(scale[j], slides=sliding[j])}?",
             _divided(np.where(np.arange(observed.n) == j, scale[j], 1.0)),
         )
     return None
@@ -187,8 +188,10 @@ def _divided(factors: FloatArray) -> Callable[[RowSample], RowSample]:
     return lambda sample: sample.torques(np.diag(1.0 / factors))
 
 
-def _unit_of(factor: float) -> str:
-    """Return the units in which a torque would be as many times larger, or smaller, than in N m."""
+def _other_unit(factor: float, *, slides: bool = False) -> str:
+    """Return the units in which a torque would be as many times larger, or smaller."""
+    if slides:
+        return "mN or mA" if factor > 1 else "kN or A"
     return "N mm or mA" if factor > 1 else "kN m or A"
 
 

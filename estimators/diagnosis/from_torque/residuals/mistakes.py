@@ -16,10 +16,11 @@ import numpy as np
 from scipy.optimize import nnls
 
 from estimators.diagnosis.settings.residuals import MISTAKES
+from limo_driver.model.units import unit_of
 from limo_driver.types import Motion
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -162,8 +163,9 @@ class Mistake:
     kind: str = ""  # in a word or two
 
 
-def mistakes(n: int) -> Iterator[Mistake]:
-    """Yield what can be wrong with the log of n joints; the more usual of two alike first."""
+def mistakes(sliding: Sequence[bool]) -> Iterator[Mistake]:
+    """Yield what can be wrong with the log of joints that turn or slide, the more usual first."""
+    n = len(sliding)
     one = np.eye(n)
     yield Mistake(
         "all torques have the other sign than expected, which is positive along the axis",
@@ -172,7 +174,7 @@ def mistakes(n: int) -> Iterator[Mistake]:
         kind="sign",
     )
     for j in range(n):
-        yield from _of_joint(j, n)
+        yield from _of_joint(j, n, turns=not sliding[j])
     for i, j in combinations(range(n), 2):
         exchange = one[[j if k == i else i if k == j else k for k in range(n)]]
         yield Mistake(
@@ -193,7 +195,7 @@ def mistakes(n: int) -> Iterator[Mistake]:
     )
     yield Mistake(
         "the positions of all joints are 57.3 times too small, as if converted from degrees twice",
-        _positions(one * _DEGREES),
+        _positions(np.diag(np.where(sliding, 1.0, _DEGREES))),
         is_of_all=True,
         kind="unit",
     )
@@ -208,7 +210,7 @@ def mistakes(n: int) -> Iterator[Mistake]:
             )
 
 
-def _of_joint(j: int, n: int) -> Iterator[Mistake]:
+def _of_joint(j: int, n: int, *, turns: bool) -> Iterator[Mistake]:
     one, own = np.eye(n), np.eye(n)[j]
     turned = one - 2 * np.diag(own)
     yield Mistake(
@@ -226,6 +228,8 @@ def _of_joint(j: int, n: int) -> Iterator[Mistake]:
         lambda sample: sample.torques(turned).positions(turned),
         kind="sign",
     )
+    if not turns:
+        return
     yield Mistake(
         f"position_{j + 1} is 57.3 times too small, as if converted from degrees twice",
         _positions(one + (_DEGREES - 1) * np.diag(own)),
@@ -247,8 +251,9 @@ def stuck(sample: RowSample) -> Iterator[Mistake]:
     for j in sample.constant:
         value = float(sample.motion.position[0, j])
         yield Mistake(
-            f"position_{j + 1} is {value:.4g} rad in all rows although the torques are those of an "
-            f"arm whose joint {j + 1} moves, as if its encoder were stuck",
+            f"position_{j + 1} is {value:.4g} {unit_of('rad', sample.body.sliding, j)} in all "
+            f"rows although the torques are those of an arm whose joint {j + 1} moves, "
+            "as if its encoder were stuck",
             partial(_turning, j),
         )
 

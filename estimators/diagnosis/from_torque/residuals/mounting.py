@@ -17,6 +17,7 @@ from estimators.diagnosis.held_out import Split, rmse
 from estimators.diagnosis.settings.residuals import MOUNTING
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Verdict, Where
 from estimators.regression.definite import SHOWN
+from limo_driver.model.units import unit_of
 from limo_driver.physics import GravityDirection
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ def _turned(
     cosine = float(found @ stated / (np.linalg.norm(found) * np.linalg.norm(stated)))
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     joint = int(np.argmax(before**2 - after**2))
+    unit = unit_of("N m", given.simulation.model.sliding, joint)
     missing = not any(isinstance(item, GravityDirection) for item in given.simulation.effects)
     return Finding(
         effect=GravityDirection.name,
@@ -103,7 +105,7 @@ def _turned(
         evidence=(
             f"The torques are those of the arm with its base turned by {angle:.0f}°, so that "
             "gravity pulls another way than the simulation says; on held-out motion that reduces "
-            f"the RMSE of joint {joint + 1} from {before[joint]:.3g} to {after[joint]:.3g} N m. "
+            f"the RMSE of joint {joint + 1} from {before[joint]:.3g} to {after[joint]:.3g} {unit}. "
             "All else was sought beside the turned arm."
         ),
     )

@@ -44,6 +44,7 @@ from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK
 from estimators.rigid_body.tolerances import bare
 from limo_driver.errors import RecordingError
+from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import lowered
 
 if TYPE_CHECKING:
@@ -176,9 +177,11 @@ def _check_columns(observed: Observations, sample: RowSample) -> str:
 
 def _stuck_in(observed: Observations) -> tuple[str, ...]:
     """Ask of each joint whose encoder may be stuck whether it is."""
+    sliding = observed.simulation.model.sliding
     return tuple(
-        f"position_{j + 1} is {observed.slow.position[0, j]:.4g} rad in all rows while torque_"
-        f"{j + 1} varies by {np.ptp(observed.measured[:, j]):.3g} N m: is its encoder stuck?"
+        f"position_{j + 1} is {observed.slow.position[0, j]:.4g} {unit_of('rad', sliding, j)} in "
+        f"all rows while torque_{j + 1} varies by {np.ptp(observed.measured[:, j]):.3g} "
+        f"{unit_of('N m', sliding, j)}: is its encoder stuck?"
         for j in doubtful_encoders(observed)
     )
 
@@ -209,10 +212,12 @@ def notes_on(observed: Observations, doubts: Sequence[str] | None = None) -> tup
     silent = without_torque(observed)
     if silent:
         where = of_joints([j + 1 for j in silent]).capitalize()
-        values = listed([*dict.fromkeys(f"{observed.measured[0, j]:.4g}" for j in silent)])
+        sliding = observed.simulation.model.sliding
+        values = [f"{observed.measured[0, j]:.4g} {unit_of('N m', sliding, j)}" for j in silent]
         is_ = "is" if len(silent) == 1 else "are"
         warnings.append(
-            f"{where} {is_} left out: no torque is measured there, {values} N m in all rows."
+            f"{where} {is_} left out: no torque is measured there, "
+            f"{listed([*dict.fromkeys(values)])} in all rows."
         )
     without = {*silent, *left_out(observed)}
     motionless = [j for j in still(observed) if j not in without]
@@ -258,12 +263,13 @@ def _check_motion(observed: Observations) -> None:
     if len(still(observed)) == observed.n:
         ranges = np.ptp(observed.slow.position, axis=0)
         joint, least = int(np.argmax(ranges)), MISTAKES.least_moving
+        sliding = observed.simulation.model.sliding
         away = observed.faster(ROWS.rest).sum(axis=0)
         raise _refused(
             observed,
             f"no joint keeps moving for long enough to learn from: joint {joint + 1} goes the "
-            f"farthest, {ranges[joint]:.2g} rad, and is away from rest on {away[joint]} of "
-            f"{len(observed.kept)} rows, expected {least}",
+            f"farthest, {ranges[joint]:.2g} {unit_of('rad', sliding, joint)}, and is away from "
+            f"rest on {away[joint]} of {len(observed.kept)} rows, expected {least}",
         )
 
 
@@ -274,7 +280,7 @@ def _weightless_in(observed: Observations) -> list[str]:
     told: list[str] = []
     for j in without_load(observed, PLAUSIBILITY.light):
         question = (
-            f"its torque is {torque[j]:.3g} {'N' if slides[j] else 'N m'} where its load asks for "
+            f"its torque is {torque[j]:.3g} {unit_of('N m', slides, j)} where its load asks for "
             f"{load[j]:.3g} (root mean squares). Is it in another unit, does something balance the "
             "load, or has the drive no power?"
         )
@@ -289,8 +295,9 @@ def _check_measured(observed: Observations) -> None:
     if len(without_torque(observed)) == observed.n:
         raise _refused(
             observed,
-            f"the torques are {observed.measured[0].tolist()} N m in all rows; expected measured "
-            "torque",
+            f"the torques are {observed.measured[0].tolist()} "
+            f"{unit_of('N m', observed.simulation.model.sliding)} in all rows; "
+            "expected measured torque",
         )
 
 
@@ -300,7 +307,7 @@ def found_in(sample: RowSample) -> list[Mistake]:
     Args:
         sample: Torque and motion as recorded.
     """
-    known = [*mistakes(sample.torque.shape[1]), *stuck(sample)]
+    known = [*mistakes(sample.body.sliding), *stuck(sample)]
     found: list[Mistake] = []
     while len(found) < PLAUSIBILITY.most and sample.misfit.max() > PLAUSIBILITY.strange:
         undone = [(mistake, mistake.undo(sample)) for mistake in known]

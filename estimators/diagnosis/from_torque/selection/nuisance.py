@@ -25,6 +25,7 @@ from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import REACH, Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
+from limo_driver.model.units import unit_of
 from limo_driver.physics import (
     CoulombFriction,
     PositionDependentFriction,
@@ -259,7 +260,7 @@ def _parameters(observed: Observations, columns: ColumnTable, stated: Simulation
             enter = reviser(place, (known,))
             parts.append(
                 _Part(
-                    (_tolerated(effect, known, float(named)),),
+                    (_tolerated(effect, known, float(named), observed),),
                     Prior.free(index, np.array([tolerance])),
                     _scaled(enter, scale),
                     np.array([start]),
@@ -272,12 +273,17 @@ def _scaled(enter: Enter, scale: float) -> Enter:
     return lambda improvement, c: enter(improvement, scale * c)
 
 
-def _tolerated(effect: Any, known: Parameter, value: float) -> Tolerated:  # noqa: ANN401  # of any class
+def _tolerated(
+    effect: Any,  # noqa: ANN401  # of any class
+    known: Parameter,
+    value: float,
+    observed: Observations,
+) -> Tolerated:
     joint = getattr(effect, "joint", None)
     where = "" if joint is None else f" of joint {joint}"
     return Tolerated(
         f"{known.name}{where} ({display_name(effect.name)})",
-        known.unit,
+        unit_of(known.unit, [observed.simulation.model.sliding[j - 1] for j in effect.joints]),
         value,
         value,
         (effect.name, tuple(j - 1 for j in effect.joints)),
@@ -322,6 +328,7 @@ def _scaler(joint: int) -> Enter:
 
 def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) -> list[_Part]:
     parts: list[_Part] = []
+    sliding = observed.simulation.model.sliding
     for j in range(observed.n):
         lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)
         index = columns.add(lag.joints, lag.values[:, :, None])
@@ -332,7 +339,9 @@ def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) ->
         offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)
         index = columns.add(offset.joints, offset.values[:, :, None])
         place = (TorqueOffset.name, (j,))
-        parameter = Tolerated(f"offset of sensor {j + 1}", "N m", 0.0, 1.0, place)
+        parameter = Tolerated(
+            f"offset of sensor {j + 1}", unit_of("N m", sliding, j), 0.0, 1.0, place
+        )
         deviation = TOLERATED.sensor_offset * floor[j : j + 1]
         parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
     return parts
