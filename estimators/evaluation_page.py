@@ -83,7 +83,7 @@ def evaluation_page(found: EvaluationResult) -> Page:
         + section("Friction over time and over position", _curves(found, charts), "curves", _CURVES)
         + _next(found)
     )
-    return Page(title, body, charts, view)
+    return Page(title, body, charts, view, sliding=found.robot.sliding)
 
 
 def _harmed(found: EvaluationResult) -> str:

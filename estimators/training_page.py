@@ -99,7 +99,7 @@ def training_page(model: ResidualModel[Any], recordings: Sequence[Recording]) ->
             ]
         )
     )
-    return Page(title, body, charts)
+    return Page(title, body, charts, sliding=model.simulation.model.sliding)
 
 
 def model_card(model: ResidualModel[Any], recordings: Sequence[Recording]) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 
 from estimators.diagnosis.held_out import block_length, blocks_of_time, rmse_change
 from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, dots, layout, rounded_ticks
 from limo_driver.pages.markup import columns, header, listed, next_steps, section
@@ -49,9 +50,10 @@ class Culprit:
     by: float  # RMSE that the joint would lose, were that part as in the given simulation [N m]
     outside: float | None = None  # part of the samples beyond its domain; None if it has none
 
-    def __str__(self) -> str:
+    def in_words(self, unit: str) -> str:
+        """Say what it is and how much it costs, in the unit of its joint."""
         beyond = f", beyond its domain in {self.outside:.0%} of the samples" if self.outside else ""
-        return f"{self.part} by {self.by:.3g} N m{beyond}"
+        return f"{self.part} by {self.by:.3g} {unit}{beyond}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -68,6 +70,7 @@ class SimulationComparison(Displayed):
     estimates: Mapping[str, FloatArray]  # RMSE of estimates that were recorded, (n,) [N m]
     samples: int
     bandwidth: float  # [Hz]
+    sliding: tuple[bool, ...] = ()  # (n,), joints in m and N; empty if all turn
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -93,18 +96,24 @@ class SimulationComparison(Displayed):
             f"torque filtered at {self.bandwidth:g} Hz"
         )
 
+    @property
+    def unit(self) -> str:
+        """Of the joints' torques: N of those that slide."""
+        return unit_of("N m", self.sliding)
+
     def _names(self, joints: Sequence[int]) -> list[str]:
         return [self.joint_names[j - 1] for j in joints]
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the errors of each joint, the change with its interval, and what it is."""
-        named = {f"{name} [N m]": values.tolist() for name, values in self.estimates.items()}
+        unit = self.unit
+        named = {f"{name} [{unit}]": values.tolist() for name, values in self.estimates.items()}
         ends = zip(self.low.tolist(), self.high.tolist(), strict=True)
         return {
             "joint": self.joint_names,
-            "RMSE given [N m]": self.given.tolist(),
-            "improved [N m]": self.improved.tolist(),
-            "change [N m]": (self.improved - self.given).tolist(),
+            f"RMSE given [{unit}]": self.given.tolist(),
+            f"improved [{unit}]": self.improved.tolist(),
+            f"change [{unit}]": (self.improved - self.given).tolist(),
             "95 % interval": [f"{low:+.3g} to {high:+.3g}" for low, high in ends],
             "is": self.states,
             **named,
@@ -114,7 +123,8 @@ class SimulationComparison(Displayed):
         """Yield why the improved simulation is worse, one sentence for each joint where it is."""
         for j in self.worse:
             found, name = self.culprits[j - 1], self.joint_names[j - 1]
-            parts = "; ".join(map(str, found))
+            unit = unit_of("N m", self.sliding, j - 1)
+            parts = "; ".join(item.in_words(unit) for item in found)
             yield f"{name} is worse because of {parts or 'no part alone: they act together'}."
 
     def __str__(self) -> str:
@@ -169,7 +179,7 @@ def _page(found: SimulationComparison) -> Page:
         + section("Why it is worse", listed(found.reasons()), "why")
         + next_steps([("Where it is worse, let the diagnosis see this motion, too.", again)])
     )
-    return Page(title, body, charts)
+    return Page(title, body, charts, sliding=found.sliding)
 
 
 def _errors(found: SimulationComparison, charts: Charts) -> str:
@@ -179,11 +189,12 @@ def _errors(found: SimulationComparison, charts: Charts) -> str:
         (found.given, "given", "circle-open", BEFORE),
         (found.improved, "improved", "circle", AFTER),
     ]
-    axes = layout("RMSE [N m], logarithmic", "")
+    unit = found.unit
+    axes = layout(f"RMSE [{unit}], logarithmic", "")
     axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate([e[0] for e in errors]))
     axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
     marks = [
-        dots(values.tolist(), names, name, {"symbol": symbol, "size": 11, "color": colour})
+        dots(values.tolist(), names, name, {"symbol": symbol, "size": 11, "color": colour}, unit)
         for values, name, symbol, colour in errors
         if np.isfinite(values).any()
     ]
@@ -265,6 +276,7 @@ def compare_simulations(
         },
         int(scored.sum()),
         bandwidth,
+        improved.model.sliding,
     )
 
 

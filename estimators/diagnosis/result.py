@@ -15,6 +15,7 @@ from estimators.diagnosis.headline import headline, named, place_of, values_of
 from estimators.diagnosis.quantities import give_or_take, listed, rounded, several, value_columns
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Verdict
 from estimators.regression.evidence import REACH
+from limo_driver.model.units import unit_of
 from limo_driver.physics import display_name
 from limo_driver.recordings.bandwidth import BANDWIDTH
 from limo_driver.runtime.display import Displayed
@@ -140,7 +141,8 @@ def _seen(verdict: Verdict) -> list[str]:
         return []
     fastest = (high for _, high in verdict.holds.speed)
     speeds = listed([rounded(speed, 2) if speed > 0 else "-" for speed in fastest])
-    sentence = f"The joints moved at up to {speeds} rad/s; faster motion is extrapolated."
+    unit = unit_of("rad/s", verdict.sliding)
+    sentence = f"The joints moved at up to {speeds} {unit}; faster motion is extrapolated."
     return [sentence, *filter(None, [hardly_shown(verdict)])]
 
 
@@ -238,6 +240,7 @@ class Traces:
     after: FloatArray  # (K, n) torque of the improved simulation [N m]
     held_out: NDArray[np.bool_]  # (K,) rows that the proof was made on
     moving: NDArray[np.bool_]  # (K, n) not near rest; all other rows are neither fitted nor scored
+    sliding: tuple[bool, ...] = ()  # (n,), joints in m and N; empty if all turn
 
 
 @dataclass(frozen=True)
@@ -320,8 +323,12 @@ class DiagnosisResult(Displayed):
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the errors of each joint on motion that nothing was fitted to."""
-        names = {"given": "held-out RMSE before [N m]", "rows judged": "part of the rows judged"}
-        columns = {names.get(k, f"{k} [N m]"): v for k, v in columns_of(self.verdict).items()}
+        unit = self.verdict.fit.unit
+        names = {
+            "given": f"held-out RMSE before [{unit}]",
+            "rows judged": "part of the rows judged",
+        }
+        columns = {names.get(k, f"{k} [{unit}]"): v for k, v in columns_of(self.verdict).items()}
         return {"joint": self.before.model.joint_names, **columns}
 
 
@@ -339,6 +346,7 @@ class Replay:
     position: FloatArray  # (T, n) recorded [rad]
     position_before: FloatArray  # (T, n) of the robot of the given simulation [rad]
     position_after: FloatArray  # (T, n) of the robot of the improved simulation [rad]
+    sliding: tuple[bool, ...] = ()  # (n,), joints in m and N; empty if all turn
 
 
 @dataclass(frozen=True)
@@ -379,10 +387,11 @@ class DriveResult(Displayed):
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the free-running errors of each joint on motion that nothing was fitted to."""
         given, improved = self.held_out_error
+        unit = unit_of("rad", self.before.model.sliding)
         return {
             "joint": self.before.model.joint_names,
-            "held-out |error| given [rad]": given,
-            "improved [rad]": improved,
+            f"held-out |error| given [{unit}]": given,
+            f"improved [{unit}]": improved,
         }
 
     def __str__(self) -> str:

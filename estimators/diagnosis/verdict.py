@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import HOLDING
+from limo_driver.model.units import unit_of
 from limo_driver.physics import ArmEffect, BodyEffect, display_name
 from limo_driver.physics.catalogue import known_as
 from limo_driver.runtime import written_by
@@ -262,6 +263,7 @@ class Verdict:
     doubts: tuple[str, ...] = ()  # those of the notes that make all of it doubtful
     values: tuple[StatedValue, ...] = ()  # stated ones, and those that fit
     joint_names: tuple[str, ...] = ()  # (n,), as the description has them
+    sliding: tuple[bool, ...] = ()  # (n,), joints in m and N; empty if all turn
 
     def __post_init__(self) -> None:
         """Let sentences, which count joints, call them as the description does."""
@@ -289,6 +291,17 @@ class Verdict:
     def names(self) -> tuple[str, ...]:
         """Names of all joints, (n,); empty texts where nobody has written them down."""
         return self.joint_names or ("",) * len(self.fit.noise_floor)
+
+    @property
+    def is_of_torque(self) -> bool:
+        """Whether torque was recorded; else errors are of positions."""
+        return not self.fit.one_step_rmse_before
+
+    def unit_at(self, joint: int) -> str:
+        """Return the unit of the errors of a joint (1-based)."""
+        if not any(self.sliding) or all(self.sliding):
+            return self.fit.unit
+        return unit_of(TORQUE if self.is_of_torque else "rad", self.sliding, joint - 1)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -365,6 +378,8 @@ class Verdict:
         for name in _WITHOUT_TORQUE:
             if not content["fit"][name]:
                 del content["fit"][name]
+        if not any(self.sliding):
+            del content["sliding"]
         return {"schema": SCHEMA} | content | {"states": list(self.states)}
 
     def save(self, path: Path) -> None:

@@ -92,7 +92,7 @@ def identification_page(found: Identification, file: str) -> Page:
             ]
         )
     )
-    return Page(title, body, charts, view)
+    return Page(title, body, charts, view, sliding=found.model.sliding)
 
 
 def _torque(found: Identification) -> str:

@@ -308,7 +308,7 @@ def planned_motion(
     view = arm_view(model, position[0], motion=played)
     lead = "Drag to turn; the slider, or a click into the chart below, moves the arm."
     drawn = charts.place(
-        joint_motion(trajectory, model.joint_names),
+        joint_motion(trajectory, model.joint_names, model.sliding),
         "Joints over time",
         "from where each starts",
         follows=True,

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from limo_driver.model.units import unit_of
 from limo_driver.quoting import in_line
 from limo_driver.recordings.gate.held_values import contiguous
 from limo_driver.runtime.display import joint_labels
@@ -86,7 +87,9 @@ def numbers(values: FloatArray, digits: int = 4) -> list[float | None]:
     return [float(format(v, few)) if math.isfinite(v) else None for v in values.tolist()]
 
 
-def joint_motion(trajectory: Trajectory, names: Sequence[str]) -> Figure:
+def joint_motion(
+    trajectory: Trajectory, names: Sequence[str], sliding: Sequence[bool] = ()
+) -> Figure:
     """Positions of the joints that move, from where they start, by their names."""
     step = max(1, len(trajectory) // DRAWN)
     moved = trajectory.position[::step] - trajectory.position[0]
@@ -95,7 +98,7 @@ def joint_motion(trajectory: Trajectory, names: Sequence[str]) -> Figure:
         for j, label in enumerate(joint_labels(names))
         if np.ptp(trajectory.position[:, j]) > _STILL
     ]
-    axes = layout("time [s]", "position from the start [rad]")
+    axes = layout("time [s]", f"position from the start [{unit_of('rad', sliding)}]")
     return {"data": data, "layout": axes | {"showlegend": True}, "height": 300}
 
 

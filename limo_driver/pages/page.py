@@ -10,17 +10,17 @@ from importlib.resources import files
 from string import Template
 from typing import TYPE_CHECKING
 
+from limo_driver.model.units import unit_of
 from limo_driver.pages.markup import Charts, script_json
 from limo_driver.quoting import in_html as escape
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from limo_driver.pages.arm import ArmView
     from limo_driver.pages.figures import Curves
-
-FOOTER = "Torque in N m, angles in rad, joints counted from 1."
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,8 @@ class Page:
     charts: Charts = field(default_factory=Charts)
     arm: ArmView | None = None  # drawn in the place of `arm_section`, or with curves
     curves: Curves | None = None  # drawn in the place of `curves_section`
-    footer: str = FOOTER  # HTML
+    footer: str = ""  # HTML, behind the units
+    sliding: Sequence[bool] = ()  # which joints of the arm slide, (n,)
     player: str = "player.js"  # the script that moves the arm
 
     def html(self) -> str:
@@ -49,7 +50,7 @@ class Page:
             title=escape(self.title),
             style=asset("style.css"),
             body=self.body,
-            footer=self.footer,
+            footer=f"{self._units()} {self.footer}".rstrip(),
             figures=self.charts.as_json(),
             arm=script_json(self.arm.as_values() if self.arm else None),
             curves=script_json(self.curves.as_values() if self.curves else None),
@@ -59,6 +60,11 @@ class Page:
             ),
             script="\n".join(asset(name) for name in scripts),
         )
+
+    def _units(self) -> str:
+        far = "positions" if any(self.sliding) else "angles"
+        torque, turn = (unit_of(unit, self.sliding) for unit in ("N m", "rad"))
+        return f"Torque in {torque}, {far} in {turn}, joints counted from 1."
 
     def save(self, path: Path) -> None:
         """Write the page.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from limo_driver.model.units import unit_of
 from limo_driver.runtime.display import Displayed
 from limo_driver.types import FloatArray
 
@@ -22,6 +23,7 @@ class Score(Displayed):
         samples: That were scored: all but those near the end of a stretch without a gap.
         bandwidth: Of the filter [Hz].
         source: Where the recording is from.
+        sliding: Which joints slide, (n,), and so are in N; empty if none does.
     """
 
     rmse: FloatArray
@@ -30,20 +32,23 @@ class Score(Displayed):
     samples: int
     bandwidth: float
     source: str = ""
+    sliding: tuple[bool, ...] = ()
 
     def headline(self) -> str:
         """Say the largest error, and the motion on which it was found."""
         worst = int(np.nanargmax(self.rmse))
         of = f" of {self.source}" if self.source else ""
+        unit = unit_of("N m", self.sliding, worst)
         return (
-            f"RMSE up to {self.rmse[worst]:.4f} N m ({self.joint_names[worst]}) over "
+            f"RMSE up to {self.rmse[worst]:.4f} {unit} ({self.joint_names[worst]}) over "
             f"{self.samples} samples{of}, torque filtered at {self.bandwidth:g} Hz"
         )
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return error and measured torque of each joint."""
+        unit = unit_of("N m", self.sliding)
         return {
             "joint": self.joint_names,
-            "RMSE [N m]": self.rmse.tolist(),
-            "measured torque, RMS [N m]": self.torque.tolist(),
+            f"RMSE [{unit}]": self.rmse.tolist(),
+            f"measured torque, RMS [{unit}]": self.torque.tolist(),
         }

@@ -277,6 +277,7 @@ class Simulation(Displayed):
             samples=int(scored.sum()),
             bandwidth=width,
             source=recording.source,
+            sliding=self.model.sliding,
         )
 
     def headline(self) -> str:

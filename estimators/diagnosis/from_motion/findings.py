@@ -21,9 +21,9 @@ from estimators.diagnosis.from_motion.held_out import CONFIDENT, LEAST, removes
 from estimators.diagnosis.from_motion.search import FOUND, OFFSET
 from estimators.diagnosis.from_motion.simulation.constants import (
     DAMPING,
-    KINDS,
     SIGNED,
     constant_of,
+    kinds_of,
     value_in,
     with_values,
 )
@@ -31,6 +31,7 @@ from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerance
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import VALUES
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, StatedValue, Where
+from limo_driver.model.units import unit_of
 from limo_driver.physics import PositionServo, Simulation
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ def findings_of(
         ]
         squared = np.concatenate([errors(own, row) ** 2 for own, row in held_out])
         full = float(squared.mean())
-        for effect, units in KINDS.items():
+        far = unit_of("rad", given.model.sliding, j)
+        for effect, units in kinds_of(slides=given.model.sliding[j]).items():
             extra = effect in final.extras[j]
             wrong = j + 1 in served and is_wrong(fit, nominal[j], units, tolerances[j], period)
             size = next(iter(units))  # others give its shape, which matters less
@@ -90,8 +92,8 @@ def findings_of(
                 heldout_rmse=BeforeAfter(tuple(rmse[0].tolist()), tuple(rmse[1].tolist())),
                 evidence=(
                     f"{as_stated(effect, nominal[j], units, extra=extra)}, the held-out error of "
-                    f"joint {j + 1} is {np.sqrt(full + lost):.4f} rad, with it "
-                    f"{np.sqrt(full):.4f} rad"
+                    f"joint {j + 1} is {np.sqrt(full + lost):.4f} {far}, with it "
+                    f"{np.sqrt(full):.4f} {far}"
                 ),
             )
             found.append((lost, finding))
@@ -291,7 +293,7 @@ class _Joint:
 
     def _shown(self) -> Iterator[tuple[StatedValue, bool, _Change]]:
         """Yield values that the motion shows, whether each surely differs, and its undoing."""
-        for effect, units in KINDS.items():
+        for effect, units in self.kinds.items():
             for name, unit in units.items():
                 if effect in self.extras or not is_known(self.fit, {name: unit}):
                     continue
@@ -325,9 +327,14 @@ class _Joint:
         within = value_in(self.fit.row, "inside")
         share = stated / max(self._believed(DAMPING), LEAST)
         if stated > 0.0 and within != share:
-            value = self._value("kd", SERVO, KINDS["viscous_friction"][DAMPING], stated,
+            value = self._value("kd", SERVO, self.kinds["viscous_friction"][DAMPING], stated,
                                 within * damping)  # fmt: skip
             yield value, True, partial(with_values, values={"inside": share})
+
+    @property
+    def kinds(self) -> dict[str, dict[str, str]]:
+        """Effects with the units of their values here."""
+        return kinds_of(slides=self.stated.model.sliding[self.j])
 
     def _believed(self, name: str) -> float:
         servo = value_in(self.nominal, "kd") if name == DAMPING else 0.0

@@ -23,6 +23,7 @@ from estimators.diagnosis.from_motion.simulation.one_joint import RowErrors
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.from_motion.suspects import COUNTED
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
+from limo_driver.model.units import unit_of
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 
 if TYPE_CHECKING:
@@ -267,8 +268,10 @@ def shared_finding(
         zero: Stated one of its joint's encoder, to which another adds [rad].
     """
     other = one.effect == "encoder_offset" and zero != 0.0
-    compared = f"with an offset of {zero:.3g} rad, as stated" if other else "without it"
     worst = max(range(len(rmse.after)), key=lambda j: rmse.before[j] - rmse.after[j])
+    sliding = arm.identified.simulation.model.sliding
+    far, own = unit_of("rad", sliding, worst), unit_of("rad", sliding, one.joint)
+    compared = f"with an offset of {zero:.3g} {own}, as stated" if other else "without it"
     return Finding(
         effect=one.effect,
         kind="wrong_parameter" if other else "missing",
@@ -280,8 +283,8 @@ def shared_finding(
         share=0.0,
         heldout_rmse=rmse,
         evidence=(
-            f"{compared}, the held-out error of joint {worst + 1} is {rmse.before[worst]:.4f} rad, "
-            f"with it {rmse.after[worst]:.4f} rad"
+            f"{compared}, the held-out error of joint {worst + 1} is {rmse.before[worst]:.4f} "
+            f"{far}, with it {rmse.after[worst]:.4f} {far}"
         ),
     )
 
@@ -308,7 +311,8 @@ def _parameters(one: Suspect, arm: StatedArm, zero: float) -> dict[str, Interval
         }
     if one.effect == "encoder_offset":
         offset, (low, high) = of(one.names[0])
-        return {"offset": Interval(zero + offset, "rad", (zero + low, zero + high), zero or None)}
+        unit = unit_of("rad", arm.identified.simulation.model.sliding, one.joint)
+        return {"offset": Interval(zero + offset, unit, (zero + low, zero + high), zero or None)}
     if one.effect == "supply_sag":
         sag, interval = of("sag")
         return {"sag": Interval(sag, "1", interval)}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, layout, numbers
 from limo_driver.pages.markup import columns, header, listed, next_steps, section
@@ -56,7 +57,7 @@ def drives_page(found: DriveIdentification, file: str) -> Page:
             ]
         )
     )
-    return Page(title, body, charts)
+    return Page(title, body, charts, sliding=found.simulation.model.sliding)
 
 
 def _errors(found: DriveIdentification) -> Figure:
@@ -66,8 +67,8 @@ def _errors(found: DriveIdentification) -> Figure:
         "y": list(found.simulation.model.joint_names),
         "x": numbers(np.array([fit.mean_error for fit in found.fits])),
         "marker": {"color": AFTER},
-        "hovertemplate": "%{y}: %{x} rad<extra></extra>",
+        "hovertemplate": "%{y}: %{x}<extra></extra>",
     }
-    axes = layout("mean error [rad]", "")
+    axes = layout(f"mean error [{unit_of('rad', found.simulation.model.sliding)}]", "")
     axes["yaxis"] |= {"autorange": "reversed"}
     return {"data": [bars], "layout": axes, "height": 80 + 28 * len(found.fits)}

@@ -148,7 +148,7 @@ def diagnose_drives(
         *about_drift(given),
         *(about_motors(simulation) if stated else ()),
         *sags(final),
-        *plays(final.fits),
+        *plays(final.fits, final.simulation.model.sliding),
     )
     hidden = not_shown(given, conventions.determined, stated=stated)
     verdict = verdict_of(simulation, given, evidence, before, after, notes, hidden)

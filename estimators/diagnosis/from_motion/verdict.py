@@ -25,6 +25,7 @@ from estimators.diagnosis.from_motion.simulation.constants import (
     constant_of,
     gain_of,
     geared,
+    kinds_of,
     value_in,
 )
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
@@ -39,6 +40,7 @@ from estimators.diagnosis.verdict import (
     Unexplained,
     Verdict,
 )
+from limo_driver.model.units import unit_of
 from limo_driver.physics import DcMotor, Simulation
 from limo_driver.recordings.channels import TORQUE, VELOCITY, drifting
 
@@ -145,13 +147,15 @@ def verdict_of(
         ),
         notes=notes,
         identified=tuple(
-            Identified(effect, joint, parameters_of(fit, KINDS[effect]))
+            Identified(effect, joint, parameters_of(fit, kinds[effect]))
             for joint, fit in enumerate(final.fits, start=1)
+            for kinds in [kinds_of(slides=given.model.sliding[joint - 1])]
             for effect in USUAL
-            if is_known(fit, KINDS[effect])
+            if is_known(fit, kinds[effect])
         ),
         values=stated_values(stated, given, evidence, floor),
         joint_names=given.model.joint_names,
+        sliding=given.model.sliding,
     )
 
 
@@ -177,15 +181,16 @@ def _above(
 def _unit(given: Simulation) -> str:
     """Return the unit of errors: of a whole run, or of as long as what drifts has."""
     joints = drifting(given.channels)
+    unit = unit_of("rad", given.model.sliding)
     if not joints:
-        return "rad"
+        return unit
     where = "" if len(joints) == given.model.n else f" at {of_joints(joints)}"
-    return f"rad in {DRIFTS:g} s{where}"
+    return f"{unit} in {DRIFTS:g} s{where}"
 
 
 def sags(found: DriveIdentification) -> tuple[str, ...]:
     """Say how far joints of a known gain sag under the arm's own weight, and what would help."""
-    full = full_load(found.simulation.body)
+    full, sliding = full_load(found.simulation.body), found.simulation.model.sliding
     sentences: list[str] = []
     for j, (fit, load) in enumerate(zip(found.fits, full.tolist(), strict=True), start=1):
         kp = value_in(geared(fit.row), "kp")
@@ -193,19 +198,20 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
         if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
             reach = float(np.exp(NORMAL * fit.deviation["kp"]))
             sag, low, high = to_interval(load / kp, load / kp / reach, load / kp * reach)
+            far, push, gain = (unit_of(u, sliding, j - 1) for u in ("rad", "N m", "N m/rad"))
             sentences.append(
-                f"Joint {j} sags {sag} rad (95 % interval {low} to {high} rad) at full reach: its "
-                f"P gain of {kp:.1f} N m/rad is low for {load:.2f} N m; with twice the gain it "
-                f"would be {load / kp / 2:.3f} rad."
+                f"Joint {j} sags {sag} {far} (95 % interval {low} to {high} {far}) at full reach: "
+                f"its P gain of {kp:.1f} {gain} is low for {load:.2f} {push}; with twice the gain "
+                f"it would be {load / kp / 2:.3f} {far}."
             )
     return tuple(sentences)
 
 
-def plays(fits: Iterable[JointFit]) -> tuple[str, ...]:
+def plays(fits: Iterable[JointFit], sliding: Sequence[bool]) -> tuple[str, ...]:
     """Say how far joints can be moved by hand while their servos stand."""
     gaps = [value_in(geared(fit.row), "play") for fit in fits]
     return tuple(
-        f"Joint {j} has {gap:.4f} rad of play between motor and joint."
+        f"Joint {j} has {gap:.4f} {unit_of('rad', sliding, j - 1)} of play between motor and joint."
         for j, gap in enumerate(gaps, start=1)
         if gap > 0.0
     )

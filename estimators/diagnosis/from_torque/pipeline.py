@@ -298,6 +298,7 @@ def _traces(problem: RegressionProblem, tolerances: FloatArray, after: FloatArra
         tolerances=observed.measured - tolerances,
         after=after,
         held_out=np.asarray(problem.split.held_out.any(axis=1)),
+        sliding=observed.simulation.model.sliding,
         moving=observed.undisturbed(None).moving,
     )
 

@@ -10,6 +10,7 @@ from estimators.diagnosis.headline import is_of_bodies, named, place_of, quantit
 from estimators.diagnosis.quantities import of_joints, rounded, to_interval
 from estimators.diagnosis.settings.afterwards import LOOPS
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
+from limo_driver.model.units import unit_of
 from limo_driver.pages.figures import AFTER, curve, layout
 from limo_driver.pages.markup import (
     UNSAID,
@@ -110,7 +111,7 @@ def _card(
     facts = [
         ("confidence", meter(item.confidence)),
     ]
-    if drop := _drop(item, fit.unit, verdict.names):
+    if drop := _drop(item, verdict):
         facts.append(("held-out RMSE, fitted without → with it", drop))
     beside = " that tolerances leave" if fit.heldout_rmse_tolerances else ""
     if item.share > 0:  # of a push nothing is: its rows are not scored
@@ -148,7 +149,7 @@ def _title_place(item: Finding, names: Sequence[str]) -> str:
     )
 
 
-def _drop(item: Finding, unit: str, names: Sequence[str]) -> str:
+def _drop(item: Finding, verdict: Verdict) -> str:
     pairs = item.heldout_rmse
     if pairs.before == pairs.after:  # nothing is taken off
         return ""
@@ -157,8 +158,8 @@ def _drop(item: Finding, unit: str, names: Sequence[str]) -> str:
     joints = [j for j in own if j in everywhere] or everywhere
     shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
     return "; ".join(
-        f"{of_joints((j,), names)}: {error_of(pairs.before[j - 1])} → "
-        f"{error_of(pairs.after[j - 1])} {unit}"
+        f"{of_joints((j,), verdict.names)}: {error_of(pairs.before[j - 1])} → "
+        f"{error_of(pairs.after[j - 1])} {verdict.unit_at(j)}"
         for j in shown
     )
 
@@ -207,11 +208,13 @@ def _values(
         stated = {x.name: f"{x.stated:.4g}" for x in verdict.values_of(item)}
         return _parameters(item, stated) if item.effect != CONTACT else ""
     loop = loop_of(effect)
+    push, far = (unit_of(unit, verdict.sliding, effect.joint - 1) for unit in ("N m", "rad"))
     note = (
-        f"{significant(loop.height)} N m high; {percent(LOOPS.turned)} of it has turned "
-        f"{significant(loop.width)} rad after a reversal; {significant(loop.area)} J lost each time"
+        f"{significant(loop.height)} {push} high; {percent(LOOPS.turned)} of it has turned "
+        f"{significant(loop.width)} {far} after a reversal; {significant(loop.area)} J lost each "
+        "time"
     )
-    axes = layout("distance [rad]", "torque [N m]")
+    axes = layout(f"distance [{far}]", f"torque [{push}]")
     figure = {"data": [curve(loop.position, loop.torque, "loop", AFTER)], "layout": axes}
     shown = charts.place(figure | {"height": 240}, "Torque of the hysteresis, to and fro", note)
     return shown + folded("Parameters of its law", _parameters(item))

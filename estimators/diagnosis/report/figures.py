@@ -17,6 +17,7 @@ from estimators.diagnosis.report.binning import (
     residual_map,
 )
 from estimators.diagnosis.settings.afterwards import BINS
+from limo_driver.model.units import unit_of
 from limo_driver.pages.figures import (
     AFTER,
     BEFORE,
@@ -64,12 +65,16 @@ _SIDES = {
     "after": ("improved simulation", AFTER),
 }
 _LABELS = {
-    "position": "position [rad]",
-    "velocity": "velocity [rad/s]",
-    "load": "rigid-body torque [N m]",
-    "since_reversal": "distance since reversal [rad]",
-    "time": "time, recordings end to end [s]",
+    "position": ("position", "rad"),
+    "velocity": ("velocity", "rad/s"),
+    "load": ("rigid-body torque", "N m"),
+    "since_reversal": ("distance since reversal", "rad"),
+    "time": ("time, recordings end to end", "s"),
 }
+
+
+def _label(traces: Traces | Replay, j: int, name: str, unit: str) -> str:
+    return f"{name} [{unit_of(unit, traces.sliding, j)}]"
 
 
 def summary(fit: Fit, names: Sequence[str]) -> Figure:
@@ -124,8 +129,11 @@ def dependence(
         if not over_time:
             data.append(_band(found, colour))
         data.append(curve(*found.drawn(shown), name, colour) | {"showlegend": False})
-    what = {"since_reversal": "residual along motion [N m]", "time": "residual, RMS [N m]"}
-    axes = layout(_LABELS[quantity], what.get(quantity, "residual [N m]"))
+    what = {"since_reversal": "residual along motion", "time": "residual, RMS"}
+    axes = layout(
+        _label(traces, j, *_LABELS[quantity]),
+        _label(traces, j, what.get(quantity, "residual"), "N m"),
+    )
     axes["shapes"] = [_level(y) for y in ((floor,) if over_time else (-floor, floor))]
     if over_time:
         axes["yaxis"] |= {"rangemode": "tozero"}
@@ -145,16 +153,17 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
     found = [residual_map(q, v, _residual(traces, side, j)[moving], x, y) for side in sides]
     known = np.abs(np.concatenate([item.mean[np.isfinite(item.mean)] for item in found]))
     scale = max(float(np.percentile(known, BINS.brightest)), 1e-9) if known.size else 1.0
+    far, push = (unit_of(unit, traces.sliding, j) for unit in ("rad", "N m"))
     figures: list[Figure] = []
     for item in found:
-        axes = layout(_LABELS["position"], _LABELS["velocity"])
+        axes = layout(*(_label(traces, j, *_LABELS[x]) for x in ("position", "velocity")))
         heat = {
             "type": "heatmap", "x": numbers(item.x), "y": numbers(item.y),
             "z": [numbers(row) for row in item.mean], "zmin": -scale, "zmax": scale,
             "colorscale": _DIVERGING, "hoverongaps": False,
-            "hovertemplate": "%{x} rad, %{y} rad/s: %{z} N m<extra></extra>",
+            "hovertemplate": f"%{{x}} {far}, %{{y}} {far}/s: %{{z}} {push}<extra></extra>",
             "colorbar": {"thickness": 8, "outlinewidth": 0, "tickfont": {"size": 10},
-                         "title": {"text": "N m", "font": {"size": 10}}},
+                         "title": {"text": push, "font": {"size": 10}}},
         }  # fmt: skip
         figures.append({"data": [heat], "layout": axes, "height": 260})
     return figures
@@ -162,7 +171,9 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
 
 def loops(traces: Traces, j: int, stretch: Stretch) -> Figure:
     """Torque beyond the rigid body over position: measured, and of all simulations."""
-    return _beyond_body(traces, j, stretch, traces.position[:, j], _LABELS["position"])
+    return _beyond_body(
+        traces, j, stretch, traces.position[:, j], _label(traces, j, *_LABELS["position"])
+    )
 
 
 def torque_over_time(traces: Traces, j: int, stretch: Stretch) -> Figure:
@@ -179,8 +190,8 @@ def _beyond_body(traces: Traces, j: int, stretch: Stretch, x: FloatArray, label:
             x[rows], (torque - load)[rows], traces.moving[rows, j], name, colour, width
         )
     ]
-    return {"data": data, "layout": layout(label, "torque beyond the rigid body [N m]"),
-            "height": 320}  # fmt: skip
+    beyond = _label(traces, j, "torque beyond the rigid body", "N m")
+    return {"data": data, "layout": layout(label, beyond), "height": 320}
 
 
 def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
@@ -188,7 +199,7 @@ def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
     rows = np.flatnonzero(traces.recording == recording)
     rows = rows[:: max(1, len(rows) // DRAWN)]
     data = [drawn for side in _BOTH for drawn in _broken(traces, rows, side, j, *_SIDES[side])]
-    return _over_time(data, "torque error [N m]", 240)
+    return _over_time(data, _label(traces, j, "torque error", "N m"), 240)
 
 
 def push(
@@ -202,7 +213,7 @@ def push(
         for j, (label, colour) in enumerate(zip(joint_labels(names), cycle(JOINTS)))
         for drawn in _broken(traces, rows, "after", j, label, colour)
     ]
-    figure = _over_time(data, "residual [N m]", 280)
+    figure = _over_time(data, f"residual [{unit_of('N m', traces.sliding)}]", 280)
     figure["layout"]["shapes"] = [_shaded(*window, "rgba(138,147,156,0.16)")]
     return figure
 
@@ -246,14 +257,14 @@ def shifts(moved: Sequence[Shift]) -> Figure:
 
 def replayed(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint beside both free runs of the simulated robot."""
-    return _of_replay(replay, j, _torques(replay, j), "torque [N m]")
+    return _of_replay(replay, j, _torques(replay, j), _label(replay, j, "torque", "N m"))
 
 
 def replay_error(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint less that of both free runs."""
     sides = [(side, *_SIDES[side]) for side in _BOTH]
     curves = [(name, _residual(replay, side, j), colour, 1.8) for side, name, colour in sides]
-    return _of_replay(replay, j, curves, "torque error [N m]")
+    return _of_replay(replay, j, curves, _label(replay, j, "torque error", "N m"))
 
 
 def _of_replay(

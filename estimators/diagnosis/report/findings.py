@@ -14,7 +14,7 @@ from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.result import WORSE, columns_of, coverage
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.verdict import IMPROVED, TORQUE, Fit, Verdict
+from estimators.diagnosis.verdict import IMPROVED, Fit, Verdict
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
@@ -82,7 +82,7 @@ def doubted(sentences: Sequence[str]) -> str:
 
 def errors(verdict: Verdict, charts: Charts) -> str:
     """Return the section of the errors before and after, with what they count."""
-    of = "Torque" if verdict.fit.unit == TORQUE else "Position"
+    of = "Torque" if verdict.is_of_torque else "Position"
     chart = charts.place(
         figures.summary(verdict.fit, verdict.names), f"{of} error of each joint on held-out motion"
     )
@@ -193,11 +193,12 @@ def removed(verdict: Verdict) -> str:
     if not np.isfinite(part):
         return "There is no reducible error to remove."
     j = int(np.argmax(ratio))
+    unit = verdict.unit_at(j + 1)
     return (
         f"On held-out motion the improved simulation removes {percent(part)} of the reducible "
         f"error{_between(low, high)}, at joint {verdict.labels[j]} from {rounded(before[j], 3)} "
-        f"to {rounded(after[j], 3)} {fit.unit} RMSE (noise floor "
-        f"{rounded(fit.noise_floor[j], 3)} {fit.unit})."
+        f"to {rounded(after[j], 3)} {unit} RMSE (noise floor "
+        f"{rounded(fit.noise_floor[j], 3)} {unit})."
     )
 
 

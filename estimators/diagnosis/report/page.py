@@ -15,6 +15,7 @@ from estimators.diagnosis.report.truth import beside_the_truth
 from estimators.diagnosis.result import coverage, hardly_shown
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION, Finding, Verdict
 from estimators.telemetry import telemetry_in
+from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import joint_motion
 from limo_driver.pages.markup import (
@@ -28,7 +29,6 @@ from limo_driver.pages.markup import (
     section,
     table,
 )
-from limo_driver.pages.page import FOOTER
 from limo_driver.physics import Effect, display_name
 from limo_driver.quoting import in_html as escape
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.result import DiagnosisResult, Shift
 
 _FOOTER = (
-    f"{FOOTER} Positive torque acts along the joint axis. The same content for programs: "
+    "Positive torque acts along the joint axis. The same content for programs: "
     "<code>verdict.json</code>; the improved simulation: <code>sim.yaml</code>."
 )
 _AXES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")
@@ -90,7 +90,14 @@ def report(diagnosis: DiagnosisResult, concealed: Sequence[Effect] | None = None
         + doubts(diagnosis, charts)
         + data(diagnosis)
     )
-    return Page(headline(diagnosis.verdict), body, charts, view, footer=_FOOTER)
+    return Page(
+        headline(diagnosis.verdict),
+        body,
+        charts,
+        view,
+        footer=_FOOTER,
+        sliding=diagnosis.verdict.sliding,
+    )
 
 
 def pushed(diagnosis: DiagnosisResult, charts: Charts) -> str:
@@ -214,7 +221,7 @@ def next_motion(diagnosis: DiagnosisResult, charts: Charts) -> str:
         file = wanted.file if wanted else NEXT_MOTION
         minutes = diagnosis.next_motion.duration / 60
         body += charts.place(
-            joint_motion(diagnosis.next_motion, diagnosis.verdict.names),
+            joint_motion(diagnosis.next_motion, diagnosis.verdict.names, diagnosis.verdict.sliding),
             "Joint motion",
             f"{minutes:.1f} min",
         )
@@ -253,7 +260,9 @@ def _held(verdict: Verdict) -> str:
         "What was found was seen on this motion. On faster motion, in other poses and under other "
         "loads the improved simulation extrapolates."
     )
-    headings = ("joint", "position [rad]", "speed [rad/s]", "load [N m]")
+    ranges = {"position": "rad", "speed": "rad/s", "load": "N m"}
+    units = (f"{name} [{unit_of(unit, verdict.sliding)}]" for name, unit in ranges.items())
+    headings = ("joint", *units)
     text = " ".join(filter(None, [sentences, hardly_shown(verdict)]))
     return f"<div>{table(headings, rows, numeric=1)}{paragraph(text, 'small')}</div>"
 

@@ -24,6 +24,7 @@ from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.verdict import CONTACT, Finding, Verdict
 from estimators.regression.evidence import REACH
+from limo_driver.model.units import unit_of
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
@@ -157,10 +158,11 @@ def _called(diagnosis: DiagnosisResult, j: int) -> str:
 
 def _title(diagnosis: DiagnosisResult, j: int) -> str:
     fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
+    unit = diagnosis.verdict.unit_at(j + 1)
     return (
         f"{_called(diagnosis, j)}: held-out RMSE {rounded(fit.heldout_rmse_before[j], 3)} → "
-        f"{rounded(fit.heldout_rmse_after[j], 3)} N m, noise floor "
-        f"{rounded(fit.noise_floor[j], 3)} N m"
+        f"{rounded(fit.heldout_rmse_after[j], 3)} {unit}, noise floor "
+        f"{rounded(fit.noise_floor[j], 3)} {unit}"
         + (f", on {percent(judged[j])} of the rows held out" if judged else "")
     )
 
@@ -362,12 +364,11 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
          rounded(1e3 * float(item.tracking[j]), 2), percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip
+    push, far = (unit_of(unit, item.sliding) for unit in ("N m", "mrad"))
     headings = (
         "joint",
-        "RMSE given [N m]",
-        "RMSE improved [N m]",
-        "noise floor [N m]",
-        "motion differs by [mrad]",
+        *(f"{name} [{push}]" for name in ("RMSE given", "RMSE improved", "noise floor")),
+        f"motion differs by [{far}]",
         "rows not near rest",
     )
     return grid(drawn) + table(headings, rows, numeric=1)

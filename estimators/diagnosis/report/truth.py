@@ -148,7 +148,9 @@ def comparison(model: RobotModel, names: Sequence[str], verdicts: Sequence[Verdi
         + f'<div class="grid two">{heads}</div>'
         + arm_section(view, "Where on the arm", lead)
         + section("Findings", _findings(pairs, names, model.joint_names), "findings", _FINDINGS)
-        + section("Errors", _errors(names, verdicts), "errors", _ERRORS)
+        + section(
+            "Errors", _errors(names, verdicts), "errors", _ERRORS.format(verdicts[0].fit.unit)
+        )
     )
     return Page(title, body, Charts(), view)
 
@@ -157,7 +159,7 @@ _FINDINGS = (
     "A value differs where the 95 % intervals do not overlap; each interval is that of the fit to "
     "its own recordings."
 )
-_ERRORS = "RMSE [N m] of each joint on motion that nothing was fitted to."
+_ERRORS = "RMSE [{}] of each joint on motion that nothing was fitted to."
 _NAMED = 3  # findings of one kind in the head
 _Pair = tuple["Finding | None", "Finding | None"]
 

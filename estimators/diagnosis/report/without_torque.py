@@ -14,6 +14,7 @@ from estimators.diagnosis.report.arm import GIVEN, IMPROVED, pins
 from estimators.diagnosis.report.cards import cards
 from estimators.diagnosis.report.page import unobservable
 from estimators.diagnosis.report.sections import identified, stated_values
+from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.arm_section import arm_section
 from limo_driver.pages.figures import (
@@ -56,7 +57,7 @@ _ROWS_SAID: Final = (
     "needs, by inverse dynamics: what a simulation with these drives pushes wrongly."
 )
 _FOOTER: Final = (
-    "Angles in rad, joints counted from 1. The same content for programs: "
+    "The same content for programs: "
     "<code>verdict.json</code>; the improved simulation: <code>sim.yaml</code>."
 )
 _MOTION: Final = (
@@ -95,7 +96,7 @@ def drive_report(found: DriveResult) -> Page:
         + (_motion(found.replay, verdict, charts) if found.replay else "")
         + section("What is unsure", unobservable(verdict), "unsure")
     )
-    return Page(headline(verdict), body, charts, view, footer=_FOOTER)
+    return Page(headline(verdict), body, charts, view, footer=_FOOTER, sliding=verdict.sliding)
 
 
 def _arm(found: DriveResult, replay: DriveReplay) -> tuple[ArmView, str]:
@@ -127,11 +128,12 @@ def _from_rows(verdict: Verdict) -> str:
     """Return the errors that start anew at each recorded row, beside those of the free run."""
     fit = verdict.fit
     values: dict[str, Sequence[object]] = {"joint": verdict.labels}
-    for name, unit, before, after in (
+    for name, turning, before, after in (
         ("free run", "rad", fit.heldout_rmse_before, fit.heldout_rmse_after),
         ("one step", "rad", fit.one_step_rmse_before, fit.one_step_rmse_after),
         ("torque", "N m", fit.inverse_dynamics_rmse_before, fit.inverse_dynamics_rmse_after),
     ):
+        unit = unit_of(turning, verdict.sliding)
         values[f"{name}, given [{unit}]"] = [rounded(x, 3) for x in before]
         values[f"{name}, improved [{unit}]"] = [rounded(x, 3) for x in after]
     return folded(
@@ -145,11 +147,12 @@ def _left(verdict: Verdict) -> str:
     if not joints:
         return ""
     worst = max(joints, key=lambda j: fit.heldout_rmse_after[j - 1] / fit.noise_floor[j - 1])
+    unit = unit_of("rad", verdict.sliding, worst - 1)
     sentence = (
         f"At {of_several(joints, verdict.names)} held-out motion is still predicted worse "
         f"than the encoder resolves it, most of all at {of_joints((worst,), verdict.names)}: "
-        f"{rounded(fit.heldout_rmse_after[worst - 1], 2)} rad RMSE, where its steps alone make "
-        f"{rounded(fit.noise_floor[worst - 1], 2)} rad. Nothing that was tried removes this: "
+        f"{rounded(fit.heldout_rmse_after[worst - 1], 2)} {unit} RMSE, where its steps alone make "
+        f"{rounded(fit.noise_floor[worst - 1], 2)} {unit}. Nothing that was tried removes this: "
         "unknown loads, flexible links or an unmodelled servo law would."
     )
     return section("What stays unexplained", paragraph(sentence), "unknown")
@@ -161,7 +164,9 @@ def _motion(replay: DriveReplay, verdict: Verdict, charts: Charts) -> str:
     excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
     order = [int(j) for j in np.argsort(-excess, kind="stable")]
     called = [heading_of(j + 1, verdict.names) for j in range(len(order))]
-    drawn = {j: _joint(replay, j, called[j], charts) for j in order}
+    drawn = {
+        j: _joint(replay, j, called[j], charts, unit_of("rad", verdict.sliding, j)) for j in order
+    }
     rest = "".join(
         f'<div id="joint-{j + 1}">{folded(called[j], drawn[j])}</div>' for j in order[_OPEN:]
     )
@@ -169,7 +174,7 @@ def _motion(replay: DriveReplay, verdict: Verdict, charts: Charts) -> str:
     return section("Held-out motion", opened + rest, "where", _MOTION)
 
 
-def _joint(replay: DriveReplay, j: int, called: str, charts: Charts) -> str:
+def _joint(replay: DriveReplay, j: int, called: str, charts: Charts, unit: str) -> str:
     recording = replay.recording
     rows = slice(None, None, max(1, len(recording) // DRAWN))
     time, position = recording.time[rows], recording.position[rows, j]
@@ -178,9 +183,9 @@ def _joint(replay: DriveReplay, j: int, called: str, charts: Charts) -> str:
     moved += [curve(time, run[rows, j], name, colour, NARROW) for name, run, colour in runs]
     errors = [curve(time, position - run[rows, j], name, colour) for name, run, colour in runs]
     figures: list[tuple[Figure, str]] = [
-        ({"data": moved, "layout": layout("time [s]", "position [rad]"), "height": 280},
+        ({"data": moved, "layout": layout("time [s]", f"position [{unit}]"), "height": 280},
          f"{called}: position"),
-        ({"data": errors, "layout": layout("time [s]", "position error [rad]"), "height": 280},
+        ({"data": errors, "layout": layout("time [s]", f"position error [{unit}]"), "height": 280},
          f"{called}: recorded minus simulated position"),
     ]  # fmt: skip
     return grid(charts.place(figure, caption, follows=True) for figure, caption in figures)

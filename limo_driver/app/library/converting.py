@@ -292,7 +292,7 @@ def _doubts(columns: Columns, model: RobotModel) -> tuple[str, ...]:
     try:
         recording = Recording.from_columns(columns)
         if not recording.has_torque:
-            return check_commands([recording])
+            return check_commands([recording], model.sliding)
         return doubts_about(model, [recording], bandwidth_for([recording]))
     except LimoError as error:
         return (f"identification and diagnosis will refuse it: {error}",)

@@ -230,4 +230,5 @@ def _replay(found: Diagnosis) -> Replay:
         position=recording.position[rows][every],
         position_before=before.position[every],
         position_after=after.position[every],
+        sliding=found.before.model.sliding,
     )

@@ -199,7 +199,7 @@ def _judged(
 
     try:
         if not recording.has_torque:  # by which signs and order of the columns are checked
-            doubts = check_commands([recording])
+            doubts = check_commands([recording], model.sliding)
         else:
             doubts = doubts_about(model, [recording], bandwidth_for([recording]))
         found = telemetry_of(recording, model)

@@ -87,7 +87,7 @@ def inspection_page(found: Inspection) -> Page:
         + section("What the recording is worth", listed(found.telemetry), "worth")
         + section("What was read", columns(found.figures(), 4) + listed(found.notes()), "read")
     )
-    return Page(title, body, arm=arm, curves=curves)
+    return Page(title, body, arm=arm, curves=curves, sliding=model.sliding)
 
 
 def _summary(found: Inspection) -> str:

@@ -8,21 +8,32 @@ import pytest
 from estimators.rigid_body.identification import _estimates
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.app.cli.predict import _written
-from limo_driver.model.units import common_unit, unit_of
+from limo_driver.model.units import unit_of
 
 
 @pytest.mark.parametrize(
     ("turning", "sliding"),
-    [("rad", "m"), ("N m", "N"), ("N m s/rad", "N s/m"), ("kg m^2", "kg"), ("", "")],
+    [
+        ("rad", "m"),
+        ("mrad", "mm"),
+        ("N m", "N"),
+        ("N m s/rad", "N s/m"),
+        ("rad/(N m)^3", "m/N^3"),
+        ("kg m^2", "kg"),
+        ("N m/A", "N/A"),
+        ("1", "1"),
+        ("", ""),
+    ],
 )
 def test_units_of_slides(turning, sliding):
-    assert unit_of(turning, is_sliding=True) == sliding
-    assert unit_of(turning, is_sliding=False) == turning
+    assert unit_of(turning, (False, True), 1) == sliding
+    assert unit_of(turning, (False, True), 0) == turning
+    assert unit_of(turning, ()) == turning
 
 
 def test_joints_of_both_kinds_have_both_units():
-    assert common_unit("N m", (True, False, True)) == "N, N m"
-    assert common_unit("rad", (False, False)) == "rad"
+    assert unit_of("N m", (True, False, True)) == "N, N m"
+    assert unit_of("rad", (False, False)) == "rad"
 
 
 def test_what_is_identified_of_a_slide_is_in_newtons():

@@ -21,6 +21,7 @@ from estimators.diagnosis.from_motion.checks.velocities import (
 )
 from estimators.diagnosis.from_motion.simulation.free_run import commanded_range, commands_of
 from limo_driver.errors import RecordingError
+from limo_driver.model.units import unit_of
 from limo_driver.recordings.checks import MOST_NORMALISED
 
 if TYPE_CHECKING:
@@ -50,11 +51,14 @@ _SAME: Final = 1e-6  # [rad], mean distance of commands that are the positions t
 _AHEAD: Final = 3  # rows, by which positions may have been recorded as commands before
 
 
-def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
+def check_commands(
+    recordings: Sequence[Recording], sliding: Sequence[bool] = ()
+) -> tuple[str, ...]:
     """Do as `check_set_points` does, and refuse commands of which none moves a joint.
 
     Args:
         recordings: With commands.
+        sliding: Which joints slide, (n,); empty if none does.
 
     Returns:
         What is odd about them.
@@ -62,23 +66,24 @@ def check_commands(recordings: Sequence[Recording]) -> tuple[str, ...]:
     Raises:
         RecordingError: Names what the commands seem to be.
     """
-    odd = check_set_points(recordings)
+    odd = check_set_points(recordings, sliding)
     if not (commanded_range(recordings) > _MOVES).any():
         raise RecordingError(
-            f"no command changes by more than {_MOVES:g} rad; expected set-points that move the "
-            "joints: nothing of a drive shows while it rests",
+            f"no command changes by more than {_MOVES:g} {unit_of('rad', sliding)}; expected "
+            "set-points that move the joints: nothing of a drive shows while it rests",
             path=recordings[0].source or None,
         )
     return odd
 
 
-def check_set_points(recordings: Sequence[Recording]) -> tuple[str, ...]:
+def check_set_points(recordings: Sequence[Recording], sliding: Sequence[bool]) -> tuple[str, ...]:
     """Refuse commands that are not set-points of their joints in rad; tell what is odd otherwise.
 
     Velocities that are commanded are judged by how fast joints move, in rad/s.
 
     Args:
         recordings: With commands.
+        sliding: Which joints slide, (n,); empty if none does.
 
     Returns:
         One sentence for each joint that stalled, or moved although its command rested, and for
@@ -88,14 +93,16 @@ def check_set_points(recordings: Sequence[Recording]) -> tuple[str, ...]:
         RecordingError: Names what the commands seem to be.
     """
     every = enumerate(recordings, start=1)
-    velocities = [text for number, each in every for text in check_velocities(each, number)]
+    velocities = [
+        text for number, each in every for text in check_velocities(each, number, sliding)
+    ]
     recordings = [set_points_alone(each) for each in recordings]
     for recording in recordings:
         mistake = (
-            _unit_mistake(recording)
+            _unit_mistake(recording, sliding)
             or _no_commands(recording)
             or _exchange_mistake(recording)
-            or _scale_mistake(recording)
+            or _scale_mistake(recording, sliding)
             or _mistake(recording)
         )
         if mistake:
@@ -103,21 +110,22 @@ def check_set_points(recordings: Sequence[Recording]) -> tuple[str, ...]:
     odd = [
         text
         for number, recording in enumerate(recordings, start=1)
-        for text in _odd(recording, recording.source or f"recording {number}")
+        for text in _odd(recording, recording.source or f"recording {number}", sliding)
     ]
     return (*odd, *velocities)
 
 
-def _unit_mistake(recording: Recording) -> str:
-    """Say which unit commands and positions alike seem to have, if it is not rad."""
+def _unit_mistake(recording: Recording, sliding: Sequence[bool]) -> str:
+    """Say which unit commands and positions alike seem to have, if it is not SI."""
     target, does = (_reach(each) for each in (commands_of(recording), recording.position))
     beyond = np.flatnonzero(np.minimum(target, does) > _TURNS)
     if not beyond.size:
-        return _at_one(recording)
+        return _at_one(recording, sliding)
     j = int(beyond[0])
+    other = "mm" if any(sliding[j : j + 1]) else "degrees, or normalised, as -100 to 100"
     return (
         f"position_{j + 1} and command_{j + 1} reach {does[j]:.3g} and {target[j]:.3g}; expected "
-        "rad; are both in degrees, or normalised, as -100 to 100?"
+        f"{unit_of('rad', sliding, j)}; are both in {other}?"
     )
 
 
@@ -126,7 +134,7 @@ def _reach(values: FloatArray) -> FloatArray:
     return np.maximum(np.ptp(values, axis=0), np.abs(values).max(axis=0))
 
 
-def _at_one(recording: Recording) -> str:
+def _at_one(recording: Recording, sliding: Sequence[bool]) -> str:
     """Say whether all values end where joints do if they are normalised: at exactly one."""
     position = np.abs(recording.position)
     if max(float(position.max()), float(np.abs(commands_of(recording)).max())) > 1.0:
@@ -136,7 +144,7 @@ def _at_one(recording: Recording) -> str:
         return ""
     return (
         f"no position and no command is beyond 1, and joints {', '.join(map(str, ends))} end at "
-        "exactly that; expected rad; are both normalised, as -1 to 1?"
+        f"exactly that; expected {unit_of('rad', sliding)}; are both normalised, as -1 to 1?"
     )
 
 
@@ -164,35 +172,36 @@ def _no_commands(recording: Recording) -> str:
     return ""
 
 
-def _scale_mistake(recording: Recording) -> str:
-    """Say which unit the commands alone seem to have, if it is not rad."""
+def _scale_mistake(recording: Recording, sliding: Sequence[bool]) -> str:
+    """Say which unit the commands alone seem to have, if it is not SI."""
     command, position = commands_of(recording), recording.position
     target, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
     judged = np.flatnonzero((does > _MOVES) & (target > 0))
     beyond = judged[target[judged] > _NORMALISED * does[judged]]
     if any(correlation(command[:, j], position[:, j]) > _UNLIKE for j in beyond.tolist()):
         j = int(beyond[0])
-        unit = _unit(target[beyond], does[beyond], command)
+        own, unit = unit_of("rad", sliding, j), _unit(target[beyond], does[beyond], command)
         return (
             f"command_{j + 1} spans {target[j]:.3g} while position_{j + 1} spans {does[j]:.3g} "
-            f"rad; expected set-points in rad; are the commands {unit}?"
+            f"{own}; expected set-points in {own}; are the commands {unit}?"
         )
     far = np.flatnonzero((target > _MOVES) & (does > _NORMALISED * target))
     if far.size and correlation(command[:, far[0]], position[:, far[0]]) > _ALIKE:
         j = int(far[0])
-        unit = _unit(does[far], target[far], position)
+        own, unit = unit_of("rad", sliding, j), _unit(does[far], target[far], position)
         return (
             f"position_{j + 1} spans {does[j]:.3g} while command_{j + 1} spans {target[j]:.3g} "
-            f"rad; expected positions in rad; are the positions {unit}?"
+            f"{own}; expected positions in {own}; are the positions {unit}?"
         )
     for j in judged.tolist():
         slope = _slope(command[:, j], position[:, j])
         if slope > _FURTHER:
             small = float(np.abs(command).max()) <= 1.0
             what = "normalised, as -1 to 1" if small else "in another unit"
+            own = unit_of("rad", sliding, j)
             return (
-                f"position_{j + 1} moves {slope:.2f} rad where command_{j + 1} moves 1; expected "
-                f"set-points in rad, which no servo exceeds; are the commands {what}?"
+                f"position_{j + 1} moves {slope:.2f} {own} where command_{j + 1} moves 1; expected "
+                f"set-points in {own}, which no servo exceeds; are the commands {what}?"
             )
     return ""
 
@@ -287,46 +296,47 @@ def _is_change(command: FloatArray, position: FloatArray, j: int) -> bool:
     return max(at_once, correlation(np.cumsum(target), did)) > _ALIKE
 
 
-def _odd(recording: Recording, name: str) -> Iterator[str]:
+def _odd(recording: Recording, name: str, sliding: Sequence[bool]) -> Iterator[str]:
     """Yield what a joint did that no servo in order does."""
-    if steps := odd_steps(recording):
+    if steps := odd_steps(recording, sliding):
         yield f"{steps} ({name})"
     for text in recording.warnings:
         if _GAP.match(text):
             yield f"rows are missing: {text} ({name})"
     yield from dropped_frames(recording, name)
     for j in range(recording.n):
-        yield from left_out_at_rest(recording, j, name)
+        unit = unit_of("rad", sliding, j)
+        yield from left_out_at_rest(recording, j, name, unit)
         yield from (
-            list(_not_following(recording, j, name))
-            or list(_led(recording, j, name))
-            or _held(recording, j, name)
+            list(_not_following(recording, j, name, unit))
+            or list(_led(recording, j, name, unit))
+            or _held(recording, j, name, unit)
         )
 
 
-def _led(recording: Recording, j: int, name: str) -> Iterator[str]:
+def _led(recording: Recording, j: int, name: str, unit: str) -> Iterator[str]:
     """Yield that a joint moves away from all that it was told, if it does."""
     command, position = commands_of(recording)[:, j], recording.position[:, j]
     since, far = led_away(recording.time, command, position)
     if far > 0.0:
         yield (
-            f"joint {j + 1} moves {far:.2f} rad away from all commands of the last seconds; was "
+            f"joint {j + 1} moves {far:.2f} {unit} away from all commands of the last seconds; was "
             f"its torque disabled, or the arm led by hand? ({name}, {since:.1f} s)"
         )
 
 
-def _held(recording: Recording, j: int, name: str) -> Iterator[str]:
+def _held(recording: Recording, j: int, name: str, unit: str) -> Iterator[str]:
     """Yield that a joint is stuck though its command hardly swings, if it is."""
     command, position = commands_of(recording)[:, j], recording.position[:, j]
     since, until, swing = stuck(recording.time, command, position)
     if swing > 0.0:
         yield (
-            f"joint {j + 1} is stalled: it rests while its command moves {swing:.2f} rad, more "
+            f"joint {j + 1} is stalled: it rests while its command moves {swing:.2f} {unit}, more "
             f"than friction lets it elsewhere ({name}, {from_to(since, until)})"
         )
 
 
-def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
+def _not_following(recording: Recording, j: int, name: str, unit: str) -> Iterator[str]:
     """Yield the first stretch in which a joint does not follow its command, if there is one."""
     command, position, time = commands_of(recording)[:, j], recording.position[:, j], recording.time
     span, lasting = _STALLED
@@ -340,19 +350,19 @@ def _not_following(recording: Recording, j: int, name: str) -> Iterator[str]:
         if rests and float(error.min()) > span:
             if _left(command[: start + 1], position[: start + 1]):
                 yield (
-                    f"joint {j + 1} moved away from its command and rests {error.mean():.2f} rad "
-                    f"from it; was its torque disabled? ({where})"
+                    f"joint {j + 1} moved away from its command and rests {error.mean():.2f} "
+                    f"{unit} from it; was its torque disabled? ({where})"
                 )
             else:
                 yield (
-                    f"joint {j + 1} is stalled {error.mean():.2f} rad from its command "
+                    f"joint {j + 1} is stalled {error.mean():.2f} {unit} from its command "
                     f"({name}, {rests})"
                 )
             return
         target = float(np.ptp(asked[: rows // 2]))  # later ones may not have come into force
         if rests and target > span:
             yield (
-                f"joint {j + 1} is stalled: it rests while its command moves {target:.2f} rad "
+                f"joint {j + 1} is stalled: it rests while its command moves {target:.2f} {unit} "
                 f"({name}, {rests})"
             )
             return

@@ -23,6 +23,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from limo_driver.errors import RecordingError
+from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.channels import POSITION, TORQUE, led_by
 
@@ -73,7 +74,7 @@ def check_commanded(simulation: Simulation, recordings: Sequence[Recording]) -> 
     given, commanded = with_servos(simulation, recordings)
     for recording in commanded:
         check_torques(given, recording)
-    return (*check_commands(commanded), *check_timing(given, commanded))
+    return (*check_commands(commanded, given.model.sliding), *check_timing(given, commanded))
 
 
 def check_forward(simulation: Simulation, orders: Commanded) -> tuple[str, ...]:
@@ -97,7 +98,7 @@ def check_forward(simulation: Simulation, orders: Commanded) -> tuple[str, ...]:
         return check_alone(simulation.model, orders)
     orders.recorded.check_robot(simulation.model)
     check_torques(simulation, orders.recorded)
-    odd = check_set_points([orders.recorded])
+    odd = check_set_points([orders.recorded], simulation.model.sliding)
     return (*odd, *check_timing(simulation, [orders.recorded]))
 
 
@@ -121,11 +122,12 @@ def check_alone(model: RobotModel, orders: Commanded) -> tuple[str, ...]:
     beyond = np.maximum(least - low, high - most)
     j = int(beyond.argmax())
     if beyond[j] > _BEYOND:
+        unit = unit_of("rad", model.sliding, j)
         raise RecordingError(
             f"command_{j + 1} spans {low[j]:.3g} to {high[j]:.3g}, where joint {j + 1} of "
-            f"{model.name} begins at {orders.start[j]:.3g} rad and is led from {least[j]:.3g} to "
-            f"{most[j]:.3g} rad at most; expected set-points in rad; are the commands in degrees, "
-            "or normalised, as -100 to 100?",
+            f"{model.name} begins at {orders.start[j]:.3g} {unit} and is led from {least[j]:.3g} "
+            f"to {most[j]:.3g} {unit} at most; expected set-points in {unit}; are the commands in "
+            f"{'mm' if model.sliding[j] else 'degrees'}, or normalised, as -100 to 100?",
             path=orders.source or None,
         )
     away = np.maximum(low - orders.start, orders.start - high)
@@ -133,8 +135,8 @@ def check_alone(model: RobotModel, orders: Commanded) -> tuple[str, ...]:
     if away[j] <= _FAR:
         return ()
     return (
-        f"joint {j + 1} begins {away[j]:.2f} rad away from all of its commands; are these deltas, "
-        "or in another unit?",
+        f"joint {j + 1} begins {away[j]:.2f} {unit_of('rad', model.sliding, j)} away from all "
+        "of its commands; are these deltas, or in another unit?",
     )
 
 
@@ -155,16 +157,17 @@ def check_torques(simulation: Simulation, recording: Recording) -> None:
     motion, rows = recording.motion(bandwidth_for([recording])), rows_of(simulation)
     load = simulation.body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
     gain = np.array([value_in(row, "gain") for row in rows])
+    sliding = simulation.model.sliding
     mistake = (
-        _column_mistake(recording, joints)
-        or _unit_mistake(gain * commands_of(recording), load, joints)
+        _column_mistake(recording, joints, sliding)
+        or _unit_mistake(gain * commands_of(recording), load, joints, sliding)
         or _following_mistake(loaded_joints(simulation.body, [recording]), rows, joints)
     )
     if mistake:
         raise RecordingError(mistake, path=recording.source or None)
 
 
-def _column_mistake(recording: Recording, joints: Sequence[int]) -> str:
+def _column_mistake(recording: Recording, joints: Sequence[int], sliding: Sequence[bool]) -> str:
     """Say what else the columns of joints that move seem to hold."""
     command, position = commands_of(recording), recording.position
     for j in joints:
@@ -177,19 +180,23 @@ def _column_mistake(recording: Recording, joints: Sequence[int]) -> str:
     if (away < _NEAR * np.std(position, axis=0))[list(joints)].all():
         j = joints[0] + 1
         return (
-            f"{TORQUE.name}_{j} is near position_{j} throughout; expected N m; are these "
-            f"set-points of positions, {POSITION.name}_{j}?"
+            f"{TORQUE.name}_{j} is near position_{j} throughout; expected "
+            f"{unit_of('N m', sliding, j - 1)}; are these set-points of positions, "
+            f"{POSITION.name}_{j}?"
         )
     return ""
 
 
-def _unit_mistake(torque: FloatArray, load: FloatArray, joints: Sequence[int]) -> str:
+def _unit_mistake(
+    torque: FloatArray, load: FloatArray, joints: Sequence[int], sliding: Sequence[bool]
+) -> str:
     """Say which unit commands seem to have, if what drives make of them moves no such arm.
 
     Args:
         torque: That drives would make of them, (T, n) [N m].
         load: That the masses of the arm need, (T, n) [N m].
         joints: That move, 0-based.
+        sliding: Which joints slide, (n,).
     """
     size, needed = (np.sqrt(np.mean(x[:, list(joints)] ** 2, axis=0)) for x in (torque, load))
     ratio = size / np.maximum(needed, 1e-9)
@@ -204,7 +211,7 @@ def _unit_mistake(torque: FloatArray, load: FloatArray, joints: Sequence[int]) -
     )
     return (
         f"{TORQUE.name} would be {usual:.3g} times the torque that the masses of the arm need; "
-        f"expected N m; are the commands {what}?"
+        f"expected {unit_of('N m', sliding)}; are the commands {what}?"
     )
 
 

@@ -24,12 +24,13 @@ import numpy as np
 
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from limo_driver.errors import RecordingError
+from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.channels import POSITION, VELOCITY, led_by
 from limo_driver.recordings.gate.held_values import held_reason
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -83,12 +84,13 @@ class _Told:
         return size[0] / size[1] if size[1] > 0.0 else np.inf
 
 
-def check_velocities(recording: Recording, number: int) -> tuple[str, ...]:
+def check_velocities(recording: Recording, number: int, sliding: Sequence[bool]) -> tuple[str, ...]:
     """Refuse commands that are not the velocities of their joints in rad/s; tell what else is odd.
 
     Args:
         recording: With commands, of velocity or not.
         number: Of it among those given, by which it is told if it has no file.
+        sliding: Which joints slide, (n,).
 
     Returns:
         One sentence for each joint that stalled, or moved while it was told to rest.
@@ -101,11 +103,12 @@ def check_velocities(recording: Recording, number: int) -> tuple[str, ...]:
         return ()
     velocity = recording.motion(bandwidth_for([recording])).velocity
     commanded = _Told(recording, joints, commands_of(recording), velocity)
+    units = {j: unit_of("rad", sliding, j) for j in joints}
     for j in joints:
-        if commanded.moves(j) and (mistake := _mistake(commanded, j)):
+        if commanded.moves(j) and (mistake := _mistake(commanded, j, units[j])):
             raise RecordingError(mistake, path=recording.source or None)
     name = recording.source or f"recording {number}"
-    return tuple(text for j in joints for text in _odd(commanded, j, name))
+    return tuple(text for j in joints for text in _odd(commanded, j, name, units[j]))
 
 
 def set_points_alone(recording: Recording) -> Recording:
@@ -123,7 +126,7 @@ def set_points_alone(recording: Recording) -> Recording:
     return replace(recording, position=position, command=command)
 
 
-def _mistake(commanded: _Told, j: int) -> str:
+def _mistake(commanded: _Told, j: int, unit: str) -> str:
     """Say what is wrong with the commands of a joint that moves."""
     name, command = f"{VELOCITY.name}_{j + 1}", commanded.command[:, j]
     if not command.any():
@@ -143,12 +146,12 @@ def _mistake(commanded: _Told, j: int) -> str:
     position = commanded.recording.position[:, j]
     if correlation(command, position) > max(_ALIKE, abs(own) + _BETTER):
         return (
-            f"{name} follows position_{j + 1}, not its velocity; expected rad/s; are these "
+            f"{name} follows position_{j + 1}, not its velocity; expected {unit}/s; are these "
             f"set-points of positions, {POSITION.name}_{j + 1}?"
         )
     if own < -_ALIKE:
         return f"joint {j + 1} moves against {name}; has one of them the other sign?"
-    return _unit_mistake(commanded, j) if own > _ALIKE else ""
+    return _unit_mistake(commanded, j, unit) if own > _ALIKE else ""
 
 
 def _is_measured(commanded: _Told, j: int) -> bool:
@@ -162,8 +165,8 @@ def _is_measured(commanded: _Told, j: int) -> bool:
     return any(float(np.abs(own - command).mean()) < _SAME * size for own in known)
 
 
-def _unit_mistake(commanded: _Told, j: int) -> str:
-    """Say which unit commands seem to have that a joint follows, if it is not rad/s."""
+def _unit_mistake(commanded: _Told, j: int, unit: str) -> str:
+    """Say which unit commands seem to have that a joint follows, if it is not SI."""
     slope, name = commanded.slope(j), f"{VELOCITY.name}_{j + 1}"
     if _LESS < slope < _MORE:
         return ""
@@ -171,15 +174,15 @@ def _unit_mistake(commanded: _Told, j: int) -> str:
     if slope > _MORE and 1.0 / _NEAR[1] < slope / by_row < 1.0 / _NEAR[0]:
         what = "changes of the position by row"
     else:
-        near = [unit for unit, many in _UNITS.items() if _NEAR[0] < 1.0 / slope / many < _NEAR[1]]
+        near = [other for other, many in _UNITS.items() if _NEAR[0] < 1.0 / slope / many < _NEAR[1]]
         what = f"in {near[0]}" if near else "in another unit, or normalised"
     return (
-        f"joint {j + 1} moves by {slope:.3g} rad/s where {name} is 1; expected rad/s; are the "
-        f"commands {what}?"
+        f"joint {j + 1} moves by {slope:.3g} {unit}/s where {name} is 1; expected {unit}/s; are "
+        f"the commands {what}?"
     )
 
 
-def _odd(commanded: _Told, j: int, name: str) -> Iterator[str]:
+def _odd(commanded: _Told, j: int, name: str, unit: str) -> Iterator[str]:
     """Yield what a joint did that no servo of velocity in order does."""
     recording = commanded.recording
     rows = max(2, round(_LASTING * recording.rate))
@@ -190,13 +193,14 @@ def _odd(commanded: _Told, j: int, name: str) -> Iterator[str]:
         slowest = float(np.abs(command).min())
         if moved < AT_REST and slowest > _TOLD and abs(float(np.sign(command).sum())) == rows:
             yield (
-                f"joint {j + 1} is stalled: it rests while it is told {slowest:.2f} rad/s ({where})"
+                f"joint {j + 1} is stalled: it rests while it is told {slowest:.2f} {unit}/s "
+                f"({where})"
             )
             return
         if not commanded.command[before, j].any() and moved > _LOOSE * _LASTING:
             yield (
-                f"joint {j + 1} moves by {moved:.2f} rad while it is told to rest; was its torque "
-                f"disabled? ({where})"
+                f"joint {j + 1} moves by {moved:.2f} {unit} while it is told to rest; was its "
+                f"torque disabled? ({where})"
             )
             return
 
@@ -248,13 +252,14 @@ def resting_around(time: FloatArray, position: FloatArray, rows: slice) -> tuple
     return float(time[first]), float(time[last])
 
 
-def left_out_at_rest(recording: Recording, j: int, name: str) -> Iterator[str]:
+def left_out_at_rest(recording: Recording, j: int, name: str, unit: str) -> Iterator[str]:
     """Yield that a recording lacks rows as a joint rested in them, and then jumped.
 
     Args:
         recording: With commands.
         j: The joint, 0-based.
         name: Of the recording.
+        unit: Of its positions.
     """
     assert recording.rows is not None  # noqa: S101  # set as it is made
     lost = [row for out in recording.left_out if out.reason == held_reason(j) for row in out.rows]
@@ -265,8 +270,8 @@ def left_out_at_rest(recording: Recording, j: int, name: str) -> Iterator[str]:
             jump = abs(float(recording.position[k, j] - recording.position[k - 1, j]))
             yield (
                 f"joint {j + 1} is stalled, or its encoder hangs: its position repeats a value "
-                f"while its command moves on, and then jumps by {jump:.2f} rad; these rows are "
-                f"left out ({name}, {from_to(since, until)})"
+                f"while its command moves on, and then jumps by {jump:.2f} {unit}; these rows "
+                f"are left out ({name}, {from_to(since, until)})"
             )
 
 
@@ -293,14 +298,16 @@ def correlation(x: FloatArray, y: FloatArray) -> float:
     return float(x @ y) / power if power > 0 else 0.0
 
 
-def odd_steps(recording: Recording) -> str:
+def odd_steps(recording: Recording, sliding: Sequence[bool] = ()) -> str:
     """Say which joints' positions come in steps of no encoder's, or nothing.
 
     Args:
         recording: Of n joints.
+        sliding: Which joints slide, (n,), and so have steps of a length; empty if none does.
     """
-    steps = [_step(recording.position[:, j]) for j in range(recording.n)]
-    odd = [j for j, step in enumerate(steps) if step > 0.0]
+    turns = [j for j in range(recording.n) if not any(sliding[j : j + 1])]
+    steps = {j: _step(recording.position[:, j]) for j in turns}
+    odd = [j for j, step in steps.items() if step > 0.0]
     if any(_of_a_turn(steps[j]) for j in odd):
         return ""
     different = [j for j in odd if abs(steps[j] / steps[odd[0]] - 1.0) > _LIKE]

@@ -44,6 +44,7 @@ from estimators.diagnosis.from_motion.simulation.constants import (
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
+from limo_driver.model.units import unit_of
 from limo_driver.physics import (
     PositionServo,
     TorqueDrive,
@@ -95,17 +96,18 @@ class DriveIdentification(Displayed):
     def headline(self) -> str:
         """Say of what it is, and how far the simulated joints stay from the recorded ones."""
         error = float(np.mean([fit.mean_error for fit in self.fits]))
+        far = unit_of("rad", self.simulation.model.sliding)
         return (
             f"drives and friction of {self.simulation.model.n} joints; each simulated forward from "
-            f"its commands is {error:.4f} rad from where it was"
+            f"its commands is {error:.4f} {far} from where it was"
         )
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the usual constants of each joint, and how sure the gain is."""
-        fits = self.fits
+        fits, sliding = self.fits, self.simulation.model.sliding
         gains = [gain_of(fit.row) for fit in fits]
         named = {
-            f"{gain} [{constant_of(gain).unit}]": [
+            f"{gain} [{unit_of(constant_of(gain).unit, sliding)}]": [
                 fit.value(gain) if gain == own else "-"
                 for fit, own in zip(fits, gains, strict=True)
             ]
@@ -122,11 +124,11 @@ class DriveIdentification(Displayed):
                 else "of others"
                 for fit, gain, moved in zip(fits, gains, self.moved, strict=True)
             ],
-            "damping [N m s/rad]": [fit.value(DAMPING) for fit in fits],
-            "dry friction [N m]": [fit.value(COULOMB) for fit in fits],
+            f"damping [{unit_of('N m s/rad', sliding)}]": [fit.value(DAMPING) for fit in fits],
+            f"dry friction [{unit_of('N m', sliding)}]": [fit.value(COULOMB) for fit in fits],
             "delay [s]": [fit.value("delay") for fit in fits],
-            "offset [N m]": [fit.value("offset") for fit in fits],
-            "error [rad]": [fit.mean_error for fit in fits],
+            f"offset [{unit_of('N m', sliding)}]": [fit.value("offset") for fit in fits],
+            f"error [{unit_of('rad', sliding)}]": [fit.mean_error for fit in fits],
             "beside": [", ".join(own) or "-" for own in self.extras],
         }
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from limo_driver.model.units import unit_of
 from limo_driver.physics.drives import LONGEST_DELAY, MOST_SAG
 
 if TYPE_CHECKING:
@@ -121,6 +122,14 @@ def _by_effect() -> dict[str, dict[str, str]]:
 
 # Of each effect, the constants that are its values, with their units; the first is its size.
 KINDS: Final = _by_effect()
+
+
+def kinds_of(*, slides: bool) -> dict[str, dict[str, str]]:
+    """Return `KINDS` with the units of a joint that slides, or turns."""
+    return {
+        effect: {name: unit_of(unit, (slides,)) for name, unit in units.items()}
+        for effect, units in KINDS.items()
+    }
 
 
 def constant_of(name: str) -> Constant:

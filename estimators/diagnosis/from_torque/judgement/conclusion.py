@@ -29,6 +29,7 @@ from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import HOLDING, OBSERVABLE
 from estimators.diagnosis.verdict import (
+    TORQUE,
     UNKNOWN,
     Fit,
     Holds,
@@ -79,6 +80,7 @@ def fit_of(
         tuple(rmse(proven, every).tolist()),
         tuple(j + 1 for j in above_floor(problem, given, floor)),
         tuple(j + 1 for j in above_floor(problem, proven, floor)),
+        unit=unit_of(TORQUE, problem.observed.simulation.model.sliding),
     )
 
 
@@ -183,6 +185,7 @@ def conclude(
         holds=held_by(problem, solution),
         doubts=doubts,
         joint_names=problem.observed.simulation.model.joint_names,
+        sliding=problem.observed.simulation.model.sliding,
     )
 
 
