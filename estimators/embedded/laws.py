@@ -38,6 +38,7 @@ _NEEDS: Final = {  # functions that a function calls, itself among them
     "preisach": ("preisach",),
     "play": ("inertia", "play"),
     "loose": ("loose",),
+    "wound": ("wound",),
     "late": ("interpolated", "late"),
 }
 
@@ -297,6 +298,10 @@ def _(effect: physics.Backlash) -> LawCode:
     j = effect.joint - 1
     if effect.drag is not None:
         dry = f"{number(effect.drag)} * {_sign(effect.joint, effect.v_eps or SIGN_WIDTH)}"
+        if effect.width is not None:
+            felt = f"wound(m, q[{j}], {number(effect.gap / 2)}, {number(effect.width)})"
+            text = f"friction[{j}] += {number(effect.drag)} * {felt} - {dry}"
+            return LawCode(text, tuple(effect.initial_state()), "wound")
         text = f"friction[{j}] -= {dry} * loose(m, q[{j}], {number(effect.gap / 2)})"
         return LawCode(text, tuple(effect.initial_state()), "loose")
     text = (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_OF_SLIDES: Final = (("(N m)", "N"), ("N m", "N"), ("rad", "m"), ("kg m^2", "kg"))
+_OF_SLIDES: Final = (("(N m)", "N"), ("N m", "N"), ("rad", "m"), ("kg m^2", "kg"), ("1/rev", "1/m"))
 
 
 def unit_of(unit: str, sliding: Sequence[bool], joint: int | None = None) -> str:

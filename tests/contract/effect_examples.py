@@ -12,7 +12,11 @@ LAWS = {
 EXAMPLES = {
     "armature": [{"inertia": 0.4}],
     "asymmetric_friction": [{"tau_plus": 1.2, "tau_minus": 0.7}],
-    "backlash": [{"gap": 5e-3}, {"gap": 5e-3, "drag": 0.8, "v_eps": 0.004}],
+    "backlash": [
+        {"gap": 5e-3},
+        {"gap": 5e-3, "drag": 0.8, "v_eps": 0.004},
+        {"gap": 5e-3, "drag": 0.8, "width": 2e-3, "v_eps": 0.004},
+    ],
     "coulomb_friction": [{"tau_c": 2.2, "v_eps": 0.002}],
     "encoder_offset": [{"offset": 0.01}],
     "external_contact": [

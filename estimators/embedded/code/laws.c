@@ -175,6 +175,18 @@ static double loose(double *memory, double q, double flank)
     return fabs(x) < flank ? 1.0 : 0.0;
 }
 
+/*: wound */
+/* Return the part of its drag that a joint with play feels, with its sign, which comes up over a
+ * width behind either flank. Memory: lead of the link over its drive, unused, last position. */
+static double wound(double *memory, double q, double flank, double width)
+{
+    const double end = flank + width, step = isnan(memory[2]) ? 0.0 : q - memory[2];
+    const double x = fmin(fmax(memory[0] + step, -end), end);
+    memory[0] = x;
+    memory[2] = q;
+    return copysign(fmax(fabs(x) - flank, 0.0) / width, x);
+}
+
 /*: late */
 /* Return a torque `delay` later, then behind a first-order lag.
  * Memory: time, input and output of the lag; how many samples are kept; their times; torques. */

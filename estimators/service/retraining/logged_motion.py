@@ -148,7 +148,7 @@ def newest_motion(
         contacts.take(message)
         rates.take(message)
 
-    log = joint_states(paths, joints, keys.joints, also=also, one_clock=False)
+    log = joint_states(paths, joints, keys.joints, also)
     columns = log.columns
     stamps = log.start_ns + np.round(columns.time * _NANOSECONDS).astype(np.int64)
     new = span.holds(stamps, folder)

@@ -53,35 +53,27 @@ class JointStateLog:
 
 def joint_states(
     paths: Sequence[Path],
-    joints: tuple[str, ...] | None = None,
-    topic: str | None = None,
-    robot: str = "",
-    progress: Callable[[int, int], None] | None = None,
+    joints: tuple[str, ...],
+    topic: str,
     also: Callable[[LoggedMessage], None] | None = None,
-    *,
-    one_clock: bool = True,
 ) -> JointStateLog:
-    """Read the joint states of one topic from logs.
+    """Read the joint states of one topic from logs, of several runs whose clocks may differ.
 
     Args:
         paths: MCAP or .db3 files, or folders of them.
-        joints: Names, in the order of the columns; those of the first message if not given.
-        topic: The topic; may be left out where there is one with joint states.
-        robot: Its name, for the columns.
-        progress: Told the files and the messages read, now and then.
+        joints: Names, in the order of the columns.
+        topic: The topic.
         also: Given every message, so that others can be read in the same pass.
-        one_clock: Refuse stamps that run backwards; else whoever asks has to tell runs apart.
 
     Raises:
-        RecordingError: No joint states, several topics of them, other joints, or stamps that run
-            backwards again and again.
+        RecordingError: No joint states, or other joints.
     """
     rows, warnings = _Rows(joints, topic), list[str]()
-    for message in _messages(paths, warnings, progress):
+    for message in messages_of(paths, warnings):
         rows.add(message)
         if also is not None:
             also(message)
-    return rows.log(robot, tuple(warnings), one_clock=one_clock)
+    return rows.log("", tuple(warnings), one_clock=False)
 
 
 def joint_state_blocks(
@@ -91,7 +83,7 @@ def joint_state_blocks(
     robot: str = "",
     progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[JointStateLog]:
-    """Read the joint states of one topic as `joint_states` does, block by block.
+    """Read the joint states of one topic, of one clock, block by block.
 
     Each block is in order of the stamps, and follows the one before. Counts are of all messages so
     far, and `start_ns` is that of the first block.
@@ -104,28 +96,43 @@ def joint_state_blocks(
         progress: Told the files and the messages read, now and then.
 
     Raises:
-        RecordingError: As `joint_states` does.
+        RecordingError: No joint states, several topics of them, other joints, or stamps that run
+            backwards again and again.
     """
     rows, warnings = _Rows(joints, topic), list[str]()
-    for message in _messages(paths, warnings, progress):
+    for message in messages_of(paths, warnings, progress):
         rows.add(message)
         if rows.many >= 2 * BLOCK:
             yield rows.log(robot, one_clock=True, most=BLOCK)
     yield rows.log(robot, tuple(warnings), one_clock=True)
 
 
-def _messages(
-    paths: Sequence[Path], warnings: list[str], progress: Callable[[int, int], None] | None
+def messages_of(
+    paths: Sequence[Path],
+    notes: list[str] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[LoggedMessage]:
-    files, messages = bag_files(paths), 0
-    for k, path in enumerate(files):
-        notes: list[str] = []
-        for message in read_bag(path, notes.append):
+    """Read the messages of logs, file after file, each in the order in which it was logged.
+
+    Args:
+        paths: MCAP, .db3 or .bag files, or folders of them; the ending says which.
+        notes: Extended by why files were not read to their ends.
+        progress: Told the files and the messages read, now and then.
+
+    Raises:
+        RecordingError: A file cannot be read, is something else, or a folder holds none.
+        MissingPackageError: Of a bag of ROS 1: rosbags is not installed.
+    """
+    messages = 0
+    for k, path in enumerate(bag_files(paths)):
+        why = list[str]()
+        for message in _read(path, why.append):
             yield message
             messages += 1
             if progress is not None and messages % _REPORTED == 0:
                 progress(k, messages)
-        warnings += [f"{path} {text}" for text in notes]
+        if notes is not None:
+            notes += [f"{path} {text}" for text in why]
 
 
 def bag_files(paths: Sequence[Path]) -> list[Path]:
@@ -145,17 +152,7 @@ def bag_files(paths: Sequence[Path]) -> list[Path]:
     return files
 
 
-def read_bag(path: Path, tell: Callable[[str], None] | None = None) -> Iterator[LoggedMessage]:
-    """Read the messages of one file of a log, in the order in which they were logged.
-
-    Args:
-        path: An MCAP file, one of a SQLite bag, or a bag of ROS 1; its ending says which.
-        tell: Told, once, if the file was not read to its end, and why.
-
-    Raises:
-        RecordingError: The file cannot be read, or is something else.
-        MissingPackageError: Of a bag of ROS 1: rosbags is not installed.
-    """
+def _read(path: Path, tell: Callable[[str], None]) -> Iterator[LoggedMessage]:
     if path.suffix == _ROS1:
         return read_ros1(path, tell)
     if path.suffix in _DB3:
@@ -278,7 +275,9 @@ class _Rows:
         assert self.joints is not None  # noqa: S101  # there are rows
         assert self.topic is not None  # noqa: S101
         stamps = np.array(self._stamps, dtype=np.int64)
-        order, reordered = self._order(stamps, one_clock=one_clock)
+        order, reordered = np.argsort(stamps, kind="stable"), 0
+        if one_clock:
+            order, reordered = ordered(stamps, self.topic)
         values = np.array(self._values).reshape(stamps.size, 3, -1)[order]
         stamps = stamps[order]
         values, stamps = self._given_out(values, stamps, most)
@@ -340,19 +339,6 @@ class _Rows:
                 f"{', '.join(named) or 'nothing'}"
             )
 
-    def _order(
-        self, stamps: NDArray[np.int64], *, one_clock: bool
-    ) -> tuple[NDArray[np.int64], int]:
-        if not one_clock:
-            return np.argsort(stamps, kind="stable"), 0
-        order, overtaken = in_order(stamps)
-        if (share := runs_backwards(stamps[order])) > SYSTEMATIC:
-            raise RecordingError(
-                f"the stamps of {self.topic} run backwards at {share:.0%} of the messages; are "
-                "these two publishers?"
-            )
-        return order, overtaken
-
     def _check_measured(self, position: FloatArray, torque: FloatArray) -> None:
         for name, values in (("position", position), ("effort", torque)):
             if np.isnan(values).all():
@@ -360,6 +346,29 @@ class _Rows:
                     f"the joint states of {self.topic} have no {name}; a recording needs "
                     "position and effort"
                 )
+
+
+def ordered(
+    stamps: NDArray[np.int64], topic: str, source: str | None = None
+) -> tuple[NDArray[np.int64], int]:
+    """Return the messages of a topic in the order of their stamps, and how many were overtaken.
+
+    Args:
+        stamps: In the order in which they were logged, (T,) [ns].
+        topic: Which.
+        source: Of the messages.
+
+    Raises:
+        RecordingError: They run backwards again and again.
+    """
+    order, overtaken = in_order(stamps)
+    if (share := runs_backwards(stamps[order])) > SYSTEMATIC:
+        raise RecordingError(
+            f"the stamps of {topic} run backwards at {share:.0%} of the messages; are these two "
+            "publishers?",
+            path=source,
+        )
+    return order, overtaken
 
 
 def about_no_stamps(messages: int) -> str:

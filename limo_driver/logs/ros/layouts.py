@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from xml.etree import ElementTree as ET
 
 from limo_driver.errors import RecordingError
-from limo_driver.logs.ros.joint_state_log import bag_files, read_bag
+from limo_driver.logs.ros.joint_state_log import messages_of
 from limo_driver.network.messages import JOINT_STATE, TORQUE_ESTIMATE, decode_joint_state
 from limo_driver.pages.figures import AFTER, JOINTS, MEASURED
 from limo_driver.quoting import for_xml
@@ -55,8 +55,7 @@ def logged_topics(paths: Sequence[Path]) -> LoggedTopics:
     """
     joints: tuple[str, ...] | None = None
     states = estimates = ""
-    messages = (message for path in bag_files(paths) for message in read_bag(path))
-    for message in islice(messages, _SEARCHED):
+    for message in islice(messages_of(paths), _SEARCHED):
         if message.schema == JOINT_STATE and joints is None:
             joints, states = tuple(decode_joint_state(message.payload).names), message.topic
         if message.schema == TORQUE_ESTIMATE and not estimates:

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
 DRAGGED_GAPS = (1e-4, 2.5e-4, 6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one with a drag
+WOUND_GAPS = (6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one whose drag winds something up
+WOUND = "that of a drag that winds up what gives way, at either end of the gap"
+_LEAST_WIDTH, _MOST_WIDTH, _WIDTH = 0.05, 1.0, 0.4  # [gaps]; wider, it would be presliding
 MOST_DRAG = 1.5  # of the dry friction that is known, to its tolerance: a drag is a part of that
 _LIGHT = 1e-9  # [kg m²]
 
@@ -40,15 +43,19 @@ class Backlash(MotionEffect):
     With `drag`, the drive beyond the gap stays where its own friction holds it, and is taken along
     at a flank: x ← clip(x + Δq, -gap/2, gap/2). The link is where the encoder says; what is not
     felt while |x| < gap/2, that is from a reversal to the end of the gap, is a part of the joint's
-    friction: tau = -drag tanh(v / v_eps). It comes back all at once.
+    friction: tau = -drag tanh(v / v_eps). It comes back all at once, or, where teeth or bushings
+    give way, in proportion to the distance beyond the flank, and goes so before the gap begins:
+    x ← clip(x + Δq, -gap/2 - width, gap/2 + width), tau = drag (dz(x)/width - tanh(v / v_eps)) with
+    dz(x) what of x is beyond ±gap/2.
 
     Args:
         gap: Whole play.
         drag: Friction beyond the gap, not felt within it.
+        width: Over which the drag comes up at a flank: drag over the stiffness of what gives way.
         v_eps: Width of the smoothed sign of the drag.
 
     Raises:
-        ConfigError: A width of the sign is given, and no drag that has one.
+        ConfigError: A width is given, and no drag that has one.
 
     Source: Nordin and Gutman, "Controlling mechanical systems with backlash - a survey", Automatica
     38(10), 2002: its friction-driven and inertia-driven hysteresis.
@@ -84,6 +91,7 @@ class Backlash(MotionEffect):
     needs_inertia: ClassVar[bool] = True
     gap: float = parameter("rad", lower=0.0, upper=0.2, adds=True)
     drag: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
+    width: float | None = parameter("rad", lower=1e-9, upper=0.2, default=None)
     v_eps: float | None = parameter(
         "rad/s",
         lower=1e-6,
@@ -95,8 +103,9 @@ class Backlash(MotionEffect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.drag is None and self.v_eps is not None:
-            raise ConfigError(f"{self.place}: has a v_eps, and no drag whose sign it smooths")
+        for name in ("v_eps", "width") if self.drag is None else ():
+            if getattr(self, name) is not None:
+                raise ConfigError(f"{self.place}: has a {name}, and no drag, which has it")
         if self.drag is not None and self.v_eps is None:
             object.__setattr__(self, "v_eps", SIGN_WIDTH)
 
@@ -118,8 +127,11 @@ class Backlash(MotionEffect):
             )
             ahead = np.ascontiguousarray(motion.load / inertia)
             return _float(after, motion.time, ahead, flank), after
-        loose = _loose(after, np.ascontiguousarray(motion.position), flank)
-        return -self.drag * np.tanh(motion.velocity / (self.v_eps or SIGN_WIDTH)) * loose, after
+        position = np.ascontiguousarray(motion.position)
+        sign = np.tanh(motion.velocity / (self.v_eps or SIGN_WIDTH))
+        if self.width is not None:
+            return self.drag * (_wound(after, position, flank, self.width) - sign), after
+        return -self.drag * sign * _loose(after, position, flank), after
 
     def with_more(self, more: Effect) -> Effect | None:
         """Return one play for two that the link falls across; drags of two gaps stay two."""
@@ -138,6 +150,18 @@ class Backlash(MotionEffect):
         width, most = sign_width_at(joint, recorded), MOST_DRAG * dry_at(joint, recorded)
         for gap in DRAGGED_GAPS if most > 0 else ():
             yield cls.of_drag(joint, width, most, gap)
+
+    @classmethod
+    def wound_at(cls, joint: int, v_eps: float, most: float) -> Iterator[Hypothesis]:
+        """Yield plays whose drag winds up what gives way, to be tried where presliding is found.
+
+        Args:
+            joint: Which, 1-based.
+            v_eps: Width of the joint's smoothed sign [rad/s].
+            most: That the drag can be [N m].
+        """
+        for gap in WOUND_GAPS:
+            yield cls.of_wound_drag(joint, v_eps, most, gap, _WIDTH)
 
     @classmethod
     def of_gap(cls, joint: int, gap: float) -> Hypothesis:
@@ -171,6 +195,30 @@ class Backlash(MotionEffect):
             family=partial(cls.of_drag, joint, v_eps, most),
             bounds=((0.3 * gap, 3.0 * gap),),
             law="that of a drag that is not felt within the gap",
+        )
+
+    @classmethod
+    def of_wound_drag(
+        cls, joint: int, v_eps: float, most: float, gap: float, part: float
+    ) -> Hypothesis:
+        """Return play of a drag that winds something up over a part of the gap.
+
+        Args:
+            joint: Which, 1-based.
+            v_eps: Width of the joint's smoothed sign [rad/s].
+            most: That the drag can be [N m].
+            gap: Whole play [rad].
+            part: Of it, over which the drag comes up.
+        """
+        return Hypothesis.of_one(
+            cls(joint=joint, gap=gap, drag=1.0, width=part * gap, v_eps=v_eps),
+            "drag",
+            positive=True,
+            most=most,
+            settings=(gap, part),
+            family=partial(cls.of_wound_drag, joint, v_eps, most),
+            bounds=((0.3 * gap, 3.0 * gap), (_LEAST_WIDTH, _MOST_WIDTH)),
+            law=WOUND,
         )
 
 
@@ -216,3 +264,20 @@ def _loose(state: FloatArray, position: FloatArray, flank: float) -> FloatArray:
         x, last = reached, position[t]
     state[0], state[2] = x, last
     return loose
+
+
+@compiled(reads=("position",), nogil=True)
+def _wound(state: FloatArray, position: FloatArray, flank: float, width: float) -> FloatArray:
+    """Advance (lead of the link over the drive, unused, last position) in place.
+
+    Returns:
+        The part of its drag that a joint feels, with its sign, (T,).
+    """
+    x, last, end = state[0], state[2], flank + width
+    felt = np.empty(position.size)
+    for t in range(position.size):
+        step = 0.0 if np.isnan(last) else position[t] - last
+        x, last = min(max(x + step, -end), end), position[t]
+        felt[t] = math.copysign(max(abs(x) - flank, 0.0) / width, x)
+    state[0], state[2] = x, last
+    return felt

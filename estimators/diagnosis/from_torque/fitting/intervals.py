@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 _Found = TypeVar("_Found", Finding, Identified, "Finding | Identified")
 
+_OF_A_CYCLE = frozenset(("phase",))  # angles, whatever a joint does
 _BODY = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # of a link: m, com, xx, xy, xz, yy, yz, zz
 Place = tuple[str, "Sequence[int]", bool]
 
@@ -119,7 +120,8 @@ def _of_effect(
         ]
         estimated = any(name == item.name for name, _ in deviation)
         ci = (tuple(pairs) if item.is_list else pairs[0]) if estimated else None
-        known[item.name] = Interval(value, unit_of(item.unit, own), ci)
+        unit = item.unit if item.name in _OF_A_CYCLE else unit_of(item.unit, own)
+        known[item.name] = Interval(value, unit, ci)
     return known
 
 

@@ -16,21 +16,28 @@ from estimators.diagnosis.from_torque.fitting.problem import (
     search_on,
     simulated,
 )
+from estimators.diagnosis.from_torque.hypotheses.catalogue import recorded_in
 from estimators.diagnosis.from_torque.hypotheses.ripple import ripples
 from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
 from estimators.diagnosis.from_torque.selection.candidates import entered
 from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, SOLVING
 from estimators.regression.evidence import Prior, joined
-from limo_driver.physics import TorqueRipple
+from limo_driver.physics import Backlash, PreslidingHysteresis, TorqueRipple
+from limo_driver.physics.effects.friction import sign_width_at
+from limo_driver.physics.effects.play import WOUND
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from estimators.diagnosis.stages import Progress
     from estimators.regression.evidence import Posterior
     from limo_driver.physics import Hypothesis
+
+_HYSTERESES = frozenset((Backlash.name, PreslidingHysteresis.name))
 
 
 def solve(
@@ -154,7 +161,29 @@ def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProble
         for item in chosen
         if item is not None and item.effect == TorqueRipple.name
     }
-    return _with(problem, ripples(problem.observed, problem.left(solution.fitted), known))
+    found = [*ripples(problem.observed, problem.left(solution.fitted), known)]
+    return _with(problem, [*found, *_wound(problem, chosen)])
+
+
+def _wound(problem: RegressionProblem, chosen: Sequence[Hypothesis | None]) -> Iterator[Hypothesis]:
+    """Yield plays that wind something up where a set has a hysteresis that may be one."""
+    own = {item.joints for item in problem.candidates if _is_wound(item)}
+    for item in chosen:
+        if item is not None and item.effect in _HYSTERESES and item.joints not in own:
+            (j,) = item.joints
+            width = sign_width_at(j + 1, recorded_in(problem.observed))
+            yield from Backlash.wound_at(j + 1, width, _along_motion(problem.observed, j))
+
+
+def _along_motion(observed: Observations, joint: int) -> float:
+    """Return how large the torque against the motion of a joint (0-based) gets [N m]."""
+    rows = observed.moving[:, joint]
+    beyond = (observed.measured - observed.load[observed.kept])[rows, joint]
+    return float(np.quantile(beyond * np.sign(observed.slow.velocity[rows, joint]), LAWS.friction))
+
+
+def _is_wound(candidate: Candidate) -> bool:
+    return candidate.hypothesis is not None and candidate.hypothesis.law == WOUND
 
 
 def _with(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:

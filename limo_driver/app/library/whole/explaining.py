@@ -54,7 +54,7 @@ def read_log(logs: Path, joints: tuple[str, ...], first: int, last: int) -> Reco
     from limo_driver.logs.mcap_log import log_files
     from limo_driver.logs.ros.joint_state_log import joint_states
 
-    log = joint_states(log_files(logs, ARM), joints, Keys(ARM).joints, one_clock=False)
+    log = joint_states(log_files(logs, ARM), joints, Keys(ARM).joints)
     columns = log.columns
     stamps = log.start_ns + np.round(columns.time * _NANOSECONDS).astype(np.int64)
     rows = (stamps >= first) & (stamps <= last)

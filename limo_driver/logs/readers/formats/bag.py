@@ -21,13 +21,12 @@ from limo_driver.logs.readers.columns import (
     words_of,
 )
 from limo_driver.logs.readers.table import LogTable
-from limo_driver.logs.ros.joint_state_log import about_no_stamps, bag_files, read_bag
+from limo_driver.logs.ros.joint_state_log import about_no_stamps, bag_files, messages_of, ordered
 from limo_driver.logs.ros.known_layouts import layout_for
 from limo_driver.logs.ros.plain_messages import numbers_of
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.network.messages.cdr import CdrReader
 from limo_driver.recordings.files.batches import STRETCH, Stretches
-from limo_driver.recordings.gate.doubts import SYSTEMATIC, in_order, runs_backwards
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,11 +112,8 @@ def read_bags(
             backwards again and again.
     """
     found, notes = _Found(topic), list[str]()
-    for path in bag_files(paths):
-        told: list[str] = []
-        for message in read_bag(path, told.append):
-            found.add(message)
-        notes += [f"{path} {text}" for text in told]
+    for message in messages_of(paths, notes):
+        found.add(message)
     source = ", ".join(map(str, paths))
     kept = found.meant(joints, source, notes)
     columns, more = kept.columns(source)
@@ -154,8 +150,7 @@ def topic_with(
         RecordingError: Several topics do.
     """
     found = _Found(topic)
-    messages = (m for path in bag_files(paths) for m in read_bag(path) if _is_state(m))
-    for message in islice(messages, _PEEKED):
+    for message in islice(filter(_is_state, messages_of(paths)), _PEEKED):
         found.add(message)
     groups = [g for g in found.groups.values() if set(joints) <= set(g.names)]
     topics = list(dict.fromkeys(g.topic for g in groups if topic in {None, g.topic}))
@@ -245,13 +240,7 @@ class _Group:
         self._flush()
         pieces = self.stretches.pieces()
         stamps = np.concatenate([piece.stamps for piece in pieces])
-        order, overtaken = in_order(stamps)
-        if (share := runs_backwards(stamps[order])) > SYSTEMATIC:
-            raise RecordingError(
-                f"the stamps of {self.topic} run backwards at {share:.0%} of the messages; are "
-                "these two publishers?",
-                path=source,
-            )
+        order, overtaken = ordered(stamps, self.topic, source)
         values = np.concatenate([piece.values for piece in pieces])[order]
         columns: dict[str, NDArray[Any]] = {"time": stamps[order]}
         for quantity in dict.fromkeys(name.partition(".")[0] for name in self.held):
