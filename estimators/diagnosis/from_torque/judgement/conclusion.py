@@ -41,7 +41,6 @@ from estimators.diagnosis.verdict import (
     Where,
 )
 from estimators.regression.definite import best_first, ranked
-from limo_driver.model.units import unit_of
 from limo_driver.physics.catalogue import unusable
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ def fit_of(
         tuple(rmse(proven, every).tolist()),
         tuple(j + 1 for j in above_floor(problem, given, floor)),
         tuple(j + 1 for j in above_floor(problem, proven, floor)),
-        unit=unit_of(TORQUE, problem.observed.simulation.model.sliding),
+        unit=problem.observed.unit(TORQUE),
     )
 
 
@@ -212,7 +211,7 @@ def not_observable(
     An effect that is in the set has shown at one joint, and is left out: where else it could be is
     no reason to say that these recordings do not excite it.
     """
-    evidence, sliding = solution.search.evidence, problem.observed.simulation.model.sliding
+    evidence = solution.search.evidence
     size = problem.columns.size()
     least: dict[str, tuple[float, int]] = {}
     moves = np.count_nonzero(problem.observed.moving, axis=0) > 0
@@ -236,7 +235,7 @@ def not_observable(
         NotObservable(
             effect,
             f"less than {rounded(torque * float(remaining.floor[joint]), 2)} "
-            f"{unit_of('N m', sliding, joint)} RMS of it at "
+            f"{problem.observed.unit('N m', joint)} RMS of it at "
             f"joint {joint + 1} could not be told from values that move within their tolerances",
         )
         for effect, (torque, joint) in sorted(least.items())

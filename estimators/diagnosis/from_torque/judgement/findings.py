@@ -48,7 +48,6 @@ from estimators.diagnosis.held_out import reducible_removed
 from estimators.diagnosis.quantities import listed, of_joints, rounded
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import UNKNOWN, BeforeAfter, Finding, Where
-from limo_driver.model.units import unit_of
 from limo_driver.physics import Payload, display_name
 
 if TYPE_CHECKING:
@@ -56,6 +55,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from limo_driver.types import FloatArray
 
@@ -83,7 +83,6 @@ def findings_of(
     lost = lost_by(problem, solution)
     time, stretches = problem.observed.slow.time, problem.observed.stretches
     duration = sum(float(np.ptp(time[rows])) for rows in stretches)
-    sliding = problem.observed.simulation.model.sliding
     found: list[Finding] = []
     for member in named:
         candidate = problem.candidates[member]
@@ -117,7 +116,7 @@ def findings_of(
                 evidence=_sentence(
                     candidate,
                     joint,
-                    unit_of("N m", sliding, joint),
+                    problem.observed.unit("N m", joint),
                     float(before[joint]),
                     float(after[joint]),
                     float(remaining.floor[joint]),
@@ -230,7 +229,7 @@ def unknown_of(
             where=where,
             share=share,
             heldout_rmse=BeforeAfter(values, values),
-            evidence=_unknown_sentence(remaining, ranked, problem.observed.simulation.model.sliding)
+            evidence=_unknown_sentence(problem.observed, remaining, ranked)
             + _stand_in_sentence([problem.candidates[member] for member in stand_ins]),
         ),
     )
@@ -250,14 +249,14 @@ def _together(places: Sequence[Where]) -> Where:
 
 
 def _unknown_sentence(
-    remaining: RemainingResidual, joints: Sequence[int], sliding: Sequence[bool]
+    observed: Observations, remaining: RemainingResidual, joints: Sequence[int]
 ) -> str:
     """Say what a black box predicts at each joint (0-based)."""
     figures = [
         f"{rounded(remaining.predictable[j], 3)} {unit} RMS at joint {j + 1} "
         f"(noise floor {rounded(remaining.floor[j], 3)} {unit})"
         for j in joints
-        for unit in [unit_of("N m", sliding, j)]
+        for unit in [observed.unit("N m", j)]
     ]
     return (
         "No effect of the catalogue explains a part of the remaining residual that a black box "

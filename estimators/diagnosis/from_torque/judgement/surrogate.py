@@ -18,7 +18,6 @@ from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.settings.judgement import BLACK_BOX, REGION
 from estimators.diagnosis.verdict import Where
 from estimators.regression.definite import inverse_root
-from limo_driver.model.units import unit_of
 from limo_driver.physics import PreslidingHysteresis
 
 if TYPE_CHECKING:
@@ -135,9 +134,7 @@ def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:
     if not rows.size or energy.sum() <= 0:
         return Where(region=f"joint {joint + 1}", figure=figure)
     samples = observed.kept[rows]
-    speed, far, push = (
-        unit_of(unit, observed.simulation.model.sliding, joint) for unit in ("rad/s", "rad", "N m")
-    )
+    speed, far, push = (observed.unit(unit, joint) for unit in ("rad/s", "rad", "N m"))
     said = [
         *_side(_SPEED, speed, np.abs(observed.slow.velocity[rows, joint]), energy),
         *_side(_REVERSAL, far, observed.since_reversal[samples, joint], energy),

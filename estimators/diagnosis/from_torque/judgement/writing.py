@@ -227,9 +227,9 @@ class Written:
                 f"not hold where {self.kind} were left out: {some}."
             )
         if self.offsets:
-            sliding = self.improved.simulation.model.sliding
+            unit = self.improved.unit
             some = ", ".join(
-                f"{value:+.3g} {unit_of('N m', sliding, joint - 1)} at joint {joint}"
+                f"{value:+.3g} {unit('N m', joint - 1)} at joint {joint}"
                 for joint, value in self.offsets
             )
             yield (

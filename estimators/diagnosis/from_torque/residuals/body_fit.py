@@ -17,7 +17,6 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
 from estimators.diagnosis.from_torque.residuals.usable_joints import without_effort
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
-from limo_driver.model.units import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -171,14 +170,14 @@ def other_unit(observed: Observations) -> Mistake | None:
     if not 1 / PLAUSIBILITY.scale_of_all < usual < PLAUSIBILITY.scale_of_all:
         return Mistake(
             f"the torques are {usual:.3g} times what motion and arm make of them; expected "
-            f"{unit_of('N m', sliding)}; are they in {_other_unit(usual)}, or is it another robot?",
+            f"{observed.unit('N m')}; are they in {_other_unit(usual)}, or is it another robot?",
             _divided(np.full(observed.n, usual)),
         )
     if wrong:
         j = wrong[0]
         return Mistake(
             f"torque_{j + 1} is {scale[j]:.3g} times what its motion makes of it; expected "
-            f"{unit_of('N m', sliding, j)}; is it in {_other_unit(scale[j], slides=sliding[j])}?",
+            f"{observed.unit('N m', j)}; is it in {_other_unit(scale[j], slides=sliding[j])}?",
             _divided(np.where(np.arange(observed.n) == j, scale[j], 1.0)),
         )
     return None

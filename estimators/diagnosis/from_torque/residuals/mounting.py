@@ -17,7 +17,6 @@ from estimators.diagnosis.held_out import Split, rmse
 from estimators.diagnosis.settings.residuals import MOUNTING
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Verdict, Where
 from estimators.regression.definite import SHOWN
-from limo_driver.model.units import unit_of
 from limo_driver.physics import GravityDirection
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ def _turned(
     cosine = float(found @ stated / (np.linalg.norm(found) * np.linalg.norm(stated)))
     angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
     joint = int(np.argmax(before**2 - after**2))
-    unit = unit_of("N m", given.simulation.model.sliding, joint)
+    unit = given.unit("N m", joint)
     missing = not any(isinstance(item, GravityDirection) for item in given.simulation.effects)
     return Finding(
         effect=GravityDirection.name,

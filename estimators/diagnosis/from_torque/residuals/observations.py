@@ -19,6 +19,7 @@ from estimators.diagnosis.settings.residuals import MISTAKES, NOISE, ROWS
 from estimators.rigid_body.fitting.extent import Extents
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
+from limo_driver.model.units import unit_of
 from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.physics.effects.friction import SIGN_WIDTH
@@ -148,6 +149,10 @@ class Observations:
         known = vars(self)
         vars(other).update({name: known[name] for name in names if name in known})
         return other
+
+    def unit(self, unit: str, joint: int | None = None) -> str:
+        """Return the unit of a joint (0-based), or of all, of what has this one at turning ones."""
+        return unit_of(unit, self.simulation.model.sliding, joint)
 
     @property
     def n(self) -> int:

@@ -44,7 +44,6 @@ from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK
 from estimators.rigid_body.tolerances import bare
 from limo_driver.errors import RecordingError
-from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import lowered
 
 if TYPE_CHECKING:
@@ -177,11 +176,10 @@ def _check_columns(observed: Observations, sample: RowSample) -> str:
 
 def _stuck_in(observed: Observations) -> tuple[str, ...]:
     """Ask of each joint whose encoder may be stuck whether it is."""
-    sliding = observed.simulation.model.sliding
     return tuple(
-        f"position_{j + 1} is {observed.slow.position[0, j]:.4g} {unit_of('rad', sliding, j)} in "
+        f"position_{j + 1} is {observed.slow.position[0, j]:.4g} {observed.unit('rad', j)} in "
         f"all rows while torque_{j + 1} varies by {np.ptp(observed.measured[:, j]):.3g} "
-        f"{unit_of('N m', sliding, j)}: is its encoder stuck?"
+        f"{observed.unit('N m', j)}: is its encoder stuck?"
         for j in doubtful_encoders(observed)
     )
 
@@ -212,8 +210,7 @@ def notes_on(observed: Observations, doubts: Sequence[str] | None = None) -> tup
     silent = without_torque(observed)
     if silent:
         where = of_joints([j + 1 for j in silent]).capitalize()
-        sliding = observed.simulation.model.sliding
-        values = [f"{observed.measured[0, j]:.4g} {unit_of('N m', sliding, j)}" for j in silent]
+        values = [f"{observed.measured[0, j]:.4g} {observed.unit('N m', j)}" for j in silent]
         is_ = "is" if len(silent) == 1 else "are"
         warnings.append(
             f"{where} {is_} left out: no torque is measured there, "
@@ -263,12 +260,11 @@ def _check_motion(observed: Observations) -> None:
     if len(still(observed)) == observed.n:
         ranges = np.ptp(observed.slow.position, axis=0)
         joint, least = int(np.argmax(ranges)), MISTAKES.least_moving
-        sliding = observed.simulation.model.sliding
         away = observed.faster(ROWS.rest).sum(axis=0)
         raise _refused(
             observed,
             f"no joint keeps moving for long enough to learn from: joint {joint + 1} goes the "
-            f"farthest, {ranges[joint]:.2g} {unit_of('rad', sliding, joint)}, and is away from "
+            f"farthest, {ranges[joint]:.2g} {observed.unit('rad', joint)}, and is away from "
             f"rest on {away[joint]} of {len(observed.kept)} rows, expected {least}",
         )
 
@@ -276,11 +272,11 @@ def _check_motion(observed: Observations) -> None:
 def _weightless_in(observed: Observations) -> list[str]:
     """Ask of each joint whose torque is small beside its load why, and say what becomes of it."""
     load, torque = sizes(observed)
-    slides, without = observed.simulation.model.sliding, left_out(observed)
+    without = left_out(observed)
     told: list[str] = []
     for j in without_load(observed, PLAUSIBILITY.light):
         question = (
-            f"its torque is {torque[j]:.3g} {unit_of('N m', slides, j)} where its load asks for "
+            f"its torque is {torque[j]:.3g} {observed.unit('N m', j)} where its load asks for "
             f"{load[j]:.3g} (root mean squares). Is it in another unit, does something balance the "
             "load, or has the drive no power?"
         )
@@ -295,8 +291,7 @@ def _check_measured(observed: Observations) -> None:
     if len(without_torque(observed)) == observed.n:
         raise _refused(
             observed,
-            f"the torques are {observed.measured[0].tolist()} "
-            f"{unit_of('N m', observed.simulation.model.sliding)} in all rows; "
+            f"the torques are {observed.measured[0].tolist()} {observed.unit('N m')} in all rows; "
             "expected measured torque",
         )
 

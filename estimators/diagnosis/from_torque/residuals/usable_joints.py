@@ -23,7 +23,6 @@ from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, REPEATS, ROWS
-from limo_driver.model.units import unit_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -146,10 +145,10 @@ def notes(observed: Observations, left: FloatArray) -> Iterator[str]:
     for item in repeats(observed, left):
         first, second = (names[k] for k in item.recordings)
         apart = ", ".join("-" if np.isnan(x) else rounded(x) for x in item.apart)
-        unit = unit_of("N m", observed.simulation.model.sliding)
         yield (
             f"{first} and {second} repeat one motion. Beside what the motion explains, one torque "
-            f"is {apart} {unit} RMS off (joint by joint): noise, and what changed in between."
+            f"is {apart} {observed.unit('N m')} RMS off (joint by joint): noise, and what "
+            "changed in between."
         )
 
 

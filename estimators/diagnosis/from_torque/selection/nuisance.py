@@ -328,7 +328,6 @@ def _scaler(joint: int) -> Enter:
 
 def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) -> list[_Part]:
     parts: list[_Part] = []
-    sliding = observed.simulation.model.sliding
     for j in range(observed.n):
         lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)
         index = columns.add(lag.joints, lag.values[:, :, None])
@@ -339,9 +338,7 @@ def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) ->
         offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)
         index = columns.add(offset.joints, offset.values[:, :, None])
         place = (TorqueOffset.name, (j,))
-        parameter = Tolerated(
-            f"offset of sensor {j + 1}", unit_of("N m", sliding, j), 0.0, 1.0, place
-        )
+        parameter = Tolerated(f"offset of sensor {j + 1}", observed.unit("N m", j), 0.0, 1.0, place)
         deviation = TOLERATED.sensor_offset * floor[j : j + 1]
         parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
     return parts
