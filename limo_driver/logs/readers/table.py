@@ -165,7 +165,9 @@ def _matches(name: str, pattern: str) -> bool:
     return any(fnmatchcase(part, pattern) for part in (name, *re.split(r"[.\[\]]", name)))
 
 
-def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") -> LogTable:
+def table_of(
+    arrays: Mapping[str, Any], source: str = "", kind: str = "arrays", rows: int | None = None
+) -> LogTable:
     """Make a table of arrays: (T,) is a column, (T, k) columns `name[0]` to `name[k-1]`.
 
     Where one array is of k texts, those name the k columns instead, as `name[elbow]`.
@@ -175,12 +177,13 @@ def table_of(arrays: Mapping[str, Any], source: str = "", kind: str = "arrays") 
             named as unread.
         source: Where they are from, for messages.
         kind: What that is, in words.
+        rows: That columns have; as many as most arrays if not given.
     """
     columns, unread, told = dict[str, "NDArray[Any]"](), dict[str, str](), dict[str, str]()
     given = {name: np.asarray(values) for name, values in arrays.items()}
     numbers = {name: values for name, values in given.items() if values.dtype.kind in "fiumM"}
     lengths = [len(values) for values in numbers.values() if values.ndim in {1, 2}]
-    usual = max(lengths, key=lengths.count, default=0)
+    usual = rows or max(lengths, key=lengths.count, default=0)
     labels = {name: found for name, x in given.items() if (found := _labels(x))}
     for name, values in given.items():
         if name not in numbers:

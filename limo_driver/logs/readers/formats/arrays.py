@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 _KIND: Final = "NumPy arrays"
 _MATRIX: Final = 2  # axes
+_MOST_JOINTS: Final = 64  # and numbers of one sample
 _LISTED: Final = 100  # structures in a list
 _WIDEST: Final = 1 << 15  # bytes of a row: 4096 numbers, as images have and no joints
 _DAMAGE: Final = (
@@ -224,7 +225,7 @@ def table_of_tree(tree: Mapping[str, Any], source: str, kind: str) -> LogTable:
     shared = takewhile(lambda at: len(set(at)) == 1, zip(*holders, strict=False))
     around = "".join(f"{names[0]}." for names in shared)
     turned = {name.removeprefix(around): x.T if _lies(x, rows) else x for name, x in arrays.items()}
-    return replace(table_of(turned, source, kind), words=words)
+    return replace(table_of(turned, source, kind, rows), words=words)
 
 
 def _lies(values: NDArray[Any], rows: int) -> bool:
@@ -264,14 +265,18 @@ def _structures(value: object) -> dict[str, object]:
 
 
 def _samples(arrays: Mapping[str, NDArray[Any]]) -> int:
-    """Return how many samples a log has: the length that most arrays have along an axis."""
+    """Return how many samples a log has: the length that most arrays have along an axis.
+
+    Matrices of an arm, six by six, may be more; a log is longer than that.
+    """
     lengths = [
         length
         for values in arrays.values()
         if values.dtype.kind in "fiu" and values.ndim <= _MATRIX
         for length in {max(values.shape)}
     ]
-    return max(lengths, key=lambda length: (lengths.count(length), length), default=0)
+    long = [length for length in lengths if length > _MOST_JOINTS] or lengths
+    return max(long, key=lambda length: (long.count(length), length), default=0)
 
 
 def read_json(path: Path) -> LogTable:

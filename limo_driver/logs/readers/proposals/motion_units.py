@@ -37,7 +37,6 @@ ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the ri
 _SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
 _SHARED: Final = 0.25  # of a step, that one next to it makes where it is part of a motion
 _FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
-_FARTHEST: Final = 4 * math.pi  # [rad]; few arms turn farther
 
 
 class _BySpeed(NamedTuple):
@@ -237,9 +236,7 @@ def _says_deg(position: FloatArray, cost: Gravity, by_speed: _BySpeed | None) ->
         return by_speed.unit == "deg"
     if cost.torque is not None:
         return is_singled_out(position, ("deg",) * cost.model.n, cost)
-    turning = np.abs(position[:, ~np.array(cost.model.sliding)])
-    far = bool(np.nanquantile(turning, 0.998) > _FARTHEST)
-    return far or (by_speed is not None and by_speed.unit == "deg")
+    return by_speed is not None and by_speed.unit == "deg"
 
 
 def _unless_mixed(
