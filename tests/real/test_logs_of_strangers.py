@@ -55,6 +55,23 @@ def test_columns_in_amperes_are_currents_whose_factor_is_asked_for():
         limo.read(log, SIX_AXES)
 
 
+@pytest.mark.slow("a whole diagnosis")
+def test_a_damper_has_play_friction_and_a_stiffness_and_nothing_else():
+    folder = LOGS / "backlash_of_a_damper"
+    slide = folder / "slide.urdf"
+    found = limo.diagnose(slide, limo.read(folder / "log.csv", slide)).verdict
+    (play,) = found.findings
+    assert (play.effect, play.joints) == ("backlash", (1,))
+    values = {name: known.value for name, known in play.parameters.items()}
+    assert values["gap"] == pytest.approx(0.005, rel=0.02)
+    assert values["drag"] == pytest.approx(10e3, rel=0.02)
+    assert values["drag"] / values["width"] == pytest.approx(5e6, rel=0.02)  # N/m
+    assert play.parameters["drag"].unit == "N"
+    (dry,) = [x for x in found.identified if x.effect == "coulomb_friction"]
+    assert dry.parameters["tau_c"].value == pytest.approx(10e3, rel=0.02)
+    assert not found.unexplained_joints
+
+
 @pytest.mark.slow("two diagnoses")
 def test_a_contact_that_ends_at_rest_is_found_and_none_without_it():
     folder = LOGS / "contact_then_rest"

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MOVABLE: Final = ("revolute", "continuous", "prismatic")
 _FREE: Final = ("floating", "planar")
+_BALLS: Final = ("spherical", "ball")  # which other simulators write into URDFs
 _OF_MOTION: Final = ("axis", "limit", "mimic", "dynamics", "safety_controller")
 _MOST: Final = ("effort", "velocity")  # of a joint that moves
 _SMALLEST: Final = 1e-300  # of a number; parsers refuse some that are smaller
@@ -46,6 +47,7 @@ def mended(root: ET.Element, path: Path) -> tuple[str, ...]:
         *_on_the_ground(root),
         *_with_base(root),
         *_with_plain_joints(root),
+        *_without_negative_friction(root),
         *_without_odd_shapes(root),
     )
 
@@ -83,13 +85,19 @@ def _with_base(root: ET.Element) -> Iterator[str]:
 
 
 def _on_the_ground(root: ET.Element) -> Iterator[str]:
-    """Fix joints that float or move in a plane, since limo's arms stand on a fixed base."""
+    """Fix joints that float or move in a plane, as arms stand on a fixed base, and balls."""
     free = [joint for joint in root.findall("joint") if joint.get("type") in _FREE]
     for joint in free:
         joint.set("type", "fixed")
     if free:
         names = shortened([str(joint.get("name")) for joint in free])
         yield f"the base is taken to stand still: {names} would let it float"
+    balls = [joint for joint in root.findall("joint") if joint.get("type") in _BALLS]
+    for joint in balls:
+        joint.set("type", "fixed")
+    if balls:
+        names = shortened([str(joint.get("name")) for joint in balls])
+        yield f"locked at 0, since they turn about no one axis: {names}"
 
 
 def _with_plain_joints(root: ET.Element) -> Iterator[str]:
@@ -113,6 +121,19 @@ def _with_plain_joints(root: ET.Element) -> Iterator[str]:
             limit.attrib.setdefault(most, "0")
     if none:
         yield f"no limit is taken where it is below 0 or infinite: {shortened(none)}"
+
+
+def _without_negative_friction(root: ET.Element) -> Iterator[str]:
+    """Take out friction below 0, as fits without bounds write it."""
+    none = [
+        f"{name}={own.attrib.pop(name)} of joint {joint.get('name')}"
+        for joint in root.findall("joint")
+        for own in joint.findall("dynamics")
+        for name in ("friction", "damping")
+        if _is_none(own.get(name, "0"))
+    ]
+    if none:
+        yield f"no friction is taken where it is below 0: {shortened(none)}"
 
 
 def _is_none(text: str) -> bool:

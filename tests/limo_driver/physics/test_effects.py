@@ -125,14 +125,30 @@ def test_the_drag_of_a_drive_is_gone_from_a_reversal_to_the_end_of_the_gap():
     np.testing.assert_allclose(torque, np.where(loose, -1.5 * np.sign(velocity), 0.0), atol=1e-9)
 
 
+def test_a_drag_that_winds_something_up_goes_and_comes_in_proportion_to_the_distance():
+    play = Backlash(joint=1, gap=4e-3, drag=1.5, width=2e-3, v_eps=1e-9)
+    forth = np.arange(0.0, 0.02, 1e-3)
+    position = np.concatenate([forth, forth[::-1]])
+    velocity = np.where(np.arange(position.size) < forth.size, 0.1, -0.1)
+    motion = JointMotion(
+        np.arange(position.size) * 0.01, position, velocity, 0 * position, 0 * position
+    )
+    torque, _ = play.advance(play.initial_state(), motion)
+    felt = (torque + 1.5 * np.sign(velocity))[forth.size :]  # beside dry friction as large
+    away = forth[-1] - position[forth.size :]
+    expected = np.interp(away, [0.0, 2e-3, 6e-3, 8e-3], [1.5, 0.0, 0.0, -1.5])
+    np.testing.assert_allclose(felt, expected, atol=1e-9)
+
+
 def test_a_play_is_of_one_form():
     falling, dragged = Backlash(joint=1, gap=2e-3), Backlash(joint=1, gap=2e-3, drag=1.0)
     assert (falling.displaces, dragged.displaces) == (True, False)
     assert falling.with_more(falling) == Backlash(joint=1, gap=4e-3)
     assert falling.with_more(dragged) is None
     assert dragged.with_more(dragged) is None
-    with pytest.raises(ConfigError, match="no drag whose sign"):
-        Backlash(joint=1, gap=2e-3, v_eps=0.01)
+    for name in ("v_eps", "width"):
+        with pytest.raises(ConfigError, match=f"has a {name}, and no drag"):
+            Backlash(joint=1, gap=2e-3, **{name: 0.01})
 
 
 def test_the_impact_of_a_play_is_in_a_recorded_motion_alone(motion):

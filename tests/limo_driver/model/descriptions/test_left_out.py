@@ -145,6 +145,7 @@ def test_what_other_readers_overlook_changes_nothing_of_the_arm(file, what):
         ('ixy="0"', 'ixy="-1e-320"', ""),
         ('effort="40"', 'effort="-1.0"', "effort=-1.0 of joint shoulder"),
         ('effort="40"', 'effort="inf"', "effort=inf of joint shoulder"),
+        ("</joint>", "<dynamics friction='-0.4'/></joint>", "friction=-0.4 of joint shoulder"),
         (' effort="40"', "", "joint shoulder states no effort limit"),
         (re.search("<limit[^>]*>", ARM)[0], "", "limits of shoulder are 0 to 0"),
     ],
@@ -155,6 +156,15 @@ def test_what_other_readers_take_for_the_same_is_the_same(file, given, instead, 
     assert model.inertials == plain.inertials
     assert model.joint_names == plain.joint_names
     assert note in " ".join(model.notes)
+
+
+def test_a_joint_that_turns_about_no_one_axis_is_locked_and_told(file):
+    ball = ARM.replace("</robot>", """<link name="ball"/><joint name="neck" type="spherical">
+        <parent link="{}"/><child link="ball"/></joint></robot>""".format(
+            re.findall('<link name="([^"]*)"', ARM)[-1]))  # fmt: skip
+    model = RobotModel.load(file(ball))
+    assert model.joint_names == RobotModel.load(file(ARM, "plain.urdf")).joint_names
+    assert "turn about no one axis: neck" in " ".join(model.notes)
 
 
 @pytest.mark.parametrize("encoding", ["iso-8859-1", "windows-1252", "utf-16"])

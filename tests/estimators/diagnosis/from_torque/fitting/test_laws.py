@@ -97,6 +97,16 @@ def test_play_of_a_width_between_those_tried_is_not_taken_for_presliding(given, 
     assert finding.parameters["drag"].value == pytest.approx(0.5, rel=0.1)
 
 
+@sampled(("gap", "width"), [(0.016, 0.006), (0.006, 0.003)], "a whole diagnosis each")
+def test_play_behind_what_gives_way_is_not_taken_for_presliding(given, seen, gap, width):
+    hidden = Backlash(joint=2, gap=gap, width=width, drag=given.effects[1].tau_c)
+    true = replace(given, effects=(*given.effects, hidden))
+    (finding,) = diagnose(given, [seen(true)]).verdict.findings
+    assert (finding.effect, finding.joints) == ("backlash", (2,))
+    assert finding.parameters["gap"].value == pytest.approx(gap, rel=0.1)
+    assert finding.parameters["width"].value == pytest.approx(width, rel=0.2)
+
+
 @sampled("exponent", [1.0, 1.5], "a whole diagnosis each")
 def test_friction_that_keeps_acting_after_a_reversal_is_no_play(given, seen, exponent):
     """Play with twice the joint's friction for a drag would explain most of it in fewer numbers."""

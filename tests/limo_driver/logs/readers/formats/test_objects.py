@@ -91,6 +91,13 @@ def test_variables_of_matlab_and_their_structures_are_read(tmp_path, turned, pac
     np.testing.assert_array_equal(read.torque, TORQUE)
 
 
+def test_many_small_matrices_do_not_hide_samples_that_are_columns(tmp_path):
+    own = {f"M{k}": np.eye(6) for k in range(9)}
+    savemat(tmp_path / "log.mat", {"t": TIME, "q": POSITION.T, "tau": TORQUE.T} | own)
+    read = limo.read(tmp_path / "log.mat", "iiwa14")
+    np.testing.assert_array_equal(read.position, POSITION)
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
