@@ -26,7 +26,8 @@ GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
 DRAGGED_GAPS = (1e-4, 2.5e-4, 6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one with a drag
 WOUND_GAPS = (6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one whose drag winds something up
 WOUND = "that of a drag that winds up what gives way, at either end of the gap"
-_LEAST_WIDTH, _MOST_WIDTH, _WIDTH = 0.05, 1.0, 0.4  # [gaps]; wider, it would be presliding
+AT_ONCE = "that of a drag that is not felt within the gap"
+_PARTS, _PART = (0.05, 1.0), 0.4  # of the gap, that winds up; more would be presliding
 MOST_DRAG = 1.5  # of the dry friction that is known, to its tolerance: a drag is a part of that
 _LIGHT = 1e-9  # [kg m²]
 
@@ -161,7 +162,7 @@ class Backlash(MotionEffect):
             most: That the drag can be [N m].
         """
         for gap in WOUND_GAPS:
-            yield cls.of_wound_drag(joint, v_eps, most, gap, _WIDTH)
+            yield cls.of_drag(joint, v_eps, most, gap, _PART)
 
     @classmethod
     def of_gap(cls, joint: int, gap: float) -> Hypothesis:
@@ -177,7 +178,9 @@ class Backlash(MotionEffect):
         )
 
     @classmethod
-    def of_drag(cls, joint: int, v_eps: float, most: float, gap: float) -> Hypothesis:
+    def of_drag(
+        cls, joint: int, v_eps: float, most: float, gap: float, part: float | None = None
+    ) -> Hypothesis:
         """Return play beyond which a drag is; where it is not felt depends on the gap [rad].
 
         Args:
@@ -185,40 +188,19 @@ class Backlash(MotionEffect):
             v_eps: Width of the joint's smoothed sign [rad/s].
             most: That the drag can be [N m].
             gap: Whole play [rad].
+            part: Of it, over which the drag winds something up; it is there at once if not given.
         """
+        width = None if part is None else part * gap
+        settings, law = ((gap,), AT_ONCE) if part is None else ((gap, part), WOUND)
         return Hypothesis.of_one(
-            cls(joint=joint, gap=gap, drag=1.0, v_eps=v_eps),
+            cls(joint=joint, gap=gap, drag=1.0, width=width, v_eps=v_eps),
             "drag",
             positive=True,
             most=most,
-            settings=(gap,),
+            settings=settings,
             family=partial(cls.of_drag, joint, v_eps, most),
-            bounds=((0.3 * gap, 3.0 * gap),),
-            law="that of a drag that is not felt within the gap",
-        )
-
-    @classmethod
-    def of_wound_drag(
-        cls, joint: int, v_eps: float, most: float, gap: float, part: float
-    ) -> Hypothesis:
-        """Return play of a drag that winds something up over a part of the gap.
-
-        Args:
-            joint: Which, 1-based.
-            v_eps: Width of the joint's smoothed sign [rad/s].
-            most: That the drag can be [N m].
-            gap: Whole play [rad].
-            part: Of it, over which the drag comes up.
-        """
-        return Hypothesis.of_one(
-            cls(joint=joint, gap=gap, drag=1.0, width=part * gap, v_eps=v_eps),
-            "drag",
-            positive=True,
-            most=most,
-            settings=(gap, part),
-            family=partial(cls.of_wound_drag, joint, v_eps, most),
-            bounds=((0.3 * gap, 3.0 * gap), (_LEAST_WIDTH, _MOST_WIDTH)),
-            law=WOUND,
+            bounds=((0.3 * gap, 3.0 * gap), _PARTS)[: len(settings)],
+            law=law,
         )
 
 

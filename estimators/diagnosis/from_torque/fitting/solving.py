@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from estimators.diagnosis.stages import Progress
     from estimators.regression.evidence import Posterior
     from limo_driver.physics import Hypothesis
@@ -167,7 +166,7 @@ def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProble
 
 def _wound(problem: RegressionProblem, chosen: Sequence[Hypothesis | None]) -> Iterator[Hypothesis]:
     """Yield plays that wind something up where a set has a hysteresis that may be one."""
-    own = {item.joints for item in problem.candidates if _is_wound(item)}
+    own = {x.joints for x in problem.candidates if x.hypothesis and x.hypothesis.law == WOUND}
     for item in chosen:
         if item is not None and item.effect in _HYSTERESES and item.joints not in own:
             (j,) = item.joints
@@ -180,10 +179,6 @@ def _along_motion(observed: Observations, joint: int) -> float:
     rows = observed.moving[:, joint]
     beyond = (observed.measured - observed.load[observed.kept])[rows, joint]
     return float(np.quantile(beyond * np.sign(observed.slow.velocity[rows, joint]), LAWS.friction))
-
-
-def _is_wound(candidate: Candidate) -> bool:
-    return candidate.hypothesis is not None and candidate.hypothesis.law == WOUND
 
 
 def _with(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
