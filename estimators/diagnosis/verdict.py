@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
@@ -14,7 +13,7 @@ from limo_driver.physics import ArmEffect, BodyEffect, display_name
 from limo_driver.physics.catalogue import known_as
 from limo_driver.runtime import written_by
 from limo_driver.runtime.display import call_joints, joints_called
-from limo_driver.runtime.outputs import whole
+from limo_driver.runtime.outputs import plain_json, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -367,7 +366,7 @@ class Verdict:
 
     def as_values(self) -> dict[str, Any]:
         """Return the content of `verdict.json`: plain lists, texts and numbers; NaN as null."""
-        content = _plain(asdict(self))
+        content = plain_json(asdict(self))
         for item in (*content["findings"], *content["identified"]):
             for known in item["parameters"].values():
                 if known["stated"] is None:
@@ -399,15 +398,3 @@ def is_felt_by_all(effect: str) -> bool:
     return effect == LINK_INERTIA or (
         known is not None and issubclass(known, (BodyEffect, ArmEffect))
     )
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401  # JSON values
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if hasattr(value, "item"):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import json
+import math
 import os
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -288,3 +289,16 @@ class KeptResults:
         except (OSError, ValueError):
             return None
         return cast("dict[str, Any]", kept) if isinstance(kept, dict) else None
+
+
+def plain_json(value: Any) -> Any:  # noqa: ANN401
+    """Return a value as JSON has it: lists, texts and numbers; what is not finite is null."""
+    if isinstance(value, dict):
+        return {str(key): plain_json(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain_json(item) for item in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -17,6 +17,7 @@ from estimators.diagnosis.from_motion.checks.velocities import (
     odd_steps,
     resting_around,
     set_points_alone,
+    slope_of,
     stuck,
 )
 from estimators.diagnosis.from_motion.simulation.free_run import commanded_range, commands_of
@@ -37,7 +38,6 @@ _DEGREES: Final = (50.0, 75.0)  # of what is in degrees, over rad: 57.3 but for 
 _TURNS: Final = 4 * np.pi  # [rad], that no joint behind a position servo reaches or spans
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
 _FURTHER: Final = 1.3  # times as far as its command, that no servo moves where both are alike
-_STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
 _ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
 _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
 _LAG: Final = 0.5  # [s], by which a joint may follow its command later
@@ -194,7 +194,7 @@ def _scale_mistake(recording: Recording, sliding: Sequence[bool]) -> str:
             f"{own}; expected positions in {own}; are the positions {unit}?"
         )
     for j in judged.tolist():
-        slope = _slope(command[:, j], position[:, j])
+        slope = slope_of(command[:, j], position[:, j])
         if slope > _FURTHER:
             small = float(np.abs(command).max()) <= 1.0
             what = "normalised, as -1 to 1" if small else "in another unit"
@@ -396,11 +396,3 @@ def _left(command: FloatArray, position: FloatArray) -> bool:
     since = int(near[-1])
     side = np.sign(error[-1])
     return bool(side * (position[-1] - position[since]) > 0.5 * abs(error[-1]))
-
-
-def _slope(command: FloatArray, position: FloatArray) -> float:
-    """Return how far a joint moves for each unit of its command; 0 if they are not much alike."""
-    if correlation(command, position) < _STRAIGHT:
-        return 0.0
-    target = command - command.mean()
-    return float(target @ position) / float(target @ target)

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 _MOVES: Final = 0.05  # [rad, rad/s], range of a joint that can be judged
 _LATE: Final = 0.3  # [s], by which a joint may follow
 _ALIKE, _UNLIKE = 0.8, 0.4  # correlations
+_STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
 _BETTER: Final = 0.2  # of correlation, by which commands are like a position rather
 _SAME: Final = 1e-6  # of the velocity, by which commands are the velocity itself
 _LESS, _MORE = 1 / 8, 1.3  # times as fast as told, that a servo moves its joint
@@ -342,3 +343,11 @@ def _of_a_turn(step: float) -> bool:
     """Say whether a step [rad] is a turn over a power of two."""
     bits = np.log2(2.0 * np.pi / step)
     return bool(abs(bits - round(bits)) < np.log2(1.0 + _LIKE))
+
+
+def slope_of(command: FloatArray, position: FloatArray) -> float:
+    """Return how far a joint moves for each unit of its command; 0 if they are not much alike."""
+    if correlation(command, position) < _STRAIGHT:
+        return 0.0
+    target = command - command.mean()
+    return float(target @ position) / float(target @ target)
