@@ -207,7 +207,7 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def plays(fits: Iterable[JointFit], sliding: Sequence[bool]) -> tuple[str, ...]:
+def plays(fits: Iterable[JointFit], sliding: Sequence[bool] = ()) -> tuple[str, ...]:
     """Say how far joints can be moved by hand while their servos stand."""
     gaps = [value_in(geared(fit.row), "play") for fit in fits]
     return tuple(

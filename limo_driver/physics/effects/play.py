@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
 DRAGGED_GAPS = (1e-4, 2.5e-4, 6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one with a drag
-WOUND_GAPS = (6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one whose drag winds something up
 WOUND = "that of a drag that winds up what gives way, at either end of the gap"
 AT_ONCE = "that of a drag that is not felt within the gap"
 _PARTS, _PART = (0.05, 1.0), 0.4  # of the gap, that winds up; more would be presliding
@@ -153,16 +152,15 @@ class Backlash(MotionEffect):
             yield cls.of_drag(joint, width, most, gap)
 
     @classmethod
-    def wound_at(cls, joint: int, v_eps: float, most: float) -> Iterator[Hypothesis]:
-        """Yield plays whose drag winds up what gives way, to be tried where presliding is found.
+    def further_laws(cls, found: Hypothesis) -> Iterator[Hypothesis]:
+        """Yield a drag that winds something up, where one that is there at once was found.
 
-        Args:
-            joint: Which, 1-based.
-            v_eps: Width of the joint's smoothed sign [rad/s].
-            most: That the drag can be [N m].
+        It goes and comes over a distance beside the gap, so that the gap itself is less; and the
+        friction that is known is that of a joint without play, of which the drag may be more.
         """
-        for gap in WOUND_GAPS:
-            yield cls.of_drag(joint, v_eps, most, gap, _PART)
+        if found.law == AT_ONCE and isinstance(found.family, partial):
+            joint, v_eps, _ = found.family.args
+            yield cls.of_drag(joint, v_eps, math.inf, found.settings[0] / (1 + _PART), _PART)
 
     @classmethod
     def of_gap(cls, joint: int, gap: float) -> Hypothesis:

@@ -126,7 +126,7 @@ def test_the_drag_of_a_drive_is_gone_from_a_reversal_to_the_end_of_the_gap():
 
 
 def test_a_drag_that_winds_something_up_goes_and_comes_in_proportion_to_the_distance():
-    play = Backlash(joint=1, gap=4e-3, drag=1.5, width=2e-3, v_eps=1e-9)
+    play = Backlash(joint=1, gap=4e-3, drag=1.5, width=2e-3, v_eps=1e-6)
     forth = np.arange(0.0, 0.02, 1e-3)
     position = np.concatenate([forth, forth[::-1]])
     velocity = np.where(np.arange(position.size) < forth.size, 0.1, -0.1)
