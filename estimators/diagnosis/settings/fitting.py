@@ -110,9 +110,6 @@ class LAWS:
         "lower costs time; higher gives a name to what lies better on the grid",
         chosen=("play of 0.7 mrad brought 0.75 of it on the grid of gaps, and 1.3 once refined; "
                 "a gap between two that are tried has 0.63 in common with the nearer one"))
-    friction: float = setting(0.95, "quantile",
-        "of the torque against the motion, which a drag that winds something up does not exceed",
-        "higher lets pushes count as friction; lower refuses a drag whose gap is most of the way")
 
 
 @settings

@@ -35,7 +35,6 @@ from limo_driver.types import FloatArray
 USD_ENDINGS: Final = (".usd", ".usda", ".usdc", ".usdz")
 _TURNING: Final = ("revolute", "continuous")
 _SLIDING: Final = "prismatic"
-_FINGER = 0.12  # [m], the farthest that fingers slide
 _MOVABLE: Final = (*_TURNING, _SLIDING)
 _DYNAMICS: Final = ("friction", "damping")
 # Of a joint that follows another; its friction, damping and armature are felt at that one.
@@ -298,7 +297,7 @@ def _held(joints: Sequence[str], known: list[str], path: Path) -> dict[str, floa
 def _grippers(
     root: ET.Element, wanted: list[str], loops: Sequence[frozenset[str]]
 ) -> frozenset[str]:
-    """Return the joints that slide a little, lead others beside them or are part of a loop.
+    """Return the joints that slide, lead others beside them or are part of a loop of bodies.
 
     Those that carry a joint that turns freely are none, and nobody is if nothing else is left that
     moves.
@@ -332,21 +331,10 @@ def _grippers(
         str(joint.get("name"))
         for joint in root.findall("joint")
         if joint.get("name") in wanted
-        and (_may_be_finger(joint) or joint.get("name") in in_loops or leads(joint))
+        and (joint.get("type") == _SLIDING or joint.get("name") in in_loops or leads(joint))
         and not turns_beyond(joint)
     )
     return found if set(wanted) - found else frozenset()
-
-
-def _may_be_finger(joint: ET.Element) -> bool:
-    """Say whether a joint slides no farther than fingers do; insertions and quills go farther."""
-    limit = joint.find("limit")
-    ends = {} if limit is None else limit.attrib
-    try:
-        reach = float(ends.get("upper", "0")) - float(ends.get("lower", "0"))
-    except ValueError:  # which is refused where limits are read
-        reach = 0.0
-    return joint.get("type") == _SLIDING and reach <= _FINGER
 
 
 def _unknown(name: str, known: list[str]) -> str:

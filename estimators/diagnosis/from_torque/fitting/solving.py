@@ -16,27 +16,21 @@ from estimators.diagnosis.from_torque.fitting.problem import (
     search_on,
     simulated,
 )
-from estimators.diagnosis.from_torque.hypotheses.catalogue import recorded_in
 from estimators.diagnosis.from_torque.hypotheses.ripple import ripples
 from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
 from estimators.diagnosis.from_torque.selection.candidates import entered
 from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, SOLVING
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.evidence import Prior, joined
-from limo_driver.physics import Backlash, PreslidingHysteresis, TorqueRipple
-from limo_driver.physics.effects.friction import sign_width_at
-from limo_driver.physics.effects.play import WOUND
+from limo_driver.physics import TorqueRipple
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Sequence
+    from collections.abc import Collection, Iterable
 
-    from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.stages import Progress
     from estimators.regression.evidence import Posterior
     from limo_driver.physics import Hypothesis
-
-_HYSTERESES = frozenset((Backlash.name, PreslidingHysteresis.name))
 
 
 def solve(
@@ -160,25 +154,7 @@ def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProble
         for item in chosen
         if item is not None and item.effect == TorqueRipple.name
     }
-    found = [*ripples(problem.observed, problem.left(solution.fitted), known)]
-    return _with(problem, [*found, *_wound(problem, chosen)])
-
-
-def _wound(problem: RegressionProblem, chosen: Sequence[Hypothesis | None]) -> Iterator[Hypothesis]:
-    """Yield plays that wind something up where a set has a hysteresis that may be one."""
-    own = {x.joints for x in problem.candidates if x.hypothesis and x.hypothesis.law == WOUND}
-    for item in chosen:
-        if item is not None and item.effect in _HYSTERESES and item.joints not in own:
-            (j,) = item.joints
-            width = sign_width_at(j + 1, recorded_in(problem.observed))
-            yield from Backlash.wound_at(j + 1, width, _along_motion(problem.observed, j))
-
-
-def _along_motion(observed: Observations, joint: int) -> float:
-    """Return how large the torque against the motion of a joint (0-based) gets [N m]."""
-    rows = observed.moving[:, joint]
-    beyond = (observed.measured - observed.load[observed.kept])[rows, joint]
-    return float(np.quantile(beyond * np.sign(observed.slow.velocity[rows, joint]), LAWS.friction))
+    return _with(problem, ripples(problem.observed, problem.left(solution.fitted), known))
 
 
 def _with(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
