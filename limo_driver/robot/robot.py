@@ -67,8 +67,15 @@ class Robot(interrupts.Interruptible):
         self._open = True
 
     @classmethod
-    def model_for(cls, **_options: Any) -> RobotModel | None:  # noqa: ANN401  # each backend's own
-        """Return the arm that options of the constructor open; None where only its link says it."""
+    def model_for(
+        cls,
+        **options: Any,  # noqa: ANN401, ARG003  # each backend has its own
+    ) -> RobotModel | None:
+        """Return the arm that a backend would open; None where only its link says which.
+
+        Args:
+            options: Of the constructor.
+        """
         return None
 
     def __repr__(self) -> str:

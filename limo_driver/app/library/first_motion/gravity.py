@@ -165,7 +165,7 @@ def _candidates(
 ) -> Iterator[tuple[str, str, FloatArray, int]]:
     """Yield kind and text of each cause, what it leaves in tolerances, and numbers it fits."""
     n, rest = sample.torque.shape[1], (sample.torque - sample.load) / tolerance
-    for mistake in mistakes(n):
+    for mistake in mistakes(sample.body.sliding):
         undone, text = mistake.undo(sample), mistake.said
         if mistake.kind == "mounting":
             text += f": turned by {_turn(sample.body.gravity, undone.body.gravity):.0f}°"
@@ -279,7 +279,7 @@ def _unseen(sample: RowSample, tolerance: FloatArray) -> tuple[tuple[str, ...], 
         if np.abs((undone.torque - undone.load) / tolerance).max() < _SEEN:
             unseen.append(f"joint {j + 1} turning the other way")
     mounting: list[str] = []
-    for mistake in mistakes(n):
+    for mistake in mistakes(sample.body.sliding):
         undone = mistake.undo(as_described)
         is_mounting = mistake.kind == "mounting" and undone.body.gravity != sample.body.gravity
         if is_mounting and np.abs((undone.torque - undone.load) / tolerance).max() < _SEEN:
