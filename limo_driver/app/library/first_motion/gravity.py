@@ -166,7 +166,7 @@ def _candidates(
     """Yield kind and text of each cause, what it leaves in tolerances, and numbers it fits."""
     n, rest = sample.torque.shape[1], (sample.torque - sample.load) / tolerance
     for mistake in mistakes(n):
-        undone, text = mistake.undo(sample), mistake.said
+        undone, text = mistake.undo(sample), mistake.message
         if mistake.kind == "mounting":
             text += f": turned by {_turn(sample.body.gravity, undone.body.gravity):.0f}°"
         yield mistake.kind, text, (undone.torque - undone.load) / tolerance, 1
