@@ -267,7 +267,8 @@ class _Search:
 
     def best(self, problem: RegressionProblem, noise: Noise) -> Solution:
         """Return the set of most evidence under a noise."""
-        self.progress("comparing explanations", 0.4)
+        progress = self.progress
+        progress("comparing explanations", 0.4)
         search = search_on(problem, noise)
         found = search.best() if self.near is None else search.around(self.near)
         posterior = search.evidence.posterior(search.prior(found.members))
