@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import stream_and_push
 
-from estimators.diagnosis.quantities import verdict_in
+from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.report.truth import beside_the_truth, recovered
 from limo_driver.errors import LimoError
 from limo_driver.model import RobotModel

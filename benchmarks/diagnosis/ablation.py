@@ -102,7 +102,7 @@ PARTS: dict[str, Change] = {
     "names: no simpler ones": Change(
         {}, {f"{FITTING}.settling.simplified": lambda _problem, solution: solution}
     ),
-    "reach: three lines of a ripple": _without(hypotheses__RIPPLE__lines=3),
+    "reach: three lines of a ripple": _without(fitting__RIPPLE__lines=3),
     "reach: no lateness of all of it": Change(
         {}, {f"{FROM_TORQUE}.events.with_torque_delay": lambda *_: None}
     ),
@@ -115,7 +115,7 @@ PARTS: dict[str, Change] = {
 CHOSEN: dict[str, Sequence[float]] = {  # values beside the one that stands
     "fitting.CONTRIBUTION.material": (0.35, 0.7),
     "judgement.JUDGEMENT.precise": (0.98, 0.995),
-    "selection.CANDIDATES.seldom": (0.03, 0.3),
+    "fitting.CANDIDATES.seldom": (0.03, 0.3),
 }
 VALUES = {
     f"{name} = {value:g}": Change({name: value}, {})

@@ -61,8 +61,7 @@ def worst(case: Path) -> tuple[float, float] | None:
 
 def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
     """Return the simulation with the hidden effects, and its expected error, (n,) [N m]."""
-    from estimators.diagnosis.from_torque.fitting.intervals import Foreseen
-    from estimators.diagnosis.from_torque.fitting.linearised import polished
+    from estimators.diagnosis.from_torque.fitting.linearised import linearised, polished
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
     from estimators.diagnosis.from_torque.fitting.settling import refined
     from estimators.diagnosis.from_torque.fitting.solving import noise_left, noise_of_everything
@@ -86,8 +85,15 @@ def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
     best = polished(problem.under(solution), given, problem.observed.moving, places)
     others = [Recording.load(path) for path in sorted(case.glob("held_out_*.parquet"))]
     elsewhere = Observations.of(given, others, BANDWIDTH)
-    foreseen = Foreseen.of(best, given, places)
-    return best.simulation, foreseen.rms(elsewhere)
+    root = linearised(best, given, places).root()
+    around = linearised(elsewhere.under(best.simulation), given, places)
+    entered, expected = around.entered, np.zeros(elsewhere.n)
+    for joint in range(elsewhere.n):
+        values, at = around.columns.of_joint(joint)
+        own, rows = entered[at], elsewhere.moving[:, joint]
+        spread = values[np.ix_(rows, own)] @ root[:, at[own]].T
+        expected[joint] = np.sqrt(np.sum(spread**2) / max(len(spread), 1))
+    return best.simulation, expected
 
 
 def _members(

@@ -22,7 +22,7 @@ import mujoco
 import numpy as np
 
 import limo_driver as limo
-from estimators.diagnosis.quantities import verdict_in
+from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import VERDICT
 from estimators.studies import FleetDiagnosis, FleetRow
 from estimators.studies.fleet_row import arm_of, date_of

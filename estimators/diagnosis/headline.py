@@ -167,10 +167,10 @@ def values_of(item: Finding) -> str:
 
     By the names that they have in a `sim.yaml`: most are symbols, which no space makes words.
     """
-    said = [
+    parts = [
         f"{name} {_value(known)}" for name, known in item.parameters.items() if known.value != ()
     ]
-    return "; ".join(said)
+    return "; ".join(parts)
 
 
 def quantity_of(item: Finding) -> str:
@@ -303,8 +303,8 @@ def _sentence(parts: Sequence[str]) -> str:
 
 def signature_of(effect: str) -> str:
     """Say how an effect shows; completes "At joint 3 …"."""
-    said = _OTHERWISE.get(effect) or description_of(effect).signature
-    return said or f"the error is what {display_name(effect)} makes"
+    shows = _OTHERWISE.get(effect) or description_of(effect).signature
+    return shows or f"the error is what {display_name(effect)} makes"
 
 
 def is_of_bodies(effect: str) -> bool:

@@ -277,13 +277,38 @@ class Shift:
 
 
 @dataclass(frozen=True, repr=False)
-class DiagnosisResult(Displayed):
-    """Result of a diagnosis: verdict, improved simulation, and evidence."""
+class SimulationDiagnosed(Displayed):
+    """A verdict with the given and the improved simulation."""
 
     verdict: Verdict
     before: Simulation
     after: Simulation
     recordings: tuple[Recording, ...]
+    # stages that failed; the verdict has a note on each
+    failures: tuple[Failure, ...] = field(default=(), kw_only=True)
+
+    @property
+    def simulation(self) -> Simulation:
+        """The improved simulation."""
+        return self.after
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The effects that were left out or have a wrong parameter, as the verdict has them."""
+        return self.verdict.findings
+
+    def headline(self) -> str:
+        """Say the verdict in one sentence."""
+        return headline(self.verdict)
+
+    def __str__(self) -> str:
+        return "\n".join(lines_of(self.verdict))
+
+
+@dataclass(frozen=True, repr=False)
+class DiagnosisResult(SimulationDiagnosed):
+    """Result of a diagnosis: verdict, improved simulation, and evidence."""
+
     traces: Traces
     explanations: tuple[Explanation, ...]  # best first
     tests: tuple[Test, ...] = ()
@@ -294,12 +319,6 @@ class DiagnosisResult(Displayed):
     bandwidth: float = BANDWIDTH  # of the zero-phase filter [Hz]
     replay: tuple[Replay, ...] = field(default_factory=tuple)
     replay_note: str = ""  # why there is no replay
-    failures: tuple[Failure, ...] = ()  # stages that failed; the verdict has a note on each
-
-    @property
-    def simulation(self) -> Simulation:
-        """The improved simulation."""
-        return self.after
 
     def failed(self, failure: Failure) -> Self:
         """Return the same with a stage that failed, which is the first note of the verdict."""
@@ -307,19 +326,10 @@ class DiagnosisResult(Displayed):
         verdict = replace(self.verdict, notes=notes)
         return replace(self, verdict=verdict, failures=(*self.failures, failure))
 
-    def headline(self) -> str:
-        """Say the verdict in one sentence."""
-        return headline(self.verdict)
-
     def __str__(self) -> str:
         motion = self.next_motion is not None
         more = f"next motion: {self.next_motion_purpose}" if motion else self.next_motion_note
-        return "\n".join([*lines_of(self.verdict), *filter(None, [more])])
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """The effects that were left out or have a wrong parameter, as the verdict has them."""
-        return self.verdict.findings
+        return "\n".join(filter(None, [super().__str__(), more]))
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the errors of each joint on motion that nothing was fitted to."""
@@ -359,30 +369,11 @@ class DriveReplay:
 
 
 @dataclass(frozen=True, repr=False)
-class DriveResult(Displayed):
-    """Verdict, improved simulation and evidence of an arm that tells commands and positions."""
+class DriveResult(SimulationDiagnosed):
+    """Verdict, improved simulation and evidence of an arm of commands and positions."""
 
-    verdict: Verdict
-    before: Simulation
-    after: Simulation
-    recordings: tuple[Recording, ...]
     held_out_error: tuple[tuple[float, ...], tuple[float, ...]]  # mean absolute, [rad] by joint
-    failures: tuple[Failure, ...] = ()
     replay: DriveReplay | None = None
-
-    @property
-    def simulation(self) -> Simulation:
-        """The improved simulation, which can be run forward from commands."""
-        return self.after
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What differs from what was stated, as the verdict has it."""
-        return self.verdict.findings
-
-    def headline(self) -> str:
-        """Say the verdict in one sentence."""
-        return headline(self.verdict)
 
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the free-running errors of each joint on motion that nothing was fitted to."""
@@ -393,6 +384,3 @@ class DriveResult(Displayed):
             f"held-out |error| given [{unit}]": given,
             f"improved [{unit}]": improved,
         }
-
-    def __str__(self) -> str:
-        return "\n".join(lines_of(self.verdict))

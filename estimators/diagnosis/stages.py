@@ -42,8 +42,8 @@ class Failure:
     error: Exception
 
     def __str__(self) -> str:
-        said = " ".join(str(self.error).split())
-        return f"{self.stage} ({type(self.error).__name__}{': ' * bool(said)}{said})"
+        text = " ".join(str(self.error).split())
+        return f"{self.stage} ({type(self.error).__name__}{': ' * bool(text)}{text})"
 
     def note(self) -> str:
         """Say what is missing for it, in one sentence."""

@@ -109,12 +109,12 @@ class StatedValue:
     unit: str
     stated: float
     fitted: float
-    ci95: tuple[float, float] | None
-    tolerance: float | None  # standard deviation that the simulation allows [unit]
-    assumed: bool  # whether nobody stated that tolerance, which is limo's guess then
-    beyond: bool  # whether it moved beyond what that tolerance allows
-    reported: bool  # whether it differs for sure, and takes a tenth of a joint's error or more
-    share: float  # of the reducible error of the joint where it takes most
+    ci95: tuple[float, float] | None = None
+    tolerance: float | None = None  # standard deviation that the simulation allows [unit]
+    assumed: bool = False  # whether nobody stated that tolerance, which is limo's guess then
+    beyond: bool = False  # whether it moved beyond what that tolerance allows
+    reported: bool = False  # it differs for sure, and takes a tenth of a joint's error or more
+    share: float = 0.0  # of the reducible error of the joint where it takes most
 
     @property
     def moved(self) -> bool:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 import yaml
 
-from estimators.diagnosis.quantities import verdict_in
+from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import IMPROVED
 from estimators.studies.fleet_row import FLEET
 from estimators.studies.fleet_standing import drifts_of, series_of, spreads_of, standings_of

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from estimators.diagnosis.headline import headline
-from estimators.diagnosis.quantities import verdict_in
+from estimators.diagnosis.reading import verdict_in
 from limo_driver.app.cli import main
 from limo_driver.physics import Simulation
 from limo_driver.recordings.filters.differentiation import smooth

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import limo_driver as limo
-from estimators.diagnosis.quantities import verdict_in
+from estimators.diagnosis.reading import verdict_in
 from estimators.service.store.store import ModelStore
 from limo_driver.runtime import written_by
 

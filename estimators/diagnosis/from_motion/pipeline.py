@@ -2,13 +2,15 @@
 
 The score is what users see: the position error of the closed loop simulated forward from the
 commands alone, on motion that nothing was fitted to.
+
+The page of drives that were identified from commands and positions.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -55,6 +57,11 @@ from estimators.diagnosis.report.without_torque import drive_report
 from estimators.diagnosis.result import DriveReplay, DriveResult
 from estimators.diagnosis.stages import quiet
 from estimators.diagnosis.verdict import IMPROVED, NEXT_MOTION, REPORT, VERDICT
+from limo_driver.model.units import unit_of
+from limo_driver.pages import Charts, Page
+from limo_driver.pages.figures import AFTER, layout, numbers
+from limo_driver.pages.markup import columns, header, listed, next_steps, section
+from limo_driver.quoting import in_shell
 from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
@@ -62,6 +69,7 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
     from estimators.diagnosis.stages import Progress
+    from limo_driver.pages.markup import Figure
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
@@ -94,8 +102,8 @@ def identify_drives(
     odd = check_commanded(simulation, recordings)
     given, commanded = with_servos(simulation, recordings)
     zero = zeros_of(given)
-    told = [from_zeros(recording, zero) for recording in commanded]
-    found = fit_drives(without_zeros(given), told, intervals=intervals)
+    recorded = [from_zeros(recording, zero) for recording in commanded]
+    found = fit_drives(without_zeros(given), recorded, intervals=intervals)
     return replace(found, simulation=with_zeros(found.simulation, zero), warnings=odd)
 
 
@@ -174,20 +182,20 @@ def _with_zeros(evidence: DriveEvidence, zero: FloatArray) -> DriveEvidence:
 
 
 def _replay(
-    evidence: DriveEvidence, told: Recording, before: FloatArray, after: FloatArray
+    evidence: DriveEvidence, first: Recording, before: FloatArray, after: FloatArray
 ) -> DriveReplay:
     """Return the first recording that was held out, beside what both simulations made of it.
 
     Args:
         evidence: With that recording as the description counts.
-        told: The same as it came.
+        first: The same as it came.
         before: Errors of the given simulation on all rows held out, (K, n) [rad].
         after: The same of the improved one.
     """
-    counted, rows = evidence.unseen[0], slice(len(told))
-    given = told.position + before[rows]
+    counted, rows = evidence.unseen[0], slice(len(first))
+    given = first.position + before[rows]
     # where joints count against the description, positions of both are as it counts
-    other = counted.position - told.position
+    other = counted.position - first.position
     return DriveReplay(counted, given + other, counted.position + after[rows])
 
 
@@ -280,3 +288,60 @@ class DriveDiagnosis(DriveResult):
         self.after.save(out / IMPROVED)
         drive_report(self).save(out / REPORT)
         return out / VERDICT, out / IMPROVED, out / REPORT
+
+
+_LEAD: Final = (
+    "Position errors of each joint, simulated forward from its commands. Where gravity hardly "
+    "loads a joint, only ratios of its constants are known: they are given for the scale that the "
+    "file believes."
+)
+
+
+def drives_page(found: DriveIdentification, file: str) -> Page:
+    """Return the page of an identification without torque.
+
+    Args:
+        found: What was identified.
+        file: Name of the simulation's file, for the commands that go on from it.
+    """
+    sim = in_shell(PurePath(file))
+    charts, model = Charts(), found.simulation.model
+    title = found.headline()
+    title = f"{title[:1].upper()}{title[1:]}."
+    unsure = [
+        f"Joint {joint}: recordings at this rate do not show its {name}."
+        for joint, name in found.undecided
+    ]
+    drawn = charts.place(_errors(found), "Error of each joint")
+    body = (
+        header(f"Drives of {model.name}", title)
+        + section("Notes", listed([*found.warnings, *unsure]), "notes")
+        + section("Drives and friction", drawn + columns(found.figures()), "joints", _LEAD)
+        + next_steps(
+            [
+                (
+                    "Ask another recording what these drives leave out.",
+                    f"limo diagnose OTHER_RECORDING --sim {sim} --out diagnosis/",
+                ),
+                (
+                    "Put the values into a copy of your own MJCF.",
+                    f"limo export {sim} --to mjcf --out identified/",
+                ),
+            ]
+        )
+    )
+    return Page(title, body, charts, sliding=found.simulation.model.sliding)
+
+
+def _errors(found: DriveIdentification) -> Figure:
+    bars = {
+        "type": "bar",
+        "orientation": "h",
+        "y": list(found.simulation.model.joint_names),
+        "x": numbers(np.array([fit.mean_error for fit in found.fits])),
+        "marker": {"color": AFTER},
+        "hovertemplate": "%{y}: %{x}<extra></extra>",
+    }
+    axes = layout(f"mean error [{unit_of('rad', found.simulation.model.sliding)}]", "")
+    axes["yaxis"] |= {"autorange": "reversed"}
+    return {"data": [bars], "layout": axes, "height": 80 + 28 * len(found.fits)}

@@ -21,15 +21,7 @@ from estimators.diagnosis.from_motion.fitting.arm import (
     at_bound,
     fit_arm,
 )
-from estimators.diagnosis.from_motion.simulation.constants import (
-    COULOMB,
-    DAMPING,
-    BelievedValue,
-    base_of,
-    gain_of,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.suspects import (
@@ -44,10 +36,10 @@ FOUND: Final = 3.0  # deviations from what is stated, from which on a value is c
 OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
 _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
-_FADES: Final = BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
+_FADES: Final = c.BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
 # Friction by load where the load drives the joint, over that where it resists: alike in most gears,
 # less where it goes by the motor's torque, which friction raises one way and lowers the other.
-_DRIVEN: Final = BelievedValue(1.0, 0.35)
+_DRIVEN: Final = c.BelievedValue(1.0, 0.35)
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
 _ZERO: Final = 0.3  # [rad]
 _SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
@@ -81,10 +73,10 @@ def stated_guess(stated: FloatArray) -> ArmGuess:
     """
     rows = np.stack(
         [
-            with_values(
+            c.with_values(
                 row,
                 {
-                    DAMPING: value_in(row, DAMPING) + value_in(row, "kd"),
+                    c.DAMPING: c.value_in(row, c.DAMPING) + c.value_in(row, "kd"),
                     "kd": 0.0,
                     "inside": _share(row) if _has_motor(row) else 0.0,
                 },
@@ -92,35 +84,35 @@ def stated_guess(stated: FloatArray) -> ArmGuess:
             for row in stated
         ]
     )
-    names = tuple((*base_of(row), *stated_beside(row)) for row in rows)
+    names = tuple((*c.base_of(row), *stated_beside(row)) for row in rows)
     return ArmGuess(rows, names, ArmChange.none(len(rows)))
 
 
 def _share(row: FloatArray) -> float:
     """Return which part of a joint's damping is its servo's, as stated."""
-    damping = value_in(row, "kd") + value_in(row, DAMPING)
-    return value_in(row, "kd") / damping if damping > 0.0 else 0.0
+    damping = c.value_in(row, "kd") + c.value_in(row, c.DAMPING)
+    return c.value_in(row, "kd") / damping if damping > 0.0 else 0.0
 
 
 def _has_motor(row: FloatArray) -> bool:
-    return bool(np.isfinite(value_in(row, "stall")))
+    return bool(np.isfinite(c.value_in(row, "stall")))
 
 
-def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str, BelievedValue]]:
+def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str, c.BelievedValue]]:
     """Return what is believed of each joint: the stated values, within their tolerances.
 
     Args:
         rows: Stated constants of each joint, (n, columns).
         tolerance: Deviations of their logarithms, likewise, or one of all.
     """
-    own = (DAMPING, COULOMB, "delay", "inertia")
+    own = (c.DAMPING, c.COULOMB, "delay", "inertia")
     return [
         {
             **{
-                name: _belief(value_in(row, name), value_in(reach, name))
-                for name in (gain_of(row), *own, *stated_beside(row))
+                name: _belief(c.value_in(row, name), c.value_in(reach, name))
+                for name in (c.gain_of(row), *own, *stated_beside(row))
             },
-            "offset": BelievedValue(value_in(row, "offset"), OFFSET),
+            "offset": c.BelievedValue(c.value_in(row, "offset"), OFFSET),
             "v_s": _FADES,
             "assisted": _DRIVEN,
         }
@@ -128,11 +120,11 @@ def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str
     ]
 
 
-def _belief(value: float, tolerance: float) -> BelievedValue:
+def _belief(value: float, tolerance: float) -> c.BelievedValue:
     """Return what is believed of a stated value; one that is stated as none may be small."""
     if value > _SMALL:
-        return BelievedValue(value, tolerance)
-    return BelievedValue(_SMALL, _UNSTATED)
+        return c.BelievedValue(value, tolerance)
+    return c.BelievedValue(_SMALL, _UNSTATED)
 
 
 def search(
@@ -149,10 +141,10 @@ def search(
     guess = _of_moved(stated_guess(stated), loads)
     mass = sum(own.mass for own in loads.body.inertials.values())
     shared = {
-        "mass": BelievedValue(0.0, _MASS * mass),
-        "sag": BelievedValue(0.0, _SAG),
-        **{f"com_{axis}": BelievedValue(0.0, _COM) for axis in "xyz"},
-        **{f"zero_{j + 1}": BelievedValue(0.0, _ZERO) for j in range(loads.n)},
+        "mass": c.BelievedValue(0.0, _MASS * mass),
+        "sag": c.BelievedValue(0.0, _SAG),
+        **{f"com_{axis}": c.BelievedValue(0.0, _COM) for axis in "xyz"},
+        **{f"zero_{j + 1}": c.BelievedValue(0.0, _ZERO) for j in range(loads.n)},
     }
     weights = _weights(loads, guess, tick)
     problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=FOUND)
@@ -191,11 +183,11 @@ def _limited(guess: ArmGuess, stated: FloatArray) -> ArmGuess:
     asked = [
         j
         for j, row in enumerate(stated)
-        if np.isfinite(value_in(row, "torque_limit")) and not _has_motor(row)
+        if np.isfinite(c.value_in(row, "torque_limit")) and not _has_motor(row)
     ]
-    within = any(value_in(rows[j], "inside") for j in asked)
+    within = any(c.value_in(rows[j], "inside") for j in asked)
     for j in asked:
-        rows[j] = with_values(rows[j], {"inside": 0.0 if within else _share(stated[j])})
+        rows[j] = c.with_values(rows[j], {"inside": 0.0 if within else _share(stated[j])})
     return replace(guess, rows=rows)
 
 

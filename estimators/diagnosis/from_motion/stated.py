@@ -33,14 +33,7 @@ from estimators.diagnosis.from_motion.fitting.joint import (
 )
 from estimators.diagnosis.from_motion.fitting.starts import typical_start
 from estimators.diagnosis.from_motion.search import FOUND, Searched, reweighted
-from estimators.diagnosis.from_motion.simulation.constants import (
-    GAINS,
-    SAG,
-    gain_of,
-    inner,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.free_run import (
     MOVED,
     busiest,
@@ -131,26 +124,26 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
     served = ~led_by(TORQUE, recordings[0].channels)
     if not (gives_scale(largest_load(simulation.body, recordings)) & served).any():
         return True  # what is stated is the only scale there is, and nothing speaks against it
-    told = tuple(range(simulation.model.n))
+    recorded = tuple(range(simulation.model.n))
     order = likeliest_order(simulation.body, recordings)
-    return any(_near(simulation, recordings, own) for own in dict.fromkeys((told, order)))
+    return any(_near(simulation, recordings, own) for own in dict.fromkeys((recorded, order)))
 
 
 def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[int, ...]) -> bool:
     """Say whether most gains are near the stated ones, of joints told in another order."""
     body, stated = simulation.body, rows_of(simulation)
     change = ArmChange((0.0,) * len(order), (1,) * len(order), order=order)
-    told = as_described(busiest(recordings), change)
-    signs = dict.fromkeys((change.sign, conventions_of(body, [told]).best.sign))
-    weight = np.abs(body.gravity_torque(told.position)).max(axis=0)
-    weight[commanded_range([told]) < MOVED] = 0.0
-    weight[led_by(TORQUE, told.channels)] = 0.0
+    recorded = as_described(busiest(recordings), change)
+    signs = dict.fromkeys((change.sign, conventions_of(body, [recorded]).best.sign))
+    weight = np.abs(body.gravity_torque(recorded.position)).max(axis=0)
+    weight[commanded_range([recorded]) < MOVED] = 0.0
+    weight[led_by(TORQUE, recorded.channels)] = 0.0
     loaded = (
         np.flatnonzero(weight > _WELL_LOADED * weight.max()) if weight.max() > 0 else np.array([])
     )
     if not loaded.size:
         return False
-    loads = ArmLoads(body, [told])
+    loads = ArmLoads(body, [recorded])
     mass = _HEAVY * sum(own.mass for own in body.inertials.values())
     # a hobby arm's load, which nobody may have stated, makes all gains look smaller than they are
     tried = (
@@ -166,8 +159,8 @@ def _apart(
     found = list[float]()
     for j in joints:
         fit = fit_joint(parts[j], typical_start(stated[j]), evaluations=_GLANCE)
-        gain = gain_of(stated[j])
-        found.append(abs(np.log(fit.value(gain) / max(value_in(stated[j], gain), _LEAST))))
+        gain = c.gain_of(stated[j])
+        found.append(abs(np.log(fit.value(gain) / max(c.value_in(stated[j], gain), _LEAST))))
     return float(np.median(found))
 
 
@@ -213,9 +206,12 @@ def _holding(found: Searched) -> ArmGuess:
 
 def _about_rest(row: FloatArray, stated: FloatArray) -> FloatArray:
     """Return constants in which what a spring pulls at zero is where it rests, and no offset."""
-    pull, stiffness = value_in(row, "offset") - value_in(stated, "offset"), value_in(row, "spring")
-    rest = value_in(row, "rest") - pull / stiffness
-    return with_values(row, {"offset": value_in(stated, "offset"), "rest": rest})
+    pull, stiffness = (
+        c.value_in(row, "offset") - c.value_in(stated, "offset"),
+        c.value_in(row, "spring"),
+    )
+    rest = c.value_in(row, "rest") - pull / stiffness
+    return c.with_values(row, {"offset": c.value_in(stated, "offset"), "rest": rest})
 
 
 def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedArm:
@@ -229,18 +225,21 @@ def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedAr
         fit: That has it.
     """
     rows, change, stated = fit.guess.rows.copy(), fit.guess.change, rows_of(simulation)
-    told = [as_described(recording, change) for recording in found.problem.loads.recordings]
-    scaled, moved = gives_scale(largest_load(simulation.body, told)), commanded_range(told) > MOVED
+    recorded = [as_described(recording, change) for recording in found.problem.loads.recordings]
+    scaled, moved = (
+        gives_scale(largest_load(simulation.body, recorded)),
+        commanded_range(recorded) > MOVED,
+    )
     rows[~moved] = stated[~moved]
     if change.sag:
-        rows[:, SAG] = change.sag
+        rows[:, c.SAG] = change.sag
     for one in found.suspects:
         if one.effect == "spring_load" and one.joint is not None:
             rows[one.joint] = _about_rest(rows[one.joint], stated[one.joint])
     fits = list[JointFit]()
-    told_by_stated = scaled | ~scaled.any()  # where gravity tells no joint's, stated values do
+    scaled_by_stated = scaled | ~scaled.any()  # where gravity tells no joint's, stated values do
     for j, known in enumerate(fit.own):
-        deviation = {n: x for n, x in known.items() if n not in GAINS or told_by_stated[j]}
+        deviation = {n: x for n, x in known.items() if n not in c.GAINS or scaled_by_stated[j]}
         fits.append(JointFit(rows[j], tuple(deviation), deviation, fit.errors[j]))
     own = tuple(
         tuple(x.effect for x in found.suspects if x.joint == j and not (x.shared or x.freed))
@@ -348,7 +347,7 @@ def _not_shown(found: Searched, j: int) -> dict[str, float]:
 def _values(fit: ArmFit) -> FloatArray:
     """Return all fitted values, as they are fitted."""
     own = [
-        inner(name, value_in(row, name))
+        c.inner(name, c.value_in(row, name))
         for row, names in zip(fit.guess.rows, fit.guess.names, strict=True)
         for name in names
     ]

@@ -23,15 +23,7 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     start_of_limit,
     start_of_motor,
 )
-from estimators.diagnosis.from_motion.simulation.constants import (
-    COULOMB,
-    DAMPING,
-    GAINS,
-    constant_of,
-    gain_of,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.plant import most_torque
 
 if TYPE_CHECKING:
@@ -44,7 +36,14 @@ if TYPE_CHECKING:
 
 COUNTED: Final = ("joint_sign", "swapped_joints")  # how recordings count, and no physics
 _START_MASS: Final = 0.05  # of the arm's own
-_FREED: Final = (*GAINS, DAMPING, COULOMB, "delay", "inertia", "offset")  # that each joint has
+_FREED: Final = (
+    *c.GAINS,
+    c.DAMPING,
+    c.COULOMB,
+    "delay",
+    "inertia",
+    "offset",
+)  # that each joint has
 _BESIDE: Final = (  # constants that a drive may be stated to have
     "dead_band",
     "punch",
@@ -119,7 +118,7 @@ class Suspect:
                 change = change.with_value(name, value)
             return replace(guess, change=change, shared=(*guess.shared, *self.names))
         rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
-        rows[j] = with_values(rows[j], dict((*self.bent, *self.shape, *self.start)))
+        rows[j] = c.with_values(rows[j], dict((*self.bent, *self.shape, *self.start)))
         if self.freed:
             return replace(guess, rows=rows, free=guess.free | {(j, self.freed)})
         names[j] = (*names[j], *self.names)
@@ -139,7 +138,7 @@ class Suspect:
             return replace(guess, change=change, shared=shared)
         rows, names, j = guess.rows.copy(), list(guess.names), self.joint or 0
         own = (*self.names, *(name for name, _ in self.shape))
-        rows[j] = with_values(rows[j], {name: constant_of(name).absent for name in own})
+        rows[j] = c.with_values(rows[j], {name: c.constant_of(name).absent for name in own})
         names[j] = tuple(name for name in names[j] if name not in self.names)
         return replace(guess, rows=rows, names=tuple(names))
 
@@ -150,7 +149,7 @@ def stated_beside(row: FloatArray) -> tuple[str, ...]:
     Args:
         row: The stated constants of a joint.
     """
-    return tuple(name for name in _BESIDE if value_in(row, name) != constant_of(name).absent)
+    return tuple(name for name in _BESIDE if c.value_in(row, name) != c.constant_of(name).absent)
 
 
 def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterator[Suspect]:
@@ -181,7 +180,7 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
         own = guess.names[j]
         stated_names = [n for n in _FREED if n in own] + [n for n in own if n in _BESIDE]
         for name in stated_names:
-            yield Suspect(constant_of(name).effect, j, (), freed=name)
+            yield Suspect(c.constant_of(name).effect, j, (), freed=name)
         for one in (
             *_stiction(parts[j], guess.rows[j], guess.names[j]),
             *_of_joints(guess.rows[j]),
@@ -191,7 +190,7 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
             if not set(own.names) & set(guess.names[j]):
                 yield own
         if (
-            np.isfinite(most[j]) and gain_of(guess.rows[j]) == "kp"
+            np.isfinite(most[j]) and c.gain_of(guess.rows[j]) == "kp"
         ):  # how warm a motor gets is in units of its stall
             start = (("derating", 1.0), ("heating", 15.0))
             yield Suspect("thermal_derating", j, start)
@@ -205,14 +204,14 @@ def _stiction(
         return
     for delta in SHAPES:
         start = dict(start_of_stiction(parts, row, delta))
-        bent = ((COULOMB, start.pop(COULOMB)),)
+        bent = ((c.COULOMB, start.pop(c.COULOMB)),)
         own = tuple(start.items())
         yield Suspect("stribeck_friction", None, own, shape=(("delta", delta),), bent=bent)
 
 
 def _of_joints(row: FloatArray) -> Iterator[Suspect]:
     """Yield what else any joint may have, at no joint yet; some of it behind position servos."""
-    of_position = gain_of(row) == "kp"
+    of_position = c.gain_of(row) == "kp"
     start = (("by_load", 0.1), ("assisted", 1.0))
     yield Suspect("load_dependent_friction", None, start)
     if of_position:
@@ -222,7 +221,7 @@ def _of_joints(row: FloatArray) -> Iterator[Suspect]:
     if of_position:
         yield Suspect("backlash", None, (("play", 0.01),))
     yield Suspect("gear_ratio", None, (("gear", 1.0),))
-    if gain_of(row) != "gain":
+    if c.gain_of(row) != "gain":
         yield Suspect("integral_gain", None, (("ki", 1.0),))
 
 
@@ -236,8 +235,8 @@ def _limits(
     """
     row, names = guess.rows[j], guess.names[j]
     known = away(parts, row)
-    as_stated = with_values(row, {name: value_in(stated, name) for name in names})
-    limits = LIMITS if gain_of(row) == "kp" else ("torque_limit",)
+    as_stated = c.with_values(row, {name: c.value_in(stated, name) for name in names})
+    limits = LIMITS if c.gain_of(row) == "kp" else ("torque_limit",)
     for limit in (*limits, "voltage_limit"):
         tried = [
             (
@@ -251,9 +250,9 @@ def _limits(
         start, base = min(tried, key=lambda one: one[0].away)
         if start.away >= known:
             continue
-        other = () if base is row else tuple((n, value_in(base, n)) for n in names if n != limit)
+        other = () if base is row else tuple((n, c.value_in(base, n)) for n in names if n != limit)
         other = (*other, *start.bent.items())
-        effect = constant_of(limit).effect if limit in LIMITS else limit
+        effect = c.constant_of(limit).effect if limit in LIMITS else limit
         one = Suspect(effect, j, tuple(start.values.items()), bent=other)
         if limit in names:
             one = replace(one, start=(), bent=(*other, *start.values.items()), freed=limit)
@@ -273,10 +272,10 @@ def start_of_stiction(
     Returns:
         Constants by name, dry friction among them.
     """
-    dry = max(value_in(row, COULOMB), _LEAST * value_in(row, gain_of(row)))
+    dry = max(c.value_in(row, c.COULOMB), _LEAST * c.value_in(row, c.gain_of(row)))
     tried = [
-        {"stribeck": share * dry, "v_s": pace, COULOMB: left * value_in(row, COULOMB)}
+        {"stribeck": share * dry, "v_s": pace, c.COULOMB: left * c.value_in(row, c.COULOMB)}
         for share, pace, left in product(_AMOUNTS, _FADES, _DRY)
     ]
-    base = with_values(row, {"delta": shape})
-    return tried[int(np.argmin([away(parts, with_values(base, one)) for one in tried]))]
+    base = c.with_values(row, {"delta": shape})
+    return tried[int(np.argmin([away(parts, c.with_values(base, one)) for one in tried]))]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_motion.findings import (
+    JointValues,
     findings_of,
     is_known,
     parameters_of,
@@ -19,15 +20,7 @@ from estimators.diagnosis.from_motion.held_out import (
     resolution_of,
     rms_of_rows,
 )
-from estimators.diagnosis.from_motion.simulation.constants import (
-    KINDS,
-    USUAL,
-    constant_of,
-    gain_of,
-    geared,
-    kinds_of,
-    value_in,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, most_torque, rows_of
 from estimators.diagnosis.quantities import of_joints, to_interval
@@ -92,7 +85,8 @@ def verdict_of(
     floor = np.array([resolution_of(recordings, j) for j in range(given.model.n)]) / np.sqrt(12.0)
     reducible = float(np.sum(np.maximum(rmse_before**2 - floor**2, 0.0)))
     removed = float(np.sum(rmse_before**2) - np.sum(rmse_after**2)) / max(reducible, LEAST)
-    findings = findings_of(stated, given, evidence, reducible)
+    joints = JointValues.of_all(stated, given, evidence)
+    findings = findings_of(given, evidence, joints, reducible)
     above, left = (_above(errors, unseen, floor) for errors in (before, after))
     summary = "consistent" if not findings else "partly_explained" if left.size else "explained"
     if findings and removed <= 0.0:
@@ -149,11 +143,11 @@ def verdict_of(
         identified=tuple(
             Identified(effect, joint, parameters_of(fit, kinds[effect]))
             for joint, fit in enumerate(final.fits, start=1)
-            for kinds in [kinds_of(slides=given.model.sliding[joint - 1])]
-            for effect in USUAL
+            for kinds in [c.kinds_of(slides=given.model.sliding[joint - 1])]
+            for effect in c.USUAL
             if is_known(fit, kinds[effect])
         ),
-        values=stated_values(stated, given, evidence, floor),
+        values=stated_values(stated, evidence, joints, floor),
         joint_names=given.model.joint_names,
         sliding=given.model.sliding,
     )
@@ -193,9 +187,9 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
     full, sliding = full_load(found.simulation.body), found.simulation.model.sliding
     sentences: list[str] = []
     for j, (fit, load) in enumerate(zip(found.fits, full.tolist(), strict=True), start=1):
-        kp = value_in(geared(fit.row), "kp")
+        kp = c.value_in(c.geared(fit.row), "kp")
         shown = kp > 0.0 and found.scaled[j - 1] and found.moved[j - 1]
-        if shown and is_known(fit, KINDS["position_servo"]) and load / kp > _WORTH:
+        if shown and is_known(fit, c.KINDS["position_servo"]) and load / kp > _WORTH:
             reach = float(np.exp(NORMAL * fit.deviation["kp"]))
             sag, low, high = to_interval(load / kp, load / kp / reach, load / kp * reach)
             far, push, gain = (unit_of(u, sliding, j - 1) for u in ("rad", "N m", "N m/rad"))
@@ -209,7 +203,7 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
 
 def plays(fits: Iterable[JointFit], sliding: Sequence[bool] = ()) -> tuple[str, ...]:
     """Say how far joints can be moved by hand while their servos stand."""
-    gaps = [value_in(geared(fit.row), "play") for fit in fits]
+    gaps = [c.value_in(c.geared(fit.row), "play") for fit in fits]
     return tuple(
         f"Joint {j} has {gap:.4f} {unit_of('rad', sliding, j - 1)} of play between motor and joint."
         for j, gap in enumerate(gaps, start=1)
@@ -230,7 +224,7 @@ def undecided(found: DriveIdentification, rate: float) -> Iterator[tuple[str, st
     for name, other in _EXPLAINS.items():
         if joints := [j for j, own in found.undecided if own == name]:
             yield (
-                constant_of(name).effect,
+                c.constant_of(name).effect,
                 f"{name} of {of_joints(joints)} is not decidable at this rate ({rate:.0f} Hz): "
                 f"{other} explains the motion as well",
             )
@@ -349,12 +343,12 @@ def about_scale(final: DriveIdentification, *, stated: bool) -> tuple[str, ...]:
 
 def _gains(found: DriveIdentification, joints: Sequence[int]) -> str:
     """Return the gains that servos of some joints have, 1-based."""
-    return " or ".join(dict.fromkeys(gain_of(found.fits[j - 1].row) for j in joints))
+    return " or ".join(dict.fromkeys(c.gain_of(found.fits[j - 1].row) for j in joints))
 
 
 def _by_drive(found: DriveIdentification, joints: Sequence[int]) -> Iterator[tuple[str, list[int]]]:
     """Yield each kind of drive that some joints have, 1-based, and which of them have it."""
-    kinds = {j: constant_of(gain_of(found.fits[j - 1].row)).effect for j in joints}
+    kinds = {j: c.constant_of(c.gain_of(found.fits[j - 1].row)).effect for j in joints}
     for kind in dict.fromkeys(kinds.values()):
         yield kind, [j for j in joints if kinds[j] == kind]
 

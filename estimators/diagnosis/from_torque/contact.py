@@ -20,8 +20,7 @@ from estimators.diagnosis.from_torque.residuals.pushes import covered
 from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
-from estimators.diagnosis.settings.judgement import CONFIDENCE
-from estimators.diagnosis.settings.pushes import PUSHES
+from estimators.diagnosis.settings.judgement import CONFIDENCE, PUSHES
 from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where
 from estimators.regression.definite import inverse_root
 from limo_driver.physics import ExternalContact
@@ -109,11 +108,11 @@ class _Wrench:
     share: float  # of the squared errors that it explains
 
     @property
-    def is_told(self) -> bool:
+    def is_determined(self) -> bool:
         """Whether every direction of its force is known to a part of the whole."""
         low, high = np.array(self.ci95[:3]).T
         force = float(np.linalg.norm(self.value[:3]))
-        return bool(np.max(high - low) / 2 < PUSHES.told * force)
+        return bool(np.max(high - low) / 2 < PUSHES.determined * force)
 
     @classmethod
     def of(
@@ -147,7 +146,7 @@ def _acts(wrenches: Sequence[_Wrench]) -> str:
     if not at_flange:
         return "something acts there that is no wrench at the flange, as on a link before it."
     some = "them" if len(at_flange) == len(wrenches) else f"{len(at_flange)} of them"
-    known = [float(np.linalg.norm(w.value[:3])) for w in at_flange if w.is_told]
+    known = [float(np.linalg.norm(w.value[:3])) for w in at_flange if w.is_determined]
     if not known:
         return (
             f"one wrench at the flange explains {some}, of which these poses do not tell how "
@@ -159,14 +158,14 @@ def _acts(wrenches: Sequence[_Wrench]) -> str:
 
 def _stretches(found: Sequence[Push], observed: Observations) -> str:
     """Say how many stretches there are, and when, in the time of each recording."""
-    said: list[str] = []
+    parts: list[str] = []
     names = names_of(observed.recordings)
     for number, name in enumerate(names):
         times = [f"{p.start:.1f} to {p.end:.1f} s" for p in found if p.recording == number]
         if times:
-            said.append(" and ".join(times) + f" of {name}" * (len(names) > 1))
+            parts.append(" and ".join(times) + f" of {name}" * (len(names) > 1))
     count = "a short stretch" if len(found) == 1 else f"{len(found)} short stretches"
-    return f"{count} of time ({'; '.join(said)})"
+    return f"{count} of time ({'; '.join(parts)})"
 
 
 @dataclass(frozen=True, kw_only=True)

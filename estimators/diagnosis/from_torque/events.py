@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
-from estimators.diagnosis.from_torque.fitting.lateness import with_torque_delay
 from estimators.diagnosis.from_torque.fitting.settling import (
     linearisation_is_poor,
     prune_refine_simplify,
@@ -23,15 +22,14 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     settled_around,
     suspects,
 )
-from estimators.diagnosis.from_torque.fitting.solving import solve
+from estimators.diagnosis.from_torque.fitting.solving import solve, with_torque_delay
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
 from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
-from estimators.diagnosis.from_torque.residuals.holds import holds
-from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, impacts, jolts
+from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, holds, impacts, jolts
 from estimators.diagnosis.from_torque.residuals.jolts import impacts_note as note_of_play
 from estimators.diagnosis.from_torque.residuals.jolts import jolts_note as note
 from estimators.diagnosis.from_torque.residuals.pushes import Push, covered, overlap, pushes
-from estimators.diagnosis.settings.pushes import ROUNDS
+from estimators.diagnosis.settings.judgement import ROUNDS
 from limo_driver.physics import TimeDelay
 
 if TYPE_CHECKING:

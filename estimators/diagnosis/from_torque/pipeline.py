@@ -14,20 +14,24 @@ from estimators.base import check_different
 from estimators.diagnosis.from_torque.contact import contact_of
 from estimators.diagnosis.from_torque.events import Events, apart_from_events, beyond_tolerances
 from estimators.diagnosis.from_torque.fitting.contribution import left_by_tolerances
-from estimators.diagnosis.from_torque.fitting.intervals import with_parameters
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem
 from estimators.diagnosis.from_torque.judgement.conclusion import (
     conclude,
     explanations_of,
     shifts_of,
 )
-from estimators.diagnosis.from_torque.judgement.guesses import guessed_notes, with_guesses
+from estimators.diagnosis.from_torque.judgement.intervals import with_parameters
 from estimators.diagnosis.from_torque.judgement.judgement import remarks, trusted_gains
-from estimators.diagnosis.from_torque.judgement.questions import tests_of, unsure
+from estimators.diagnosis.from_torque.judgement.questions import (
+    guessed_notes,
+    tests_of,
+    unsure,
+    with_guesses,
+)
 from estimators.diagnosis.from_torque.judgement.stated_values import stated_values
-from estimators.diagnosis.from_torque.judgement.telling import as_told, with_offsets
+from estimators.diagnosis.from_torque.judgement.telling import with_offsets, without_unreported
 from estimators.diagnosis.from_torque.judgement.writing import Written, written
-from estimators.diagnosis.from_torque.residuals.mounting import as_mounted, with_mounting
+from estimators.diagnosis.from_torque.residuals.body_fit import as_mounted, with_mounting
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.plausibility import check_plausible
 from estimators.diagnosis.from_torque.residuals.usable_joints import left_out
@@ -161,7 +165,7 @@ def _concluded(
     named = list(judged.named)
     verdict = say(named)
     if doubtful := unsure(verdict.findings, simulation):
-        dropped = [i for i in judged.named if _said(problem, i) in doubtful]
+        dropped = [i for i in judged.named if _place_of(problem, i) in doubtful]
         # which law of its friction a joint follows is doubtful, and not that it has some
         if not harmful and (plain := judged.with_plain_friction(dropped)) is not judged:
             return _concluded(given, plain, events, budget, harmful=harmful)
@@ -173,12 +177,12 @@ def _concluded(
         (),
     )
     stated = replace(verdict, values=values)
-    told = with_offsets(as_told(keep, stated), stated)
-    if told is not keep:
-        keep, judged, improved = told, told.judged, told.improved
+    final = with_offsets(without_unreported(keep, stated), stated)
+    if final is not keep:
+        keep, judged, improved = final, final.judged, final.improved
         verdict = _verdict(given, judged, fit, contact, attempts, named)
     shifts = shifts_of(problem, solution)
-    said = remarks(
+    remarked = remarks(
         shifts,
         members=problem.beyond_base(solution.members),
         harmful=harmful,
@@ -209,7 +213,7 @@ def _concluded(
             notes=(
                 *verdict.notes,
                 *keep.notes(),
-                *said,
+                *remarked,
                 *of_gains,
                 *of_guesses,
                 *events.notes(len(observed.recordings)),
@@ -266,7 +270,7 @@ def _verdict(
     )
 
 
-def _said(problem: RegressionProblem, member: int) -> tuple[str, tuple[int, ...]]:
+def _place_of(problem: RegressionProblem, member: int) -> tuple[str, tuple[int, ...]]:
     """Return effect and joints (1-based) of a candidate, as a finding of it has them."""
     effect, joints = problem.candidates[member].place
     return effect, tuple(j + 1 for j in joints or range(problem.observed.n))

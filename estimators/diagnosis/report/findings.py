@@ -1,20 +1,31 @@
-"""The first screen of a report: the verdict, what to do with it, and errors before and after."""
+"""The first screen of a report: the verdict, what to do with it, and errors before and after.
+
+The arm of a report: errors and findings at its joints, and the recorded motion with ghosts.
+"""
 
 from __future__ import annotations
 
 from pathlib import PurePath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.headline import headline, names_of
+from estimators.diagnosis.headline import (
+    carrier_of,
+    headline,
+    is_of_bodies,
+    named,
+    names_of,
+    quantity_of,
+)
 from estimators.diagnosis.held_out import reducible_removed
-from estimators.diagnosis.quantities import rounded
+from estimators.diagnosis.quantities import heading_of, of_joints, rounded
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.result import WORSE, columns_of, coverage
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.verdict import IMPROVED, Fit, Verdict
+from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN, Finding, Fit, Verdict
+from limo_driver.pages.arm import ArmView, Ghost, Pin, PlayedMotion, PushArrow, arm_view
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
@@ -28,14 +39,16 @@ from limo_driver.pages.markup import (
     percent,
     table,
 )
-from limo_driver.physics import Simulation, display_name
+from limo_driver.pages.motion import arm_section
+from limo_driver.physics import Payload, Simulation, display_name
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from estimators.diagnosis.result import DiagnosisResult
+    from estimators.diagnosis.result import DiagnosisResult, Replay
     from limo_driver.recordings.recording import Recording
+    from limo_driver.types import FloatArray
 
 
 def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> str:
@@ -58,12 +71,12 @@ def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> s
     )
     to_do = put(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
     rest = [note for note in verdict.notes if note not in verdict.doubts]
-    told = (
+    parts = (
         errors(verdict, charts)
         + cards(verdict, names, diagnosis.after.effects, charts)
         + notes(rest)
     )
-    return f"{head}{doubted(verdict.doubts)}{to_do}{between}{told}"
+    return f"{head}{doubted(verdict.doubts)}{to_do}{between}{parts}"
 
 
 def badge(verdict: Verdict) -> tuple[str, str]:
@@ -175,8 +188,8 @@ def _meaning(verdict: Verdict) -> str:
             "added."
         )
     counted = coverage(verdict) if verdict.rows.fitted else ""
-    told = (_by_tolerances(fit, findings=bool(verdict.findings)), counted)
-    return f"<div>{''.join(map(paragraph, filter(None, told)))}{key(meanings)}</div>"
+    parts = (_by_tolerances(fit, findings=bool(verdict.findings)), counted)
+    return f"<div>{''.join(map(paragraph, filter(None, parts)))}{key(meanings)}</div>"
 
 
 def removed(verdict: Verdict) -> str:
@@ -238,3 +251,149 @@ def _by_tolerances(fit: Fit, *, findings: bool) -> str:
         return ""
     sentences = f"Moving values within their tolerances alone removes {percent(taken)} of the error"
     return sentences + ("; the findings are about what remains." if findings else ".")
+
+
+GIVEN_ARM, IMPROVED_ARM = "given simulation", "improved simulation"
+_ROWS: Final = 1500  # of the motion that is played: more cannot be seen
+_ALL: Final = 3  # findings at one joint from which on they are counted, not named
+
+
+def arm(diagnosis: DiagnosisResult, charts: Charts) -> tuple[ArmView, str]:
+    """Return the arm and its place in the page."""
+    fit, traces = diagnosis.verdict.fit, diagnosis.traces
+    recording = played(diagnosis)
+    motion = _motion(diagnosis, recording)
+    view = arm_view(
+        diagnosis.before.model,
+        motion.position[_worst(diagnosis, motion.time, recording)],
+        errors=(
+            (GIVEN_ARM, fit.heldout_rmse_before),
+            (IMPROVED_ARM, fit.heldout_rmse_after),
+            ("noise floor", fit.noise_floor),
+        ),
+        floor=fit.noise_floor,
+        pins=pins(diagnosis.verdict),
+        motion=motion,
+    )
+    excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
+    j = int(np.argmax(np.nan_to_num(excess)))
+    caption = f"{heading_of(j + 1, diagnosis.verdict.names)}: recorded minus simulated torque"
+    drawn = charts.place(
+        figures.error_over_time(traces, j, recording),
+        caption,
+        "pale: near rest, not scored; click to move the arm there",
+        follows=True,
+    )
+    lead = (
+        "Drag to turn. The ring around each joint is coloured by the torque error there, in "
+        "multiples of its noise floor: over the held-out motion, or at the moment of the slider, "
+        "where its size shows it, too."
+    )
+    return view, arm_section(view, "Where on the arm", lead) + grid([drawn], "one")
+
+
+def played(diagnosis: DiagnosisResult) -> int:
+    """Return which recording is played, 0-based: one with pushes, else the one replayed."""
+    found = [f for f in diagnosis.verdict.findings if f.effect == CONTACT]
+    if pushed := [k for f in found for k in f.where.recording]:
+        return pushed[0] - 1
+    return diagnosis.replay[0].recording if diagnosis.replay else 0
+
+
+def _motion(diagnosis: DiagnosisResult, recording: int) -> PlayedMotion:
+    traces = diagnosis.traces
+    rows = np.flatnonzero(traces.recording == recording)
+    rows = rows[:: max(1, -(-len(rows) // _ROWS))]
+    time, position = traces.time[rows], traces.position[rows]
+    replay = next((item for item in diagnosis.replay if item.recording == recording), None)
+    ghosts = (
+        Ghost(GIVEN_ARM, figures.BEFORE, (traces.measured - traces.before)[rows],
+              _ghost(replay, time, position, "position_before")),
+        Ghost(IMPROVED_ARM, figures.AFTER, (traces.measured - traces.after)[rows],
+              _ghost(replay, time, position, "position_after")),
+    )  # fmt: skip
+    name = names_of(diagnosis.recordings)[recording]
+    texts = f"Solid: the recorded motion of {name}."
+    if replay is not None:
+        texts += (
+            f" Translucent, from {replay.time[0]:.1f} to {replay.time[-1]:.1f} s: the simulated "
+            "robot, told to follow that motion by its own drives; its distance from the recorded "
+            "pose is enlarged as chosen above."
+        )
+    pushes = _pushes(diagnosis.verdict.findings, recording)
+    if pushes:
+        texts += " Pink arrow: the force at the flange that explains a push best."
+    return PlayedMotion(time, position, ghosts, pushes, texts)
+
+
+def _ghost(
+    replay: Replay | None, time: FloatArray, position: FloatArray, which: str
+) -> FloatArray | None:
+    """Return where a simulated arm was at some times, (T, n) [rad]; NaN where it was not run."""
+    if replay is None:
+        return None
+    apart = getattr(replay, which) - replay.position
+    columns = [
+        np.interp(time, replay.time, column, left=np.nan, right=np.nan) for column in apart.T
+    ]
+    return position + np.stack(columns, axis=1)
+
+
+def _pushes(findings: Sequence[Finding], recording: int) -> tuple[PushArrow, ...]:
+    found = next((item for item in findings if item.effect == CONTACT), None)
+    known = found.parameters.get("wrench") if found else None
+    if found is None or known is None or isinstance(known.value, (str, float, int)):
+        return ()
+    every = zip(found.where.time, found.where.recording, known.value, strict=True)
+    return tuple(
+        PushArrow(start, end, tuple(np.array(wrench, dtype=float)[:3].tolist()))
+        for (start, end), of, wrench in every
+        if of == recording + 1
+    )
+
+
+def _worst(diagnosis: DiagnosisResult, time: FloatArray, recording: int) -> int:
+    """Return the row at which the given simulation is farthest off, in noise floors."""
+    traces = diagnosis.traces
+    floor = np.maximum(np.array(diagnosis.verdict.fit.noise_floor), 1e-12)
+    error = np.abs(traces.measured - traces.before) * traces.moving / floor
+    own = traces.recording == recording
+    for replay in diagnosis.replay:  # there the simulated arms can be seen beside the recorded one
+        if replay.recording == recording:
+            own &= (traces.time >= replay.time[0]) & (traces.time <= replay.time[-1])
+    worst = traces.time[own][int(np.argmax(error[own].max(axis=1)))]
+    return int(np.argmin(np.abs(time - worst)))
+
+
+def pins(verdict: Verdict) -> tuple[Pin, ...]:
+    """Return one text for each joint that has findings, and one for the flange."""
+    at: dict[int | None, list[tuple[str, str, int]]] = {}
+    for number, item in enumerate(verdict.findings, start=1):
+        name = "something unknown" if item.effect == UNKNOWN else named(item)
+        name = "pushes" if item.effect == CONTACT else name
+        for place in _places(item, len(verdict.names)):
+            at.setdefault(place, []).append((name, quantity_of(item), number))
+    return tuple(
+        Pin(_together(texts, joint, verdict.names), joint, f"#finding-{texts[0][2]}")
+        for joint, texts in at.items()
+    )
+
+
+def _places(item: Finding, n: int) -> tuple[int | None, ...]:
+    if (carrier := carrier_of(item, n)) is not None:
+        return (carrier - 1,)
+    if item.effect in {Payload.name, CONTACT}:
+        return (None,)
+    joints = item.joints[:1] if is_of_bodies(item.effect) else item.joints
+    return tuple(j - 1 for j in joints) or (0,)
+
+
+def _together(
+    texts: Sequence[tuple[str, str, int]], joint: int | None, names: Sequence[str]
+) -> str:
+    where = "flange" if joint is None else of_joints((joint + 1,), names)
+    if len(texts) == 1:
+        name, value, _ = texts[0]
+        return f"{where}: {name} {value}".rstrip()
+    names = [name for name, _, _ in texts]
+    return f"{where}: " + (", ".join(names) if len(texts) < _ALL else f"{len(texts)} findings")

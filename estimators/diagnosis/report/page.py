@@ -9,8 +9,7 @@ import numpy as np
 from estimators.diagnosis.headline import headline, names_of
 from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.report import figures, sections
-from estimators.diagnosis.report.arm import arm
-from estimators.diagnosis.report.findings import overview
+from estimators.diagnosis.report.findings import arm, overview
 from estimators.diagnosis.report.truth import beside_the_truth
 from estimators.diagnosis.result import coverage, hardly_shown
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION, Finding, Verdict

@@ -11,8 +11,8 @@ from estimators.diagnosis.headline import is_of_bodies, likelier, names_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import heading_of, placed, rounded, value_columns
 from estimators.diagnosis.report import figures
-from estimators.diagnosis.report.arm import played
 from estimators.diagnosis.report.binning import loop_stretch
+from estimators.diagnosis.report.findings import played
 from estimators.diagnosis.result import (
     CHOSEN,
     DiagnosisResult,
@@ -43,7 +43,6 @@ from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
 
 OPEN = 3  # joints whose maps are open from the start
-_QUANTITIES = ("position", "velocity", "since_reversal", "load", "time")
 _TITLES = {
     "position": "over position",
     "velocity": "over velocity",
@@ -99,19 +98,7 @@ def where(diagnosis: DiagnosisResult, charts: Charts) -> str:
 
 def _joint(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
     traces = diagnosis.traces
-    floor = np.array(diagnosis.verdict.fit.noise_floor)
-    profiles = [
-        charts.place(
-            figures.dependence(traces, j, name, float(floor[j])),
-            f"Residual {_TITLES[name]}",
-            _NOTES.get(name, ""),
-        )
-        for name in _QUANTITIES
-    ]
-    maps = [
-        charts.place(figure, "Mean residual over position and velocity", which)
-        for figure, which in zip(figures.maps(traces, j), ("given", "improved"), strict=True)
-    ]
+    averaged = _averaged(diagnosis, charts, j, _GIVEN, "Residual", "Mean residual")
     stretch = loop_stretch(traces, j, LOOPS.duration)
     note = _span(diagnosis, stretch.start, stretch.stop, stretch.recording)
     over_position, over_time = figures.loops(traces, j, stretch)
@@ -120,30 +107,46 @@ def _joint(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
         charts.place(over_position, "Torque over position", note),
         charts.place(over_time, "Torque over time", note, follows=follows),
     ]
-    return grid(drawn) + grid(profiles, "three") + grid(maps)
+    return grid(drawn) + averaged
+
+
+_GIVEN = {"before": "given", "after": "improved"}  # simulations that are compared
+_LEFT = {"tolerances": "within tolerances", "after": "improved"}
+
+
+def _averaged(
+    diagnosis: DiagnosisResult,
+    charts: Charts,
+    j: int,
+    sides: Mapping[str, str],
+    what: str,
+    mean: str,
+) -> str:
+    """Return profiles and maps of what two simulations leave at a joint (0-based)."""
+    traces, floor = diagnosis.traces, diagnosis.verdict.fit.noise_floor[j]
+    profiles = [
+        charts.place(
+            figures.dependence(traces, j, name, floor, [*sides]),
+            f"{what} {_TITLES[name]}",
+            _NOTES.get(name, ""),
+        )
+        for name in _TITLES
+    ]
+    maps = [
+        charts.place(figure, f"{mean} over position and velocity", which)
+        for figure, which in zip(figures.maps(traces, j, [*sides]), sides.values(), strict=True)
+    ]
+    return grid(profiles, "three") + grid(maps)
 
 
 def _beyond(diagnosis: DiagnosisResult, charts: Charts, j: int) -> str:
     """Return maps of what tolerances leave at a joint, on its own scale."""
-    traces, floor = diagnosis.traces, diagnosis.verdict.fit.noise_floor[j]
-    drawn = [
-        charts.place(
-            figures.dependence(traces, j, name, floor, ("tolerances", "after")),
-            f"Remaining residual {_TITLES[name]}",
-            _NOTES.get(name, ""),
-        )
-        for name in _QUANTITIES
-    ]
-    before, after = figures.maps(traces, j, ("tolerances", "after"))
-    maps = [
-        charts.place(before, "Remaining residual over position and velocity", "within tolerances"),
-        charts.place(after, "Remaining residual over position and velocity", "improved"),
-    ]
+    what = "Remaining residual"
     sentences = (
         "Green: the given simulation with its values moved within their tolerances, and no effect "
         "added. The findings are what explains the difference to blue, the improved simulation."
     )
-    body = f"{paragraph(sentences, 'small')}{grid(drawn, 'three')}{grid(maps)}"
+    body = paragraph(sentences, "small") + _averaged(diagnosis, charts, j, _LEFT, what, what)
     title = f"{_called(diagnosis, j)}: what is left when values move within their tolerances"
     return f'<div id="beyond-{j + 1}">{folded(title, body)}</div>'
 
@@ -334,19 +337,9 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
     span = _span(diagnosis, item.time[0], item.time[-1], item.recording)
     follows = item.recording == played(diagnosis)
     drawn = [
-        chart
+        charts.place(draw(item, j), f"{_called(diagnosis, j)}: {what}", span, follows=follows)
         for j in order[:OPEN]
-        for chart in (
-            charts.place(
-                figures.replayed(item, j), f"{_called(diagnosis, j)}: torque", span, follows=follows
-            ),
-            charts.place(
-                figures.replay_error(item, j),
-                f"{_called(diagnosis, j)}: difference",
-                span,
-                follows=follows,
-            ),
-        )
+        for draw, what in ((figures.replayed, "torque"), (figures.replay_error, "difference"))
     ]
     before, after = (
         rmse(item.measured - torque, item.moving) for torque in (item.before, item.after)

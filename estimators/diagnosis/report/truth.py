@@ -42,8 +42,8 @@ def recovered(
     concealed: Sequence[Effect], findings: Sequence[Finding], joints: Sequence[str]
 ) -> str:
     """Say in a sentence what was concealed in an arm, and what was found of it."""
-    said = "; ".join(_pair(effect, _found(effect, findings), joints) for effect in concealed)
-    return f"{said[:1].upper()}{said[1:]}."
+    parts = "; ".join(_pair(effect, _found(effect, findings), joints) for effect in concealed)
+    return f"{parts[:1].upper()}{parts[1:]}."
 
 
 def beside_the_truth(
@@ -216,10 +216,10 @@ def _title(
         strict=True,
     ):
         own = [key for key in changed if _kind(pairs[key]) == of]
-        said = [f"{_name(key[0])} {_at(_place(pairs[key], joints))}" for key in own[:_NAMED]]
+        named = [f"{_name(key[0])} {_at(_place(pairs[key], joints))}" for key in own[:_NAMED]]
         more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
         if own:
-            parts.append(f"{', '.join(said)}{more} {where}")
+            parts.append(f"{', '.join(named)}{more} {where}")
             counted.append(f"{len(own)} finding{'s' * (len(own) > 1)} {where}")
     text = "; ".join(parts)
     if len(text) >= MOST:

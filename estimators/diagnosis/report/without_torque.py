@@ -9,9 +9,9 @@ import numpy as np
 
 from estimators.diagnosis.headline import headline, names_of
 from estimators.diagnosis.quantities import heading_of, of_joints, of_several, rounded
-from estimators.diagnosis.report import findings as told
-from estimators.diagnosis.report.arm import GIVEN, IMPROVED, pins
+from estimators.diagnosis.report import findings as shared
 from estimators.diagnosis.report.cards import cards
+from estimators.diagnosis.report.findings import GIVEN_ARM, IMPROVED_ARM, pins
 from estimators.diagnosis.report.page import unobservable
 from estimators.diagnosis.report.sections import identified, stated_values
 from limo_driver.model.units import unit_of
@@ -76,21 +76,21 @@ def drive_report(found: DriveResult) -> Page:
     head = header(
         f"Diagnosis of drives of {PurePath(found.before.model.name).stem}, without torque",
         headline(verdict),
-        told.removed(verdict),
-        f"{told.compared_with(found.recordings)} No torque was recorded: errors are of positions, "
-        "simulated forward from the commands.",
-        badge=told.badge(verdict),
+        shared.removed(verdict),
+        f"{shared.compared_with(found.recordings)} No torque was recorded: errors are of "
+        "positions, simulated forward from the commands.",
+        badge=shared.badge(verdict),
     )
     view, drawn = _arm(found, found.replay) if found.replay else (None, "")
     body = (
         head
-        + told.put(found.before, found.after, verdict)
+        + shared.put(found.before, found.after, verdict)
         + drawn
-        + told.errors(verdict, charts)
+        + shared.errors(verdict, charts)
         + _from_rows(verdict)
         + cards(verdict, names, found.after.effects, charts)
         + _left(verdict)
-        + told.notes(verdict.notes)
+        + shared.notes(verdict.notes)
         + stated_values(verdict)
         + identified(verdict, _IDENTIFIED, "Identified drives and friction")
         + (_motion(found.replay, verdict, charts) if found.replay else "")
@@ -104,7 +104,7 @@ def _arm(found: DriveResult, replay: DriveReplay) -> tuple[ArmView, str]:
     fit = found.verdict.fit
     rows = np.unique(np.linspace(0, len(replay.recording) - 1, _ROWS).astype(int))
     position = replay.recording.position[rows]
-    sides = ((GIVEN, BEFORE, replay.given), (IMPROVED, AFTER, replay.improved))
+    sides = ((GIVEN_ARM, BEFORE, replay.given), (IMPROVED_ARM, AFTER, replay.improved))
     ghosts = tuple(
         Ghost(name, colour, run[rows] - position, run[rows]) for name, colour, run in sides
     )
@@ -113,7 +113,7 @@ def _arm(found: DriveResult, replay: DriveReplay) -> tuple[ArmView, str]:
     worst = int(np.argmax(np.abs(replay.given[rows] - position).max(axis=1)))
     view = arm_view(
         found.before.model, position[worst],
-        errors=((GIVEN, fit.heldout_rmse_before), (IMPROVED, fit.heldout_rmse_after)),
+        errors=((GIVEN_ARM, fit.heldout_rmse_before), (IMPROVED_ARM, fit.heldout_rmse_after)),
         floor=fit.noise_floor, pins=pins(found.verdict),
         motion=PlayedMotion(replay.recording.time[rows], position, ghosts, caption=caption),
     )  # fmt: skip
@@ -178,7 +178,7 @@ def _joint(replay: DriveReplay, j: int, called: str, charts: Charts, unit: str) 
     recording = replay.recording
     rows = slice(None, None, max(1, len(recording) // DRAWN))
     time, position = recording.time[rows], recording.position[rows, j]
-    runs = ((GIVEN, replay.given, BEFORE), (IMPROVED, replay.improved, AFTER))
+    runs = ((GIVEN_ARM, replay.given, BEFORE), (IMPROVED_ARM, replay.improved, AFTER))
     moved = [curve(time, position, "recorded", MEASURED, WIDE)]
     moved += [curve(time, run[rows, j], name, colour, NARROW) for name, run, colour in runs]
     errors = [curve(time, position - run[rows, j], name, colour) for name, run, colour in runs]

@@ -3,31 +3,16 @@
 They are constants: nothing changes them while a program runs. `docs/diagnosis_settings.md` lists
 them; whoever changes one writes it anew:
 
-    python -m estimators.diagnosis.settings.table docs/diagnosis_settings.md
+    python tests/estimators/diagnosis/test_chosen_numbers.py
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Final, TypeVar, dataclass_transform
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final, TypeVar, dataclass_transform
 
 _Group = TypeVar("_Group")
 BY_JUDGEMENT: Final = "by judgement"  # nobody measured another value, or nothing of it was kept
-
-
-@dataclass(frozen=True)
-class ChosenNumber:
-    """Documentation of a setting."""
-
-    name: str
-    value: Any
-    unit: str
-    meaning: str
-    trades: str
-    chosen: str
 
 
 def setting(
@@ -55,9 +40,3 @@ def setting(
 def settings(group: type[_Group]) -> _Group:
     """Declare a group of settings: the one instance of a frozen dataclass, under its name."""
     return dataclass(frozen=True)(group)()
-
-
-def settings_of(group: Any) -> Iterator[ChosenNumber]:  # noqa: ANN401  # a dataclass of settings
-    """Yield the settings of a group, in order."""
-    for item in fields(group):
-        yield ChosenNumber(item.name, getattr(group, item.name), **item.metadata)

@@ -1,4 +1,4 @@
-"""Settings: when a fit is good enough, and when something else is tried."""
+"""Settings of a fit: what competes and how it is searched, and when a fit is good enough."""
 
 from __future__ import annotations
 
@@ -6,6 +6,177 @@ from estimators.diagnosis.settings import setting, settings
 
 # A table: value, unit, meaning; what it trades; how it was chosen.
 # fmt: off
+
+@settings
+class RIPPLE:
+    """Lines over the angle of a joint (hypotheses.ripple)."""
+
+    lines: int = setting(12, "", "at one joint, at most",
+        "more cost time; fewer leave the cogging of a motor in part",
+        chosen="a motor's pole pairs, slots and their multiples make eight and more; 3 left 40 % "
+               "of the error of one with six")
+    most_cycles: float = setting(400.0, "1/rev", "of a line",
+        "more cost time and find more by chance; fewer miss fast gears")
+    least_periods: float = setting(3.0, "", "of a line over the joint's range",
+        "fewer take a shape for a line; more miss slow lines")
+    false_lines: float = setting(1e-6, "lines", "expected in a scan of white noise",
+        "more find lines that are none; fewer miss weak ones",
+        chosen="far below 1, since no sensor's noise is quite so even")
+    oversampling: float = setting(4.0, "grid points", "within the resolution of a line",
+        "more cost time; fewer lose power between them")
+    peaks: int = setting(4, "peaks", "that are tried for a line, one after the other",
+        "more cost time; fewer stop at what lines not found yet leave",
+        chosen="three of ten lines of a real motor were missed behind such a peak")
+    apart: float = setting(3.0, "resolutions", "between such a peak, if it is not the highest, and "
+        "a line that was found",
+        "larger misses neighbours of strong lines; smaller finds what those leave")
+    neighbours: int = setting(61, "grid points",
+        "whose median is the level that a line stands out from",
+        "more blur a coloured level; fewer let a line raise its own")
+    passed: float = setting(0.25, "", "gain of the filter below which a row does not count",
+        "higher uses fewer rows; lower divides by nearly nothing")
+    least_share: float = setting(0.25, "of the rows", "on which a line has to pass the filter",
+        "more miss lines of fast joints; fewer judge by little",
+        chosen="a tenth are those near reversals alone, where friction does all that it does")
+    shape: int = setting(8, "knots", "of the dependence on position that is taken out first",
+        "more take slow lines out; fewer leave shapes that look like lines")
+    flat: int = setting(2, "knots", "the same, where a line of few periods is sought", "as above")
+    few_periods: tuple[float, float] = setting((1.5, 6.0), "",
+        "of such a line over the range of a joint",
+        "wider finds shapes; narrower misses slow lines")
+    least_part: float = setting(0.15, "of the residual's energy", "that such a line takes off",
+        "lower finds shapes; higher misses weak lines")
+    bulk: tuple[float, float] = setting((0.01, 0.99), "quantiles",
+        "of the positions that are a joint's range",
+        "wider counts where it hardly is; narrower leaves out ends at which it turns")
+    around: int = setting(5, "grid points", "at which a line is sought around the one it is near",
+        "more cost time; fewer leave a parabola too little")
+    finer: int = setting(5, "times", "that this grid is then narrower, once", "as above")
+    same: float = setting(0.05, "relative", "difference within which two lines are one",
+        "larger merges neighbours; smaller counts one twice")
+    sweeps: int = setting(3, "", "in which all lines are refined beside a new one, at most",
+        "more cost time; fewer leave of a line what looks like another beside it",
+        chosen="12 cycles of a motor came out as 11.85, and 7 as 7.06 and a false 6.56, without"
+               " them; as 12.00 and 7.01 with them")
+    stays: float = setting(0.01, "grid points", "by which a line moves that stays",
+        "smaller costs time")
+    dependent: float = setting(1e-6, "of a column", "that is but rounding", "numerical")
+    block: int = setting(32, "frequencies", "at a time", "more need memory; fewer cost time")
+    tiny: float = setting(1e-30, "", "that nothing is divided by less than", "numerical")
+    burst: float = setting(6.0, "median deviations", "beyond which a residual is clipped",
+        "more let a burst look like all lines; fewer clip lines")
+
+
+@settings
+class REVISION:
+    """Steps in which a stated value moves (hypotheses.revision, improvement)."""
+
+    step: float = setting(0.05, "relative", "of derivatives by a parameter",
+        "larger is less linear; smaller loses digits")
+    least_lever: float = setting(0.01, "m", "scale of a centre of mass that lies on an axis",
+        "larger lets small bodies move far; smaller holds them")
+    lever_step: float = setting(0.01, "of that lever", "of derivatives by a centre of mass",
+        "numerical: inertia is quadratic in it")
+    products: float = setting(0.3, "of the root of the product of two moments",
+        "1 sigma of a product of inertia, before the tolerance of the body",
+        "larger lets bodies tilt; smaller holds the axes that are stated")
+    compact: float = setting(0.02, "m", "radius of a load whose extent the data do not tell",
+        "larger adds inertia that nobody saw; smaller makes a point of it")
+    narrower: float = setting(0.2, "times", "at least, in one revision",
+        "smaller leaves what is linear; larger needs more rounds")
+    wider: float = setting(5.0, "times", "at most, in one revision", "as above")
+    stiffest: float = setting(0.01, "of an inverse", "that one revision leaves at least",
+        "smaller makes gears stiff without bound; larger needs more rounds")
+    steps: int = setting(9, "",
+        "from the inertia that was found to the nominal one, of which the first that can be is "
+        "taken", "more cost time; fewer go farther back than needed")
+    shorter: int = setting(6, "halvings",
+        "of a change after which no body that can be is where the arm is, until it is dropped",
+        "more keep small parts of what cannot be; fewer drop more")
+
+
+
+
+@settings
+class SEARCH:
+    """The beam of sets (selection.search)."""
+
+    width: int = setting(6, "sets", "that are grown further",
+        "more cost time; fewer miss sets whose parts only help together")
+    largest: int = setting(10, "effects", "in a set beyond its base",
+        "more cost time; fewer cannot tell all of a real arm",
+        chosen=("by judgement, changed once while developing on concealed cases: from 6, since a "
+                "real arm lacks some at every joint"))
+
+
+@settings
+class CANDIDATES:
+    """Priors of what competes (selection.candidates)."""
+
+    missing: float = setting(10.0, "nat", "that missing physics has to bring",
+        "higher misses small effects; lower gives false alarms",
+        chosen=("by judgement, above the log of the some hundred effects at places that compete "
+                "(4.6 nat)"))
+    deviating: float = setting(5.0, "nat", "that a wrong parameter has to bring", "as above",
+        chosen="less, since everybody knows the parameter to be there")
+    certain: float = setting(0.0, "nat",
+        "that friction of a joint has to bring where none is stated",
+        "higher lets rarer effects stand for it; there is nothing lower",
+        chosen="every joint rubs: what is not known is how much")
+    usual: float = setting(0.5, "of the joints",
+        "more than which are stated to have an effect, so that it costs the others no more either",
+        "higher names what is rare where plain friction is left out; lower prefers what few have")
+    wrong: float = setting(1.0, "relative", "deviation of a parameter that is simply wrong",
+        "smaller misses very wrong values; larger costs evidence")
+    sharper: tuple[float, ...] = setting((0.1, 0.3, 3.0), "times the stated width",
+        "over which dry friction that changes may turn its sign",
+        "more cost time and chance; fewer leave friction to what happens to be as sharp",
+        chosen=("2.1 N m that turn over 0.01 rad/s, beside 0.46 N m stated over 0.05, were called "
+                "a coupling, which brought 405 nat where friction as stated brought 34"))
+    wrong_inertia: float = setting(0.4, "relative", "the same of a body", "as above")
+    parts_of_body: tuple[float, ...] = setting((1.0, 0.125), "of its 1 sigma",
+        "that a body that is missing or wrong is expected to be",
+        "more cost time and chance; fewer cost small bodies evidence",
+        chosen="a load of 50 g cost 35 nat as one of 2 kg, and was called unknown")
+    tiny: float = setting(1e-12, "", "strength below which a column is zero", "numerical")
+    seldom: float = setting(0.1, "of the strongest", "of a list of places, that each counts as",
+        "higher holds values where motion seldom is; lower lets them be anything there")
+    together: int = setting(20, "hypotheses", "that pass the filter in one go",
+        "more need memory; fewer cost time")
+    payload: float = setting(0.08, "of the mass that moves", "1 sigma of the mass of a payload",
+        "larger costs small payloads evidence; smaller large ones",
+        chosen="2 kg on the iiwa 14; arms carry about as much in proportion, whatever their size")
+    payload_lever: float = setting(0.08, "of the arm's length",
+        "1 sigma of how far its centre of mass is from the flange", "as above",
+        chosen="0.1 m on the iiwa 14")
+
+
+@settings
+class TOLERATED:
+    """Nuisance parameters: values that may differ within their tolerances (selection.nuisance)."""
+
+    sensor_lag: float = setting(3e-4, "s",
+        "1 sigma of a torque sensor's filter against the encoder's",
+        "larger hides delays; smaller finds delays that are the sensor")
+    sensor_offset: float = setting(0.3, "noise floors", "1 sigma of the offset of a torque sensor",
+        "larger hides offsets; smaller finds offsets that are the sensor")
+    width: float = setting(0.7, "relative", "1 sigma of the width of a smoothed sign",
+        "larger hides friction laws; smaller takes widths for physics")
+
+
+@settings
+class BASE_FRICTION:
+    """Friction that a bare description lacks (selection.base_friction)."""
+
+    turns: int = setting(2, "", "of noise and widths in turn",
+        "more cost time; fewer do not settle")
+    narrowest: float = setting(2.5e-4, "rad/s", "width of a sign that is tried",
+        "narrower cannot be told from a step")
+    widest: float = setting(8e-3, "rad/s", "width of a sign that is tried",
+        "wider is viscous friction by another name")
+    widths: int = setting(6, "", "that are tried, evenly in their logarithm", "more cost time")
+
+
 
 
 @settings

@@ -1,4 +1,4 @@
-"""Settings of the judgement: findings, their confidence, and what stays unknown."""
+"""Settings of the judgement: findings and their confidence, what stays unknown, and events."""
 
 from __future__ import annotations
 
@@ -185,3 +185,154 @@ class GUESSES:
     times: tuple[float, ...] = setting((0.5, 2.0), "times a guessed tolerance", "that are tried",
         "more cost time; fewer say less of what a guess decides")
     listed: int = setting(3, "effects", "that another tolerance would bring, named", "only wording")
+
+
+@settings
+class PUSHES:
+    """The scan for pushes (contact)."""
+
+    strongest: float = setting(100.0, "N or N m", "1 sigma of a wrench that is estimated",
+        "larger leaves what is hardly seen free; smaller pulls strong pushes down")
+    remembered: float = setting(4.0, "rows", "over which errors are alike",
+        "more widen the intervals")
+    one_wrench: float = setting(0.7, "of the squared errors of a push",
+        "that one wrench at the flange explains where it is said to be one",
+        "higher says it less often; lower tells of a wrench that acts elsewhere")
+    determined: float = setting(0.5, "of a push's force",
+        "half the widest interval of its components, up to which its size is said",
+        "larger says forces that a pose hardly tells; smaller keeps quiet of known ones")
+    lengths: tuple[float, ...] = setting((0.25, 0.5, 1.0, 2.0), "s", "of the scan's windows",
+        "more cost time; fewer miss some lengths", chosen="from a hit to a human push")
+    smoothed: float = setting(0.1, "s", "over which errors are averaged",
+        "longer misses short hits; shorter takes single errors for hits",
+        chosen="by hits added to what the simulations of three real arms leave: of 0.05, 0.1 and "
+               "0.2 s it finds most at no false one")
+    scattered: float = setting(0.2, "s", "over which they are to tell how they scatter",
+        "longer tells less of it; shorter takes single errors for scatter",
+        chosen="that by which the confidence of pushes was learned")
+    least_evidence: float = setting(120.0, "nat", "for a push, of all joints together",
+        "higher misses weak pushes; lower takes for pushes what the arm does at times",
+        chosen="a quarter above the largest that would be named on four arms without hits, "
+               "beside simulations of other runs, which is 94")
+    rare: float = setting(14.0, "nat", "how seldom what passes for a push has to be, by chance",
+        "higher misses pushes on arms of much unknown physics; lower takes that for pushes",
+        chosen="where a push is as likely as not, by the weights of its confidence")
+    scatter: float = setting(0.75, "quantile", "of other stretches, that tells how they scatter",
+        "higher counts other pushes as scatter; lower tells less of the largest")
+    freedom: tuple[float, float] = setting((0.1, 1e4), "degrees of freedom",
+        "of how stretches scatter, between which they are sought",
+        "numerical: beyond those, all variances are one")
+    joint: float = setting(3.0, "nat", "that the errors of each joint reach by chance",
+        "higher misses what many joints feel a little; lower adds up noise")
+    felt: float = setting(15.0, "nat", "for a joint that felt a push",
+        "higher names fewer joints; lower some that did not")
+    explained: float = setting(0.6, "of squared errors in and around it",
+        "that the course of what one joint alone felt explains",
+        "higher misses hits that rebound; lower takes vibration for hits")
+    many: int = setting(3, "joints", "that feel a push over the start or end of a motion",
+        "more miss pushes there; fewer take friction for them")
+    one_course: float = setting(0.9, "of squared errors in and around it",
+        "that their common course explains", "as above")
+    outstanding: float = setting(3.0, "times the next", "evidence of what one joint alone felt",
+        "higher misses hits that one joint feels; lower takes friction and sensors for hits")
+    steady: float = setting(1.0, "s", "that this joint moved on, or the arm rested, before",
+        "longer misses more such hits; shorter takes break-away for hits")
+    of_inertia: float = setting(1.0, "of usual errors, for each usual torque of acceleration",
+        "that errors grow by with the torque that the arm's own acceleration asks for",
+        "higher misses hits in fast motion; lower takes vibration after a jerk for a hit",
+        chosen="as smoothed; 0 and 0.5 find a vibration in recordings of a real arm")
+    cut: float = setting(8.0, "of the usual error", "at which larger ones are cut to learn it",
+        "higher learns from pushes; lower cuts what is usual")
+    alike: float = setting(0.6, "of the averaged rows", "that are one independent row",
+        "higher counts less evidence")
+    judged: float = setting(0.8, "of a window", "in which a joint has to be judged",
+        "higher counts fewer joints; lower those near rest")
+    fewest: int = setting(30, "windows", "to learn what is usual",
+        "more judge no short recordings; fewer know little")
+    settling: float = setting(0.3, "s",
+        "before and after which a joint neither stops nor starts, nor turns",
+        "longer leaves out motion; shorter takes stiction for pushes")
+    stops: float = setting(0.1, "of a joint's usual speed", "below which it all but stops",
+        "higher judges less motion; lower takes a stop on the way for steady motion")
+    at_turns: float = setting(0.9, "quantile",
+        "of a joint's errors as long before or after its other reversals, that are usual there",
+        "higher misses pushes over a reversal; lower takes friction that varies for them")
+    fewest_turns: int = setting(6, "reversals", "of a joint, other ones, to learn that",
+        "more judge no short recordings about reversals; fewer know little")
+    usual: float = setting(3.0, "of the usual error", "beyond which errors are not as usual",
+        "higher takes starting for pushes; lower misses pushes soon after a start")
+    ends: float = setting(0.5, "s", "of motion at its start and end that is not judged",
+        "longer leaves out motion; shorter takes braking for a push")
+    apart: float = setting(1.0, "s", "between two pushes",
+        "longer misses the second; shorter takes a rebound for another")
+    steps: tuple[float, ...] = setting((0.1, 0.05, 0.02), "s",
+        "by which a window is then moved", "finer costs time")
+    shortest: float = setting(0.1, "s", "of a push", "shorter takes spikes for pushes",
+        chosen="what a filter of 10 Hz makes of a hit")
+    longest: float = setting(3.0, "s", "of a push", "longer takes drifts for pushes",
+        chosen="above the 2 s of human pushes")
+    pieces: int = setting(8, "", "constant stretches that a half sine is made of",
+        "more cost time; fewer are less smooth")
+    rests: float = setting(1.0, "s", "that a joint has to rest, for a hold",
+        "longer misses short ones; shorter takes a reversal under load for a rest",
+        chosen="longer than the slowest reversals last")
+    breakaway: float = setting(2.0, "times",
+        "its friction in motion, that a joint may hold at rest",
+        "higher misses weak holds; lower takes stiction for a wall",
+        chosen="friction as a joint breaks away is seldom more than 1.7 times that in motion")
+    friction: float = setting(0.95, "quantile",
+        "of torque beyond that of bodies in motion, that is a joint's friction",
+        "higher takes pushes for friction; lower misses viscous one")
+    spread: float = setting(0.3, "s", "over which the filter spreads a push",
+        "longer leaves out motion; shorter fits what is pushed")
+
+
+@settings
+class JOLTS:
+    """Jolts, which ring beyond what slow physics reaches (residuals.jolts)."""
+
+    outstanding: float = setting(5.0, "usual errors", "beyond which an error is no slow physics",
+        "higher leaves jolts in the noise; lower leaves out what is odd about a motion",
+        chosen="the second largest of all joints reaches 3.5 in 24 recordings of real and "
+               "concealed arms without a jolt, 8 where two logs of an LWR4+ end as it brakes, and "
+               "6 to 10 in the jolts of an xMate")
+    joints: int = setting(2, "joints", "whose errors are as large at once",
+        "more miss jolts; one takes the physics of a joint for one")
+    apart: float = setting(0.5, "s", "between two jolts", "only wording")
+    fewest: int = setting(30, "rows", "to learn what is usual", "as for pushes")
+    most: float = setting(0.03, "of the rows of motion",
+        "that are jolts, without those to which the filter spreads them",
+        "more leave out what recurs; fewer keep the jolts of a rough motion")
+    listed: int = setting(5, "jolts", "of a recording whose times a note names", "only wording")
+
+
+@settings
+class IMPACTS:
+    """Impacts as play is passed, which are neither pushes nor jolts (residuals.impacts)."""
+
+    explained: float = setting(0.9, "of squared errors in and around an event",
+        "that the acceleration of one joint alone explains",
+        "higher takes impacts for pushes; lower takes pushes for impacts",
+        chosen="of 11 impacts of concealed play it explains 0.83 to 1, most of them 0.96 and more; "
+               "of 149 pushes added to recordings of three real arms half reach 0.32 as the load "
+               "changes, 5 % 0.85, and none more than 0.91")
+    alike: float = setting(0.8, "of squared errors in and around an event",
+        "that it explains of further ones of a joint", "as above", chosen="as above")
+    fewest: int = setting(2, "events", "of one joint that it explains",
+        "more take impacts for pushes; one takes pushes for impacts by chance")
+    joints: int = setting(3, "joints", "of an arm, at least",
+        "more take impacts for pushes; of fewer, levers stand in such ratios often")
+    fall: float = setting(1.5, "s", "before an event, in which the load of the joint changes",
+        "longer takes pushes for impacts; shorter misses the slow fall across a wide play",
+        chosen="1.3 s in a concealed gear whose play of 29 mrad is damped")
+
+
+@settings
+class ROUNDS:
+    """Events and effects in turn (events), and other sets around one (reconsidering)."""
+
+    several: int = setting(3, "effects",
+        "of which one may stand for what two others make of one another",
+        "fewer search again more often, which costs time")
+    more: int = setting(2, "rounds", "of events and effects in turn",
+        "more cost time; fewer leave one in the other")

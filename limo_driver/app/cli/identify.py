@@ -125,7 +125,7 @@ def _identify_drives(
     model: RobotModel, measured: list[Recording], out: Path, page: Path | None, *, as_json: bool
 ) -> None:
     """Identify drives and friction of an arm that tells no torque."""
-    from estimators.diagnosis.from_motion.page import drives_page
+    from estimators.diagnosis.from_motion.pipeline import drives_page
     from limo_driver.app.library.learning import identify_drives
 
     found = identify_drives(model, measured)

@@ -28,7 +28,7 @@ def command(
     Example:
         limo report monday/ tuesday/ --out comparison.html
     """
-    from estimators.diagnosis.quantities import verdict_in
+    from estimators.diagnosis.reading import verdict_in
     from estimators.diagnosis.report.truth import comparison
     from estimators.diagnosis.verdict import IMPROVED
     from limo_driver.physics import Simulation

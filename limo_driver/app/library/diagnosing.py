@@ -74,7 +74,7 @@ def diagnose(
     """
     from estimators.diagnosis import diagnose as diagnosed
     from estimators.diagnosis.from_torque.pipeline import Diagnosis
-    from estimators.diagnosis.from_torque.residuals.above_bandwidth import above_note
+    from estimators.diagnosis.from_torque.residuals.noise import above_note
     from estimators.diagnosis.stages import Attempts, Budget, forward, quiet
 
     if budget is not None and not budget > 0:

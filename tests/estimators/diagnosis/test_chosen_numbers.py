@@ -1,15 +1,17 @@
-"""Settings: each says what it trades, the page has them all, and no number stands beside them."""
+"""Settings: each says what it trades, the page has them all, and no number stands beside them.
+
+`python tests/estimators/diagnosis/test_chosen_numbers.py` writes the page anew.
+"""
 
 import ast
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, fields
 from pathlib import Path
 
 import pytest
 
 from estimators.diagnosis import settings
-from estimators.diagnosis.settings import settings_of
+from estimators.diagnosis.settings import afterwards, fitting, judgement, residuals
 from estimators.diagnosis.settings.residuals import NOISE
-from estimators.diagnosis.settings.table import groups, table
 
 ROOT = Path(settings.__file__).parents[1]
 FILES = [
@@ -106,6 +108,42 @@ def test_others_are_left_alone(line):
     assert not numbers_in(line)
 
 
+_HEAD = """# Settings of the diagnosis
+
+Every number of the [diagnosis](diagnosis.md) that somebody chose. They stand in
+`estimators/diagnosis/settings/`, a file a stage, from which this page is written; there each says
+what it trades, and why it was chosen.
+
+Not here: constants of mathematics, numbers up to 1e-6 that keep others from being nothing, where
+effects are looked for (with each effect), colours and sizes of the report, and the reach of
+tolerances, three deviations (`estimators/regression/evidence.py`).
+"""
+
+
+def groups():
+    """Yield the name of each group of settings, and the group, in the order of the stages."""
+    for stage in (residuals, fitting, judgement, afterwards):
+        for name, value in vars(stage).items():
+            if name.isupper() and type(value).__module__ == stage.__name__:
+                yield name, value
+
+
+def table() -> str:
+    """Return all settings as Markdown."""
+    parts = [_HEAD]
+    for name, group in groups():
+        parts.append(f"## `{name}`\n{group.__doc__}\n")
+        parts.append("| setting | value | unit | meaning |\n|---|---|---|---|")
+        for item in fields(group):
+            value = getattr(group, item.name)
+            several = value if isinstance(value, tuple) else (value,)
+            text = ", ".join(f"{v:g}" for v in several)
+            known = item.metadata
+            parts.append(f"| `{item.name}` | {text} | {known['unit']} | {known['meaning']} |")
+        parts[-1] += "\n"
+    return "\n".join(parts)
+
+
 PAGE = Path(__file__).parents[3] / "docs" / "diagnosis_settings.md"
 GROUPS = list(groups())
 NAMES = [name for name, _ in GROUPS]
@@ -117,11 +155,9 @@ def test_the_page_is_the_table():
 
 @pytest.mark.parametrize(("name", "group"), GROUPS, ids=NAMES)
 def test_each_says_what_it_is_what_it_trades_and_why(name, group):
-    for item in settings_of(group):
-        assert item.meaning, name
-        assert item.trades, name
-        assert item.chosen, name
-        assert item.value == getattr(group, item.name)
+    for item in fields(group):
+        assert all(item.metadata[what] for what in ("meaning", "trades", "chosen")), name
+        assert item.default == getattr(group, item.name)
 
 
 def test_names_of_groups_are_unique():
@@ -131,3 +167,7 @@ def test_names_of_groups_are_unique():
 def test_nothing_changes_them():
     with pytest.raises(FrozenInstanceError):
         NOISE.order = 4
+
+
+if __name__ == "__main__":
+    PAGE.write_text(table(), encoding="utf-8")

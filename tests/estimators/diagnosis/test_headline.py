@@ -8,7 +8,7 @@ import pytest
 
 from estimators.diagnosis.headline import MOST, headline, likelier, values_of
 from estimators.diagnosis.quantities import of_several, quantity, rounded
-from estimators.diagnosis.report.arm import pins
+from estimators.diagnosis.report.findings import pins
 from estimators.diagnosis.verdict import (
     UNKNOWN,
     BeforeAfter,

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators.diagnosis.headline import MOST, headline
-from estimators.diagnosis.quantities import name_of_value, verdict_in
+from estimators.diagnosis.quantities import name_of_value
+from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.report.findings import removed
 from estimators.diagnosis.report.sections import identified, stated_values
 from estimators.diagnosis.result import hardly_shown, lines_of

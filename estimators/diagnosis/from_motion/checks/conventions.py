@@ -48,7 +48,7 @@ _INDEPENDENT: Final = 2.0  # errors in a second
 _MOST_SIGNS: Final = 5  # joints that gravity loads, of which all signs are tried
 _DESCRIBED: Final = np.log(100.0)  # prior odds of a sign or zero as described against another
 _SURELY: Final = 10.0  # natural logarithm of odds; friction that holds a joint mimics some gravity
-_TOLD: Final = np.log(20.0)  # from which on a joint is said to count as described
+_SURE: Final = np.log(20.0)  # from which on a joint counts as described
 _SIMULATED: Final = 3  # recordings
 _GLANCE: Final = 8  # evaluations
 _BETTER: Final = 0.1  # of the logarithm of a joint's error, that another convention has to gain
@@ -91,23 +91,23 @@ class Conventions:
             sure = f"{likelier(max(self.log_odds, 0.0))} than as described"
             return f"By gravity, positions are counted otherwise: {self._changes()} ({sure})."
         determined, open_ = self.determined, [j for j in self.joints if j not in self.determined]
-        said = list[str]()
+        sentences = list[str]()
         if determined:
             least = min(self.odds[self.joints.index(j)] for j in determined)
-            said.append(
+            sentences.append(
                 f"Signs and zeros of {of_joints(determined)} are those of the description "
                 f"({likelier(least)} than others)."
             )
         if open_:
             verb = "are" if len(open_) > 1 else "is"
-            said.append(f"Gravity does not decide how {of_joints(open_)} {verb} counted.")
-        return " ".join(said)
+            sentences.append(f"Gravity does not decide how {of_joints(open_)} {verb} counted.")
+        return " ".join(sentences)
 
     @property
     def determined(self) -> tuple[int, ...]:
         """Joints that surely count as the description does, 1-based."""
         pairs = zip(self.joints, self.odds, strict=True)
-        return tuple(j for j, odds in pairs if odds > _TOLD)
+        return tuple(j for j, odds in pairs if odds > _SURE)
 
     def _changes(self) -> str:
         return "; ".join(
@@ -195,9 +195,11 @@ def confirmed(
 
 def _odds_of(scores: Mapping[Convention, float], j: int) -> float:
     """Return how much likelier a joint counts as described than otherwise, all else free."""
-    as_told = [score for one, score in scores.items() if one.sign[j] > 0 and not one.zero[j]]
+    as_described_scores = [
+        score for one, score in scores.items() if one.sign[j] > 0 and not one.zero[j]
+    ]
     other = [score for one, score in scores.items() if one.sign[j] < 0 or one.zero[j]]
-    return max(as_told) - max(other)
+    return max(as_described_scores) - max(other)
 
 
 def likeliest_order(

@@ -200,8 +200,8 @@ def _seems_early(recording: Recording) -> bool:
     """
     command, position = commands_of(recording), recording.position
     period = np.diff(recording.time, append=recording.time[-1])[:, None]
-    told = np.cumsum(command * period, axis=0)  # where velocities would lead
-    command = np.where(led_by(VELOCITY, recording.channels), told, command)
+    commanded = np.cumsum(command * period, axis=0)  # where velocities would lead
+    command = np.where(led_by(VELOCITY, recording.channels), commanded, command)
     moves = np.minimum(np.ptp(position, axis=0), np.ptp(command, axis=0)) > _MOVES
     moving = np.flatnonzero(moves & ~led_by(TORQUE, recording.channels))
     shifts = [_shift(command[:, j], position[:, j], recording.rate) for j in moving.tolist()]
@@ -212,10 +212,10 @@ def _shift(command: FloatArray, position: FloatArray, rate: float) -> float:
     """Return by how much a position seems later than its command [s]."""
     reach = max(1, round(_FARTHEST * rate))
     mean = np.ones(_SMOOTHED) / _SMOOTHED
-    told, did = (np.convolve(np.diff(x), mean, "same") for x in (command, position))
-    if told.size < 4 * reach:
+    commanded, did = (np.convolve(np.diff(x), mean, "same") for x in (command, position))
+    if commanded.size < 4 * reach:
         return 0.0
-    ahead = told[reach:-reach]
+    ahead = commanded[reach:-reach]
     scores = [
         float(np.corrcoef(ahead, did[reach + k : did.size - reach + k])[0, 1])
         if np.ptp(ahead) and np.ptp(did[reach + k : did.size - reach + k])
@@ -289,11 +289,11 @@ def _jump(recording: Recording) -> int | None:
     """
     position, command, time = recording.position, commands_of(recording), recording.time
     row = int(np.argmax(np.linalg.norm(_paces(position, time), axis=1)))
-    moved, told = (x[row + 1] - x[row] for x in (position, command))
+    moved, commanded = (x[row + 1] - x[row] for x in (position, command))
     jumped = (
         _fastest(position, time, row)
         & _fastest(command, time, row)
-        & (told * moved > _TOGETHER * moved**2)
+        & (commanded * moved > _TOGETHER * moved**2)
         & (np.abs(moved) > _JUMPED)
     )
     least = min(2, int((np.ptp(position, axis=0) > _JUMPED).sum()))

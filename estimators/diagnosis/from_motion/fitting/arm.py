@@ -14,15 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_motion.fitting.joint import independent
-from estimators.diagnosis.from_motion.simulation.constants import (
-    STEP,
-    BelievedValue,
-    inner,
-    outer,
-    stepped,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.regression.definite import SymmetricSpectrum
 from limo_driver.physics.drives import MOST_SAG
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
@@ -68,7 +60,7 @@ class ArmGuess:
         rows, at = self.rows.copy(), 0
         for j in own:
             many = len(self.names[j])
-            rows[j] = stepped(
+            rows[j] = c.stepped(
                 rows[j], dict(zip(self.names[j], step[at : at + many].tolist(), strict=True))
             )
             at += many
@@ -108,10 +100,10 @@ class ArmProblem:
 
     loads: ArmLoads
     weights: Weights
-    priors: Sequence[Mapping[str, BelievedValue]]  # of each joint
-    shared: Mapping[str, BelievedValue] = field(default_factory=dict)
+    priors: Sequence[Mapping[str, c.BelievedValue]]  # of each joint
+    shared: Mapping[str, c.BelievedValue] = field(default_factory=dict)
     kept: NDArray[np.bool_] | None = None  # rows of all stretches, in a row
-    over: float = STEP  # what slopes are taken over, of a logarithm or a signed value in its unit
+    over: float = c.STEP  # what slopes are taken over, of a logarithm or a signed value in its unit
     within: float = np.inf  # deviations from what is believed, that constants are kept within
 
     def errors(self, guess: ArmGuess) -> list[FloatArray]:
@@ -123,7 +115,7 @@ class ArmProblem:
     def away(self, guess: ArmGuess, j: int) -> dict[str, float]:
         """Return how far the constants of a joint are from what is believed, in deviations."""
         return {
-            name: (inner(name, value_in(guess.rows[j], name)) - inner(name, prior.value))
+            name: (c.inner(name, c.value_in(guess.rows[j], name)) - c.inner(name, prior.value))
             / prior.deviation
             for name, prior in self.priors[j].items()
             if name in guess.names[j] and (j, name) not in guess.free
@@ -139,10 +131,10 @@ class ArmProblem:
             ends = {name: np.copysign(self.within, x) for name, x in beyond.items()}
             own = {name: self.priors[j][name] for name in ends}
             values = {
-                name: outer(name, inner(name, own[name].value) + end * own[name].deviation)
+                name: c.outer(name, c.inner(name, own[name].value) + end * own[name].deviation)
                 for name, end in ends.items()
             }
-            rows[j] = with_values(row, values)
+            rows[j] = c.with_values(row, values)
         return replace(guess, rows=rows)
 
     def errors_of(self, parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
@@ -295,7 +287,7 @@ def _normal(
 
     def slopes(j: int) -> FloatArray:
         sides = [
-            problem.errors_of(parts[j], stepped(guess.rows[j], {name: over}))
+            problem.errors_of(parts[j], c.stepped(guess.rows[j], {name: over}))
             for name in guess.names[j]
         ] + [problem.errors_of(other[j], guess.rows[j]) for other in moved]
         return (
@@ -318,7 +310,7 @@ def _normal(
         for k, name in enumerate(guess.names[j]):
             prior = problem.priors[j].get(name)
             if prior is not None and (j, name) not in guess.free:
-                here = inner(name, value_in(guess.rows[j], name)) - inner(name, prior.value)
+                here = c.inner(name, c.value_in(guess.rows[j], name)) - c.inner(name, prior.value)
                 x = here / prior.deviation
                 curve = 1.0 / (prior.deviation**2 * np.sqrt(1.0 + (x / _FAR) ** 2))
                 hessian[at + k, at + k] += curve

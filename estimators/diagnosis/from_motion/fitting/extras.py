@@ -21,16 +21,7 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     start_of_limit,
     with_lag,
 )
-from estimators.diagnosis.from_motion.simulation.constants import (
-    COULOMB,
-    GAINS,
-    LEAST,
-    BelievedValue,
-    base_of,
-    gain_of,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -49,7 +40,7 @@ class Extra:
     shape: Mapping[str, float] = field(default_factory=dict)  # of its law, not fitted
     # Parts that are left of constants which a fit without it has raised in its place
     eased: Mapping[str, float] = field(default_factory=dict)
-    of: tuple[str, ...] = GAINS  # gains of the drives that may have it
+    of: tuple[str, ...] = c.GAINS  # gains of the drives that may have it
 
     def fits(self, row: FloatArray) -> bool:
         """Say whether a servo can have it.
@@ -57,7 +48,7 @@ class Extra:
         Args:
             row: The constants of its joint.
         """
-        return gain_of(row) in self.of
+        return c.gain_of(row) in self.of
 
     def begun(self, parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
         """Return constants and where their fit begins; none where nothing speaks for a limit.
@@ -69,7 +60,7 @@ class Extra:
         known = away(parts, row)
         if not self.limit:
             return LimitStart(self.start, known, self.easing(row))
-        best = start_of_limit(self.limit, parts, with_values(row, self.shape))
+        best = start_of_limit(self.limit, parts, c.with_values(row, self.shape))
         return best if best.away < known else LimitStart({}, known)
 
     def fitted(
@@ -77,7 +68,7 @@ class Extra:
         row: FloatArray,
         parts: Sequence[LoadedJoint],
         names: tuple[str, ...],
-        priors: Mapping[str, BelievedValue],
+        priors: Mapping[str, c.BelievedValue],
     ) -> JointFit | None:
         """Return a fit that has it, or None where nothing speaks for it.
 
@@ -90,7 +81,7 @@ class Extra:
         first = self.begun(parts, row)
         if not (start := first.values):
             return None
-        begun = with_values(row, {**self.shape, **first.bent, **start})
+        begun = c.with_values(row, {**self.shape, **first.bent, **start})
         if self.shape and not _shows(parts, begun, row, self.shape):
             return None  # the same without that shape is tried
         return fit_joint(parts, begun, (*names, *start), priors, _SCREENING)
@@ -101,7 +92,7 @@ class Extra:
         Args:
             row: The constants without it.
         """
-        return {name: part * value_in(row, name) for name, part in self.eased.items()}
+        return {name: part * c.value_in(row, name) for name, part in self.eased.items()}
 
 
 PROFILE: Final = Extra(
@@ -114,7 +105,7 @@ PROFILE: Final = Extra(
 )
 EXTRAS: Final = (
     Extra("stribeck_friction", {"stribeck": 0.05, "v_s": 0.05}),
-    Extra("load_dependent_friction", {"by_load": 0.4}, eased={COULOMB: 0.3}),
+    Extra("load_dependent_friction", {"by_load": 0.4}, eased={c.COULOMB: 0.3}),
     Extra("dead_band", {"dead_band": 0.005}, of=("kp",)),
     Extra("profile_speed", {}, "speed", of=("kp",)),
     Extra("profile_acceleration", {}, "acceleration", of=("kp",)),
@@ -128,14 +119,14 @@ _SURE: Final = 0.4  # of the logarithm of a constant; a deviation beyond says th
 _SCREENING: Final = 8  # evaluations
 _PIECE: Final = 10.0  # [s]
 # The profile of hobby servos: LeRobot sets theirs to 254 times 100 steps/s² of 4096 steps a turn.
-USUAL_PROFILE: Final = BelievedValue(39.0, 0.25)  # [rad/s²]
+USUAL_PROFILE: Final = c.BelievedValue(39.0, 0.25)  # [rad/s²]
 
 
 def fit_with_extras(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
     names: tuple[str, ...],
-    priors: Mapping[str, BelievedValue],
+    priors: Mapping[str, c.BelievedValue],
     *,
     intervals: bool,
 ) -> tuple[JointFit, tuple[str, ...]]:
@@ -157,8 +148,8 @@ def fit_with_extras(
     score, waiting = _score(unseen, best.row), [one for one in EXTRAS if one.fits(row)]
     while len(found) < MOST:
         # a servo that is mostly at a limit looks like another, of less gain
-        kept = (*(name for name in names if name not in base_of(row)), *PROFILE.shape)
-        other = with_values(row, {name: best.value(name) for name in kept})
+        kept = (*(name for name in names if name not in c.base_of(row)), *PROFILE.shape)
+        other = c.with_values(row, {name: best.value(name) for name in kept})
         bases = [
             (one, base) for one in waiting for base in (best.row, other)[: 1 + bool(one.limit)]
         ]
@@ -195,7 +186,7 @@ def _shows(
         before: Those of before.
         names: Of these constants.
     """
-    without = with_values(row, {name: value_in(before, name) for name in names})
+    without = c.with_values(row, {name: c.value_in(before, name) for name in names})
     return not np.array_equal(errors(parts, row), errors(parts, without), equal_nan=True)
 
 
@@ -212,7 +203,7 @@ def of_a_kind(
     parts: Sequence[LoadedJoint],
     fit: JointFit,
     found: tuple[str, ...],
-    priors: Mapping[str, BelievedValue],
+    priors: Mapping[str, c.BelievedValue],
     *,
     intervals: bool,
 ) -> OfAKind:
@@ -226,13 +217,13 @@ def of_a_kind(
         intervals: Whether deviations are taken from motion that is left out.
     """
     believed, start = {**priors, "acceleration": USUAL_PROFILE}, PROFILE.easing(fit.row)
-    begun = with_values(fit.row, {**PROFILE.shape, **start, "acceleration": USUAL_PROFILE.value})
+    begun = c.with_values(fit.row, {**PROFILE.shape, **start, "acceleration": USUAL_PROFILE.value})
     seen, unseen = apart(parts)
     before = fit_joint(seen, fit.row, fit.names, priors, _SCREENING)
     after = fit_joint(seen, begun, (*fit.names, "acceleration"), believed, _SCREENING)
     final = fit_joint(parts, after.row, after.names, believed)
     kept = left_out(final, parts, believed) if intervals else final
-    ratio = _score(unseen, after.row) / max(_score(unseen, before.row), LEAST)
+    ratio = _score(unseen, after.row) / max(_score(unseen, before.row), c.LEAST)
     return OfAKind(kept, (*found, PROFILE.effect), ratio)
 
 
@@ -257,10 +248,10 @@ def _best(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
     names: tuple[str, ...],
-    priors: Mapping[str, BelievedValue],
+    priors: Mapping[str, c.BelievedValue],
 ) -> JointFit:
     """Return the best fit of those that begin with each of the lags."""
-    lags = LAGS[gain_of(row)]
+    lags = LAGS[c.gain_of(row)]
     begun = [fit_joint(parts, with_lag(row, lag), names, priors, _SCREENING) for lag in lags]
     best = min(begun, key=lambda fit: fit.mean_error)
     return fit_joint(parts, best.row, names, priors)
@@ -287,7 +278,7 @@ def _proven(
     names = [name for name in fit.names if name not in before.names]
     if max(fit.deviation[name] for name in names) > _SURE:
         return np.inf
-    without = with_values(fit.row, {name: before.value(name) for name in names})
+    without = c.with_values(fit.row, {name: before.value(name) for name in names})
     return own if own < GAIN * min(score, _score(parts, without)) else np.inf
 
 

@@ -29,18 +29,7 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     typical_start,
     with_gain,
 )
-from estimators.diagnosis.from_motion.simulation.constants import (
-    COULOMB,
-    DAMPING,
-    GAINS,
-    LEAST,
-    BelievedValue,
-    base_of,
-    constant_of,
-    gain_of,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
@@ -70,9 +59,9 @@ if TYPE_CHECKING:
 _LOADED: Final = 0.05
 _WEIGHTLESS: Final = 1e-6  # [N m]
 _OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
-_USUAL: Final = {DAMPING: 1.0, "delay": 1.0, "inertia": 1.0, "kv": 1.5}  # of their logarithms
+_USUAL: Final = {c.DAMPING: 1.0, "delay": 1.0, "inertia": 1.0, "kv": 1.5}  # of their logarithms
 # said to be undecided where recordings do not show them
-ASKED: Final = (*GAINS, "delay", "inertia")
+ASKED: Final = (*c.GAINS, "delay", "inertia")
 _OF_A_KIND: Final = 0.7  # deviation of the logarithm of the gains of an arm's servos
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
 _TYPICAL_DRIVES: Final = {  # by what a joint is told
@@ -105,9 +94,9 @@ class DriveIdentification(Displayed):
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the usual constants of each joint, and how sure the gain is."""
         fits, sliding = self.fits, self.simulation.model.sliding
-        gains = [gain_of(fit.row) for fit in fits]
+        gains = [c.gain_of(fit.row) for fit in fits]
         named = {
-            f"{gain} [{unit_of(constant_of(gain).unit, sliding)}]": [
+            f"{gain} [{unit_of(c.constant_of(gain).unit, sliding)}]": [
                 fit.value(gain) if gain == own else "-"
                 for fit, own in zip(fits, gains, strict=True)
             ]
@@ -124,8 +113,8 @@ class DriveIdentification(Displayed):
                 else "of others"
                 for fit, gain, moved in zip(fits, gains, self.moved, strict=True)
             ],
-            f"damping [{unit_of('N m s/rad', sliding)}]": [fit.value(DAMPING) for fit in fits],
-            f"dry friction [{unit_of('N m', sliding)}]": [fit.value(COULOMB) for fit in fits],
+            f"damping [{unit_of('N m s/rad', sliding)}]": [fit.value(c.DAMPING) for fit in fits],
+            f"dry friction [{unit_of('N m', sliding)}]": [fit.value(c.COULOMB) for fit in fits],
             "delay [s]": [fit.value("delay") for fit in fits],
             f"offset [{unit_of('N m', sliding)}]": [fit.value("offset") for fit in fits],
             f"error [{unit_of('rad', sliding)}]": [fit.mean_error for fit in fits],
@@ -154,8 +143,8 @@ class DriveIdentification(Displayed):
             (joint, name)
             for joint, fit in enumerate(self.fits, start=1)
             for name in ASKED
-            if name not in GAINS or name == gain_of(fit.row)
-            if self.moved[joint - 1] and (self.scaled[joint - 1] or name not in GAINS)
+            if name not in c.GAINS or name == c.gain_of(fit.row)
+            if self.moved[joint - 1] and (self.scaled[joint - 1] or name not in c.GAINS)
             if not 0.0 < fit.deviation.get(name, 0.0) <= SURE
         )
 
@@ -187,9 +176,9 @@ def fit_drives(
     scaled = gives_scale(load)
     moved = commanded_range(recordings) > MOVED
     rows = np.stack([typical_start(row) for row in stated])
-    gains = np.array([gain_of(row) for row in rows])
+    gains = np.array([c.gain_of(row) for row in rows])
     found = dict[int, tuple[JointFit, tuple[str, ...]]]()
-    for gain in GAINS:  # joints behind one kind of servo
+    for gain in c.GAINS:  # joints behind one kind of servo
         own = gains == gain
         first = np.flatnonzero(scaled & moved & own).tolist()
         for j in first:
@@ -203,7 +192,7 @@ def fit_drives(
             for j in unsure:
                 rows[j] = with_gain(rows[j], kind)
             believed = [
-                {**_believed(rows[j], float(load[j])), gain: BelievedValue(kind, _OF_A_KIND)}
+                {**_believed(rows[j], float(load[j])), gain: c.BelievedValue(kind, _OF_A_KIND)}
                 for j in unsure
             ]
             found |= _fitted(parts, rows, unsure, believed, intervals=intervals)
@@ -215,7 +204,7 @@ def fit_drives(
     found = _of_a_kind(parts, found, stated, load, scaled, intervals=intervals)
     shown = [fit for fit, _ in found.values()]
     for j in np.flatnonzero(~moved).tolist():
-        row = _of_others(rows[j], [fit for fit in shown if gain_of(fit.row) == gains[j]])
+        row = _of_others(rows[j], [fit for fit in shown if c.gain_of(fit.row) == gains[j]])
         found[j] = (JointFit(row, (), {}, errors(parts[j], row)), ())
     fits, extras = zip(*(found[j] for j in range(len(rows))), strict=True)
     improved = with_rows(given, [fit.row for fit in fits])
@@ -228,7 +217,7 @@ def _fitted(
     parts: Sequence[Sequence[LoadedJoint]],
     rows: FloatArray,
     joints: Sequence[int],
-    believed: Sequence[Mapping[str, BelievedValue]],
+    believed: Sequence[Mapping[str, c.BelievedValue]],
     *,
     scaled: bool = True,
     intervals: bool,
@@ -239,7 +228,7 @@ def _fitted(
     """
     if not joints:
         return {}
-    own, names = [parts[j] for j in joints], base_of(rows[joints[0]])[0 if scaled else 1 :]
+    own, names = [parts[j] for j in joints], c.base_of(rows[joints[0]])[0 if scaled else 1 :]
     fit = partial(fit_with_extras, intervals=intervals)
     with ThreadPoolExecutor() as pool:  # the compiled loops let each other run
         done = list(pool.map(fit, own, rows[list(joints)], [names] * len(joints), believed))
@@ -268,7 +257,7 @@ def _of_a_kind(
         scaled: Whether that gives the scale of a joint, (n,).
         intervals: Whether fits that leave motion out tell how sure values are.
     """
-    has = {j for j, (fit, _) in found.items() if value_in(fit.row, "straight") > 0.0}
+    has = {j for j, (fit, _) in found.items() if c.value_in(fit.row, "straight") > 0.0}
     others = [
         j
         for j, (fit, own) in found.items()
@@ -293,13 +282,13 @@ def _of_others(row: FloatArray, fits: Sequence[JointFit]) -> FloatArray:
     if not fits:
         return row
     usual = {
-        name: float(np.exp(np.mean([np.log(max(fit.value(name), LEAST)) for fit in fits])))
-        for name in TYPICAL[gain_of(row)]
+        name: float(np.exp(np.mean([np.log(max(fit.value(name), c.LEAST)) for fit in fits])))
+        for name in TYPICAL[c.gain_of(row)]
     }
-    return with_values(row, usual)
+    return c.with_values(row, usual)
 
 
-def _believed(row: FloatArray, load: float | None) -> dict[str, BelievedValue]:
+def _believed(row: FloatArray, load: float | None) -> dict[str, c.BelievedValue]:
     """Return what is believed of a joint before any data.
 
     Slow motion shows neither delay nor inertia nor, under much friction, damping, and that of a
@@ -311,10 +300,11 @@ def _believed(row: FloatArray, load: float | None) -> dict[str, BelievedValue]:
         load: Largest torque of gravity on it [N m], where that gives the scale.
     """
     believed = {
-        name: BelievedValue(value_in(row, name), deviation) for name, deviation in _USUAL.items()
+        name: c.BelievedValue(c.value_in(row, name), deviation)
+        for name, deviation in _USUAL.items()
     }
     if load is not None:
-        believed["offset"] = BelievedValue(0.0, _OFFSET * load)
+        believed["offset"] = c.BelievedValue(0.0, _OFFSET * load)
     return believed
 
 

@@ -10,17 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student_t
 
-from estimators.diagnosis.from_motion.simulation.constants import (
-    LEAST,
-    SIGNED,
-    STEP,
-    base_of,
-    inner,
-    outer,
-    stepped,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
 from estimators.regression.definite import SymmetricSpectrum, jackknife
 
@@ -29,7 +19,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.diagnosis.from_motion.simulation.constants import BelievedValue
     from limo_driver.types import FloatArray
 
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
@@ -60,12 +49,12 @@ class JointFit:
 
     def value(self, name: str) -> float:
         """Return a fitted value."""
-        return value_in(self.row, name)
+        return c.value_in(self.row, name)
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a value."""
         value, reach = self.value(name), min(NORMAL * self.deviation[name], _NOWHERE)
-        if name in SIGNED:
+        if name in c.SIGNED:
             return value - reach, value + reach
         far = float(np.exp(reach))
         return value / far, value * far
@@ -98,7 +87,7 @@ def fit_joint(
     parts: Sequence[LoadedJoint],
     row: FloatArray,
     names: Sequence[str] | None = None,
-    priors: Mapping[str, BelievedValue] | None = None,
+    priors: Mapping[str, c.BelievedValue] | None = None,
     evaluations: int = _EVALUATIONS,
 ) -> JointFit:
     """Fit some constants of a joint to its recorded motion.
@@ -117,49 +106,49 @@ def fit_joint(
         The constants, with deviations from the curvature at the best, for as many independent
         errors as their correlation leaves.
     """
-    names = base_of(row) if names is None else tuple(names)
+    names = c.base_of(row) if names is None else tuple(names)
     known = {name: prior for name, prior in (priors or {}).items() if name in names}
     whole = [LoadedJoint.joined(parts)]
     held = whole[0].time.size
 
     def of(x: FloatArray) -> FloatArray:
-        values = {name: outer(name, float(value)) for name, value in zip(names, x, strict=True)}
-        return with_values(row, values)
+        values = {name: c.outer(name, float(value)) for name, value in zip(names, x, strict=True)}
+        return c.with_values(row, values)
 
     def objective(x: FloatArray, weight: float) -> FloatArray:
         believed = [
-            weight * (x[names.index(name)] - inner(name, prior.value)) / prior.deviation
+            weight * (x[names.index(name)] - c.inner(name, prior.value)) / prior.deviation
             for name, prior in known.items()
         ]
         return np.append(errors(whole, of(x)), believed)
 
     # Of the last constants slopes are asked next, and the next size of errors begins with them.
-    told, sloped = _Latest(), _Latest()
+    latest, sloped = _Latest(), _Latest()
 
-    def told_objective(x: FloatArray, weight: float) -> FloatArray:
-        return told.of(x, lambda: objective(x, weight))
+    def latest_objective(x: FloatArray, weight: float) -> FloatArray:
+        return latest.of(x, lambda: objective(x, weight))
 
     def slopes(x: FloatArray, weight: float) -> FloatArray:
         def taken() -> FloatArray:
-            here = told_objective(x, weight)
-            moved = [objective(x + step, weight) - here for step in STEP * np.eye(x.size)]
-            return np.stack(moved, axis=1) / STEP
+            here = latest_objective(x, weight)
+            moved = [objective(x + step, weight) - here for step in c.STEP * np.eye(x.size)]
+            return np.stack(moved, axis=1) / c.STEP
 
         return sloped.of(x, taken)
 
-    start = np.array([inner(name, value_in(row, name)) for name in names])
+    start = np.array([c.inner(name, c.value_in(row, name)) for name in names])
     weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
     # Far from the best nearly all errors are large, and counted in proportion they lead astray.
     typical = float(np.median(np.abs(errors(whole, row))))
     large = max(_COARSE * typical, _ROBUST)
     while True:
         found = least_squares(
-            told_objective,
+            latest_objective,
             start,
             slopes,  # pyright: ignore[reportArgumentType]  # scipy's own stub is too narrow
             loss=partial(_robust, held),  # pyright: ignore[reportArgumentType]  # likewise
             f_scale=large,
-            x_scale=np.where([name in SIGNED for name in names], 0.1, 0.3),
+            x_scale=np.where([name in c.SIGNED for name in names], 0.1, 0.3),
             max_nfev=evaluations,
             ftol=_ENOUGH,
             xtol=_NEAR,
@@ -181,7 +170,7 @@ def fit_joint(
 
 
 def left_out(
-    fit: JointFit, parts: Sequence[LoadedJoint], priors: Mapping[str, BelievedValue] | None = None
+    fit: JointFit, parts: Sequence[LoadedJoint], priors: Mapping[str, c.BelievedValue] | None = None
 ) -> JointFit:
     """Return a fit whose deviations are those between fits that each leave a block of motion out.
 
@@ -199,10 +188,10 @@ def left_out(
     pull = _ROBUST**2 * fit.error.size / max(_independent_of(parts), 1.0)
     here, stiff, away = (np.zeros(len(names)) for _ in range(3))
     for k, name in enumerate(names):
-        here[k] = inner(name, fit.value(name))
+        here[k] = c.inner(name, fit.value(name))
         if name in known:
             stiff[k] = pull / known[name].deviation ** 2
-            away[k] = here[k] - inner(name, known[name].value)
+            away[k] = here[k] - c.inner(name, known[name].value)
     slope = slopes_at(parts, fit)
     block = blocks([part.time.size for part in parts])
     many = int(block.max()) + 1
@@ -237,7 +226,7 @@ def _linear_step(
     step = np.zeros(stiff.size)
     for _ in range(_LEFT_OUT):
         heavy = slope.T / np.hypot(1.0, (error + slope @ step) / _ROBUST)
-        normal = heavy @ slope + np.diag(stiff + LEAST)
+        normal = heavy @ slope + np.diag(stiff + c.LEAST)
         step = np.linalg.solve(normal, -(heavy @ error + stiff * away))
         step = step.clip(-_FARTHEST, _FARTHEST)
     return step
@@ -252,8 +241,8 @@ def slopes_at(parts: Sequence[LoadedJoint], fit: JointFit) -> FloatArray:
         parts: The stretches that it was fitted to.
         fit: Whose errors are those of `parts`.
     """
-    sides = [errors(parts, stepped(fit.row, {name: STEP})) - fit.error for name in fit.names]
-    return np.stack(sides, axis=1) / STEP
+    sides = [errors(parts, c.stepped(fit.row, {name: c.STEP})) - fit.error for name in fit.names]
+    return np.stack(sides, axis=1) / c.STEP
 
 
 def blocks(sizes: Sequence[int]) -> NDArray[np.int64]:

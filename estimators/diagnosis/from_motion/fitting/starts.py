@@ -10,26 +10,20 @@ import numpy as np
 from scipy.optimize import nnls
 
 from estimators.diagnosis.from_motion.fitting.joint import errors
-from estimators.diagnosis.from_motion.simulation.constants import (
-    COULOMB,
-    DAMPING,
-    gain_of,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint, lag
 from limo_driver.types import FloatArray
 
-_USUAL: Final = {COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
+_USUAL: Final = {c.COULOMB: 0.2, "delay": 0.02, "inertia": 0.03}
 TYPICAL: Final = {  # by gain: of servos of position, of velocity, and of no servo
-    "kp": {"kp": 15.0, DAMPING: 1.0, **_USUAL},
-    "kv": {"kv": 3.0, DAMPING: 0.3, **_USUAL},
-    "gain": {"gain": 1.0, DAMPING: 0.1, **_USUAL},
+    "kp": {"kp": 15.0, c.DAMPING: 1.0, **_USUAL},
+    "kv": {"kv": 3.0, c.DAMPING: 0.3, **_USUAL},
+    "gain": {"gain": 1.0, c.DAMPING: 0.1, **_USUAL},
 }
 # A lag is a delay or damping over gain: what a fit finds depends on which of them it begins with.
 # With a servo of velocity, it is inertia over gain, and damping over gain is how much is lacking.
 LAGS: Final = {
-    "kp": ({"delay": 0.004, DAMPING: 1.0 / 15.0}, {"delay": 0.04, DAMPING: 0.4 / 15.0}),
+    "kp": ({"delay": 0.004, c.DAMPING: 1.0 / 15.0}, {"delay": 0.04, c.DAMPING: 0.4 / 15.0}),
     "kv": ({"delay": 0.004, "inertia": 0.02}, {"delay": 0.04, "inertia": 0.005}),
     "gain": ({"delay": 0.002}, {"delay": 0.02}),
 }
@@ -55,7 +49,7 @@ def typical_start(row: FloatArray) -> FloatArray:
         row: The stated constants of a joint.
     """
     none = dict.fromkeys(_NONE_AT_FIRST, 0.0)
-    return with_values(row, {**none, **TYPICAL[gain_of(row)], "speed": np.inf})
+    return c.with_values(row, {**none, **TYPICAL[c.gain_of(row)], "speed": np.inf})
 
 
 def with_gain(row: FloatArray, gain: float) -> FloatArray:
@@ -68,10 +62,12 @@ def with_gain(row: FloatArray, gain: float) -> FloatArray:
         row: The constants of a joint.
         gain: Another one [N m/rad], of velocity [N m s/rad], or of torque.
     """
-    own = gain_of(row)
-    factor = gain / value_in(row, own)
-    scaled = {name: factor * value_in(row, name) for name in (own, DAMPING, COULOMB, "inertia")}
-    return with_values(row, scaled)
+    own = c.gain_of(row)
+    factor = gain / c.value_in(row, own)
+    scaled = {
+        name: factor * c.value_in(row, name) for name in (own, c.DAMPING, c.COULOMB, "inertia")
+    }
+    return c.with_values(row, scaled)
 
 
 def with_lag(row: FloatArray, lag: dict[str, float]) -> FloatArray:
@@ -81,9 +77,9 @@ def with_lag(row: FloatArray, lag: dict[str, float]) -> FloatArray:
         row: The constants of a joint.
         lag: Delay [s], and damping or inertia over gain [s].
     """
-    gain = value_in(row, gain_of(row))
+    gain = c.value_in(row, c.gain_of(row))
     own = {name: part * gain for name, part in lag.items() if name != "delay"}
-    return with_values(row, {"delay": lag["delay"], **own})
+    return c.with_values(row, {"delay": lag["delay"], **own})
 
 
 def choose_start(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
@@ -180,13 +176,13 @@ def start_of_limit(
         limits += [times * _most_load(parts) for times in _LIFTED]
     if limit == "acceleration":
         limits += [times * most for times in _QUICKER]
-    if np.isfinite(known := value_in(row, limit)):
+    if np.isfinite(known := c.value_in(row, limit)):
         limits += [share * known for share in _SHARES]
     tried = [{limit: x} for x in limits if x > 0.0]
     if limit != "acceleration":
         return _nearest(parts, row, tried)
-    weights = [{"inertia": share * value_in(row, "inertia")} for share in _LIGHTER]
-    found = [replace(_nearest(parts, with_values(row, own), tried), bent=own) for own in weights]
+    weights = [{"inertia": share * c.value_in(row, "inertia")} for share in _LIGHTER]
+    found = [replace(_nearest(parts, c.with_values(row, own), tried), bent=own) for own in weights]
     return min(found, key=lambda own: own.away)
 
 
@@ -197,7 +193,7 @@ def start_of_motor(parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
         parts: Recorded stretches.
         row: The constants without it.
     """
-    limit = value_in(row, "torque_limit")
+    limit = c.value_in(row, "torque_limit")
     shares = [share * most_of("torque_limit", parts, row) for share in _SHARES]
     stalls = [limit] if np.isfinite(limit) else [*shares, 2.0 * _most_load(parts)]
     fastest = most_of("speed", parts, row)
@@ -209,7 +205,7 @@ def start_of_motor(parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
 def _nearest(
     parts: Sequence[LoadedJoint], row: FloatArray, tried: Sequence[Mapping[str, float]]
 ) -> LimitStart:
-    found = [LimitStart(one, away(parts, with_values(row, one))) for one in tried]
+    found = [LimitStart(one, away(parts, c.with_values(row, one))) for one in tried]
     return min(found, key=lambda own: own.away, default=LimitStart({}, np.inf))
 
 
@@ -223,7 +219,7 @@ def most_of(name: str, parts: Sequence[LoadedJoint], row: FloatArray) -> float:
     """
     if name == "torque_limit":
         error = [np.abs(lag(part, row)) for part in parts]
-        return value_in(row, gain_of(row)) * float(np.quantile(np.concatenate(error), _RARE))
+        return c.value_in(row, c.gain_of(row)) * float(np.quantile(np.concatenate(error), _RARE))
     pace = [part.velocity for part in parts]
     if name == "acceleration":
         pace = [np.gradient(part.velocity, part.time) for part in parts]

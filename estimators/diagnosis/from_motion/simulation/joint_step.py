@@ -98,20 +98,20 @@ def integrated(row: FloatArray, integral: float, error: float, h: float) -> floa
 
 
 @compiled(nogil=True)
-def caught_up(row: FloatArray, integral: float, told: float, mean: float, h: float) -> float:
+def caught_up(row: FloatArray, integral: float, commanded: float, mean: float, h: float) -> float:
     """Return the torque of the integral [N m] of a servo of velocity behind a step.
 
     Args:
         row: The constants of the joint.
         integral: Before the step [N m].
-        told: Velocity [rad/s].
+        commanded: Velocity [rad/s].
         mean: That of the joint within the step [rad/s].
         h: Step [s].
     """
     if row[c.KV] == 0.0:
         return integral
     most = row[c.INTEGRAL_LIMIT]
-    return min(max(integral + row[c.KI] * (told - mean) * h, -most), most)
+    return min(max(integral + row[c.KI] * (commanded - mean) * h, -most), most)
 
 
 @compiled(nogil=True)

@@ -148,7 +148,7 @@ class ArmLoads:
 
     def parts(self, change: ArmChange) -> list[list[LoadedJoint]]:
         """Return the stretches of each joint of an arm that differs so."""
-        told = self._told(change.order)
+        recorded = self._in_order(change.order)
         load, inertia = self._loads(change)
         if change.mass != 0.0:
             more = [change.moments @ own for own in self._lever(change)]
@@ -159,10 +159,10 @@ class ArmLoads:
         return [
             [
                 LoadedJoint(
-                    told.time[rows],
-                    told.command[j, rows],
-                    told.position[j, rows],
-                    told.velocity[j, rows],
+                    recorded.time[rows],
+                    recorded.command[j, rows],
+                    recorded.position[j, rows],
+                    recorded.velocity[j, rows],
                     load[j, rows],
                     inertia[j, rows],
                     supply[rows],
@@ -172,7 +172,7 @@ class ArmLoads:
             for j in range(self.n)
         ]
 
-    def _told(self, order: _Order) -> _Recorded:
+    def _in_order(self, order: _Order) -> _Recorded:
         """Return the rows of all recordings, whose joints are in an order."""
         if order not in self._recorded:
             columns = list(order or range(self.n))

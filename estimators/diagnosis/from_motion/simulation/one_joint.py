@@ -127,81 +127,52 @@ def _advance(
     acceleration: FloatArray,
     anew: bool,
 ) -> FloatArray:
-    """Return positions [rad] and errors of torque [N m] of all stretches, (2, T)."""
-    result = np.empty((2, time.size))
-    for k in range(begins.size):
-        end = begins[k + 1] if k + 1 < begins.size else time.size
-        own = slice(begins[k], end)
-        _advance_one(
-            constants,
-            time[own],
-            command[own],
-            position[own],
-            velocity[own],
-            load[own],
-            inertia[own],
-            supply[own],
-            acceleration[own],
-            anew,
-            result[:, own],
-        )
-    return result
+    """Return positions [rad] and errors of torque [N m] of all stretches, (2, T).
 
-
-@compiled(reads=("constants", *_BY_ROW, "acceleration"), nogil=True)
-def _advance_one(
-    constants: FloatArray,
-    time: FloatArray,
-    command: FloatArray,
-    position: FloatArray,
-    velocity: FloatArray,
-    load: FloatArray,
-    inertia: FloatArray,
-    supply: FloatArray,
-    acceleration: FloatArray,
-    anew: bool,
-    result: FloatArray,
-) -> None:
-    """Write positions [rad] and errors of torque [N m] of one stretch, (2, T).
-
-    It goes on from row to row; or each row is begun anew as recorded, and only then torque is
+    Each goes on from row to row; or each row is begun anew as recorded, and only then torque is
     compared with what the recorded acceleration needs.
     """
+    result = np.empty((2, time.size))
     # scalars: views of arrays are counted at each call, which takes as long as the step itself
     row = to_fixed_tuple(constants, _COLUMNS)  # pyright: ignore[reportCallIssue]  # an intrinsic
-    start, ahead = position[0], step.slack(row, load[0])
-    q, v, integral, at = start + ahead, 0.0, step.held(row, start, load[0]), 0
-    target, pace, delay, heat = command[0], 0.0, row[c.DELAY], 0.0
-    result[0, 0], begun = start, -math.inf
-    longest = step.longest_step(row, FIT_STEP)
-    for i in range(time.size - 1):
-        if anew:
-            v = velocity[i] if abs(velocity[i]) > _STILL else 0.0
-            ahead = step.slack(row, load[i] + inertia[i] * acceleration[i])
-            q = position[i] + ahead
-        elif step.begins_anew(row, begun, time[i]):
-            q, begun = position[i] + ahead, time[i]
-            if i == 0 or not step.keeps_pace(row):
-                v = velocity[i]
-        steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - LONGER))
-        h = (time[i + 1] - time[i]) / steps
-        for s in range(steps):
-            begin = time[i] + h * s - delay
-            target, pace, at = step.follow_command(row, time, command, at, begin, h, target, pace)
-            error = step.error_of(row, target, q)
-            integral = step.integrated(row, integral, error, h)
-            volts, heat = step.warm_motor(row, supply[i], heat, error, v, h)
-            if anew and s == 0:
-                after, _ = step.next_velocity(
-                    row, q, v, error, integral, inertia[i], load[i], volts, _INSTANT
+    delay, longest = row[c.DELAY], step.longest_step(row, FIT_STEP)
+    for k in range(begins.size):
+        first, end = begins[k], begins[k + 1] if k + 1 < begins.size else time.size
+        start, ahead = position[first], step.slack(row, load[first])
+        q, v, integral, at = start + ahead, 0.0, step.held(row, start, load[first]), first
+        target, pace, heat = command[first], 0.0, 0.0
+        result[0, first], begun = start, -math.inf
+        own, orders = time[:end], command[:end]
+        for i in range(first, end - 1):
+            if anew:
+                v = velocity[i] if abs(velocity[i]) > _STILL else 0.0
+                ahead = step.slack(row, load[i] + inertia[i] * acceleration[i])
+                q = position[i] + ahead
+            elif step.begins_anew(row, begun, time[i]):
+                q, begun = position[i] + ahead, time[i]
+                if i == first or not step.keeps_pace(row):
+                    v = velocity[i]
+            steps = max(1, math.ceil((time[i + 1] - time[i]) / longest - LONGER))
+            h = (time[i + 1] - time[i]) / steps
+            for s in range(steps):
+                begin = time[i] + h * s - delay
+                target, pace, at = step.follow_command(row, own, orders, at, begin, h, target, pace)
+                error = step.error_of(row, target, q)
+                integral = step.integrated(row, integral, error, h)
+                volts, heat = step.warm_motor(row, supply[i], heat, error, v, h)
+                if anew and s == 0:
+                    after, _ = step.next_velocity(
+                        row, q, v, error, integral, inertia[i], load[i], volts, _INSTANT
+                    )
+                    change = (after - v) / _INSTANT
+                    result[1, i] = (inertia[i] + row[c.INERTIA]) * (change - acceleration[i])
+                now = load[i] + (s + 0.5) / steps * (load[i + 1] - load[i])
+                after, mean = step.next_velocity(
+                    row, q, v, error, integral, inertia[i], now, volts, h
                 )
-                change = (after - v) / _INSTANT
-                result[1, i] = (inertia[i] + row[c.INERTIA]) * (change - acceleration[i])
-            part = (s + 0.5) / steps
-            now = load[i] + part * (load[i + 1] - load[i])
-            after, mean = step.next_velocity(row, q, v, error, integral, inertia[i], now, volts, h)
-            integral = step.caught_up(row, integral, error, mean, h)
-            ahead = step.slack(row, now + inertia[i] * (after - v) / h)
-            v = after
-            q += h * mean
-        result[0, i + 1] = q - ahead
+                integral = step.caught_up(row, integral, error, mean, h)
+                ahead = step.slack(row, now + inertia[i] * (after - v) / h)
+                v = after
+                q += h * mean
+            result[0, i + 1] = q - ahead
+    return result

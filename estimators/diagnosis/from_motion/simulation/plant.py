@@ -7,24 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.simulation.constants import (
-    ABSENT,
-    ASSISTED,
-    BY_LOAD,
-    COLUMNS,
-    CONSTANTS,
-    DAMPING,
-    KD,
-    RESISTED,
-    RESTART,
-    STALL,
-    TORQUE_LIMIT,
-    VISCOUS_MINUS,
-    VISCOUS_PLUS,
-    geared,
-    value_in,
-    with_values,
-)
+from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.quantities import of_joints
 from estimators.rigid_body.regressor import RegressorChain, link_parameters
 from limo_driver.errors import ConfigError
@@ -59,16 +42,6 @@ _LED: Final = tuple(name for name, kind in DRIVES.items() if kind.channel is not
 DRIFTS: Final = 1.0  # [s] of a run, after which what is told no positions is put back where it was
 # Load-dependent friction that can be run forward: its factors as the load resists and as it drives.
 PRESSED: Final = {"absolute": (1.0, 1.0), "positive": (1.0, 0.0), "negative": (0.0, 1.0)}
-_FITTED: Final = (
-    Armature,
-    AsymmetricFriction,
-    CoulombFriction,
-    LoadDependentFriction,
-    SpringLoad,
-    StribeckFriction,
-    TorqueOffset,
-    ViscousFriction,
-)
 
 
 @dataclass(frozen=True)
@@ -91,7 +64,7 @@ class ServoArm:
     def without_restarts(self) -> ServoArm:
         """Return the same arm, which is never put back where it was."""
         rows = self.rows.copy()
-        rows[:, RESTART] = np.inf
+        rows[:, c.RESTART] = np.inf
         return replace(self, rows=rows)
 
     @classmethod
@@ -114,12 +87,12 @@ def rows_of(simulation: Simulation) -> FloatArray:
             f"{of_joints(missing)} of {simulation.model.name}; without one, nothing says what a "
             "command does there"
         )
-    rows = np.tile(ABSENT, (n, 1))
+    rows = np.tile(c.ABSENT, (n, 1))
     for drive in simulation.drives:
         j = drive.joint - 1
-        rows[j] = with_values(rows[j], _of_drive(drive))
+        rows[j] = c.with_values(rows[j], _of_drive(drive))
         if drive.channel is not None and drive.channel.drifts:
-            rows[j, RESTART] = DRIFTS
+            rows[j, c.RESTART] = DRIFTS
     for effect in simulation.effects:
         if isinstance(effect, (BodyEffect, SensorEffect, TorqueDrift)):
             continue  # in the rigid body already, or nothing that moves an arm
@@ -141,23 +114,23 @@ def tolerances_of(simulation: Simulation) -> FloatArray:
         own = drive.tolerances
         if isinstance(drive, DcMotor):
             own = drive.tolerances_of_limits(usual)
-        found[drive.joint - 1] = with_values(found[drive.joint - 1], own)
-    for column in (VISCOUS_PLUS, VISCOUS_MINUS):
-        whole = rows[:, KD] + rows[:, column]
-        share = np.divide(rows[:, KD], whole, out=np.zeros_like(whole), where=whole > 0.0)
-        found[:, column] = share * found[:, KD] + (1.0 - share) * usual
+        found[drive.joint - 1] = c.with_values(found[drive.joint - 1], own)
+    for column in (c.VISCOUS_PLUS, c.VISCOUS_MINUS):
+        whole = rows[:, c.KD] + rows[:, column]
+        share = np.divide(rows[:, c.KD], whole, out=np.zeros_like(whole), where=whole > 0.0)
+        found[:, column] = share * found[:, c.KD] + (1.0 - share) * usual
     return found
 
 
 def most_torque(rows: FloatArray) -> FloatArray:
     """Return the most torque of each drive, (n,) [N m]."""
-    return np.minimum(rows[:, TORQUE_LIMIT], rows[:, STALL])
+    return np.minimum(rows[:, c.TORQUE_LIMIT], rows[:, c.STALL])
 
 
 def _of_drive(drive: JointDrive) -> _Values:
     if isinstance(drive, DcMotor):
         return {"stall": drive.stall, "free_speed": drive.free_speed}
-    given = {one.name: getattr(drive, one.name, None) for one in CONSTANTS}
+    given = {one.name: getattr(drive, one.name, None) for one in c.CONSTANTS}
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -173,19 +146,14 @@ def _add(rows: FloatArray, effect: Effect) -> None:
         )
     row = rows[effect.joints[0] - 1]
     if isinstance(effect, LoadDependentFriction):
-        _press(row, effect)
+        known = row[c.BY_LOAD] * row[[c.RESISTED, c.ASSISTED]]
+        both = known + effect.coefficient * np.array(PRESSED[effect.variant])
+        if both.any():
+            row[c.BY_LOAD] = both.max()
+            row[[c.RESISTED, c.ASSISTED]] = both / both.max()
         return
     own = values(effect).items()
-    row[:] = with_values(row, {k: x if k in _SHAPES else value_in(row, k) + x for k, x in own})
-
-
-def _press(row: FloatArray, effect: LoadDependentFriction) -> None:
-    """Add friction by load: as the load resists the motion, and as it drives it."""
-    known = row[BY_LOAD] * row[[RESISTED, ASSISTED]]
-    both = known + effect.coefficient * np.array(PRESSED[effect.variant])
-    if both.any():
-        row[BY_LOAD] = both.max()
-        row[[RESISTED, ASSISTED]] = both / both.max()
+    row[:] = c.with_values(row, {k: x if k in _SHAPES else c.value_in(row, k) + x for k, x in own})
 
 
 _FORWARD: Final[dict[type[Effect], Callable[[Any], _Values]]] = {
@@ -210,34 +178,37 @@ def with_rows(simulation: Simulation, rows: Sequence[FloatArray]) -> Simulation:
     Damping of the servo and viscous friction of the joint act alike but at a torque limit: what
     fits do not place within that is viscous friction.
     """
-    rows, given = [geared(row) for row in rows], rows
-    kept = tuple(effect for effect in simulation.effects if not isinstance(effect, _FITTED))
+    rows, given = [c.geared(row) for row in rows], rows
+    fitted = tuple({*_FORWARD} - {QuadraticDrag, EncoderOffset})
+    kept = tuple(effect for effect in simulation.effects if not isinstance(effect, fitted))
     effects = tuple(effect for j, row in enumerate(rows, start=1) for effect in _effects(j, row))
     drives = tuple(
-        _driven(drive, rows[drive.joint - 1], value_in(given[drive.joint - 1], "gear"))
+        _driven(drive, rows[drive.joint - 1], c.value_in(given[drive.joint - 1], "gear"))
         for drive in simulation.drives
     )
     turned = {drive.joint for drive in drives if isinstance(drive, DcMotor)}
     motors = tuple(
-        DcMotor.of_limits(j, value_in(row, "stall"), value_in(row, "free_speed"))
+        DcMotor.of_limits(j, c.value_in(row, "stall"), c.value_in(row, "free_speed"))
         for j, row in enumerate(rows, start=1)
-        if j not in turned and np.isfinite(value_in(row, "stall"))
+        if j not in turned and np.isfinite(c.value_in(row, "stall"))
     )
     return replace(simulation, effects=(*effects, *kept), drives=(*drives, *motors))
 
 
 def _driven(drive: JointDrive, row: FloatArray, ratio: float) -> JointDrive:
     if isinstance(drive, DcMotor):
-        limits = value_in(row, "stall"), value_in(row, "free_speed")
+        limits = c.value_in(row, "stall"), c.value_in(row, "free_speed")
         return replace(drive, gear=ratio * drive.gear).limited(*limits)
     values = {
-        item.name: _finite(value_in(row, item.name))
+        item.name: _finite(c.value_in(row, item.name))
         for item in fields(drive)
-        if item.name in COLUMNS
+        if item.name in c.COLUMNS
     }
     if "kd" in values:
-        values["kd"] = value_in(row, "kd") + value_in(row, "inside") * value_in(row, DAMPING)
-    if not value_in(row, "derating"):
+        values["kd"] = c.value_in(row, "kd") + c.value_in(row, "inside") * c.value_in(
+            row, c.DAMPING
+        )
+    if not c.value_in(row, "derating"):
         values.pop("heating", None)
     known = {name: own for name, own in drive.tolerances.items() if values.get(name)}
     # values by name: numbers alone, of which a checker cannot tell that no one is `tolerances`
@@ -251,14 +222,14 @@ def _finite(value: float) -> float | None:
 
 def _effects(joint: int, row: FloatArray) -> list[Effect]:
     def value(name: str) -> float:
-        return value_in(row, name)
+        return c.value_in(row, name)
 
     plus, minus = value("plus"), value("minus")
     found: list[Effect] = [
         CoulombFriction(joint=joint, tau_c=plus)
         if plus == minus
         else AsymmetricFriction(joint=joint, tau_plus=plus, tau_minus=minus),
-        ViscousFriction(joint=joint, f_v=(1.0 - value("inside")) * value(DAMPING)),
+        ViscousFriction(joint=joint, f_v=(1.0 - value("inside")) * value(c.DAMPING)),
         Armature(joint=joint, inertia=value("inertia")),
         TorqueOffset(joint=joint, offset=value("offset")),
     ]

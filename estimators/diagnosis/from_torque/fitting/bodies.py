@@ -37,7 +37,7 @@ from scipy.linalg import cho_solve
 
 from estimators.diagnosis.from_torque.hypotheses.catalogue import relative_inertia
 from estimators.diagnosis.from_torque.hypotheses.responses import body_of
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
+from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, normal_equations
 from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import Split
 from estimators.diagnosis.settings.residuals import HELD_OUT
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from estimators.diagnosis.from_torque.residuals.noise import Noise
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from estimators.regression.evidence import NormalEquations, Posterior
     from estimators.rigid_body.fitting.extent import Extent, Extents
     from limo_driver.model import RobotModel

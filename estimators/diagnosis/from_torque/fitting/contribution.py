@@ -1,4 +1,11 @@
-"""Contribution: the held-out error that each member of a set removes, and its least size."""
+"""Contribution: the held-out error that each member of a set removes, and its least size.
+
+Widths: over which speeds stated dry friction turns its sign is guessed, and its size is known.
+
+A change of friction may act over another width than is stated. Beside what tolerances allow, that
+is also how a fit says that all of it is sharper: less of it over the stated width, and as much more
+over the other. Only their sum tells whether there is more friction than there may be.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +19,7 @@ from estimators.diagnosis.held_out import rmse, surely_positive
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import HELD_OUT
+from estimators.regression.evidence import REACH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -257,3 +265,24 @@ def _misses(
 
 def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
     return np.maximum(rmse(left, rows) ** 2, TINY**2)
+
+
+def changes_only_sign_width(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member makes stated friction sharper or softer, of a size that it may have."""
+    candidate = problem.candidates[member]
+    if not candidate.other_width:
+        return False
+    sizes = problem.nuisance.of([candidate.place])
+    # of the given simulation: here, values may be held as they are stated
+    deviation = (problem.first or problem).nuisance.prior.deviation[sizes]
+    return bool((np.abs(change_of(problem, solution, member)) <= REACH * deviation).all())
+
+
+def change_of(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
+    """Return by which part of it each size of a stated effect changes, (c,).
+
+    That is what its tolerance takes of the change, and what the member adds.
+    """
+    sizes = problem.nuisance.of([problem.candidates[member].place])
+    within = solution.fitted.mean[: sizes.size][sizes]
+    return within + coefficients(problem, solution, member)

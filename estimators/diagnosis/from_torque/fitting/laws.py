@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize
 
+from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate, LawEvidence, entered
 from estimators.diagnosis.from_torque.hypotheses.catalogue import rivals
 from estimators.diagnosis.from_torque.hypotheses.ripple import with_fewer_lines
-from estimators.diagnosis.from_torque.selection.candidates import Candidate, LawEvidence, entered
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable
+from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.headline import likelier
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, REFINEMENT
 from estimators.regression.definite import is_more, ranked
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.residuals.noise import Noise
-    from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Hypothesis
     from limo_driver.types import FloatArray
 
@@ -62,7 +61,7 @@ def likeliest(
     near = _best_of_each(problem, solution, member, other)
     competing = [*near, *rivals(near[0]), *with_fewer_lines(near[0], problem.observed)]
     tried = [refine(hypothesis, around) for hypothesis in competing]
-    setting = 0.5 * float(np.log(around.use.sum()))  # [nat]
+    setting = 0.5 * float(np.log(problem.split.fitted.sum()))  # [nat]
     scored = [(hypothesis, gain - setting * len(hypothesis.settings)) for hypothesis, gain in tried]
     scored = ranked(scored, lambda item: item[1])
     laws: dict[str, float] = {}
@@ -140,14 +139,18 @@ def sentence_of(laws: Sequence[LawEvidence]) -> str:
 class Setting:
     """Everything around one candidate: the columns that are fitted with it."""
 
-    observed: Observations
-    columns: ColumnTable
-    nuisance: Prior
+    problem: RegressionProblem
     others: Prior
-    residual: FloatArray  # (K, n) [N m]
     noise: Noise
-    use: NDArray[np.bool_]  # (K, n)
-    level: FloatArray  # (n,) [N m]
+
+    @property
+    def nuisance(self) -> Prior:
+        """Of what may move within its tolerance."""
+        return self.problem.nuisance.prior
+
+    def entered(self, hypothesis: Hypothesis, columns: ColumnTable) -> Candidate | None:
+        """Enter a hypothesis with its columns in a table; None if it can have no influence."""
+        return entered(hypothesis, self.problem.observed, columns, self.problem.level)
 
 
 def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
@@ -209,12 +212,12 @@ class _Local:
         self._gram, self._product = np.zeros((size, size)), np.zeros(size)
         self._white: list[tuple[FloatArray, NDArray[np.int64], FloatArray]] = []
         place = {int(column): k for k, column in reversed(list(enumerate(base.index)))}
-        for joint in range(around.observed.n):
-            values, at = around.columns.of_joint(joint)
+        for joint in range(around.problem.observed.n):
+            values, at = around.problem.columns.of_joint(joint)
             mine = [k for k, column in enumerate(at) if int(column) in place]
-            rows = around.use[:, joint]
+            rows = around.problem.split.fitted[:, joint]
             A = around.noise.whiten(values[:, mine], joint, rows)
-            y = around.noise.whiten(around.residual[:, joint], joint, rows)
+            y = around.noise.whiten(around.problem.target[:, joint], joint, rows)
             to = np.array([place[int(at[k])] for k in mine], dtype=np.int64)
             self._gram[np.ix_(to, to)] += A.T @ A
             self._product[to] += A.T @ y
@@ -226,8 +229,9 @@ class _Local:
 
     def gain(self, hypothesis: Hypothesis) -> float:
         """Return the log evidence of the hypothesis together with the others."""
-        table = ColumnTable(len(self.around.observed.kept), self.around.observed.n)
-        candidate = entered(hypothesis, self.around.observed, table, self.around.level)
+        problem = self.around.problem
+        table = ColumnTable(len(problem.observed.kept), problem.observed.n)
+        candidate = self.around.entered(hypothesis, table)
         if candidate is None:
             return -REFINEMENT.rejected
         size, more = self.base.index.size, table.count
@@ -238,7 +242,7 @@ class _Local:
             values, at = table.of_joint(joint)
             if not at.size:
                 continue
-            B = self.around.noise.whiten(values, joint, self.around.use[:, joint])
+            B = self.around.noise.whiten(values, joint, problem.split.fitted[:, joint])
             gram[np.ix_(to, size + at)] += A.T @ B
             gram[np.ix_(size + at, size + at)] += B.T @ B
             product[size + at] += B.T @ y
@@ -250,13 +254,6 @@ class _Local:
 
 def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> Candidate | None:
     """Return the candidate with a refined hypothesis, its columns added to the table."""
-    new = entered(hypothesis, around.observed, around.columns, around.level)
-    if new is None:
-        return None
-    return replace(
-        new,
-        kind=candidate.kind,
-        variants=candidate.variants,
-        laws=candidate.laws,
-        prior_penalty=candidate.prior_penalty,
-    )
+    new = around.entered(hypothesis, around.problem.columns)
+    kept = ("kind", "variants", "laws", "prior_penalty")
+    return new and replace(new, **{name: getattr(candidate, name) for name in kept})

@@ -16,17 +16,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy.stats import chi2
 
-from estimators.diagnosis.from_torque.fitting.entries import (
+from estimators.diagnosis.from_torque.hypotheses.catalogue import (
     entries_of,
     found_in,
     off,
     possible,
     sides,
+)
+from estimators.diagnosis.from_torque.hypotheses.nuisance import (
+    Nuisance,
+    nuisance_of,
+    without_sensors,
 )
 from estimators.diagnosis.from_torque.hypotheses.responses import (
     Improvement,
@@ -34,16 +39,14 @@ from estimators.diagnosis.from_torque.hypotheses.responses import (
     difference,
     stacked,
 )
-from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
-from estimators.diagnosis.from_torque.selection.nuisance import (
-    Nuisance,
-    nuisance_of,
-    without_sensors,
+from estimators.diagnosis.from_torque.residuals.noise import (
+    ColumnTable,
+    Noise,
+    normal_equations,
+    roughness,
 )
 from estimators.diagnosis.held_out import block_of, blocks_of_time, rmse
-from estimators.diagnosis.settings.fitting import NEWTON
-from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.diagnosis.settings.fitting import CANDIDATES, NEWTON
 from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import Prior, joined, posterior
 from estimators.rigid_body.regressor import PER_LINK
@@ -57,6 +60,9 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
+
+
+Place: TypeAlias = "tuple[str, Sequence[int], bool]"  # effect, joints (1-based), if missing
 
 
 @dataclass(frozen=True)
@@ -92,7 +98,7 @@ class Linearised:
         floor = roughness(observed.residual, observed.moving, observed.least_noise)
         lacking = observed.under(replace(given, effects=rest), around=given)
         nuisance = nuisance_of(lacking, columns, floor, stated or given)
-        nuisance = nuisance.certain(nuisance.said_by(found))
+        nuisance = nuisance.certain(nuisance.contained_in(found))
         deviation = nuisance.prior.deviation.copy()
         for link in bodies:
             deviation[PER_LINK * link : PER_LINK * (link + 1)] = CANDIDATES.wrong_inertia
@@ -284,7 +290,7 @@ class _Information:
     @cached_property
     def root(self) -> FloatArray:
         """Root R (c, c) of the covariance Rᵀ R of the coefficients by all joints together."""
-        return _root_of_posterior(self.gram.sum(axis=0))
+        return _root(self.gram.sum(axis=0))
 
     @cached_property
     def inverse(self) -> FloatArray:
@@ -312,7 +318,7 @@ class _Information:
         """
         gained = added = 0.0
         for gram, product in zip(self.gram, self.product, strict=True):
-            root = _root_of_posterior(gram)
+            root = _root(gram)
             off = root @ (product - gram @ self.best)
             gained += float(off @ off)
             added += float(np.sum((root @ gram) * root))
@@ -322,16 +328,12 @@ class _Information:
         return gained / added if gained > float(chi2.ppf(NEWTON.disagree, added)) else 1.0
 
 
-def _root_of_posterior(gram: FloatArray) -> FloatArray:
-    """Return R with Rᵀ R = (gram + 1)⁻¹, in units of prior deviations, (c, c)."""
-    return inverse_root(gram + np.eye(len(gram)))
+def _root(gram: FloatArray) -> FloatArray:
+    return inverse_root(gram + np.eye(len(gram)))  # in units of prior deviations
 
 
 def polished(
-    around: Observations,
-    given: Simulation,
-    split: NDArray[np.bool_],
-    places: Sequence[tuple[str, Sequence[int], bool]],
+    around: Observations, given: Simulation, split: NDArray[np.bool_], places: Sequence[Place]
 ) -> Observations:
     """Fit all parameters once more, linearised where they are now.
 
@@ -348,16 +350,13 @@ def polished(
         The recordings with the fitted simulation.
     """
     for _ in range(NEWTON.rounds):
-        better = linearised(around, given, places).step(split)
-        if better is None:
+        if (better := linearised(around, given, places).step(split)) is None:
             break
         around = better
     return around
 
 
-def linearised(
-    around: Observations, given: Simulation, places: Sequence[tuple[str, Sequence[int], bool]]
-) -> Linearised:
+def linearised(around: Observations, given: Simulation, places: Sequence[Place]) -> Linearised:
     """Lay out the columns around a simulation, of all that was found.
 
     Args:
@@ -366,11 +365,13 @@ def linearised(
         places: Of what was found: effect, joints (1-based), and whether it was missing.
     """
     bodies = [on[0] - 1 for effect, on, _ in places if effect == "link_inertia"]
-    own = [
-        found_in(around.simulation, effect, on, missing=missing) for effect, on, missing in places
-    ]
-    found = {id(effect): effect for effect in own if effect is not None}
-    return Linearised.of(around, tuple(found.values()), bodies, given)
+    return Linearised.of(around, effects_at(around.simulation, places), bodies, given)
+
+
+def effects_at(simulation: Simulation, places: Sequence[Place]) -> tuple[Effect, ...]:
+    """Return the effects of a simulation that were found at some places."""
+    own = (found_in(simulation, effect, on, missing=missing) for effect, on, missing in places)
+    return tuple({id(effect): effect for effect in own if effect is not None}.values())
 
 
 def _without(effects: Sequence[Effect], some: Sequence[Effect]) -> tuple[Effect, ...]:

@@ -12,21 +12,25 @@ from estimators.diagnosis.from_torque.fitting.bodies import (
     lost_by_bodies,
     with_possible_bodies,
 )
-from estimators.diagnosis.from_torque.hypotheses.responses import Improvement
-from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
-from estimators.diagnosis.from_torque.selection.candidates import Candidate, candidates_of, entered
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
-from estimators.diagnosis.from_torque.selection.nuisance import (
+from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate, candidates_of, entered
+from estimators.diagnosis.from_torque.hypotheses.nuisance import (
     Nuisance,
     nuisance_of,
     without_sensors,
 )
-from estimators.diagnosis.from_torque.selection.search import (
+from estimators.diagnosis.from_torque.hypotheses.responses import Improvement
+from estimators.diagnosis.from_torque.hypotheses.search import (
     Search,
     base_of,
     is_friction,
     level_of,
     with_friction,
+)
+from estimators.diagnosis.from_torque.residuals.noise import (
+    ColumnTable,
+    Noise,
+    normal_equations,
+    roughness,
 )
 from estimators.diagnosis.held_out import Split, rmse
 from estimators.diagnosis.settings.fitting import SOLVING

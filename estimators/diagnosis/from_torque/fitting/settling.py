@@ -9,13 +9,13 @@ import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
+    changes_only_sign_width,
     material,
     own_coefficients,
     relieves,
     sure,
     without,
 )
-from estimators.diagnosis.from_torque.fitting.entries import changes_only_sign_width
 from estimators.diagnosis.from_torque.fitting.laws import Setting, confused, likeliest, replaced
 from estimators.diagnosis.from_torque.fitting.problem import (
     RegressionProblem,
@@ -26,7 +26,7 @@ from estimators.diagnosis.from_torque.fitting.problem import (
 )
 from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.from_torque.fitting.solving import solve
-from estimators.diagnosis.from_torque.selection.search import is_friction
+from estimators.diagnosis.from_torque.hypotheses.search import is_friction
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.definite import ranked
@@ -184,16 +184,7 @@ def refined(
         if candidate.hypothesis is None:
             continue
         others = joined(*(candidates[m].prior for m in members if m != member))
-        around = Setting(
-            problem.observed,
-            problem.columns,
-            problem.nuisance.prior,
-            others,
-            problem.target,
-            solution.noise,
-            problem.split.fitted,
-            problem.level,
-        )
+        around = Setting(problem, others, solution.noise)
         most = -np.inf
         for other in (member, *confused(problem, solution, member)):
             best = likeliest(problem, solution, member, other, around)

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
-    from estimators.diagnosis.from_torque.selection.candidates import Candidate
+    from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from limo_driver.types import FloatArray
 
 

@@ -1,1 +1,1 @@
-"""Hypotheses: what could act where, and the torque that a recording would show of it."""
+"""Hypotheses: what could act where, the torque of it, and the set of most evidence."""

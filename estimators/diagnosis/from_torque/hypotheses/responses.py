@@ -21,7 +21,7 @@ import numpy as np
 from estimators.diagnosis.from_torque.residuals.observations import (
     Observations,  # read by singledispatch
 )
-from estimators.diagnosis.settings.hypotheses import REVISION
+from estimators.diagnosis.settings.fitting import REVISION
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from limo_driver.errors import ConfigError
 from limo_driver.model.descriptions.geometry import Inertial
@@ -216,7 +216,9 @@ class Improvement:
         effect: Any = self.effects[place]
         known = next(item for item in effect.parameters() if item.name == name)
         value = getattr(effect, name) + relative * getattr(self.given.effects[place], name)
-        self.effects[place] = effect.with_value(name, float(np.clip(value, *_within(known))))
+        self.effects[place] = effect.with_value(
+            name, float(np.clip(value, known.lower, known.upper))
+        )
 
     def move_inertia(self, link: int, change: FloatArray) -> None:
         """Add to the parameters (m, m c, I at the joint frame) of a link (0-based)."""
@@ -248,10 +250,6 @@ class Improvement:
                 extent = self.extents and self.extents.of(link)
                 inertials[name] = _body(model.inertials[name], change, extent)
         return replace(self.given, effects=tuple(self.effects), inertials=inertials)
-
-
-def _within(known: Any) -> tuple[float, float]:  # noqa: ANN401  # Parameter
-    return known.lower, known.upper
 
 
 def _body(nominal: Inertial, change: FloatArray, extent: Extent | None) -> Inertial:

@@ -54,9 +54,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
+    from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from limo_driver.types import FloatArray
 
 
@@ -143,11 +143,11 @@ def _sentence(
 ) -> str:
     signature = signature_of(candidate.effect)
     if is_of_bodies(candidate.effect):
-        said = f"{signature[:1].upper()}{signature[1:]}, most of all at joint {joint + 1}"
+        where = f"{signature[:1].upper()}{signature[1:]}, most of all at joint {joint + 1}"
     else:
-        said = f"At joint {joint + 1} {signature}"
+        where = f"At joint {joint + 1} {signature}"
     return (
-        f"{said}; on held-out motion it reduces the "
+        f"{where}; on held-out motion it reduces the "
         f"RMSE there from {rounded(before, 3)} to {rounded(after, 3)} {unit} "
         f"(noise floor {rounded(floor, 3)} {unit}), and "
         + (

@@ -26,10 +26,9 @@ from estimators.diagnosis.from_torque.residuals.noise import roughness
 from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
-from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, SEARCH
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
-from estimators.diagnosis.settings.selection import SEARCH
 from estimators.diagnosis.stages import Attempts
 from estimators.regression.definite import is_more, ranked
 from estimators.regression.evidence import REACH
@@ -43,8 +42,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
+    from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from estimators.diagnosis.result import Shift
     from estimators.diagnosis.stages import Failure
     from estimators.diagnosis.verdict import Finding
@@ -138,7 +137,7 @@ def other_links(problem: RegressionProblem, solution: Solution, member: int) -> 
     rest = tuple(i for i in solution.members if i != member)
     gain = solution.search.gain
     reference = gain((*rest, member))
-    told = (
+    joints = (
         candidate.joints[0]
         for i, candidate in enumerate(problem.candidates)
         if candidate.effect == LINK_INERTIA
@@ -149,7 +148,7 @@ def other_links(problem: RegressionProblem, solution: Solution, member: int) -> 
             or gain((*rest, member, i)) > reference + CONTRIBUTION.tellable
         )
     )
-    return tuple(dict.fromkeys(told))  # a link has a candidate of each size
+    return tuple(dict.fromkeys(joints))  # a link has a candidate of each size
 
 
 def margin(

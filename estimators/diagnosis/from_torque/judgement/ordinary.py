@@ -23,14 +23,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.contribution import (
+    change_of,
+    changes_only_sign_width,
     coefficients,
     contribution,
     convincing,
 )
-from estimators.diagnosis.from_torque.fitting.entries import change_of, changes_only_sign_width
+from estimators.diagnosis.from_torque.hypotheses.candidates import BASE, without_friction
 from estimators.diagnosis.from_torque.hypotheses.responses import responses
-from estimators.diagnosis.from_torque.selection.candidates import BASE, without_friction
-from estimators.diagnosis.from_torque.selection.search import is_friction
+from estimators.diagnosis.from_torque.hypotheses.search import is_friction
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
-    from estimators.diagnosis.from_torque.selection.candidates import Candidate
+    from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
 
 
 def ordinary(

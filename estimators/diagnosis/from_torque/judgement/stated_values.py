@@ -18,9 +18,9 @@ import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.contribution import TINY
 from estimators.diagnosis.from_torque.hypotheses.responses import difference
-from estimators.diagnosis.from_torque.judgement.value_comparison import ValueComparison
+from estimators.diagnosis.from_torque.judgement.intervals import ValueComparison
+from estimators.diagnosis.settings.fitting import TOLERATED
 from estimators.diagnosis.settings.judgement import VALUES
-from estimators.diagnosis.settings.selection import TOLERATED
 from estimators.diagnosis.verdict import LINK_INERTIA, Z95, StatedValue, is_felt_by_all
 from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
@@ -108,30 +108,38 @@ class _Values(ValueComparison):
         self, effect: Effect, fitted: Effect, known: Parameter, change: FloatArray
     ) -> StatedValue:
         stated, value = (float(getattr(one, known.name)) for one in (effect, fitted))
-        spread, joints = self._spread(fitted, known), effect.joints
-        off, wrong = abs(value - stated), self._is_wrong(effect)
-        doubtless = spread is not None and not known.smooths and off > VALUES.doubtless * spread
+        spread, sharp = self._spread(fitted, known), known.smooths
+        off, wrong = abs(value - stated), self._is_wrong(effect) and not sharp
+        doubtless = spread is not None and not sharp and off > VALUES.doubtless * spread
         share, sure = self.taken(change, np.abs(change).max(axis=0) > 0.0, doubtless=doubtless)
-        own = TOLERATED.width if known.smooths else self.stated.tolerances.friction
-        tolerance = own * abs(stated)
-        reported = (wrong and not known.smooths) or (
-            sure and spread is not None and off > VALUES.sure * spread
-        )
-        return StatedValue(
-            name=known.name,
-            effect=effect.name,
-            joints=joints,
-            joint_names=self.names(joints),
-            unit=unit_of(known.unit, [self.stated.model.sliding[j - 1] for j in joints]),
-            stated=stated,
-            fitted=value,
-            ci95=None if spread is None else _interval(value, spread, known),
-            tolerance=tolerance,
-            assumed=known.smooths or "friction" in self.stated.tolerances.assumed,
-            beyond=reported and not known.smooths and (wrong or off > REACH * tolerance),
+        own = TOLERATED.width if sharp else self.stated.tolerances.friction
+        reported = wrong or (sure and spread is not None and off > VALUES.sure * spread)
+        unit = unit_of(known.unit, [self.stated.model.sliding[j - 1] for j in effect.joints])
+        found = self._value(known.name, effect.name, effect.joints, unit, stated, value, share)
+        return replace(
+            found,
+            ci95=_interval(value, spread, known.lower, known.upper),
+            tolerance=own * abs(stated),
+            assumed=sharp or self._is_assumed("friction"),
+            beyond=reported and not sharp and (wrong or off > REACH * own * abs(stated)),
             reported=reported,
-            share=share,
         )
+
+    def _value(
+        self,
+        name: str,
+        effect: str,
+        joints: tuple[int, ...],
+        unit: str,
+        stated: float,
+        fitted: float,
+        share: float,
+    ) -> StatedValue:
+        names = self.names(joints)
+        return StatedValue(name, effect, joints, names, unit, stated, fitted, share=share)
+
+    def _is_assumed(self, tolerance: str) -> bool:
+        return tolerance in self.stated.tolerances.assumed
 
     def _spread(self, fitted: Effect, known: Parameter) -> float | None:
         """Return the standard deviation of a size in its unit; None where none is known."""
@@ -176,25 +184,17 @@ class _Values(ValueComparison):
                 if isinstance(x, TorqueGain) and x.place == effect.place
             )
             k = at.get(f"gain of torque {effect.joint}")
-            spread = None if k is None else float(self.deviation[k])
-            off = abs(gain - 1.0)
+            spread, off = None if k is None else float(self.deviation[k]), abs(gain - 1.0)
             reported = sure and spread is not None and off > VALUES.sure * spread
-            reach = None if spread is None else Z95 * spread
+            found = self._value("gain", effect.name, effect.joints, "1", 1.0, gain, share)
             yield (
-                StatedValue(
-                    name="gain",
-                    effect=effect.name,
-                    joints=effect.joints,
-                    joint_names=self.names(effect.joints),
-                    unit="1",
-                    stated=1.0,
-                    fitted=gain,
-                    ci95=None if reach is None else (gain - reach, gain + reach),
+                replace(
+                    found,
+                    ci95=_interval(gain, spread),
                     tolerance=tolerance,
-                    assumed="gain" in self.stated.tolerances.assumed,
+                    assumed=self._is_assumed("gain"),
                     beyond=reported and off > REACH * tolerance,
                     reported=reported,
-                    share=share,
                 ),
                 change,
             )
@@ -205,7 +205,8 @@ class _Values(ValueComparison):
             mass = item.parameters.get("mass")
             if item.effect == LINK_INERTIA and mass is not None:
                 value = float(mass.value)  # pyright: ignore[reportArgumentType]  # a number
-                yield self._mass(item.joints[0], value, mass.ci95, item.share, wrong=True)
+                found = self._mass(item.joints[0], value, item.share)
+                yield replace(found, ci95=mass.ci95, beyond=True)
 
     def _links(self) -> Iterator[tuple[StatedValue, FloatArray]]:
         """Yield the masses that torques tell alone, as the last link's, with what they add."""
@@ -222,38 +223,21 @@ class _Values(ValueComparison):
             change = self._of_bodies(proof) - self._of_bodies(before)
             share, sure = self.taken(change, np.abs(change).max(axis=0) > 0.0)
             if sure:
-                interval = max(value - reach, 0.0), value + reach
-                yield self._mass(joint, value, interval, share), change
+                ends = max(value - reach, 0.0), value + reach
+                yield replace(self._mass(joint, value, share), ci95=ends), change
 
     def _link(self, joint: int) -> str:
         model = self.stated.model
         return model.link_names[int(model.linkage.own[joint - 1])]
 
-    def _mass(
-        self,
-        joint: int,
-        value: float,
-        interval: tuple[float, float] | None,
-        share: float,
-        *,
-        wrong: bool = False,
-    ) -> StatedValue:
-        body, known = self.stated.model.inertials[self._link(joint)], self.stated.tolerances
-        tolerance = known.inertia * body.mass
-        return StatedValue(
-            name="mass",
-            effect=LINK_INERTIA,
-            joints=(joint,),
-            joint_names=self.names((joint,)),
-            unit="kg",
-            stated=body.mass,
-            fitted=value,
-            ci95=interval,
-            tolerance=tolerance,
-            assumed="inertia" in known.assumed,
-            beyond=wrong,  # else a fit moved it as far as it is tolerated, at most
+    def _mass(self, joint: int, value: float, share: float) -> StatedValue:
+        """Return a mass; a fit that is no finding moved it as far as it is tolerated, at most."""
+        mass, known = self.stated.model.inertials[self._link(joint)].mass, self.stated.tolerances
+        return replace(
+            self._value("mass", LINK_INERTIA, (joint,), "kg", mass, value, share),
+            tolerance=known.inertia * mass,
+            assumed=self._is_assumed("inertia"),
             reported=True,
-            share=share,
         )
 
     def _families(
@@ -267,27 +251,19 @@ class _Values(ValueComparison):
             alone: What bodies add that are reported alone, as proven, (K, n) [N m].
         """
         if any(is_felt_by_all(item.effect) for item in self.findings):
-            return  # a load that was found moves all of them, and is told by its name
+            return  # a load that was found moves all of them, and is reported by its name
         simulations = self.stated, self.proof.simulation, self.improved.simulation
         given, proven, final = map(self._of_bodies, simulations)
         bodies, n = proven - given - alone, self.improved.n
-        felt = {j: share for j in range(n) if (share := self._sure_share(bodies, j))}
-        if felt:
-            worst = max(felt, key=lambda j: felt[j])
-            known = self._rms_of_bodies(final, worst)
+        if felt := {j: share for j in range(n) if (share := self._sure_share(bodies, j))}:
             loads = any(isinstance(effect, BodyEffect) for effect in self.stated.effects)
             name = f"masses and centres of links{' and loads' if loads else ''}"
-            yield self._family(name, given, final, worst, felt, known=known)
+            yield self._family(name, given, final, felt, of_bodies=True)
+        every = bodies + alone + changes
         rest = [j for j in range(n) if j + 1 not in reported and j not in felt]
-        together = {
-            j: share for j in rest if (share := self._sure_share(bodies + alone + changes, j))
-        }
-        if together:
-            worst = max(together, key=lambda j: together[j])
-            before = self.judged.problem.observed.simulated
-            yield self._family(
-                "values within tolerances", before, self.improved.simulated, worst, together
-            )
+        if together := {j: share for j in rest if (share := self._sure_share(every, j))}:
+            before, after = self.judged.problem.observed.simulated, self.improved.simulated
+            yield self._family("values within tolerances", before, after, together)
 
     def _of_bodies(self, simulation: Simulation) -> FloatArray:
         slow = self.improved.slow
@@ -314,32 +290,28 @@ class _Values(ValueComparison):
         name: str,
         given: FloatArray,
         fitted: FloatArray,
-        worst: int,
         felt: Mapping[int, float],
-        known: float | None = None,
+        *,
+        of_bodies: bool = False,
     ) -> StatedValue:
+        worst = max(felt, key=lambda j: felt[j])
+        known = self._rms_of_bodies(fitted, worst) if of_bodies else None
         rows = self.improved.moving[:, worst]
         stated, value = (float(np.sqrt(np.mean(x[rows, worst] ** 2))) for x in (given, fitted))
         joints = (worst + 1, *(j + 1 for j in sorted(felt) if j != worst))
-        reach = None if known is None else Z95 * known
-        assumed = self.stated.tolerances.assumed
-        return StatedValue(
-            name=name,
-            effect="",
-            joints=joints,
-            joint_names=self.names(joints),
-            unit=unit_of("N m", self.stated.model.sliding, worst),
-            stated=stated,
-            fitted=value,
-            ci95=None if reach is None else (max(value - reach, 0.0), value + reach),
-            tolerance=None,
-            assumed="inertia" in assumed,
-            beyond=False,
+        unit = unit_of("N m", self.stated.model.sliding, worst)
+        return replace(
+            self._value(name, "", joints, unit, stated, value, felt[worst]),
+            ci95=_interval(value, known, 0.0),
+            assumed=self._is_assumed("inertia"),
             reported=True,
-            share=felt[worst],
         )
 
 
-def _interval(value: float, spread: float, known: Parameter) -> tuple[float, float]:
+def _interval(
+    value: float, spread: float | None, low: float = -np.inf, high: float = np.inf
+) -> tuple[float, float] | None:
+    if spread is None:
+        return None
     half = Z95 * spread
-    return max(value - half, known.lower), min(value + half, known.upper)
+    return max(value - half, low), min(value + half, high)

@@ -135,7 +135,7 @@ def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:
         return Where(region=f"joint {joint + 1}", figure=figure)
     samples = observed.kept[rows]
     speed, far, push = (observed.unit(unit, joint) for unit in ("rad/s", "rad", "N m"))
-    said = [
+    parts = [
         *_side(_SPEED, speed, np.abs(observed.slow.velocity[rows, joint]), energy),
         *_side(_REVERSAL, far, observed.since_reversal[samples, joint], energy),
         *_side(_LOAD, push, np.abs(observed.load[samples, joint]), energy),
@@ -143,8 +143,8 @@ def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:
     ]
     recordings, time = _stretches(observed, rows, energy)
     if time:
-        said.append("most of it in a short part of the time")
-    text = f"joint {joint + 1}" + (": " + ", ".join(said) if said else ", all over the motion")
+        parts.append("most of it in a short part of the time")
+    text = f"joint {joint + 1}" + (": " + ", ".join(parts) if parts else ", all over the motion")
     return Where(time=time, recording=recordings, region=text, figure=figure)
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Verdict
 
 
-def as_told(found: Written, verdict: Verdict) -> Written:
+def without_unreported(found: Written, verdict: Verdict) -> Written:
     """Return what is written less what moved of the given simulation and is not told.
 
     Where recordings and simulation agree, nothing changes. Else a value stays as fitted where a
@@ -48,7 +48,7 @@ def as_told(found: Written, verdict: Verdict) -> Written:
         part.name
         for part in parts_of(found.improved.simulation, given)
         if part.name == BODIES or part.place in stated or part.place.startswith(TorqueGain.name)
-        if not _is_told(part, verdict)
+        if not _is_reported(part, verdict)
     ]
     gone = silent if verdict.states == ("agrees",) else list[str]()
     for name in silent if not gone else ():
@@ -160,15 +160,17 @@ def _errs_more(found: Written, elsewhere: Elsewhere, gone: Sequence[str], name: 
     return bool(worse_at(judged.problem, left, judged.proven, judged.remaining))
 
 
-def _is_told(part: ComparedPart, verdict: Verdict) -> bool:
+def _is_reported(part: ComparedPart, verdict: Verdict) -> bool:
     """Say whether a finding, an identified value, or a value that differs is of a part."""
-    told = [x for x in verdict.values if x.reported]
-    if any(not x.effect and (part.name == BODIES or {*part.joints} <= {*x.joints}) for x in told):
+    reported = [x for x in verdict.values if x.reported]
+    if any(
+        not x.effect and (part.name == BODIES or {*part.joints} <= {*x.joints}) for x in reported
+    ):
         return True
     if part.name == BODIES:
         return any(x.effect == LINK_INERTIA for x in verdict.findings)
     effect = part.place.partition(",")[0]
-    every = (*told, *verdict.findings, *verdict.identified)
+    every = (*reported, *verdict.findings, *verdict.identified)
     return any(
         x.effect == effect and (not part.joints or {*part.joints} & {*x.joints}) for x in every
     )

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from estimators.diagnosis.from_torque.selection.candidates import Candidate
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 
@@ -108,11 +108,17 @@ class Elsewhere:
             parts: That are as given, by name.
             than: Likewise, of what is changed; all of it, if not said.
         """
-        first, out = self._as_given, np.concatenate([np.flatnonzero(r) for _, r in self.turns])
-        after, counts = self._left(parts), self._measured[out]
-        before = first.residual[out] if than is None else self._left(than)
+        if than is not None:
+            return self._compared(self._left(than), self._left(parts))
+        first = self._as_given.residual
+        given = np.concatenate([first[rows] for _, rows in self.turns])
+        return self._compared(given, self._left(parts))
+
+    def _compared(self, before: FloatArray, after: FloatArray) -> FloatArray:
+        out = np.concatenate([np.flatnonzero(rows) for _, rows in self.turns])
+        counts, block = self._measured[out], blocks(self._as_given)[out]
         middle = rmse(after, counts) - rmse(before, counts)
-        return np.stack([middle, *rmse_change(before, after, blocks(first)[out], counts)])
+        return np.stack([middle, *rmse_change(before, after, block, counts)])
 
     def offset(self, parts: Collection[str]) -> FloatArray:
         """Return the change that an offset of each joint's torque makes, as `change` does, (3, n).
@@ -122,11 +128,7 @@ class Elsewhere:
         Args:
             parts: That are as given, by name.
         """
-        first, out = self._as_given, np.concatenate([np.flatnonzero(r) for _, r in self.turns])
-        before, after = self._left(parts), self._left(parts, less_mean=True)
-        counts = self._measured[out]
-        middle = rmse(after, counts) - rmse(before, counts)
-        return np.stack([middle, *rmse_change(before, after, blocks(first)[out], counts)])
+        return self._compared(self._left(parts), self._left(parts, less_mean=True))
 
     def _left(self, parts: Collection[str], *, less_mean: bool = False) -> FloatArray:
         """Return what fits leave of the motion that was left out for them, some parts as given."""

@@ -156,7 +156,7 @@ Undo: TypeAlias = Callable[[RowSample], RowSample]
 class Mistake:
     """Mistake in a log, in words, and the function that undoes it."""
 
-    said: str
+    message: str
     undo: Undo
     is_of_data: bool = True  # not of how the arm is mounted, which is physics
     is_of_all: bool = False  # made at each joint or at none

@@ -5,6 +5,18 @@ discovery. Each joint's errors are an autoregression on the slow grid, and every
 after whitening with it.
 
 Source: Box, Jenkins and Reinsel, "Time Series Analysis", 1994, ch. 7.
+
+What errors have above the bandwidth, of which a diagnosis says nothing.
+
+Vibration, a hum of the mains or a ripple of a fast motor are filtered away before anything is
+compared. Where they are most of what a simulation leaves of the torque, that is said.
+
+Source: Welch, "The use of fast Fourier transform for the estimation of power spectra", 1967.
+
+Columns: everything that could be in the residual, as vectors over rows and joints.
+
+A column is a torque that one unit of some parameter would add, on one joint or on several. All are
+collected in one table, so that sets of hypotheses are compared on sums of products alone.
 """
 
 from __future__ import annotations
@@ -13,13 +25,20 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.signal import welch
 
-from estimators.diagnosis.settings.residuals import NOISE
+from estimators.diagnosis.settings.residuals import ABOVE, NOISE
+from estimators.regression.evidence import NormalEquations
+from limo_driver.recordings.bandwidth import bandwidth_at
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
     from numpy.typing import NDArray
 
+    from limo_driver.physics import Simulation
+    from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
 _MAD = 1.4826  # of a normal distribution, its deviation over the median of absolute values
@@ -190,3 +209,173 @@ def usual_error(errors: FloatArray) -> float:
 def usual_errors(errors: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
     """Return the same of each joint (n,), by the rows (K, n) of its errors (K, n) that count."""
     return np.array([usual_error(errors[rows, j]) for j, rows in enumerate(use.T)])
+
+
+@dataclass(frozen=True)
+class _Band:
+    """Frequencies above the bandwidth that stand out of a joint's noise."""
+
+    joint: int  # 1-based
+    share: float  # of the squared errors at all frequencies
+    low: float  # [Hz]
+    high: float  # [Hz]
+    rate: float  # of the recording [Hz]
+
+
+def above_note(simulation: Simulation, recordings: Sequence[Recording], bandwidth: float) -> str:
+    """Say where most of what a simulation leaves lies above the bandwidth; nothing if it does not.
+
+    Args:
+        simulation: The improved one.
+        recordings: With torques.
+        bandwidth: Up to which they were compared [Hz].
+    """
+    found = [band for each in recordings for band in _bands(simulation, each, bandwidth)]
+    most = max(found, key=lambda band: band.share, default=None)
+    if most is None or most.share < ABOVE.share:
+        return ""
+    wanted = bandwidth
+    while wanted < most.high:
+        wanted *= 2.0
+    wanted = bandwidth_at(most.rate, wanted)
+    shown = (
+        f"`--bandwidth {wanted:g}` looks at it, too"
+        if wanted > most.high
+        else f"with {most.rate:.3g} samples a second, no bandwidth shows it"
+    )
+    return (
+        f"Of what the improved simulation leaves of the torque of joint {most.joint}, "
+        f"{most.share:.0%} of the squares lie above the {bandwidth:g} Hz up to which it was "
+        f"compared, most of it from {most.low:.3g} to {most.high:.3g} Hz: {shown}."
+    )
+
+
+def _bands(simulation: Simulation, recording: Recording, bandwidth: float) -> Iterator[_Band]:
+    rate = recording.rate
+    errors = recording.torque - simulation.predict(recording, bandwidth)
+    for j in np.flatnonzero(recording.measured_joints).tolist():
+        error = errors[np.isfinite(errors[:, j]), j]
+        frequency, power = welch(error, rate, nperseg=min(len(error), round(ABOVE.window * rate)))
+        above = frequency > bandwidth
+        if above.any():
+            yield _band(j, rate, frequency, np.where(above, power, 0.0), float(power.sum()))
+
+
+def _band(j: int, rate: float, frequency: FloatArray, power: FloatArray, whole: float) -> _Band:
+    """Return what stands out of a density of power (F,), which is zero up to the bandwidth."""
+    usual = float(np.median(power[power > 0.0])) if (power > 0.0).any() else 0.0
+    outstanding = np.where(power > ABOVE.outstanding * usual, power, 0.0)
+    part = np.cumsum(outstanding) / max(float(outstanding.sum()), np.finfo(float).tiny)
+    low, high = (frequency[np.argmax(part >= some)] for some in (1.0 - ABOVE.most, ABOVE.most))
+    share = float(outstanding.sum()) / max(whole, np.finfo(float).tiny)
+    return _Band(j + 1, share, float(low), float(high), rate)
+
+
+class ColumnTable:
+    """A growing table of columns over K rows and n joints.
+
+    Each column lies together in memory, since most sums are of few of all columns.
+    """
+
+    def __init__(self, rows: int, joints: int) -> None:
+        self.rows, self.joints = rows, joints
+        self.count = 0
+        self._values: list[list[FloatArray]] = [[] for _ in range(joints)]  # (c, K) each
+        self._index: list[list[NDArray[np.int64]]] = [[] for _ in range(joints)]
+
+    def add(self, joints: Sequence[int], values: FloatArray) -> NDArray[np.int64]:
+        """Add c columns that act on some joints (0-based), (len(joints), K, c); their indices."""
+        index = np.arange(self.count, self.count + values.shape[2])
+        for joint, part in zip(joints, values, strict=True):
+            self._values[joint].append(np.ascontiguousarray(part.T))
+            self._index[joint].append(index)
+        self.count += index.size
+        return index
+
+    def of_joint(self, joint: int) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Return the columns that act on a joint, (K, p), and their indices (p,)."""
+        values, index = self._of_joint(joint)
+        return values.T, index
+
+    def _of_joint(self, joint: int) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Return the same as they lie in memory, (p, K)."""
+        if not self._values[joint]:
+            return np.zeros((0, self.rows)), np.zeros(0, dtype=np.int64)
+        if len(self._values[joint]) > 1:
+            self._values[joint] = [np.concatenate(self._values[joint])]
+            self._index[joint] = [np.concatenate(self._index[joint])]
+        return self._values[joint][0], self._index[joint][0]
+
+    def apply(self, index: NDArray[np.int64], coefficients: FloatArray) -> FloatArray:
+        """Return the torque of some columns times coefficients, (K, n) [N m]."""
+        full = np.zeros(self.count)
+        np.add.at(full, index, coefficients)
+        result = np.zeros((self.rows, self.joints))
+        for joint in range(self.joints):
+            values, at = self._of_joint(joint)
+            own = full[at]
+            for some in _runs(own != 0.0):
+                result[:, joint] += own[some] @ values[some]
+        return result
+
+    def only(self, index: NDArray[np.int64]) -> ColumnTable:
+        """Return a table of some of the columns (c,), numbered as they are given."""
+        place = np.full(self.count, -1)
+        place[index] = np.arange(index.size)
+        some = ColumnTable(self.rows, self.joints)
+        some.count = index.size
+        for joint in range(self.joints):
+            values, at = self._of_joint(joint)
+            own = np.flatnonzero(place[at] >= 0)
+            own = own[np.argsort(place[at[own]])]
+            some._values[joint], some._index[joint] = [values[own]], [place[at[own]]]
+        return some
+
+    def size(self) -> FloatArray:
+        """Return each column's RMS on the joint where it is largest, (P,)."""
+        size = np.zeros(self.count)
+        for joint in range(self.joints):
+            values, at = self._of_joint(joint)
+            np.maximum.at(size, at, np.sqrt(np.mean(values**2, axis=1)))
+        return size
+
+
+def _runs(marked: NDArray[np.bool_]) -> Iterator[slice]:
+    """Yield the stretches of what is marked: those of a fit mostly lie side by side."""
+    ends = np.flatnonzero(np.diff(marked, prepend=False, append=False))
+    return (slice(a, b) for a, b in ends.reshape(-1, 2).tolist())
+
+
+def normal_equations(
+    columns: ColumnTable,
+    residual: FloatArray,
+    noise: Noise,
+    use: NDArray[np.bool_],
+    known: NormalEquations | None = None,
+) -> NormalEquations:
+    """Sum over the rows in `use`, (K, n), with each joint's errors whitened.
+
+    Args:
+        columns: The table.
+        residual: (K, n) [N m].
+        noise: Of each joint.
+        use: Rows that count, (K, n).
+        known: The same sums over the columns that the table had before.
+    """
+    old = 0 if known is None else known.product.size
+    if known is not None and old == columns.count:
+        return known
+    gram, product = np.zeros((columns.count, columns.count)), np.zeros(columns.count)
+    if known is not None:
+        gram[:old, :old] = known.gram
+    for joint in range(columns.joints):
+        values, at = columns.of_joint(joint)
+        rows = use[:, joint]
+        A = noise.whiten(values, joint, rows)
+        y = noise.whiten(residual[:, joint], joint, rows)
+        first = int(np.searchsorted(at, old))  # column that is new; they are in order
+        new = A.T @ A[:, first:]
+        gram[np.ix_(at, at[first:])] += new
+        gram[np.ix_(at[first:], at[:first])] += new[:first].T
+        product[at] += A.T @ y
+    return NormalEquations(gram, product)

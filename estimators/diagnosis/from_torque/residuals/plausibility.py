@@ -13,6 +13,7 @@ import numpy as np
 
 from estimators.diagnosis.from_torque.residuals.body_fit import (
     BodyFit,
+    as_mounted,
     by_load,
     not_the_load,
     other_unit,
@@ -28,7 +29,6 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
     mounted_otherwise,
     stuck,
 )
-from estimators.diagnosis.from_torque.residuals.mounting import as_mounted
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.usable_joints import (
     doubtful_encoders,
@@ -121,10 +121,10 @@ def turned(stated: RobotModel, hung: RobotModel) -> tuple[str, ...]:
     """Say how an arm hangs that hangs otherwise than its description says."""
     if hung is stated:
         return ()
-    said, found = (", ".join(f"{x:.3g}" for x in model.gravity) for model in (stated, hung))
+    stated_, found = (", ".join(f"{x:.3g}" for x in model.gravity) for model in (stated, hung))
     return (
         f"{mounted_otherwise(np.array(hung.gravity))}: gravity is ({found}) m/s² in the frame of "
-        f"its base, not ({said}); the simulation states it so",
+        f"its base, not ({stated_}); the simulation states it so",
     )
 
 
@@ -146,7 +146,7 @@ def _check_log(observed: Observations) -> tuple[str, str]:
     """Refuse mistakes of logs; say how else the arm is mounted, and what else is strange."""
     unit = other_unit(observed)
     if unit is not None and not _is_load(RowSample.of(observed), unit):
-        raise _refused(observed, unit.said)
+        raise _refused(observed, unit.message)
     if len(observed.recordings) > 1:  # a mistake in one would be half hidden by the others
         for k in range(len(observed.recordings)):
             part = observed.part(k)
@@ -161,17 +161,18 @@ def _check_log(observed: Observations) -> tuple[str, str]:
 def _check_columns(observed: Observations, sample: RowSample) -> str:
     """Refuse mistakes of columns; say how else the arm is mounted, or nothing."""
     found = found_in(sample)
-    wrong = [mistake.said for mistake in found if mistake.is_of_data]
+    wrong = [mistake.message for mistake in found if mistake.is_of_data]
     if wrong:
         more = (
-            f"; and {len(wrong) - PLAUSIBILITY.said} more of the kind"
-            if len(wrong) > PLAUSIBILITY.said
+            f"; and {len(wrong) - PLAUSIBILITY.listed} more of the kind"
+            if len(wrong) > PLAUSIBILITY.listed
             else ""
         )
         raise _refused(
-            observed, f"{'; '.join(wrong[: PLAUSIBILITY.said])}{more} (undone, torque fits motion)"
+            observed,
+            f"{'; '.join(wrong[: PLAUSIBILITY.listed])}{more} (undone, torque fits motion)",
         )
-    return "; ".join(mistake.said for mistake in found)
+    return "; ".join(mistake.message for mistake in found)
 
 
 def _stuck_in(observed: Observations) -> tuple[str, ...]:
@@ -245,9 +246,9 @@ def doubts_on(observed: Observations) -> tuple[str, ...]:
     sample = RowSample.of(observed)
     doubtful, _ = by_load(sample)
     if doubtful.size > 1:  # fewer than would be beyond doubt another robot
-        told = not_the_load(observed, doubtful)
+        asked = not_the_load(observed, doubtful)
         parts = parts_of_load(sample, doubtful)
-        doubts.append(f"{told[0].upper()}{told[1:]}, or are their sensors off?{parts}")
+        doubts.append(f"{asked[0].upper()}{asked[1:]}, or are their sensors off?{parts}")
     return tuple(doubts)
 
 
@@ -273,7 +274,7 @@ def _weightless_in(observed: Observations) -> list[str]:
     """Ask of each joint whose torque is small beside its load why, and say what becomes of it."""
     load, torque = sizes(observed)
     without = left_out(observed)
-    told: list[str] = []
+    asked: list[str] = []
     for j in without_load(observed, PLAUSIBILITY.light):
         question = (
             f"its torque is {torque[j]:.3g} {observed.unit('N m', j)} where its load asks for "
@@ -281,10 +282,10 @@ def _weightless_in(observed: Observations) -> list[str]:
             "load, or has the drive no power?"
         )
         if j in without:
-            told.append(f"Joint {j + 1} is left out: {question}")
+            asked.append(f"Joint {j + 1} is left out: {question}")
         else:
-            told.append(f"Joint {j + 1}: {question} Taken as it is, it bends the bodies.")
-    return told
+            asked.append(f"Joint {j + 1}: {question} Taken as it is, it bends the bodies.")
+    return asked
 
 
 def _check_measured(observed: Observations) -> None:
@@ -310,7 +311,8 @@ def found_in(sample: RowSample) -> list[Mistake]:
             (pair for pair in undone if not _spoils(pair[0], sample, pair[1])),
             key=lambda pair: round(_change(sample, pair[1]), PLAUSIBILITY.digits),
         )
-        if not _explains(sample, best):
+        better = _change(sample, best) < -np.log(PLAUSIBILITY.better)
+        if not (better and _mended(sample, best).any()):
             break
         loaded = without_payload(sample)  # a load that nobody stated may explain more, if it does
         if _change(sample, loaded) < _change(sample, best) and _lightens(sample, loaded, best):
@@ -342,12 +344,6 @@ def _change(before: RowSample, after: RowSample) -> float:
         for sample in (after, before)
     )
     return float(after_ - before_)
-
-
-def _explains(before: RowSample, after: RowSample) -> bool:
-    """Say whether undoing a mistake makes some strange joint fit, and the arm as a whole."""
-    mended = _mended(before, after)
-    return bool(mended.any()) and _change(before, after) < -np.log(PLAUSIBILITY.better)
 
 
 def _mended(before: RowSample, after: RowSample) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
@@ -30,7 +30,7 @@ from estimators.diagnosis.from_torque.residuals.reversals import (
     usual_about_reversals,
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import doubtful_encoders
-from estimators.diagnosis.settings.pushes import PUSHES
+from estimators.diagnosis.settings.judgement import PUSHES
 from limo_driver.types import FloatArray
 
 if TYPE_CHECKING:
@@ -42,12 +42,18 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Push:
-    """When something pushed, in the time of one recording."""
+class TimeSpan:
+    """Time of a recording in which something happened."""
 
     recording: int  # 0-based
     start: float  # [s]
     end: float  # [s]
+
+
+@dataclass(frozen=True)
+class Push(TimeSpan):
+    """When something pushed, in the time of one recording."""
+
     evidence: float  # [nat] against errors as they are elsewhere
     joints: tuple[int, ...]  # 0-based, that felt it
     surprisal: float = 0.0  # [nat], how seldom errors that scatter as those elsewhere are as large
@@ -86,25 +92,6 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
             others.append(push)
     events = [replace(push, surprisal=scan.surprisal(push, events)) for push in events]
     return tuple(push for push in events if push.surprisal > PUSHES.rare)
-
-
-class TimeSpan(Protocol):
-    """Time of a recording."""
-
-    @property
-    def recording(self) -> int:
-        """Which, 0-based."""
-        ...
-
-    @property
-    def start(self) -> float:
-        """[s]."""
-        ...
-
-    @property
-    def end(self) -> float:
-        """[s]."""
-        ...
 
 
 def covered(observed: Observations, found: Sequence[TimeSpan]) -> NDArray[np.bool_]:
@@ -165,7 +152,11 @@ class _Scan:
         resting, turns = _resting(observed), about_reversals(observed)
         moving = steadily_moving(observed) & ~ends_of_motion(observed)[:, None]
         steady = moving | resting[:, None]
-        residual = _without_offsets(residual, resting)
+        result = residual.copy()
+        edges = np.flatnonzero(np.diff(resting.astype(int), prepend=0, append=0))
+        for start, end in edges.reshape(-1, 2):
+            result[start:end] -= np.median(residual[start:end], axis=0)
+        residual = result
         floor = usual_errors(residual, steady)
         noise = _noise(observed, residual, observed.moving | resting[:, None])
         white = np.stack([noise.whiten(residual[:, j], j) for j in range(observed.n)], axis=1)
@@ -446,15 +437,6 @@ def _resting(observed: Observations) -> NDArray[np.bool_]:
     for recording in range(len(observed.recordings)):
         own = observed.recording == recording
         result[own] = minimum_filter1d(still[own], rows, mode="constant", cval=False)
-    return result
-
-
-def _without_offsets(residual: FloatArray, resting: NDArray[np.bool_]) -> FloatArray:
-    """Return errors (K, n) less what is usual over each rest: friction holds any torque there."""
-    result = residual.copy()
-    edges = np.flatnonzero(np.diff(resting.astype(int), prepend=0, append=0))
-    for start, end in edges.reshape(-1, 2):
-        result[start:end] -= np.median(residual[start:end], axis=0)
     return result
 
 

@@ -27,7 +27,7 @@ from scipy.stats import f as ratio_of_variances
 from scipy.stats import norm
 
 from estimators.diagnosis.from_torque.residuals.noise import usual_error
-from estimators.diagnosis.settings.pushes import PUSHES
+from estimators.diagnosis.settings.judgement import PUSHES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,7 +11,7 @@ import pytest
 from audit import violations
 from browser import browser, program
 
-from estimators.diagnosis.quantities import verdict_in
+from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.report.truth import beside_the_truth, comparison, recovered
 from estimators.diagnosis.verdict import (
     BeforeAfter,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mjcf_arms import GRAVITY, arm_of, plain, torques
 
-from estimators.diagnosis.from_torque.fitting.intervals import seen_by_sites
+from estimators.diagnosis.from_torque.judgement.intervals import seen_by_sites
 from limo_driver.app.library.inspecting import inspect
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel

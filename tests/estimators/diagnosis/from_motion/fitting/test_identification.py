@@ -26,7 +26,7 @@ from estimators.diagnosis.from_motion.fitting.joint import (
     independent,
     left_out,
 )
-from estimators.diagnosis.from_motion.page import drives_page
+from estimators.diagnosis.from_motion.pipeline import drives_page
 from estimators.diagnosis.from_motion.simulation.constants import (
     ABSENT,
     BASE,

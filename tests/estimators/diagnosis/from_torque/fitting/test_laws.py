@@ -14,10 +14,10 @@ from estimators.diagnosis.from_torque.fitting import laws
 from estimators.diagnosis.from_torque.fitting.laws import confused, sentence_of
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.fitting.settling import refined
+from estimators.diagnosis.from_torque.hypotheses.candidates import LawEvidence
 from estimators.diagnosis.from_torque.hypotheses.catalogue import every, rivals
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.from_torque.selection.candidates import LawEvidence
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     Backlash,

@@ -11,10 +11,14 @@ from lanes import sampled
 from wandering import wander
 
 from estimators.diagnosis.from_torque.fitting import linearised
-from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in, moved
-from estimators.diagnosis.from_torque.fitting.intervals import with_parameters
 from estimators.diagnosis.from_torque.fitting.linearised import Linearised, polished
-from estimators.diagnosis.from_torque.hypotheses.catalogue import derivative
+from estimators.diagnosis.from_torque.hypotheses.catalogue import (
+    derivative,
+    entries_of,
+    found_in,
+    moved,
+)
+from estimators.diagnosis.from_torque.judgement.intervals import with_parameters
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Where

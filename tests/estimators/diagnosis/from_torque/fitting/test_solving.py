@@ -22,7 +22,7 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     suspects,
 )
 from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplified
-from estimators.diagnosis.from_torque.fitting.solving import _of_links_that_can_be
+from estimators.diagnosis.from_torque.fitting.solving import _Search
 from estimators.diagnosis.from_torque.judgement.judgement import acts_most
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.held_out import rmse
@@ -93,7 +93,7 @@ def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(c
     mean[coefficient] = gear.stiffness / 10.0  # 10 N m/rad, under a load of ten newton metres
     runaway = replace(solution, fitted=replace(solution.fitted, mean=mean))
     assert _runaway(problem, runaway) == soft
-    assert _of_links_that_can_be(problem, runaway, quiet, None)[1] is runaway  # it has no link
+    assert _Search(quiet, None).of_possible_links(problem, runaway)[1] is runaway  # it has no link
     assert pruned(problem, runaway).members == (payload,)
 
 
@@ -151,7 +151,7 @@ def test_links_that_would_be_no_bodies_give_way_to_what_can_be():
     problem, noise = laid_out(observed(*gains))
     links = tuple(place_of(problem, "link_inertia", joint) for joint in (2, 3, 4, 5))
     solution = fitted(problem, links, noise)
-    nearer, other = _of_links_that_can_be(problem, solution, quiet, None)
+    nearer, other = _Search(quiet, None).of_possible_links(problem, solution)
     found = {nearer.candidates[i].place for i in other.members}
     assert found >= {("torque_gain", (1,)), ("torque_gain", (3,))}
     assert "link_inertia" not in {effect for effect, _ in found}
@@ -160,7 +160,7 @@ def test_links_that_would_be_no_bodies_give_way_to_what_can_be():
 def test_a_link_that_is_wrong_stays_where_it_can_be_what_it_says(carrying):
     problem, noise = carrying
     solution = fitted(problem, (place_of(problem, "link_inertia", 2),), noise)
-    assert _of_links_that_can_be(problem, solution, quiet, None) == (problem, solution)
+    assert _Search(quiet, None).of_possible_links(problem, solution) == (problem, solution)
 
 
 def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(carrying):

@@ -30,7 +30,7 @@ from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.result import Shift
-from estimators.diagnosis.settings.selection import SEARCH
+from estimators.diagnosis.settings.fitting import SEARCH
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     CoulombFriction,

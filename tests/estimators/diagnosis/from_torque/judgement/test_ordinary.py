@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from noisy_recordings import observed
 
-from estimators.diagnosis.from_torque.fitting import entries
+from estimators.diagnosis.from_torque.fitting import contribution
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.from_torque.hypotheses.candidates import entered
 from estimators.diagnosis.from_torque.hypotheses.ripple import ripples as hypotheses_of_ripple
 from estimators.diagnosis.from_torque.judgement import ordinary as module
 from estimators.diagnosis.from_torque.judgement.ordinary import (
@@ -19,7 +20,6 @@ from estimators.diagnosis.from_torque.judgement.ordinary import (
     to_identify,
 )
 from estimators.diagnosis.from_torque.residuals.noise import Noise
-from estimators.diagnosis.from_torque.selection.candidates import entered
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     CoulombFriction,
@@ -166,7 +166,7 @@ def test_a_law_of_stated_friction_is_a_finding_if_sure_and_no_other_stands_for_i
 
 def changed(monkeypatch, places, change, within=0.0, *, other_width=False):
     """Return what was compared where each place changes, within its tolerance of 15 %, and so."""
-    monkeypatch.setattr(entries, "coefficients", lambda *_given: np.array([change]))
+    monkeypatch.setattr(contribution, "coefficients", lambda *_given: np.array([change]))
     candidates = [
         SimpleNamespace(
             effect=effect,

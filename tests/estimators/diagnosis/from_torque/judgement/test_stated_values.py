@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.judgement.guesses import (
+from estimators.diagnosis.from_torque.judgement.questions import (
     are_currents,
     with_guesses,
 )

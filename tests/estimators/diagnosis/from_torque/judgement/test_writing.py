@@ -9,7 +9,7 @@ import pytest
 from estimators.diagnosis import diagnose
 from estimators.diagnosis.comparison import BODIES, widths_of
 from estimators.diagnosis.from_torque.judgement import writing
-from estimators.diagnosis.from_torque.judgement.telling import as_told
+from estimators.diagnosis.from_torque.judgement.telling import without_unreported
 from estimators.diagnosis.from_torque.judgement.writing import (
     Elsewhere,
     Written,
@@ -175,7 +175,7 @@ def test_a_stated_value_that_moved_is_written_where_it_is_told(
     verdict = SimpleNamespace(values=(value,), findings=(), identified=(), states=states)
     found = Written(SimpleJudged(improved), improved, elsewhere=elsewhere)
 
-    effect = as_told(found, verdict).improved.simulation.effects[-1]
+    effect = without_unreported(found, verdict).improved.simulation.effects[-1]
 
     assert effect.f_v == written
 
@@ -282,6 +282,8 @@ def test_a_width_that_nothing_surely_gains_by_is_written_as_given(observed, rigi
     verdict = SimpleNamespace(
         values=(value,), findings=(), identified=(), states=("stated values differ",)
     )
-    found = as_told(Written(SimpleJudged(improved), improved, elsewhere=elsewhere), verdict)
+    found = without_unreported(
+        Written(SimpleJudged(improved), improved, elsewhere=elsewhere), verdict
+    )
     effect = found.improved.simulation.effects[-1]
     assert (effect.tau_c, effect.v_eps) == (tau_c, written)

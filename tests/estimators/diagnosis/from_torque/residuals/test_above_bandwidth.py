@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from wandering import wander
 
-from estimators.diagnosis.from_torque.residuals.above_bandwidth import above_note
+from estimators.diagnosis.from_torque.residuals.noise import above_note
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from estimators.diagnosis.from_torque.residuals.noise import Noise
+from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, Noise, normal_equations
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
 from estimators.diagnosis.held_out import (
     Split,
     block_of,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.residuals.holds import holds
+from estimators.diagnosis.from_torque.residuals.jolts import holds
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from limo_driver.app.library.diagnosing import diagnose
 from limo_driver.physics import CoulombFriction, Simulation

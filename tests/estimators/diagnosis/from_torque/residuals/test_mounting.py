@@ -9,8 +9,8 @@ import pytest
 from noisy_recordings import NOISE, motion
 
 from estimators.diagnosis.from_torque.pipeline import diagnose
+from estimators.diagnosis.from_torque.residuals.body_fit import as_mounted
 from estimators.diagnosis.from_torque.residuals.mistakes import mounted_otherwise
-from estimators.diagnosis.from_torque.residuals.mounting import as_mounted
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from limo_driver.app.library.learning import identify
 from limo_driver.physics import (

@@ -159,7 +159,7 @@ def test_a_sign_is_named_beside_a_load_that_says_nothing_of_that_joint():
 
     (found,) = found_in(RowSample.of(observed))
 
-    assert found.said.startswith("torque_7 has the other sign than expected")
+    assert found.message.startswith("torque_7 has the other sign than expected")
 
 
 @sampled("mass", [8.0, 14.0], "each looks where a recording belongs")

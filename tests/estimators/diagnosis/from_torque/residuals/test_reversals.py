@@ -13,7 +13,7 @@ from estimators.diagnosis.from_torque.residuals.reversals import (
     steadily_moving,
     usual_about_reversals,
 )
-from estimators.diagnosis.settings.pushes import PUSHES
+from estimators.diagnosis.settings.judgement import PUSHES
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 

@@ -1,29 +1,30 @@
 """Intervals: the parameters of what was found, and how well the recordings determine them.
 
-Foreseen: how far a fitted simulation may be off on other motion, by what the rows left open.
-
-A parameter that the recorded motion hardly shows keeps most of what its tolerance allows. On motion
-that shows it, it then adds an error, however good the fit. The covariance of all that was fitted
-says how large that is to be expected:
-
-    variance of the torque = x C xᵀ,   C = (X'ᵀ X' + S⁻²)⁻¹
-
-with X' the whitened columns of the rows fitted, S what was known before them, and x the columns of
-the other motion.
+A given simulation, what was proven and what fits: how values differ, and what that takes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.fitting.entries import entries_of, found_in, numbers_of
-from estimators.diagnosis.from_torque.fitting.linearised import Linearised
-from estimators.diagnosis.from_torque.hypotheses.catalogue import relative_inertia
+from estimators.diagnosis.from_torque.fitting.contribution import surely_less
+from estimators.diagnosis.from_torque.fitting.linearised import Linearised, effects_at
+from estimators.diagnosis.from_torque.hypotheses.catalogue import (
+    entries_of,
+    found_in,
+    numbers_of,
+    relative_inertia,
+)
+from estimators.diagnosis.from_torque.judgement.conclusion import above_floor
+from estimators.diagnosis.from_torque.judgement.judged_set import places_of
+from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
 from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import VALUES
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Z95, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.model.descriptions.description import SITE
@@ -33,6 +34,9 @@ from limo_driver.physics import Payload
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
+    from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.model import RobotModel
     from limo_driver.model.descriptions.geometry import Inertial
@@ -43,7 +47,6 @@ _Found = TypeVar("_Found", Finding, Identified, "Finding | Identified")
 
 _OF_A_CYCLE = frozenset(("phase",))  # angles, whatever a joint does
 _BODY = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # of a link: m, com, xx, xy, xz, yy, yz, zz
-Place = tuple[str, "Sequence[int]", bool]
 
 
 def with_parameters(findings: Sequence[_Found], observed: Observations) -> tuple[_Found, ...]:
@@ -72,7 +75,7 @@ def with_parameters(findings: Sequence[_Found], observed: Observations) -> tuple
         body = simulation.model.inertials[simulation.model.link_names[link]]
         relative = of_nuisance[PER_LINK * link : PER_LINK * (link + 1)]
         parameters[k] = _of_body(body, _in_units(body, relative))
-    told = tuple(
+    with_values = tuple(
         replace(item, parameters=parameters.get(k, item.parameters))
         for k, item in enumerate(findings)
     )
@@ -85,7 +88,7 @@ def with_parameters(findings: Sequence[_Found], observed: Observations) -> tuple
         replace(item, evidence=item.evidence + seen[k])
         if seen.get(k) and isinstance(item, Finding)
         else item
-        for k, item in enumerate(told)
+        for k, item in enumerate(with_values)
     )
 
 
@@ -172,46 +175,90 @@ def seen_by_sites(load: Inertial, model: RobotModel) -> str:
 
 
 @dataclass(frozen=True)
-class Foreseen:
-    """What the fit of a simulation leaves open."""
+class ValueComparison:
+    """A given, a proven and a fitted simulation, and what is known of their values."""
 
-    simulation: Simulation  # the fitted one
-    given: Simulation  # whose values were known to its tolerances
-    places: tuple[Place, ...]
-    root: FloatArray  # R (c, c), with Rᵀ R the covariance of the coefficients of `Linearised`
+    judged: JudgedSet
+    improved: Observations
+    stated: Simulation
+    findings: tuple[Finding, ...]
+    around: Linearised
+    deviation: FloatArray  # (c,) of the coefficients of what may move within its tolerance
+    found: dict[tuple[int, str], float]  # deviations of sizes of what was found, by effect and name
 
     @classmethod
-    def of(cls, fitted: Observations, given: Simulation, places: Sequence[Place]) -> Foreseen:
-        """Take it from the recordings beside the simulation that was fitted to them.
+    def of(
+        cls,
+        judged: JudgedSet,
+        improved: Observations,
+        stated: Simulation,
+        findings: tuple[Finding, ...],
+    ) -> Self:
+        """Linearise around the improved simulation, whose values were known as they are stated."""
+        found = effects_at(improved.simulation, places_of(judged.problem, judged.solution))
+        around = Linearised.of(improved, found, (), stated)
+        deviation, of_found = around.deviations()
+        spread = {
+            (id(effect), entry.name): sigma
+            for effect, sigmas in zip(found, of_found, strict=True)
+            for entry, sigma in zip(entries_of(effect), sigmas.tolist(), strict=True)
+        }
+        return cls(judged, improved, stated, findings, around, deviation, spread)
+
+    @property
+    def proof(self) -> Observations:
+        """The recordings and a simulation that was fitted to no row held out."""
+        return self.judged.beside
+
+    @cached_property
+    def before(self) -> FloatArray:
+        """Held-out RMSE of the given simulation, (n,) [N m]."""
+        problem = self.judged.problem
+        return rmse(problem.observed.residual, problem.split.held_out)
+
+    @cached_property
+    def above(self) -> NDArray[np.bool_]:
+        """Mark the joints (n,) at which the given simulation surely errs by more than noise."""
+        problem, floor = self.judged.problem, self.judged.remaining.floor
+        found = above_floor(problem, problem.observed.residual, floor)
+        return np.isin(np.arange(self.improved.n), found)
+
+    @cached_property
+    def tolerated(self) -> dict[tuple[str, tuple[int, ...], str], int]:
+        """Which coefficient each value has that may move, by effect, joints (0-based) and name."""
+        every = enumerate(self.around.nuisance.parameters)
+        return {(*x.place, x.known.name): k for k, x in every if x.known is not None}
+
+    def names(self, joints: Sequence[int]) -> tuple[str, ...]:
+        """Return the names of some joints, 1-based."""
+        return tuple(self.stated.model.joint_names[j - 1] for j in joints)
+
+    def taken(
+        self, change: FloatArray, acts: NDArray[np.bool_], *, doubtless: bool = False
+    ) -> tuple[float, bool]:
+        """Return which part of a joint's reducible error a change takes, and whether that counts.
 
         Args:
-            fitted: The recordings beside that simulation.
-            given: The simulation whose values were known to its tolerances.
-            places: Of what was found: effect, joints (1-based), and whether it was missing.
+            change: Torque by which the proven simulation differs from another, (K, n) [N m].
+            acts: Joints at which it acts, (n,).
+            doubtless: Whether it counts also where the given simulation errs hardly more than
+                noise.
         """
-        around = _around(fitted, given, places)
-        return cls(fitted.simulation, given, tuple(places), around.root())
-
-    def rms(self, motion: Observations) -> FloatArray:
-        """Return the error to be expected on other motion, (n,) [N m] RMS over its moving rows.
-
-        Args:
-            motion: Recordings of that motion; their torques do not matter.
-        """
-        around = _around(motion.under(self.simulation), self.given, self.places)
-        entered = around.entered
-        result = np.zeros(motion.n)
-        for joint in range(motion.n):
-            values, at = around.columns.of_joint(joint)
-            own = entered[at]
-            rows = motion.moving[:, joint]
-            spread = values[np.ix_(rows, own)] @ self.root[:, at[own]].T
-            result[joint] = np.sqrt(np.sum(spread**2) / max(len(spread), 1))
-        return result
-
-
-def _around(observed: Observations, given: Simulation, places: Sequence[Place]) -> Linearised:
-    own = [found_in(observed.simulation, name, on, missing=missing) for name, on, missing in places]
-    some = tuple({id(effect): effect for effect in own if effect is not None}.values())
-    bodies = [on[0] - 1 for name, on, _ in places if name == "link_inertia"]
-    return Linearised.of(observed, some, bodies, given)
+        judged, rows = self.judged, self.judged.problem.split.held_out
+        after, floor = judged.proven, judged.remaining.floor
+        lost = rmse(after + change, rows) ** 2 - rmse(after, rows) ** 2
+        reducible = self.before**2 - floor**2
+        some = acts & (self.above | doubtless) & rows.any(axis=0)
+        part = np.divide(lost, reducible, out=np.zeros_like(lost), where=some & (reducible > 0))
+        joint = int(np.argmax(part))
+        if part[joint] < VALUES.share:
+            return max(float(part[joint]), 0.0), False
+        own = [joint]
+        sure = surely_less(
+            after[:, own],
+            (after + change)[:, own],
+            floor[own],
+            judged.problem.observed,
+            rows[:, own],
+        )
+        return min(float(part[joint]), 1.0), sure

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimators.diagnosis.from_torque.hypotheses import candidates
+from estimators.diagnosis.from_torque.hypotheses.candidates import candidates_of
 from estimators.diagnosis.from_torque.hypotheses.responses import Response
+from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.from_torque.selection import candidates
-from estimators.diagnosis.from_torque.selection.candidates import candidates_of
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable
-from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.diagnosis.settings.fitting import CANDIDATES
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording
 

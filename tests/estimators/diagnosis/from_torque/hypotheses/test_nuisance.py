@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimators.diagnosis.from_torque.hypotheses.nuisance import nuisance_of
 from estimators.diagnosis.from_torque.hypotheses.responses import Improvement
+from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable
-from estimators.diagnosis.from_torque.selection.nuisance import nuisance_of
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.physics import (
     CoulombFriction,
@@ -122,7 +122,7 @@ def test_what_is_certain_has_no_tolerance_and_the_rest_keeps_its_own(nuisance):
     ],
 )
 def test_what_an_effect_beside_it_says_at_its_joint_is_a_part_of_that(nuisance, found, said):
-    marks = nuisance.said_by([found])
+    marks = nuisance.contained_in([found])
     assert [nuisance.parameters[k].name for k in np.flatnonzero(marks)] == said
 
 

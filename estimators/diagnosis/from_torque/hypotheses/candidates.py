@@ -23,8 +23,7 @@ from estimators.diagnosis.from_torque.hypotheses.responses import (
     responses,
     stacked,
 )
-from estimators.diagnosis.settings.hypotheses import REVISION
-from estimators.diagnosis.settings.selection import CANDIDATES
+from estimators.diagnosis.settings.fitting import CANDIDATES, REVISION
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
@@ -35,8 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from estimators.diagnosis.from_torque.hypotheses.responses import Enter, Improvement, Response
+    from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from estimators.diagnosis.from_torque.selection.columns import ColumnTable
     from limo_driver.model import RobotModel
     from limo_driver.physics import Effect, Hypothesis, Simulation
     from limo_driver.types import FloatArray

@@ -21,7 +21,7 @@ from estimators.diagnosis.from_torque.hypotheses.catalogue import (
     reviser,
 )
 from estimators.diagnosis.from_torque.hypotheses.responses import response
-from estimators.diagnosis.settings.selection import TOLERATED
+from estimators.diagnosis.settings.fitting import TOLERATED
 from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import REACH, Prior, joined
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
@@ -42,9 +42,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.hypotheses.responses import Enter, Improvement
-    from estimators.diagnosis.from_torque.residuals.noise import Noise
+    from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, Noise
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from estimators.diagnosis.from_torque.selection.columns import ColumnTable
     from limo_driver.physics import Effect, Parameter, Simulation
     from limo_driver.types import FloatArray
 
@@ -105,7 +104,7 @@ class Nuisance:
         """Mark the sizes (c,) of some effects at their joints (0-based)."""
         return np.array([item.of_effect and item.place in places for item in self.parameters])
 
-    def said_by(self, found: Iterable[Effect]) -> NDArray[np.bool_]:
+    def contained_in(self, found: Iterable[Effect]) -> NDArray[np.bool_]:
         """Mark the coefficients (c,) that say a part of what effects found beside them say.
 
         Where a delay was found, a sensor's own lag is a part of it; where friction is free at all
@@ -310,7 +309,9 @@ def _gains(observed: Observations, columns: ColumnTable, stated: Simulation) -> 
             _Part(
                 (Tolerated(f"gain of torque {joint}", "relative", 0.0, 1.0),),
                 Prior.free(index, np.array([tolerance])),
-                _scaler(joint),
+                lambda improvement, c, joint=joint: improvement.add(
+                    TorqueGain(joint=joint, gain=float(c[0]))
+                ),
                 np.array([_gain_in(observed.simulation, joint) - _gain_in(stated, joint)]),
             )
         )
@@ -322,23 +323,21 @@ def _gain_in(simulation: Simulation, joint: int) -> float:
     return sum(effect.gain for effect in gains if effect.joint == joint)
 
 
-def _scaler(joint: int) -> Enter:
-    return lambda improvement, c: improvement.add(TorqueGain(joint=joint, gain=float(c[0])))
-
-
 def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) -> list[_Part]:
     parts: list[_Part] = []
     for j in range(observed.n):
-        lag = response(TimeDelay(joint=j + 1, delay=UNIT_DELAY), observed)
-        index = columns.add(lag.joints, lag.values[:, :, None])
-        deviation = np.array([TOLERATED.sensor_lag / UNIT_DELAY])
-        place = (TimeDelay.name, (j,))
-        parameter = Tolerated(f"lag of sensor {j + 1}", "s", 0.0, UNIT_DELAY, place)
-        parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
-        offset = response(TorqueOffset(joint=j + 1, offset=1.0), observed)
-        index = columns.add(offset.joints, offset.values[:, :, None])
-        place = (TorqueOffset.name, (j,))
-        parameter = Tolerated(f"offset of sensor {j + 1}", observed.unit("N m", j), 0.0, 1.0, place)
-        deviation = TOLERATED.sensor_offset * floor[j : j + 1]
-        parts.append(_Part((parameter,), Prior.free(index, deviation), None, np.zeros(1)))
+        lag, offset = (
+            TimeDelay(joint=j + 1, delay=UNIT_DELAY),
+            TorqueOffset(joint=j + 1, offset=1.0),
+        )
+        unit, off = observed.unit("N m", j), TOLERATED.sensor_offset * float(floor[j])
+        for effect, name, unit_, scale, deviation in (
+            (lag, "lag", "s", UNIT_DELAY, TOLERATED.sensor_lag / UNIT_DELAY),
+            (offset, "offset", unit, 1.0, off),
+        ):
+            column = response(effect, observed)
+            index = columns.add(column.joints, column.values[:, :, None])
+            own = Tolerated(f"{name} of sensor {j + 1}", unit_, 0.0, scale, (effect.name, (j,)))
+            prior = Prior.free(index, np.array([deviation]))
+            parts.append(_Part((own,), prior, None, np.zeros(1)))
     return parts

@@ -18,18 +18,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.hypotheses.responses import Improvement
-from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
-from estimators.diagnosis.from_torque.selection.candidates import (
+from estimators.diagnosis.from_torque.hypotheses.candidates import (
     BASE,
     Candidate,
     entered,
     without_friction,
 )
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
-from estimators.diagnosis.from_torque.selection.nuisance import nuisance_of
+from estimators.diagnosis.from_torque.hypotheses.nuisance import nuisance_of
+from estimators.diagnosis.from_torque.hypotheses.responses import Improvement
+from estimators.diagnosis.from_torque.residuals.noise import (
+    ColumnTable,
+    Noise,
+    normal_equations,
+    roughness,
+)
 from estimators.diagnosis.held_out import Split, rmse
-from estimators.diagnosis.settings.selection import BASE_FRICTION, SEARCH
+from estimators.diagnosis.settings.fitting import BASE_FRICTION, SEARCH
 from estimators.regression.definite import best_first, first_best, is_more, ranked
 from estimators.regression.evidence import Evidence, Posterior, Prior, Priors
 from limo_driver.physics import CoulombFriction, ViscousFriction
@@ -180,7 +184,17 @@ def with_friction(observed: Observations) -> Observations:
         roughness(residual, observed.moving, observed.least_noise),
     )
     nuisance = nuisance_of(observed, columns, rough).prior
-    candidates = _competing(observed, columns, bare, rough)
+    level = level_of(observed, rough)
+    tried = [
+        hypothesis
+        for j in bare
+        for hypothesis in (
+            *(CoulombFriction.of_unit_size(j + 1, width) for width in SIGN_WIDTHS),
+            ViscousFriction.of_unit_size(j + 1),
+        )
+    ]
+    found = (entered(hypothesis, observed, columns, level) for hypothesis in tried)
+    candidates = [candidate for candidate in found if candidate is not None]
 
     def fit(noise: Noise) -> tuple[tuple[int, ...], Posterior]:
         evidence = Evidence(normal_equations(columns, residual, noise, rows), nuisance)
@@ -201,22 +215,6 @@ def with_friction(observed: Observations) -> Observations:
 def level_of(observed: Observations, rough: FloatArray) -> FloatArray:
     """Return the plausible RMS of a missing torque at each joint, above rough noise (n,) [N m]."""
     return np.maximum(rmse(observed.residual, observed.moving), 3 * rough)
-
-
-def _competing(
-    observed: Observations, columns: ColumnTable, bare: Sequence[int], rough: FloatArray
-) -> list[Candidate]:
-    level = level_of(observed, rough)
-    tried = [
-        hypothesis
-        for j in bare
-        for hypothesis in (
-            *(CoulombFriction.of_unit_size(j + 1, width) for width in SIGN_WIDTHS),
-            ViscousFriction.of_unit_size(j + 1),
-        )
-    ]
-    found = (entered(hypothesis, observed, columns, level) for hypothesis in tried)
-    return [candidate for candidate in found if candidate is not None]
 
 
 def _likeliest(search: Search) -> tuple[int, ...]:

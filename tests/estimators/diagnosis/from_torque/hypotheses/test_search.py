@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.selection.candidates import Candidate
-from estimators.diagnosis.from_torque.selection.search import Search
-from estimators.diagnosis.settings.selection import CANDIDATES, SEARCH
+from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
+from estimators.diagnosis.from_torque.hypotheses.search import Search
+from estimators.diagnosis.settings.fitting import CANDIDATES, SEARCH
 from estimators.regression.evidence import Evidence, NormalEquations, Prior
 
 ROWS = 400
@@ -78,7 +78,7 @@ def test_a_pair_that_greedy_addition_misses_is_found(columns, seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_member_chosen_too_early_is_taken_out_again(columns, seed, monkeypatch):
     narrow = replace(SEARCH, width=1)  # greedy: the blend comes first
-    monkeypatch.setattr("estimators.diagnosis.from_torque.selection.search.SEARCH", narrow)
+    monkeypatch.setattr("estimators.diagnosis.from_torque.hypotheses.search.SEARCH", narrow)
     search = search_of(columns, 3 * (columns[:, 0] + columns[:, 1]) + noise(seed))
     assert names(search, search.best()) == {0, 1}
 
@@ -87,7 +87,7 @@ def test_a_member_chosen_too_early_is_taken_out_again(columns, seed, monkeypatch
 def test_a_member_chosen_too_early_gives_way_where_the_set_is_full(columns, seed, monkeypatch):
     """Without the blend one effect alone explains less, and beside it no other has room."""
     full = replace(SEARCH, width=1, largest=2)
-    monkeypatch.setattr("estimators.diagnosis.from_torque.selection.search.SEARCH", full)
+    monkeypatch.setattr("estimators.diagnosis.from_torque.hypotheses.search.SEARCH", full)
     search = search_of(columns, 3 * (columns[:, 0] + columns[:, 1]) + noise(seed))
     assert names(search, search.best()) == {0, 1}
 
@@ -105,7 +105,7 @@ def test_a_set_is_no_larger_than_the_largest(columns):
 
 def test_a_base_does_not_count_and_leaves_room_for_the_largest_set(columns, monkeypatch):
     monkeypatch.setattr(
-        "estimators.diagnosis.from_torque.selection.search.SEARCH", replace(SEARCH, largest=2)
+        "estimators.diagnosis.from_torque.hypotheses.search.SEARCH", replace(SEARCH, largest=2)
     )
     search = search_of(columns, columns[:, :8].sum(axis=1) + noise(1), base=tuple(range(6)))
     assert names(search, search.best()) == set(range(8))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.residuals.noise import Noise
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable, normal_equations
+from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, Noise, normal_equations
 
 ROWS = 60
 RANDOM = np.random.default_rng(0)

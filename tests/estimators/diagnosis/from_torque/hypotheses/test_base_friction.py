@@ -8,16 +8,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.from_torque.selection.candidates import BASE, candidates_of
-from estimators.diagnosis.from_torque.selection.columns import ColumnTable
-from estimators.diagnosis.from_torque.selection.search import (
+from estimators.diagnosis.from_torque.hypotheses.candidates import BASE, candidates_of
+from estimators.diagnosis.from_torque.hypotheses.search import (
     base_of,
     is_friction,
     level_of,
     with_friction,
     without_friction,
 )
+from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
+from estimators.diagnosis.from_torque.residuals.observations import Observations
 from limo_driver.physics import (
     CoulombFriction,
     JointCoupling,

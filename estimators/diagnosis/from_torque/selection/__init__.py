@@ -1,1 +1,0 @@
-"""Selection: the set of effects of most evidence."""
