@@ -165,13 +165,8 @@ def _candidates(
 ) -> Iterator[tuple[str, str, FloatArray, int]]:
     """Yield kind and text of each cause, what it leaves in tolerances, and numbers it fits."""
     n, rest = sample.torque.shape[1], (sample.torque - sample.load) / tolerance
-<<<<<<< HEAD
     for mistake in mistakes(sample.body.sliding):
-        undone, text = mistake.undo(sample), mistake.said
-=======
-    for mistake in mistakes(n):
         undone, text = mistake.undo(sample), mistake.message
->>>>>>> house1m
         if mistake.kind == "mounting":
             text += f": turned by {_turn(sample.body.gravity, undone.body.gravity):.0f}°"
         yield mistake.kind, text, (undone.torque - undone.load) / tolerance, 1
