@@ -50,13 +50,10 @@ def without_unreported(found: Written, verdict: Verdict) -> Written:
         if part.name == BODIES or part.place in stated or part.place.startswith(TorqueGain.name)
         if not _is_reported(part, verdict)
     ]
-    if verdict.states == ("agrees",):
-        gone = silent
-    else:
-        gone = _of_joints_without_gain(found, found.elsewhere, verdict)
-        for name in [name for name in silent if name not in gone]:
-            if not _errs_more(found, found.elsewhere, gone, name):
-                gone.append(name)
+    gone = silent if verdict.states == ("agrees",) else list[str]()
+    for name in silent if not gone else ():
+        if not _errs_more(found, found.elsewhere, gone, name):
+            gone.append(name)
     gone += _widths(found, found.elsewhere, gone, verdict)
     if not gone:
         return found
@@ -66,32 +63,6 @@ def without_unreported(found: Written, verdict: Verdict) -> Written:
     )
     judged = replace(found.judged, beside=proven)
     return replace(found, judged=judged, improved=improved, silent=tuple(gone))
-
-
-def _of_joints_without_gain(found: Written, elsewhere: Elsewhere, verdict: Verdict) -> list[str]:
-    """Return all unreported parts of the joints that do not surely gain by them together.
-
-    One by one each may look needed, since one makes good what another does: a gain of 0.85 beside
-    friction a fifth higher. A law that was missing and has no name is such a part, too.
-
-    Args:
-        found: What would be written.
-        elsewhere: Its proof.
-        verdict: On that, with its values.
-    """
-    known = [item.part for item in found.withheld]
-    parts = [
-        part
-        for part in parts_of(found.improved.simulation, elsewhere.given)
-        if part.name not in known and len(part.joints) == 1 and not _is_reported(part, verdict)
-    ]
-    gone: list[str] = []
-    for joint in dict.fromkeys(part.joints for part in parts):
-        own = [part.name for part in parts if part.joints == joint]
-        lost = elsewhere.change([*known, *gone, *own], [*known, *gone])
-        if not lost[1][joint[0] - 1] > 0:
-            gone += own
-    return gone
 
 
 def _widths(

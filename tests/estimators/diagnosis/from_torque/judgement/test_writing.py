@@ -27,7 +27,6 @@ from limo_driver.physics import (
     PositionDependentFriction,
     SpringLoad,
     TorqueOffset,
-    TorqueRipple,
     ViscousFriction,
 )
 from limo_driver.recordings.recording import Recording
@@ -179,22 +178,6 @@ def test_a_stated_value_that_moved_is_written_where_it_is_told(
     effect = without_unreported(found, verdict).improved.simulation.effects[-1]
 
     assert effect.f_v == written
-
-
-def test_parts_that_make_good_what_each_other_does_are_as_given_together(observed, rigid):
-    """Of one another each is needed; of both, the joint gains nothing."""
-    constant = TorqueRipple(
-        joint=1, amplitude=(0.2,), cycles_per_rev=(1e-3,), phase=(-np.pi / 2,)
-    )  # of a period so long that it is an offset of -0.2 N m
-    elsewhere, improved = proof(observed, plus(rigid, VISCOUS, OFFSET, constant))
-    found = SimpleNamespace(effect=VISCOUS.name, joints=(2,))
-    verdict = SimpleNamespace(
-        values=(), findings=(found,), identified=(), states=("physics is missing",)
-    )
-    written = without_unreported(
-        Written(SimpleJudged(improved), improved, elsewhere=elsewhere), verdict
-    )
-    assert written.improved.simulation.effects == (*rigid.effects, VISCOUS)
 
 
 def test_without_parts_a_simulation_is_as_given(rigid):
