@@ -52,7 +52,9 @@ def folder(tmp_path_factory):
     subprocess.run([limo, "doctor", "fri", *nobody], cwd=own, check=False, capture_output=True)
     felt = np.array([0, 4_000_000]), np.array([[0.1, np.nan], [0.2, 0.3]])
     steps = [Step("A step", "0.7 N m", "0.5 N m", held) for held in (True, False)]
-    whole_page(Proof(ProvenWire("MuJoCo", "mujoco"), steps, [felt], seconds=3.0)).save(own / "whole.html")
+    whole_page(Proof(ProvenWire("MuJoCo", "mujoco"), steps, [felt], seconds=3.0)).save(
+        own / "whole.html"
+    )
     return own
 
 
