@@ -29,7 +29,6 @@ TESTS = (
     "tests/estimators/rigid_body",
     "tests/estimators/joint_physics",
     "tests/estimators/diagnosis/from_torque/hypotheses",
-    "tests/estimators/diagnosis/from_torque/selection",
     "tests/estimators/diagnosis/from_torque/fitting/test_bodies.py",
     "tests/estimators/diagnosis/from_torque/fitting/test_linearised.py",
     "tests/limo_driver/test_signatures.py",
