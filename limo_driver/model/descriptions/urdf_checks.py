@@ -205,8 +205,10 @@ def _check_element(owner: str, element: ET.Element, path: Path) -> None:
                 )
 
 
-_FREE: Final = ("floating", "planar")
-_BALLS: Final = ("spherical", "ball")  # which other simulators write into URDFs
+_LOCKED: Final = {  # kinds of joints that are taken as fixed, and what is said of them
+    ("floating", "planar"): "the base is taken to stand still: {} would let it float",
+    ("spherical", "ball"): "locked at 0, since they turn about no one axis: {}",  # of simulators
+}
 _OF_MOTION: Final = ("axis", "limit", "mimic", "dynamics", "safety_controller")
 _MOST: Final = ("effort", "velocity")  # of a joint that moves
 _SMALLEST: Final = 1e-300  # of a number; parsers refuse some that are smaller
@@ -265,18 +267,12 @@ def _with_base(root: ET.Element) -> Iterator[str]:
 
 def _on_the_ground(root: ET.Element) -> Iterator[str]:
     """Fix joints that float or move in a plane, as arms stand on a fixed base, and balls."""
-    free = [joint for joint in root.findall("joint") if joint.get("type") in _FREE]
-    for joint in free:
-        joint.set("type", "fixed")
-    if free:
-        names = shortened([str(joint.get("name")) for joint in free])
-        yield f"the base is taken to stand still: {names} would let it float"
-    balls = [joint for joint in root.findall("joint") if joint.get("type") in _BALLS]
-    for joint in balls:
-        joint.set("type", "fixed")
-    if balls:
-        names = shortened([str(joint.get("name")) for joint in balls])
-        yield f"locked at 0, since they turn about no one axis: {names}"
+    for kinds, text in _LOCKED.items():
+        joints = [joint for joint in root.findall("joint") if joint.get("type") in kinds]
+        for joint in joints:
+            joint.set("type", "fixed")
+        if joints:
+            yield text.format(shortened([str(joint.get("name")) for joint in joints]))
 
 
 def _with_plain_joints(root: ET.Element) -> Iterator[str]:
