@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
+from estimators.diagnosis.from_torque.fitting.lateness import with_torque_delay
 from estimators.diagnosis.from_torque.fitting.settling import (
     linearisation_is_poor,
     prune_refine_simplify,
@@ -22,7 +23,7 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     settled_around,
     suspects,
 )
-from estimators.diagnosis.from_torque.fitting.solving import solve, with_torque_delay
+from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
 from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
 from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, holds, impacts, jolts

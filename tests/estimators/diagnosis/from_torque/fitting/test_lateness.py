@@ -10,9 +10,9 @@ import pytest
 from noisy_recordings import motion
 
 from estimators.diagnosis import diagnose
-from estimators.diagnosis.from_torque.fitting import solving
+from estimators.diagnosis.from_torque.fitting import lateness
+from estimators.diagnosis.from_torque.fitting.lateness import long_after
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
-from estimators.diagnosis.from_torque.fitting.solving import long_after
 from estimators.diagnosis.from_torque.hypotheses.responses import response
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
@@ -99,7 +99,7 @@ def test_what_does_not_begin_to_help_is_tried_where_it_may_be_late_by_much(
         return gain, np.array([9.0, late.delay])
 
     alone = SimpleNamespace(joint=0, own=[1], place=[4, 7], fit=fit)
-    best = solving._latest(alone, None, TimeDelay(joint=1), long=long)
+    best = lateness._latest(alone, None, TimeDelay(joint=1), long=long)
     assert (best is not None) is found
     if best is not None:
         assert (best.name, best.time, best.gain) == ("delay", 0.08, most)
@@ -118,9 +118,9 @@ def test_of_joints_that_are_late_the_unexplained_and_then_the_clearest_comes_fir
     recording = Recording.from_arrays(moved.time, moved.position, given.predict(moved))
     problem = RegressionProblem.of(Observations.of(given, [recording], 10.0), quiet)
     beside = fitted(problem, (), Noise.independent(np.full(2, 0.01), problem.split.fitted))
-    found = [solving._Late(j, "lag", 0.02, gains[j], beside, [0], np.array([0.3])) for j in (0, 1)]
-    monkeypatch.setattr(solving, "_of_joint", lambda *given, **_: found[given[2]])
-    made = solving.with_torque_delay(problem, beside, unknown)
+    found = [lateness._Late(j, "lag", 0.02, gains[j], beside, [0], np.array([0.3])) for j in (0, 1)]
+    monkeypatch.setattr(lateness, "_of_joint", lambda *given, **_: found[given[2]])
+    made = lateness.with_torque_delay(problem, beside, unknown)
     assert (made is None) == (late is None)
     if made is not None:
         (member,) = made[1].members
