@@ -11,7 +11,7 @@ import typer
 
 from limo_driver.app.cli.plan import Distances, require_writable
 from limo_driver.app.console.arguments import RobotOption, describe_options, refuse_options
-from limo_driver.app.console.terminal import columns_of, progress, terminal
+from limo_driver.app.console.terminal import joint_table, progress, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import page_of, require_file
 
@@ -246,18 +246,13 @@ def _joints(found: Excitation, model: RobotModel) -> list[JointFigures]:
 def _table(joints: list[JointFigures]) -> Table:
     from math import degrees
 
-    return columns_of(
+    return joint_table(
+        joints,
         {
-            "joint": (j.joint for j in joints),
             "harmonics": (" ".join(map(str, j.harmonics)) for j in joints),
             "from\n[deg]": (f"{degrees(j.position_min):.0f}" for j in joints),
             "to\n[deg]": (f"{degrees(j.position_max):.0f}" for j in joints),
-            "peak\nvelocity": (f"{j.peak_velocity:.0%}" for j in joints),
-            "peak\naccel.": (f"{j.peak_acceleration:.0%}" for j in joints),
-            "peak\njerk": (f"{j.peak_jerk:.0%}" for j in joints),
         },
-        title="joints (peaks relative to their limits)",
-        title_justify="left",
     )
 
 

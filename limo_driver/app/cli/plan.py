@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.console.arguments import RobotOption, describe_options
-from limo_driver.app.console.terminal import columns_of, progress, terminal
+from limo_driver.app.console.terminal import joint_table, progress, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import page_of, require_file, require_parquet
 
@@ -228,18 +228,13 @@ def _joint_table(statistics: Statistics) -> Table:
 
     joints = statistics.joints
     turned = (degrees(j.rotation_between_reversals) for j in joints)
-    return columns_of(
+    return joint_table(
+        joints,
         {
-            "joint": (j.joint for j in joints),
             "range\ncovered": (f"{j.coverage:.0%}" for j in joints),
             "reversals": (j.reversals for j in joints),
             "rotation\nbetween": (f"{rotation:.1f} deg" for rotation in turned),
-            "peak\nvelocity": (f"{j.peak_velocity:.0%}" for j in joints),
-            "peak\naccel.": (f"{j.peak_acceleration:.0%}" for j in joints),
-            "peak\njerk": (f"{j.peak_jerk:.0%}" for j in joints),
         },
-        title="joints (peaks relative to their limits)",
-        title_justify="left",
     )
 
 

@@ -13,7 +13,7 @@ import typer
 from limo_driver.quoting import on_terminal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 
     from rich.console import Console
     from rich.progress import Progress, ProgressColumn
@@ -103,6 +103,21 @@ def columns_of(figures: Mapping[str, Iterable[object]], **look: Any) -> Table:  
     for row in zip(*figures.values(), strict=True):
         table.add_row(*map(str, row))
     return table
+
+
+def joint_table(joints: Sequence[Any], figures: Mapping[str, Iterable[object]]) -> Table:
+    """Return figures of joints with the peaks of their motion, as parts of their limits."""
+    return columns_of(
+        {
+            "joint": [j.joint for j in joints],
+            **figures,
+            "peak\nvelocity": [f"{j.peak_velocity:.0%}" for j in joints],
+            "peak\naccel.": [f"{j.peak_acceleration:.0%}" for j in joints],
+            "peak\njerk": [f"{j.peak_jerk:.0%}" for j in joints],
+        },
+        title="joints (peaks relative to their limits)",
+        title_justify="left",
+    )
 
 
 def print_notes(recordings: Iterable[Recording]) -> None:
