@@ -21,9 +21,8 @@ from limo_driver.pages.figures import (
     FLOOR,
     MEASURED,
     curve,
-    dots,
+    joint_errors,
     layout,
-    rounded_ticks,
 )
 from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
 from limo_driver.pages.motion import arm_section
@@ -110,29 +109,12 @@ def _silent(found: EvaluationResult) -> str:
 
 
 def _errors(found: EvaluationResult, charts: Charts) -> str:
-    names = list(found.joint_names)
     errors = (
-        (
-            found.noise_floor,
-            "noise floor",
-            {"symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}},
-        ),
-        (
-            found.rigid_body.rmse,
-            _RIGID,
-            {"symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}},
-        ),
-        (found.hybrid.rmse, found.model, {"symbol": "circle", "size": 11, "color": AFTER}),
+        ("noise floor", found.noise_floor, "line-ns-open", FLOOR),
+        (_RIGID, found.rigid_body.rmse, "circle-open", BEFORE),
+        (found.model, found.hybrid.rmse, "circle", AFTER),
     )
-    axes = layout(f"RMSE [{unit_of('N m', found.robot.sliding)}], logarithmic", "")
-    axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate([e for e, _, _ in errors]))
-    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
-    marks = [
-        dots(values.tolist(), names, name, mark)
-        for values, name, mark in errors
-        if np.isfinite(values).any()
-    ]
-    chart: Chart = {"data": marks, "layout": axes, "height": 90 + 34 * len(names)}
+    chart = joint_errors(errors, found.joint_names, unit_of("N m", found.robot.sliding))
     values = dict(found.figures()) | {
         "unlike what was learned": [f"{part:.0%}" for part in found.outside]
     }
@@ -208,7 +190,7 @@ def _joint(found: EvaluationResult, charts: Charts, j: int) -> str:
     )
     return grid(
         charts.place(
-            {"data": data, "layout": axes, "height": 280},
+            {"data": data, "layout": axes},
             f"{found.joint_names[j]}: {caption}",
             follows=follows,
         )

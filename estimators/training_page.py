@@ -9,7 +9,7 @@ import numpy as np
 
 from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page
-from limo_driver.pages.figures import AFTER, BEFORE, curve, dots, layout
+from limo_driver.pages.figures import AFTER, BEFORE, curve, joint_errors, layout
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
 from limo_driver.runtime.outputs import whole
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from estimators.residual_model import ResidualModel
-    from limo_driver.pages.markup import Figure
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -205,15 +204,11 @@ def _headline(errors: tuple[FloatArray, FloatArray] | None, names: Sequence[str]
 def _errors(
     errors: tuple[FloatArray, FloatArray], names: Sequence[str], unit: str, charts: Charts
 ) -> str:
-    axes = layout(f"RMSE [{unit}]", "")
-    axes["xaxis"] |= {"rangemode": "tozero"}
-    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
-    hollow = {"symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}
-    marks = [
-        dots(errors[0].tolist(), names, "simulation", hollow, unit),
-        dots(errors[1].tolist(), names, "model", {"size": 11, "color": AFTER}, unit),
+    sides = [
+        ("simulation", errors[0], "circle-open", BEFORE),
+        ("model", errors[1], "circle", AFTER),
     ]
-    chart: Figure = {"data": marks, "layout": axes, "height": 90 + 30 * len(names)}
+    chart = joint_errors(sides, names, unit)
     return charts.place(chart, "Error on motion held out")
 
 
@@ -248,7 +243,7 @@ def _curves(epochs: Sequence[Mapping[str, Any]], charts: Charts) -> str:
         curve(number, trained, "trained on", "#8a94a0"),
         curve(number, held, "held out", AFTER),
     ]
-    return charts.place({"data": lines, "layout": axes, "height": 280}, "Loss by epoch")
+    return charts.place({"data": lines, "layout": axes}, "Loss by epoch")
 
 
 def _data(recordings: Sequence[Recording]) -> dict[str, list[object]]:

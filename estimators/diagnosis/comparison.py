@@ -19,7 +19,7 @@ from estimators.diagnosis.held_out import block_length, blocks_of_time, rmse_cha
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page
-from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, dots, layout, rounded_ticks
+from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, joint_errors
 from limo_driver.pages.markup import columns, header, listed, next_steps, section
 from limo_driver.physics.effect import ArmMotion, TorqueEffect
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -29,7 +29,6 @@ from limo_driver.runtime.outputs import require_folder, whole
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from limo_driver.pages.markup import Figure
     from limo_driver.physics import Effect, Simulation
     from limo_driver.physics.domain import Domain
     from limo_driver.recordings.recording import Recording
@@ -183,22 +182,12 @@ def _page(found: SimulationComparison) -> Page:
 
 
 def _errors(found: SimulationComparison, charts: Charts) -> str:
-    names = list(found.joint_names)
     errors = [
-        *((values, name, "diamond-open", FLOOR) for name, values in found.estimates.items()),
-        (found.given, "given", "circle-open", BEFORE),
-        (found.improved, "improved", "circle", AFTER),
+        *((name, values, "diamond-open", FLOOR) for name, values in found.estimates.items()),
+        ("given", found.given, "circle-open", BEFORE),
+        ("improved", found.improved, "circle", AFTER),
     ]
-    unit = found.unit
-    axes = layout(f"RMSE [{unit}], logarithmic", "")
-    axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate([e[0] for e in errors]))
-    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
-    marks = [
-        dots(values.tolist(), names, name, {"symbol": symbol, "size": 11, "color": colour}, unit)
-        for values, name, symbol, colour in errors
-        if np.isfinite(values).any()
-    ]
-    chart: Figure = {"data": marks, "layout": axes, "height": 90 + 34 * len(names)}
+    chart = joint_errors(errors, found.joint_names, found.unit)
     return charts.place(chart, "Error of each joint") + columns(dict(found.figures()))
 
 

@@ -9,12 +9,12 @@ import math
 from collections.abc import Sequence
 from typing import Final, cast
 
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.verdict import Interval, StatedValue, Verdict
 from limo_driver.physics import display_name
 from limo_driver.runtime.display import joint_called
 
 UNNUMBERED: Final = frozenset({"text", "joint"})  # units of what is no quantity
-_SMALLEST: Final = 1e-12  # half width of an interval below which it has none
 
 
 def quantity(known: Interval) -> str:
@@ -53,7 +53,7 @@ def several(known: Interval) -> str:
 
 def decimals_of(half: float) -> int:
     """Return the decimals that show half of an interval to two digits."""
-    return min(max(0, 1 - math.floor(math.log10(max(half, _SMALLEST)))), 9)
+    return min(max(0, 1 - math.floor(math.log10(max(half, TINY)))), 9)
 
 
 def _nested(values: object) -> str:
@@ -108,7 +108,7 @@ def listed(texts: Sequence[str]) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def rounded(error: float, digits: int = 4) -> str:
+def rounded(error: float, digits: int = 3) -> str:
     """Return an error to a few digits, whatever the arm's scale: 2022, 65.21, 0.003392."""
     decimals = digits - 1 - math.floor(math.log10(error)) if error > 0 else digits - 1
     return f"{error:.{max(0, decimals)}f}"

@@ -6,6 +6,9 @@ import json
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
+import numpy as np
+
+from estimators.diagnosis.settings import TINY, Z95
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import HOLDING
 from limo_driver.model.units import unit_of
@@ -16,8 +19,10 @@ from limo_driver.runtime.display import call_joints, joints_called
 from limo_driver.runtime.outputs import plain_json, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
+
+    from limo_driver.types import FloatArray
 
 SCHEMA = 1
 CONTACT = "external_contact"
@@ -31,7 +36,6 @@ VERDICT = "verdict.json"  # the files of a diagnosis, in one folder
 IMPROVED = "sim.yaml"
 REPORT = "report.html"
 NEXT_MOTION = "next_motion.parquet"
-Z95 = 1.96  # deviations of a normal distribution, on either side, that hold 95 %
 TORQUE = "N m"  # unit of errors where torque was recorded
 LINK_INERTIA = "link_inertia"  # what a body of the simulation has wrong; no effect of its own
 UNKNOWN = "unknown"  # the effect of a mismatch that nothing in the catalogue explains
@@ -197,6 +201,10 @@ class Fit:
     one_step_rmse_after: tuple[float, ...] = ()
     inverse_dynamics_rmse_before: tuple[float, ...] = ()  # (n,) [N m], of drive and friction
     inverse_dynamics_rmse_after: tuple[float, ...] = ()
+
+    def excess(self, errors: FloatArray | Sequence[float]) -> FloatArray:
+        """Return errors of the joints (…, n) [noise floors]."""
+        return np.array(errors) / np.maximum(np.array(self.noise_floor), TINY)
 
     @property
     def worse_within_tolerances(self) -> tuple[int, ...]:

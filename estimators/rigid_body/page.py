@@ -10,7 +10,7 @@ import numpy as np
 from estimators.rigid_body.tables import base_estimates, known_of, notes_of
 from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page, Pin, arm_view
-from limo_driver.pages.figures import AFTER, BEFORE, dots, layout, numbers
+from limo_driver.pages.figures import AFTER, BEFORE, joint_errors, layout, numbers
 from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
 from limo_driver.pages.motion import arm_section
 from limo_driver.physics import display_name
@@ -101,17 +101,11 @@ def _torque(found: Identification) -> str:
 
 
 def _errors(found: Identification) -> Figure:
-    names = joint_labels(found.model.joint_names)
-    axes = layout(f"RMSE [{_torque(found)}]", "")
-    axes["xaxis"] |= {"rangemode": "tozero"}
-    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
-    free = {"symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}
-    bodies = {"symbol": "circle", "size": 11, "color": AFTER}
-    data = [
-        dots(found.fit.rmse.tolist(), names, "base parameters", free),
-        dots(found.rmse_consistent.tolist(), names, "consistent", bodies),
+    sides = [
+        ("base parameters", found.fit.rmse, "circle-open", BEFORE),
+        ("consistent", found.rmse_consistent, "circle", AFTER),
     ]
-    return {"data": data, "layout": axes, "height": 90 + 30 * found.model.n}
+    return joint_errors(sides, joint_labels(found.model.joint_names), _torque(found))
 
 
 def _terms(found: Identification, charts: Charts) -> str:
@@ -148,7 +142,7 @@ def _term(items: list[TermEstimate], unit: str) -> Figure:
     axes = layout("joint", unit)
     axes["xaxis"] |= {"type": "category"}
     axes["yaxis"] |= {"rangemode": "tozero"}
-    return {"data": [bars], "layout": axes, "height": 230}
+    return {"data": [bars], "layout": axes}
 
 
 def _links(found: Identification) -> dict[str, list[object]]:

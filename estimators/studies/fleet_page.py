@@ -116,7 +116,7 @@ def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
         if (own := [item for item in standings if item.odd == odd])
     ]
     axes = layout("robust standard deviations from the median arm", "")
-    figure = {"data": data, "layout": axes, "height": _height(i.arm for i in standings)}
+    figure = {"data": data, "layout": axes, "rows": len({i.arm for i in standings})}
     rows = [
         [
             escape(item.arm),
@@ -179,7 +179,7 @@ def _over_days(item: FleetDrift) -> Figure:
     }
     unit = f" [{series.unit}]" if series.unit else ""
     axes = layout("days since the first recording of the fleet", f"{series.name}{unit}")
-    return {"data": [dots], "layout": axes, "height": 240}
+    return {"data": [dots], "layout": axes}
 
 
 def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
@@ -199,7 +199,7 @@ def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
     figure = {
         "data": [dots],
         "layout": layout(f"{widest.series.name} [{widest.series.unit}]", ""),
-        "height": _height(widest.arms),
+        "rows": len({*widest.arms}),
     }
     rows = [
         [
@@ -300,10 +300,6 @@ def _dots(
         "marker": {"size": 8, "color": colour, "opacity": 0.7},
         "hovertemplate": "%{y}, %{text}: %{x:.3g}<extra></extra>",
     }
-
-
-def _height(arms: Iterable[str]) -> int:
-    return 110 + 22 * len(set(arms))
 
 
 def write_table(rows: Iterable[FleetRow], path: Path) -> None:

@@ -203,7 +203,7 @@ def _against(sweep: Sweep, name: str) -> dict[str, Any]:
         "marker": {"size": 8, "color": AFTER, "opacity": 0.7},
         "hovertemplate": "%{x}: %{y:.3g} %<extra></extra>",
     }
-    return {"data": [dots], "layout": axes, "height": 260}
+    return {"data": [dots], "layout": axes}
 
 
 def _values(sweep: Sweep) -> Iterator[dict[str, Any]]:

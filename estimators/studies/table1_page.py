@@ -124,7 +124,7 @@ def _errors(found: Table, part: str) -> Chart:
         axes["shapes"] = [
             {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "yref": "paper", "line": line}
         ]
-    return {"data": data, "layout": axes, "height": 100 + 26 * len(names)}
+    return {"data": data, "layout": axes, "rows": len(names)}
 
 
 def _marks(values: np.ndarray, names: list[str], name: str, colour: str, symbol: str) -> Chart:

@@ -33,7 +33,12 @@ MEASURED, BEFORE, AFTER, FLOOR = "#868f98", "#d9730d", "#0b559f", "#868f98"
 OTHER: Final = "#75899d"  # what is neither before nor after
 # Of joints: none of the colours that tell simulations apart.
 JOINTS: Final = ("#2e7d32", "#6a3d9a", "#00838f", "#8c564b", "#c1272d", "#7a8a00", "#66707a")
-WIDE, NARROW = 4.0, 1.4  # lines: of what was measured, and of what is laid over it
+WIDE, LINE, NARROW = (
+    4.0,
+    1.8,
+    1.4,
+)  # lines: of what was measured, of others, of what is laid over it
+_MARK, _EDGE = 12, 2  # [px]
 DRAWN: Final = 1200  # samples of a curve: more cannot be seen
 _MANY_DECADES: Final = 2.5  # of a logarithmic axis
 _STILL: Final = 1e-6  # [rad] of rounding, within which a joint rests
@@ -62,7 +67,7 @@ def layout(x: str, y: str) -> Figure:
     }  # fmt: skip
 
 
-def curve(x: FloatArray, y: FloatArray, name: str, colour: str, width: float = 1.8) -> Figure:
+def curve(x: FloatArray, y: FloatArray, name: str, colour: str, width: float = LINE) -> Figure:
     """Return a line through points x (K,), y (K,); it is broken where either is NaN."""
     return {
         "x": numbers(x, 6), "y": numbers(y, 5), "mode": "lines", "name": name,
@@ -70,15 +75,35 @@ def curve(x: FloatArray, y: FloatArray, name: str, colour: str, width: float = 1
     }  # fmt: skip
 
 
-def dots(
-    values: Sequence[float], names: Sequence[str], name: str, marker: Figure, unit: str = "N m"
+def joint_errors(
+    sides: Sequence[tuple[str, FloatArray | Sequence[float], str, str]],
+    names: Sequence[str],
+    unit: str,
+    title: str = "RMSE",
 ) -> Figure:
-    """Return one mark in the row of each name."""
-    return {
-        "x": numbers(np.array(values, dtype=float)), "y": list(names), "mode": "markers",
-        "name": name, "marker": marker,
-        "hovertemplate": "%{y}, " + name + ": %{x} " + unit + "<extra></extra>",
-    }  # fmt: skip
+    """Return the errors of each joint on a logarithmic axis, one row a joint.
+
+    Args:
+        sides: Name, values of the joints (n,), symbol and colour; NaN where a value is not known.
+        names: Of the joints.
+        unit: Of the errors.
+        title: What they are.
+    """
+    known = [side for side in sides if np.isfinite(side[1]).any()]
+    axes = layout(f"{title} [{unit}], logarithmic", "")
+    ticks = rounded_ticks(np.concatenate([values for _, values, _, _ in known] or [[]]))
+    axes["xaxis"] |= {"type": "log"} | ticks
+    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
+    marks = [
+        {
+            "x": numbers(np.array(values, dtype=float)), "y": list(names), "mode": "markers",
+            "name": name,
+            "marker": {"symbol": symbol, "color": colour, "size": _MARK, "line": {"width": _EDGE}},
+            "hovertemplate": "%{y}, " + name + ": %{x} " + unit + "<extra></extra>",
+        }
+        for name, values, symbol, colour in known
+    ]  # fmt: skip
+    return {"data": marks, "layout": axes, "rows": len(names)}
 
 
 def numbers(values: FloatArray, digits: int = 4) -> list[float | None]:
@@ -99,7 +124,7 @@ def joint_motion(
         if np.ptp(trajectory.position[:, j]) > _STILL
     ]
     axes = layout("time [s]", f"position from the start [{unit_of('rad', sliding)}]")
-    return {"data": data, "layout": axes | {"showlegend": True}, "height": 300}
+    return {"data": data, "layout": axes | {"showlegend": True}}
 
 
 def rounded_ticks(values: FloatArray) -> Figure:

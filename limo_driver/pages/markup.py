@@ -7,12 +7,12 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import floor, isfinite
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from limo_driver.quoting import in_html as escape
 from limo_driver.quoting import in_line
 
-Figure: TypeAlias = dict[str, Any]  # of plotly: data, layout, and the height in the page
+Figure: TypeAlias = dict[str, Any]  # of plotly: data, layout, and how many rows it has, if any
 
 UNSAID = "\N{EN DASH}"  # a figure that is not known
 _NBSP = "\N{NO-BREAK SPACE}"
@@ -24,6 +24,8 @@ _PERCENT = re.compile(r"(?<=\d)%")  # no space before it, which SI wants
 # People after whom laws are named; identifiers write them small.
 _PEOPLE = re.compile(r"\b(?:coulomb|stribeck|dahl|maxwell|preisach)\b(?!-)")
 _CODE = re.compile(r"`([^`]+)`")
+_HIGH: Final = 280  # [px], of a chart
+_AXIS, _ROW = 90, 30  # [px], of a chart with rows: its axis and legend, and each row
 _LONG = 110  # characters of a title that is set smaller, so that it keeps to two lines
 _NEARLY_ALL, _HARDLY_ANY = 0.985, 0.005
 
@@ -45,11 +47,12 @@ class Charts:
         """
         self.figures.append(figure)
         cursor = " data-cursor" if follows else ""
+        high = _AXIS + _ROW * figure["rows"] if "rows" in figure else _HIGH
         heading = f"<figcaption>{escape(caption)}{_small(note)}</figcaption>"
         return (
             f'<figure>{heading}<div class="chart"{cursor} role="img" '
             f'aria-label="{escape(caption)}" '
-            f'data-figure="{len(self.figures) - 1}" style="height:{figure["height"]}px"></div>'
+            f'data-figure="{len(self.figures) - 1}" style="height:{high}px"></div>'
             "</figure>"
         )
 

@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.joint import NORMAL, errors
+from estimators.diagnosis.from_motion.fitting.joint import errors
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of, restarted_run
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, loaded_joints
 from estimators.diagnosis.from_motion.simulation.one_joint import RowErrors
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.from_motion.suspects import COUNTED
+from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
@@ -297,7 +298,7 @@ def _carrying(one: Suspect, arm: StatedArm) -> int | None:
 
 def _parameters(one: Suspect, arm: StatedArm, zero: float) -> dict[str, Interval]:
     def of(name: str) -> tuple[float, tuple[float, float]]:
-        value, reach = arm.change.value(name), NORMAL * arm.shared[name]
+        value, reach = arm.change.value(name), Z95 * arm.shared[name]
         return value, (value - reach, value + reach)
 
     if one.effect == "payload":

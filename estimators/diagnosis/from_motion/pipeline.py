@@ -344,4 +344,4 @@ def _errors(found: DriveIdentification) -> Figure:
     }
     axes = layout(f"mean error [{unit_of('rad', found.simulation.model.sliding)}]", "")
     axes["yaxis"] |= {"autorange": "reversed"}
-    return {"data": [bars], "layout": axes, "height": 80 + 28 * len(found.fits)}
+    return {"data": [bars], "layout": axes, "rows": len(found.fits)}

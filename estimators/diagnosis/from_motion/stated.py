@@ -25,7 +25,7 @@ from estimators.diagnosis.from_motion.fitting.identification import (
     largest_load,
 )
 from estimators.diagnosis.from_motion.fitting.joint import (
-    NORMAL,
+    GLANCE,
     JointFit,
     between,
     blocks,
@@ -43,6 +43,7 @@ from estimators.diagnosis.from_motion.simulation.free_run import (
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
 from estimators.diagnosis.from_motion.suspects import COUNTED, Suspect
+from estimators.diagnosis.settings import Z95
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import EncoderOffset, Payload, Simulation
 from limo_driver.recordings.channels import TORQUE, led_by
@@ -60,11 +61,8 @@ _WELL_LOADED: Final = 0.2
 _LEAST: Final = 1e-6  # [N m/rad, N m s/rad]
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
 _HEAVY: Final = 0.5  # of the arm's own mass, that it may carry
-_GLANCE: Final = 8  # evaluations
-_REFITTED: Final = 8  # steps
 _LEFT_OUT: Final = 2  # steps of fits that leave a block of motion out
 _NOTHING: Final = 1e-6  # of information on a logarithm
-_REHEARSED: Final = 8  # steps of the fit to an arm that is known
 _POINT: Final = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # inertia of a load about its centre
 
 
@@ -92,7 +90,7 @@ class StatedArm:
                     return one
             name = "mass" if one.effect == "payload" else next(iter(one.names), "")
             if one.shared and name in self.shared:
-                value, reach = abs(self.change.value(name)), NORMAL * self.shared[name]
+                value, reach = abs(self.change.value(name)), Z95 * self.shared[name]
                 if value < reach or (name == "mass" and value < self._mass_tolerance()):
                     return one
         return None
@@ -158,7 +156,7 @@ def _apart(
     """Return how far the gains of most joints are from those stated, as a logarithm."""
     found = list[float]()
     for j in joints:
-        fit = fit_joint(parts[j], typical_start(stated[j]), evaluations=_GLANCE)
+        fit = fit_joint(parts[j], typical_start(stated[j]), evaluations=GLANCE)
         gain = c.gain_of(stated[j])
         found.append(abs(np.log(fit.value(gain) / max(c.value_in(stated[j], gain), _LEAST))))
     return float(np.median(found))
@@ -186,7 +184,7 @@ def prove_on_part(
         found.problem, loads=ArmLoads(simulation.body, recordings, rows_of(simulation))
     )
     guess = _holding(found) if held else found.fit.guess
-    fit = fit_arm(problem, guess, _REFITTED)
+    fit = fit_arm(problem, guess, GLANCE)
     return stated_arm(simulation, found, reweighted(problem, fit, tick)[1])
 
 
@@ -326,7 +324,7 @@ def _rehearsed(simulation: Simulation, found: Searched, ticks: FloatArray) -> Fl
     straight = replace(change, sign=(1,) * len(change.sign), order=())
     loads = ArmLoads(simulation.body, played, problem.loads.stated)
     guess = replace(known.guess, change=straight)
-    return _values(fit_arm(replace(problem, loads=loads), guess, _REHEARSED)) - _values(known)
+    return _values(fit_arm(replace(problem, loads=loads), guess, GLANCE)) - _values(known)
 
 
 def _not_shown(found: Searched, j: int) -> dict[str, float]:

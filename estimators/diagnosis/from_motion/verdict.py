@@ -13,7 +13,6 @@ from estimators.diagnosis.from_motion.findings import (
     parameters_of,
     stated_values,
 )
-from estimators.diagnosis.from_motion.fitting.joint import NORMAL, JointFit
 from estimators.diagnosis.from_motion.held_out import (
     LEAST,
     by_recording,
@@ -24,6 +23,7 @@ from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, most_torque, rows_of
 from estimators.diagnosis.quantities import of_joints, to_interval
+from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import (
     Fit,
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
+    from estimators.diagnosis.from_motion.fitting.joint import JointFit
     from estimators.diagnosis.from_motion.held_out import DriveEvidence
     from estimators.diagnosis.from_motion.suspects import Suspect
     from limo_driver.model import RobotModel
@@ -190,7 +191,7 @@ def sags(found: DriveIdentification) -> tuple[str, ...]:
         kp = c.value_in(c.geared(fit.row), "kp")
         shown = kp > 0.0 and found.scaled[j - 1] and found.moved[j - 1]
         if shown and is_known(fit, c.KINDS["position_servo"]) and load / kp > _WORTH:
-            reach = float(np.exp(NORMAL * fit.deviation["kp"]))
+            reach = float(np.exp(Z95 * fit.deviation["kp"]))
             sag, low, high = to_interval(load / kp, load / kp / reach, load / kp * reach)
             far, push, gain = (unit_of(u, sliding, j - 1) for u in ("rad", "N m", "N m/rad"))
             sentences.append(

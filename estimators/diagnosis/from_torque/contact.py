@@ -20,6 +20,7 @@ from estimators.diagnosis.from_torque.residuals.pushes import covered
 from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
+from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.settings.judgement import CONFIDENCE, PUSHES
 from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where
 from estimators.regression.definite import inverse_root
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
     from estimators.diagnosis.from_torque.residuals.pushes import Push
     from limo_driver.types import FloatArray
-
-_Z95 = 1.96
 
 
 def contact_of(
@@ -134,7 +133,7 @@ class _Wrench:
         precision = X.T @ X + np.eye(len(terms)) / PUSHES.strongest**2
         root = inverse_root(precision)
         wrench = root.T @ (root @ (X.T @ y))
-        spread = _Z95 * np.sqrt(PUSHES.remembered) * np.linalg.norm(root, axis=0)
+        spread = Z95 * np.sqrt(PUSHES.remembered) * np.linalg.norm(root, axis=0)
         ends = zip((wrench - spread).tolist(), (wrench + spread).tolist(), strict=True)
         left, energy = y - X @ wrench, max(float(y @ y), np.finfo(float).tiny)
         return cls(tuple(wrench.tolist()), tuple(ends), 1.0 - float(left @ left) / energy)

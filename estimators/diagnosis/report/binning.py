@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.afterwards import BINS, LOOPS
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def edges_of(values: FloatArray, bins: int, *, logarithmic: bool = False) -> Flo
     if not known.size:
         return np.linspace(0.0, 1.0, bins + 1)
     low, high = np.percentile(known, BINS.outer)
-    if high - low < 1e-9:  # noqa: PLR2004  # nothing varies: one bin holds it all
+    if high - low < TINY:  # nothing varies: one bin holds it all
         low, high = low - 0.5, high + 0.5
     edges: FloatArray = np.linspace(low, high, bins + 1)
     return 10.0**edges if logarithmic else edges
@@ -146,7 +147,7 @@ def worst_stretch(traces: Traces, floor: FloatArray, duration: float) -> Stretch
     Returns:
         The stretch of the largest mean squared residual of joints that are not near rest.
     """
-    residual = (traces.measured - traces.tolerances) / np.maximum(floor, 1e-9)
+    residual = (traces.measured - traces.tolerances) / np.maximum(floor, TINY)
     return _largest(traces, np.sum(np.where(traces.moving, residual, 0.0) ** 2, axis=1), duration)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import is_of_bodies, named, place_of, quantity_of
 from estimators.diagnosis.quantities import of_joints, rounded, to_interval
-from estimators.diagnosis.settings.afterwards import LOOPS
+from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
 from limo_driver.model.units import unit_of
 from limo_driver.pages.figures import AFTER, curve, layout
@@ -43,11 +43,8 @@ _NO_EFFECT_OF_THE_ARM = {
     UNKNOWN: "nothing in the catalogue explains it",
     CONTACT: "an event, not a property of the arm; the improved simulation leaves it out",
 }
-_MOST = 3  # joints of a finding whose errors are shown; the table above has all
-_AT_ONCE = 4  # findings that are open; more begin with a table, and open one by one
 _LISTED = 6  # values of a parameter that are shown before they are folded
 _AXES = {"com": ("x", "y", "z"), "inertia": ("xx", "xy", "xz", "yy", "yz", "zz")}  # of bodies
-_DIGITS = 3  # of an error
 _POINTS = 400  # of a loop, one way
 
 
@@ -61,7 +58,7 @@ def cards(verdict: Verdict, names: Sequence[str], effects: Sequence[Effect], cha
         charts: Of the page.
     """
     drawn = {x.joints: x for x in effects if isinstance(x, PreslidingHysteresis) and x.stops()}
-    many = len(verdict.findings) > _AT_ONCE
+    many = len(verdict.findings) > WORDING.listed
     items = "".join(
         _card(number, item, verdict, names, _values(item, verdict, drawn, charts), closed=many)
         for number, item in enumerate(verdict.findings, start=1)
@@ -156,7 +153,7 @@ def _drop(item: Finding, verdict: Verdict) -> str:
     everywhere = range(1, len(pairs.before) + 1)
     own = () if is_of_bodies(item.effect) else item.joints
     joints = [j for j in own if j in everywhere] or everywhere
-    shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[:_MOST]
+    shown = sorted(joints, key=lambda j: pairs.after[j - 1] - pairs.before[j - 1])[: WORDING.listed]
     return "; ".join(
         f"{of_joints((j,), verdict.names)}: {error_of(pairs.before[j - 1])} → "
         f"{error_of(pairs.after[j - 1])} {verdict.unit_at(j)}"
@@ -216,7 +213,7 @@ def _values(
     )
     axes = layout(f"distance [{far}]", f"torque [{push}]")
     figure = {"data": [curve(loop.position, loop.torque, "loop", AFTER)], "layout": axes}
-    shown = charts.place(figure | {"height": 240}, "Torque of the hysteresis, to and fro", note)
+    shown = charts.place(figure, "Torque of the hysteresis, to and fro", note)
     return shown + folded("Parameters of its law", _parameters(item))
 
 
@@ -284,7 +281,7 @@ def _value(value: Value) -> str:
     if isinstance(value, str):
         return escape(typeset(display_name(value)))
     if isinstance(value, (int, float)):
-        return number(float(value), 4)
+        return number(float(value))
     return _listed([_value(item) for item in value])
 
 
@@ -316,4 +313,4 @@ def _listed(texts: list[str]) -> str:
 
 def error_of(value: float) -> str:
     """Return an error to the digits of a report; a dash if it is not known."""
-    return rounded(value, _DIGITS) if np.isfinite(value) else UNSAID
+    return rounded(value) if np.isfinite(value) else UNSAID

@@ -16,6 +16,7 @@ from estimators.diagnosis.report.binning import (
     profile,
     residual_map,
 )
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.afterwards import BINS
 from limo_driver.model.units import unit_of
 from limo_driver.pages.figures import (
@@ -24,14 +25,15 @@ from limo_driver.pages.figures import (
     DRAWN,
     FLOOR,
     JOINTS,
+    LINE,
     MEASURED,
+    NARROW,
     OTHER,
     WIDE,
     curve,
-    dots,
+    joint_errors,
     layout,
     numbers,
-    rounded_ticks,
 )
 from limo_driver.runtime.display import joint_labels
 
@@ -79,35 +81,24 @@ def _label(traces: Traces | Replay, j: int, name: str, unit: str) -> str:
 
 def summary(fit: Fit, names: Sequence[str]) -> Figure:
     """Held-out RMSE of each joint before and after, beside the noise floor."""
-    joints = joint_labels(names)
-    lines: list[float | None] = []
-    where: list[str | None] = []
-    for name, a, b in zip(joints, fit.heldout_rmse_before, fit.heldout_rmse_after, strict=True):
-        lines += [a, b, None]
-        where += [name, name, None]
-    marked: list[tuple[str, Sequence[float], Figure]] = [
-        ("noise floor", fit.noise_floor, {
-            "symbol": "line-ns-open", "size": 16, "color": FLOOR, "line": {"width": 2.5}}),
-        ("given simulation", fit.heldout_rmse_before, {
-            "symbol": "circle-open", "size": 11, "color": BEFORE, "line": {"width": 2.5}}),
-        ("within tolerances", fit.heldout_rmse_tolerances, {
-            "symbol": "diamond-open", "size": 15, "color": TOLERANCES, "line": {"width": 2}}),
-        ("improved simulation", fit.heldout_rmse_after, {
-            "symbol": "circle", "size": 11, "color": AFTER}),
-    ]  # fmt: skip
-    data = [
-        {"x": lines, "y": where, "mode": "lines", "hoverinfo": "skip", "showlegend": False,
-         "line": {"color": "#c9ced4", "width": 3}},
-        *(dots(values, joints, name, marker, fit.unit) for name, values, marker in marked),
-    ]  # fmt: skip
-    data = [item for item in data if item["x"]]
-    axes = layout(f"held-out RMSE [{fit.unit}], logarithmic", "")
-    axes["xaxis"] |= {"type": "log"} | rounded_ticks(
-        np.array([*fit.heldout_rmse_before, *fit.heldout_rmse_after, *fit.noise_floor])
+    sides = [
+        ("noise floor", fit.noise_floor, "line-ns-open", FLOOR),
+        ("given simulation", fit.heldout_rmse_before, "circle-open", BEFORE),
+        ("within tolerances", fit.heldout_rmse_tolerances, "diamond-open", TOLERANCES),
+        ("improved simulation", fit.heldout_rmse_after, "circle", AFTER),
+    ]
+    chart = joint_errors(
+        [side for side in sides if side[1]], joint_labels(names), fit.unit, "held-out RMSE"
     )
-    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
-    axes["margin"] |= {"l": 62}
-    return {"data": data, "layout": axes, "height": 90 + 34 * len(joints)}
+    lines, where = list[float | None](), list[str | None]()
+    for name, *ends in zip(
+        joint_labels(names), fit.heldout_rmse_before, fit.heldout_rmse_after, strict=True
+    ):
+        lines += [*ends, None]
+        where += [name, name, None]
+    fall = {"x": lines, "y": where, "mode": "lines", "hoverinfo": "skip", "showlegend": False,
+            "line": {"color": "#c9ced4", "width": WIDE}}  # fmt: skip
+    return chart | {"data": [fall, *chart["data"]]}
 
 
 def dependence(
@@ -142,7 +133,7 @@ def dependence(
         # one tick a decade; where there is hardly one, at 1, 2 and 5, too
         dtick = 1 if edges[-1] > _FEW_TICKS * edges[0] else "D2"
         axes["xaxis"] |= {"type": "log", "dtick": dtick, "exponentformat": "power"}
-    return {"data": data, "layout": axes, "height": 230}
+    return {"data": data, "layout": axes}
 
 
 def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
@@ -152,7 +143,7 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
     x, y = edges_of(q, cells_of(len(q))), edges_of(v, cells_of(len(v)))
     found = [residual_map(q, v, _residual(traces, side, j)[moving], x, y) for side in sides]
     known = np.abs(np.concatenate([item.mean[np.isfinite(item.mean)] for item in found]))
-    scale = max(float(np.percentile(known, BINS.brightest)), 1e-9) if known.size else 1.0
+    scale = max(float(np.percentile(known, BINS.brightest)), TINY) if known.size else 1.0
     far, push = (unit_of(unit, traces.sliding, j) for unit in ("rad", "N m"))
     figures: list[Figure] = []
     for item in found:
@@ -162,10 +153,9 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
             "z": [numbers(row) for row in item.mean], "zmin": -scale, "zmax": scale,
             "colorscale": _DIVERGING, "hoverongaps": False,
             "hovertemplate": f"%{{x}} {far}, %{{y}} {far}/s: %{{z}} {push}<extra></extra>",
-            "colorbar": {"thickness": 8, "outlinewidth": 0, "tickfont": {"size": 10},
-                         "title": {"text": push, "font": {"size": 10}}},
+            "colorbar": {"outlinewidth": 0, "title": {"text": push}},
         }  # fmt: skip
-        figures.append({"data": [heat], "layout": axes, "height": 260})
+        figures.append({"data": [heat], "layout": axes})
     return figures
 
 
@@ -189,7 +179,7 @@ def _beyond_body(traces: Traces, j: int, stretch: Stretch, x: FloatArray, label:
         )
     ]
     beyond = _label(traces, j, "torque beyond the rigid body", "N m")
-    return {"data": data, "layout": layout(label, beyond), "height": 320}
+    return {"data": data, "layout": layout(label, beyond)}
 
 
 def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
@@ -197,7 +187,7 @@ def error_over_time(traces: Traces, j: int, recording: int) -> Figure:
     rows = np.flatnonzero(traces.recording == recording)
     rows = rows[:: max(1, len(rows) // DRAWN)]
     data = [drawn for side in _BOTH for drawn in _broken(traces, rows, side, j, *_SIDES[side])]
-    return _over_time(data, _label(traces, j, "torque error", "N m"), 240)
+    return _over_time(data, _label(traces, j, "torque error", "N m"))
 
 
 def push(
@@ -211,7 +201,7 @@ def push(
         for j, (label, colour) in enumerate(zip(joint_labels(names), cycle(JOINTS)))
         for drawn in _broken(traces, rows, "after", j, label, colour)
     ]
-    figure = _over_time(data, f"residual [{unit_of('N m', traces.sliding)}]", 280)
+    figure = _over_time(data, f"residual [{unit_of('N m', traces.sliding)}]")
     figure["layout"]["shapes"] = [_shaded(*window, "rgba(138,147,156,0.16)")]
     return figure
 
@@ -231,8 +221,7 @@ def explanations(
     axes = layout("the chosen one is likelier by [powers of ten]", "")
     axes["xaxis"] |= {"range": [min(0.0, float(shown.min())), most]}
     axes["yaxis"] |= {"autorange": "reversed", "automargin": True, "showgrid": False}
-    axes["bargap"] = 0.35
-    return {"data": [bars], "layout": axes, "height": 80 + 28 * len(names)}
+    return {"data": [bars], "layout": axes, "rows": len(names)}
 
 
 def shifts(moved: Sequence[Shift]) -> Figure:
@@ -241,7 +230,7 @@ def shifts(moved: Sequence[Shift]) -> Figure:
     dots = {
         "type": "scatter", "mode": "markers", "y": [item.name for item in moved],
         "x": numbers(np.array([item.sigmas for item in moved])),
-        "marker": {"size": 9, "color": [BEFORE if f else AFTER for f in far]},
+        "marker": {"color": [BEFORE if f else AFTER for f in far]},
         "text": [f"{s.nominal:.4g} to {s.fitted:.4g} {s.unit}" for s in moved],
         "hovertemplate": "%{y}: %{text}, %{x} sigma<extra></extra>",
     }  # fmt: skip
@@ -250,7 +239,7 @@ def shifts(moved: Sequence[Shift]) -> Figure:
     reach = max(2.5, 1.1 * max((abs(item.sigmas) for item in moved), default=0.0))
     axes["xaxis"] |= {"range": [-reach, reach], "zeroline": True}
     axes["shapes"] = [_shaded(-1, 1, "rgba(11,85,159,0.07)")]
-    return {"data": [dots], "layout": axes, "height": 80 + 24 * len(moved)}
+    return {"data": [dots], "layout": axes, "rows": len(moved)}
 
 
 def replayed(replay: Replay, j: int) -> Figure:
@@ -261,7 +250,7 @@ def replayed(replay: Replay, j: int) -> Figure:
 def replay_error(replay: Replay, j: int) -> Figure:
     """Recorded torque of one joint less that of both free runs."""
     sides = [(side, *_SIDES[side]) for side in _BOTH]
-    curves = [(name, _residual(replay, side, j), colour, 1.8) for side, name, colour in sides]
+    curves = [(name, _residual(replay, side, j), colour, LINE) for side, name, colour in sides]
     return _of_replay(replay, j, curves, _label(replay, j, "torque error", "N m"))
 
 
@@ -275,12 +264,12 @@ def _of_replay(
         for name, torque, colour, width in curves
         for drawn in _faded(time, torque[rows], moving, name, colour, width)
     ]
-    return _over_time(data, label, 290)
+    return _over_time(data, label)
 
 
-def _over_time(data: Sequence[Figure], label: str, height: int) -> Figure:
+def _over_time(data: Sequence[Figure], label: str) -> Figure:
     axes = layout("time [s]", label)
-    return {"data": data, "layout": axes | {"showlegend": True}, "height": height}
+    return {"data": data, "layout": axes | {"showlegend": True}}
 
 
 def _broken(
@@ -308,7 +297,7 @@ def _torques(
     simulated = [(_SIDES[side], getattr(traces, side)[:, j]) for side in sides]
     return [
         ("measured", traces.measured[:, j], MEASURED, WIDE),
-        *((name, torque, colour, 1.4) for (name, colour), torque in simulated),
+        *((name, torque, colour, NARROW) for (name, colour), torque in simulated),
     ]
 
 
@@ -338,7 +327,7 @@ def _faded(
     moving: NDArray[np.bool_],
     name: str,
     colour: str,
-    width: float = 1.8,
+    width: float = LINE,
 ) -> list[Figure]:
     """Return a curve that is pale where the joint is near rest."""
     pale = {"opacity": _FADED, "showlegend": False, "hoverinfo": "skip"}
@@ -359,7 +348,7 @@ def _band(found: Profile, colour: str) -> Figure:
     ]
     outline = np.concatenate([np.zeros((2, 0)), *outlines], axis=1)
     return {
-        "x": numbers(outline[0], 6),
+        "x": numbers(outline[0]),
         "y": numbers(outline[1]),
         "fill": "toself", "fillcolor": _BANDS[colour], "line": {"width": 0}, "mode": "lines",
         "hoverinfo": "skip", "showlegend": False,

@@ -6,7 +6,7 @@ The arm of a report: errors and findings at its joints, and the recorded motion 
 from __future__ import annotations
 
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from estimators.diagnosis.result import WORSE, columns_of, coverage
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN, Finding, Fit, Verdict
 from limo_driver.pages.arm import ArmView, Ghost, Pin, PlayedMotion, PushArrow, arm_view
+from limo_driver.pages.figures import DRAWN
 from limo_driver.pages.markup import (
     UNSAID,
     Charts,
@@ -157,9 +158,7 @@ def _errors(verdict: Verdict) -> str:
     """Return the errors of each joint, on the rows that count and on all rows."""
     worse = verdict.fit.worse_within_tolerances
     columns = columns_of(verdict)
-    after, floor = np.array(columns["improved"]), np.array(columns["noise floor"])
-    ratio = after / np.maximum(floor, 1e-12)
-    columns[_RATIO] = ratio.tolist()
+    columns[_RATIO] = verdict.fit.excess(columns["improved"]).tolist()
     rows = [
         [escape(called), *(_cell(x, value, marked=j in worse) for x, value in errors.items())]
         for j, (called, errors) in enumerate(
@@ -196,7 +195,7 @@ def removed(verdict: Verdict) -> str:
     """Say in a sentence how much of the torque error the improved simulation removes."""
     fit = verdict.fit
     before, after = np.array(fit.heldout_rmse_before), np.array(fit.heldout_rmse_after)
-    ratio = np.nan_to_num(before / np.maximum(np.array(fit.noise_floor), 1e-12))
+    ratio = np.nan_to_num(fit.excess(fit.heldout_rmse_before))
     (low, high), part = fit.ci95, fit.reducible_error_removed
     if ratio.max(initial=0.0) <= WORDING.at_floor:
         return (
@@ -209,9 +208,9 @@ def removed(verdict: Verdict) -> str:
     unit = verdict.unit_at(j + 1)
     return (
         f"On held-out motion the improved simulation removes {percent(part)} of the reducible "
-        f"error{_between(low, high)}, at joint {verdict.labels[j]} from {rounded(before[j], 3)} "
-        f"to {rounded(after[j], 3)} {unit} RMSE (noise floor "
-        f"{rounded(fit.noise_floor[j], 3)} {unit})."
+        f"error{_between(low, high)}, at joint {verdict.labels[j]} from {rounded(before[j])} "
+        f"to {rounded(after[j])} {unit} RMSE (noise floor "
+        f"{rounded(fit.noise_floor[j])} {unit})."
     )
 
 
@@ -254,8 +253,6 @@ def _by_tolerances(fit: Fit, *, findings: bool) -> str:
 
 
 GIVEN_ARM, IMPROVED_ARM = "given simulation", "improved simulation"
-_ROWS: Final = 1500  # of the motion that is played: more cannot be seen
-_ALL: Final = 3  # findings at one joint from which on they are counted, not named
 
 
 def arm(diagnosis: DiagnosisResult, charts: Charts) -> tuple[ArmView, str]:
@@ -275,8 +272,7 @@ def arm(diagnosis: DiagnosisResult, charts: Charts) -> tuple[ArmView, str]:
         pins=pins(diagnosis.verdict),
         motion=motion,
     )
-    excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
-    j = int(np.argmax(np.nan_to_num(excess)))
+    j = int(np.argmax(np.nan_to_num(fit.excess(fit.heldout_rmse_before))))
     caption = f"{heading_of(j + 1, diagnosis.verdict.names)}: recorded minus simulated torque"
     drawn = charts.place(
         figures.error_over_time(traces, j, recording),
@@ -303,7 +299,7 @@ def played(diagnosis: DiagnosisResult) -> int:
 def _motion(diagnosis: DiagnosisResult, recording: int) -> PlayedMotion:
     traces = diagnosis.traces
     rows = np.flatnonzero(traces.recording == recording)
-    rows = rows[:: max(1, -(-len(rows) // _ROWS))]
+    rows = rows[:: max(1, -(-len(rows) // DRAWN))]
     time, position = traces.time[rows], traces.position[rows]
     replay = next((item for item in diagnosis.replay if item.recording == recording), None)
     ghosts = (
@@ -355,8 +351,7 @@ def _pushes(findings: Sequence[Finding], recording: int) -> tuple[PushArrow, ...
 def _worst(diagnosis: DiagnosisResult, time: FloatArray, recording: int) -> int:
     """Return the row at which the given simulation is farthest off, in noise floors."""
     traces = diagnosis.traces
-    floor = np.maximum(np.array(diagnosis.verdict.fit.noise_floor), 1e-12)
-    error = np.abs(traces.measured - traces.before) * traces.moving / floor
+    error = diagnosis.verdict.fit.excess(np.abs(traces.measured - traces.before) * traces.moving)
     own = traces.recording == recording
     for replay in diagnosis.replay:  # there the simulated arms can be seen beside the recorded one
         if replay.recording == recording:
@@ -396,4 +391,6 @@ def _together(
         name, value, _ = texts[0]
         return f"{where}: {name} {value}".rstrip()
     names = [name for name, _, _ in texts]
-    return f"{where}: " + (", ".join(names) if len(texts) < _ALL else f"{len(texts)} findings")
+    return f"{where}: " + (
+        ", ".join(names) if len(texts) < WORDING.listed else f"{len(texts)} findings"
+    )

@@ -12,6 +12,7 @@ from estimators.diagnosis.report import figures, sections
 from estimators.diagnosis.report.findings import arm, overview
 from estimators.diagnosis.report.truth import beside_the_truth
 from estimators.diagnosis.result import coverage, hardly_shown
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION, Finding, Verdict
 from estimators.telemetry import telemetry_in
 from limo_driver.model.units import unit_of
@@ -42,7 +43,6 @@ _FOOTER = (
     "<code>verdict.json</code>; the improved simulation: <code>sim.yaml</code>."
 )
 _AXES = ("Fx [N]", "Fy [N]", "Fz [N]", "Mx [N m]", "My [N m]", "Mz [N m]")
-_OPEN = 4  # pushes that are drawn; the table has all
 _ANCHOR = "telemetry"
 _SHOWN = 2  # recordings in the line near the head
 _SHIFTS = 14  # nuisance parameters drawn; the rest is in the table
@@ -113,7 +113,8 @@ def pushed(diagnosis: DiagnosisResult, charts: Charts) -> str:
             f"{window[0]:.1f} to {window[1]:.1f} s of {name}",
         )
         for k, (window, recording, name) in enumerate(
-            zip(found.where.time[:_OPEN], found.where.recording, of, strict=False), start=1
+            zip(found.where.time[: WORDING.listed], found.where.recording, of, strict=False),
+            start=1,
         )
     ]
     lead = (
@@ -192,7 +193,7 @@ def _moved(shifts: Sequence[Shift], charts: Charts) -> str:
         "shaded: one standard deviation of the tolerance",
     )
     rows = [
-        [prose(item.name), number(item.nominal, 4), number(item.fitted, 4), prose(item.unit),
+        [prose(item.name), number(item.nominal), number(item.fitted), prose(item.unit),
          f"{item.sigmas:+.1f}"]
         for item in shifts
     ]  # fmt: skip

@@ -42,7 +42,6 @@ from limo_driver.pages.markup import (
 from limo_driver.physics import display_name
 from limo_driver.quoting import in_html as escape
 
-OPEN = 3  # joints whose maps are open from the start
 _TITLES = {
     "position": "over position",
     "velocity": "over velocity",
@@ -78,7 +77,7 @@ def where(diagnosis: DiagnosisResult, charts: Charts) -> str:
     """Return maps, loops and traces of the joints, those that differ most first."""
     order = _by_excess(diagnosis)
     affected = _affected(diagnosis)
-    shown = [j for j in order if j + 1 in affected][:OPEN]
+    shown = [j for j in order if j + 1 in affected][: WORDING.listed]
     closer = {*shown, *(j - 1 for j in diagnosis.verdict.unexplained.joints)}
     drawn = {
         j: _joint(diagnosis, charts, j) + (_beyond(diagnosis, charts, j) if j in closer else "")
@@ -160,9 +159,9 @@ def _title(diagnosis: DiagnosisResult, j: int) -> str:
     fit, judged = diagnosis.verdict.fit, diagnosis.verdict.rows.part_judged()
     unit = diagnosis.verdict.unit_at(j + 1)
     return (
-        f"{_called(diagnosis, j)}: held-out RMSE {rounded(fit.heldout_rmse_before[j], 3)} → "
-        f"{rounded(fit.heldout_rmse_after[j], 3)} {unit}, noise floor "
-        f"{rounded(fit.noise_floor[j], 3)} {unit}"
+        f"{_called(diagnosis, j)}: held-out RMSE {rounded(fit.heldout_rmse_before[j])} → "
+        f"{rounded(fit.heldout_rmse_after[j])} {unit}, noise floor "
+        f"{rounded(fit.noise_floor[j])} {unit}"
         + (f", on {percent(judged[j])} of the rows held out" if judged else "")
     )
 
@@ -187,8 +186,7 @@ def _shown_at(item: Finding) -> tuple[int, ...]:
 def _by_excess(diagnosis: DiagnosisResult) -> list[int]:
     """Return the joints, 0-based, by what tolerances leave of their error, in noise floors."""
     fit = diagnosis.verdict.fit
-    left = np.array(fit.heldout_rmse_tolerances or fit.heldout_rmse_before)
-    excess = left / np.maximum(np.array(fit.noise_floor), 1e-12)
+    excess = fit.excess(fit.heldout_rmse_tolerances or fit.heldout_rmse_before)
     return [int(j) for j in np.argsort(-np.nan_to_num(excess), kind="stable")]
 
 
@@ -338,7 +336,7 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
     follows = item.recording == played(diagnosis)
     drawn = [
         charts.place(draw(item, j), f"{_called(diagnosis, j)}: {what}", span, follows=follows)
-        for j in order[:OPEN]
+        for j in order[: WORDING.listed]
         for draw, what in ((figures.replayed, "torque"), (figures.replay_error, "difference"))
     ]
     before, after = (
@@ -347,7 +345,7 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
     errors = before, after, diagnosis.verdict.fit.noise_floor
     rows = [
         [diagnosis.verdict.labels[j],
-         *(rounded(float(error[j]), 3) if moves else UNSAID for error in errors),
+         *(rounded(float(error[j])) if moves else UNSAID for error in errors),
          rounded(1e3 * float(item.tracking[j]), 2), percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)
     ]  # fmt: skip

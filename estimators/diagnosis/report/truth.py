@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import MOST, headline, place_of, quantity_of, values_of
 from estimators.diagnosis.quantities import of_several, quantity, rounded, several, unit_of
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Interval, Verdict
 from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page
@@ -162,7 +163,6 @@ _FINDINGS = (
     "its own recordings."
 )
 _ERRORS = "RMSE [{}] of each joint on motion that nothing was fitted to."
-_NAMED = 3  # findings of one kind in the head
 _Pair = tuple["Finding | None", "Finding | None"]
 
 
@@ -216,8 +216,10 @@ def _title(
         strict=True,
     ):
         own = [key for key in changed if _kind(pairs[key]) == of]
-        named = [f"{_name(key[0])} {_at(_place(pairs[key], joints))}" for key in own[:_NAMED]]
-        more = f" and {len(own) - _NAMED} more" if len(own) > _NAMED else ""
+        named = [
+            f"{_name(key[0])} {_at(_place(pairs[key], joints))}" for key in own[: WORDING.listed]
+        ]
+        more = f" and {len(own) - WORDING.listed} more" if len(own) > WORDING.listed else ""
         if own:
             parts.append(f"{', '.join(named)}{more} {where}")
             counted.append(f"{len(own)} finding{'s' * (len(own) > 1)} {where}")
@@ -290,7 +292,7 @@ def _errors(names: Sequence[str], verdicts: Sequence[Verdict]) -> str:
         columns += [fit.heldout_rmse_before, fit.heldout_rmse_after, fit.noise_floor]
         headings += [f"{name}: given", "improved", "noise floor"]
     rows = [
-        [str(j), *(rounded(value, 3) for value in row)]
+        [str(j), *(rounded(value) for value in row)]
         for j, row in enumerate(zip(*columns, strict=True), start=1)
     ]
     return table(headings, rows, numeric=1)

@@ -14,6 +14,7 @@ from estimators.diagnosis.report.cards import cards
 from estimators.diagnosis.report.findings import GIVEN_ARM, IMPROVED_ARM, pins
 from estimators.diagnosis.report.page import unobservable
 from estimators.diagnosis.report.sections import identified, stated_values
+from estimators.diagnosis.settings.afterwards import WORDING
 from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.figures import (
@@ -44,13 +45,11 @@ if TYPE_CHECKING:
     from limo_driver.pages.arm import ArmView
     from limo_driver.pages.markup import Figure
 
-_OPEN: Final = 3  # joints whose motion is seen at once
-_ROWS: Final = 1500  # of the motion that is played
 _IDENTIFIED: Final = (
     "Constants of drives and friction, stated or not, as all of the motion has them; fitted "
     "together, with 95 % intervals."
 )
-_ROWS_SAID: Final = (
+DRAWN_SAID: Final = (
     "RMS on held-out motion. A free run adds up what is amiss. One step begins at each recorded "
     "position and velocity and ends at the next row: little is lost on the way, and the steps of "
     "the encoder weigh most. Torque is that of drive and friction minus what the recorded motion "
@@ -102,7 +101,7 @@ def drive_report(found: DriveResult) -> Page:
 def _arm(found: DriveResult, replay: DriveReplay) -> tuple[ArmView, str]:
     """Return the arm that plays the held-out motion, and its place in the page."""
     fit = found.verdict.fit
-    rows = np.unique(np.linspace(0, len(replay.recording) - 1, _ROWS).astype(int))
+    rows = np.unique(np.linspace(0, len(replay.recording) - 1, DRAWN).astype(int))
     position = replay.recording.position[rows]
     sides = ((GIVEN_ARM, BEFORE, replay.given), (IMPROVED_ARM, AFTER, replay.improved))
     ghosts = tuple(
@@ -134,10 +133,10 @@ def _from_rows(verdict: Verdict) -> str:
         ("torque", "N m", fit.inverse_dynamics_rmse_before, fit.inverse_dynamics_rmse_after),
     ):
         unit = unit_of(turning, verdict.sliding)
-        values[f"{name}, given [{unit}]"] = [rounded(x, 3) for x in before]
-        values[f"{name}, improved [{unit}]"] = [rounded(x, 3) for x in after]
+        values[f"{name}, given [{unit}]"] = [rounded(x) for x in before]
+        values[f"{name}, improved [{unit}]"] = [rounded(x) for x in after]
     return folded(
-        "Errors of one step, and of inverse dynamics", paragraph(_ROWS_SAID) + columns(values)
+        "Errors of one step, and of inverse dynamics", paragraph(DRAWN_SAID) + columns(values)
     )
 
 
@@ -161,16 +160,16 @@ def _left(verdict: Verdict) -> str:
 def _motion(replay: DriveReplay, verdict: Verdict, charts: Charts) -> str:
     """Return the held-out motion of each joint, those first that are missed most."""
     fit = verdict.fit
-    excess = np.array(fit.heldout_rmse_before) / np.maximum(np.array(fit.noise_floor), 1e-12)
-    order = [int(j) for j in np.argsort(-excess, kind="stable")]
+    order = np.argsort(-fit.excess(fit.heldout_rmse_before), kind="stable").tolist()
     called = [heading_of(j + 1, verdict.names) for j in range(len(order))]
     drawn = {
         j: _joint(replay, j, called[j], charts, unit_of("rad", verdict.sliding, j)) for j in order
     }
     rest = "".join(
-        f'<div id="joint-{j + 1}">{folded(called[j], drawn[j])}</div>' for j in order[_OPEN:]
+        f'<div id="joint-{j + 1}">{folded(called[j], drawn[j])}</div>'
+        for j in order[WORDING.listed :]
     )
-    opened = "".join(f'<div id="joint-{j + 1}">{drawn[j]}</div>' for j in order[:_OPEN])
+    opened = "".join(f'<div id="joint-{j + 1}">{drawn[j]}</div>' for j in order[: WORDING.listed])
     return section("Held-out motion", opened + rest, "where", _MOTION)
 
 
@@ -183,9 +182,9 @@ def _joint(replay: DriveReplay, j: int, called: str, charts: Charts, unit: str) 
     moved += [curve(time, run[rows, j], name, colour, NARROW) for name, run, colour in runs]
     errors = [curve(time, position - run[rows, j], name, colour) for name, run, colour in runs]
     figures: list[tuple[Figure, str]] = [
-        ({"data": moved, "layout": layout("time [s]", f"position [{unit}]"), "height": 280},
+        ({"data": moved, "layout": layout("time [s]", f"position [{unit}]")},
          f"{called}: position"),
-        ({"data": errors, "layout": layout("time [s]", f"position error [{unit}]"), "height": 280},
+        ({"data": errors, "layout": layout("time [s]", f"position error [{unit}]")},
          f"{called}: recorded minus simulated position"),
     ]  # fmt: skip
     return grid(charts.place(figure, caption, follows=True) for figure, caption in figures)

@@ -12,6 +12,9 @@ from dataclasses import dataclass, field
 from typing import Any, Final, TypeVar, dataclass_transform
 
 _Group = TypeVar("_Group")
+Z95: Final = 1.96  # deviations of a normal distribution, on either side, that hold 95 %
+MAD: Final = 1.4826  # of a normal distribution, its deviation over the median of absolute values
+TINY: Final = 1e-12  # in the unit of each, that nothing is divided by less than
 BY_JUDGEMENT: Final = "by judgement"  # nobody measured another value, or nothing of it was kept
 
 

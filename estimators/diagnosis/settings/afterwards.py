@@ -77,7 +77,8 @@ class WORDING:
     sure: float = setting(0.5, "", "confidence of a name that stands in the headline beside others",
         "only wording: higher says fewer names")
     pushes: int = setting(2, "pushes", "whose times a headline says", "only wording")
-    places: int = setting(3, "sites", "of the last link from which a load is told", "only wording")
+    listed: int = setting(3, "items", "that a sentence names, or a page shows at once",
+        "only wording")
     beyond_doubt: float = setting(1e6, "to 1", "odds beyond which a figure says no more than words",
         "only wording")
     worse: float = setting(1.05, "times the given simulation's",

@@ -184,7 +184,6 @@ class GUESSES:
         "higher takes a sensor of torque for them; lower misses rounded ones")
     times: tuple[float, ...] = setting((0.5, 2.0), "times a guessed tolerance", "that are tried",
         "more cost time; fewer say less of what a guess decides")
-    listed: int = setting(3, "effects", "that another tolerance would bring, named", "only wording")
 
 
 @settings
@@ -303,7 +302,6 @@ class JOLTS:
     most: float = setting(0.03, "of the rows of motion",
         "that are jolts, without those to which the filter spreads them",
         "more leave out what recurs; fewer keep the jolts of a rough motion")
-    listed: int = setting(5, "jolts", "of a recording whose times a note names", "only wording")
 
 
 @settings

@@ -171,7 +171,6 @@ class PLAUSIBILITY:
         "that is no friction, from which its scale is judged",
         "higher lets wrong units of joints that mostly rub pass; lower refuses unknown friction")
     most: int = setting(8, "", "mistakes that are undone one after the other", "more cost time")
-    listed: int = setting(3, "", "mistakes that a message names", "more make it long")
     foreign: float = setting(0.5, "misfit", "of torques that follow no load of this arm",
         "lower refuses odd arms; higher diagnoses noise")
     expected: float = setting(0.25, "of the torque",

@@ -9,7 +9,10 @@ import numpy as np
 
 from estimators.diagnosis.from_motion.checks.timing import dropped_frames, led_away
 from estimators.diagnosis.from_motion.checks.velocities import (
+    ALIKE,
     AT_REST,
+    MORE,
+    UNLIKE,
     check_velocities,
     correlation,
     from_to,
@@ -20,7 +23,7 @@ from estimators.diagnosis.from_motion.checks.velocities import (
     slope_of,
     stuck,
 )
-from estimators.diagnosis.from_motion.simulation.free_run import commanded_range, commands_of
+from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range, commands_of
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.checks import MOST_NORMALISED
@@ -33,13 +36,10 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_MOVES: Final = 0.05  # [rad], range of a joint that can be judged
 _DEGREES: Final = (50.0, 75.0)  # of what is in degrees, over rad: 57.3 but for what servos lag
 _TURNS: Final = 4 * np.pi  # [rad], that no joint behind a position servo reaches or spans
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
-_FURTHER: Final = 1.3  # times as far as its command, that no servo moves where both are alike
 _ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
-_ALIKE, _UNLIKE = 0.8, 0.4  # correlations
 _LAG: Final = 0.5  # [s], by which a joint may follow its command later
 _BETTER: Final = 0.3  # of correlation, by which a joint follows another's command rather
 _SHORT: Final = 0.3  # of as far as its command, that a servo comes at least
@@ -67,9 +67,9 @@ def check_commands(
         RecordingError: Names what the commands seem to be.
     """
     odd = check_set_points(recordings, sliding)
-    if not (commanded_range(recordings) > _MOVES).any():
+    if not (commanded_range(recordings) > MOVED).any():
         raise RecordingError(
-            f"no command changes by more than {_MOVES:g} {unit_of('rad', sliding)}; expected "
+            f"no command changes by more than {MOVED:g} {unit_of('rad', sliding)}; expected "
             "set-points that move the joints: nothing of a drive shows while it rests",
             path=recordings[0].source or None,
         )
@@ -151,7 +151,7 @@ def _at_one(recording: Recording, sliding: Sequence[bool]) -> str:
 def _no_commands(recording: Recording) -> str:
     """Say why columns of commands cannot be set-points that a servo followed."""
     command, position = commands_of(recording), recording.position
-    moves = np.ptp(position, axis=0) > _MOVES
+    moves = np.ptp(position, axis=0) > MOVED
     if not moves.any():
         return ""
     if not np.ptp(command, axis=0).any():
@@ -176,17 +176,17 @@ def _scale_mistake(recording: Recording, sliding: Sequence[bool]) -> str:
     """Say which unit the commands alone seem to have, if it is not SI."""
     command, position = commands_of(recording), recording.position
     target, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
-    judged = np.flatnonzero((does > _MOVES) & (target > 0))
+    judged = np.flatnonzero((does > MOVED) & (target > 0))
     beyond = judged[target[judged] > _NORMALISED * does[judged]]
-    if any(correlation(command[:, j], position[:, j]) > _UNLIKE for j in beyond.tolist()):
+    if any(correlation(command[:, j], position[:, j]) > UNLIKE for j in beyond.tolist()):
         j = int(beyond[0])
         own, unit = unit_of("rad", sliding, j), _unit(target[beyond], does[beyond], command)
         return (
             f"command_{j + 1} spans {target[j]:.3g} while position_{j + 1} spans {does[j]:.3g} "
             f"{own}; expected set-points in {own}; are the commands {unit}?"
         )
-    far = np.flatnonzero((target > _MOVES) & (does > _NORMALISED * target))
-    if far.size and correlation(command[:, far[0]], position[:, far[0]]) > _ALIKE:
+    far = np.flatnonzero((target > MOVED) & (does > _NORMALISED * target))
+    if far.size and correlation(command[:, far[0]], position[:, far[0]]) > ALIKE:
         j = int(far[0])
         own, unit = unit_of("rad", sliding, j), _unit(does[far], target[far], position)
         return (
@@ -195,7 +195,7 @@ def _scale_mistake(recording: Recording, sliding: Sequence[bool]) -> str:
         )
     for j in judged.tolist():
         slope = slope_of(command[:, j], position[:, j])
-        if slope > _FURTHER:
+        if slope > MORE:
             small = float(np.abs(command).max()) <= 1.0
             what = "normalised, as -1 to 1" if small else "in another unit"
             own = unit_of("rad", sliding, j)
@@ -233,13 +233,13 @@ def _exchange_mistake(recording: Recording) -> str:
     target, does = np.ptp(command, axis=0), np.ptp(position, axis=0)
     alike = _likeness(command, position)
     far = does[:, None] / np.maximum(target, _SAME)  # (n, n), of each joint by each command
-    own, moved = np.diag(alike)[:, None], does > _MOVES
-    follows = (alike > _ALIKE) & (far > _SHORT) & (far < _FURTHER)
-    better = follows & ((own < _UNLIKE) | (alike > own + _BETTER))
+    own, moved = np.diag(alike)[:, None], does > MOVED
+    follows = (alike > ALIKE) & (far > _SHORT) & (far < MORE)
+    better = follows & ((own < UNLIKE) | (alike > own + _BETTER))
     mutual = better & better.T
     ratio = np.diag(far)
-    sized = (ratio[:, None] > _FURTHER) & (ratio < 1.0 / _FURTHER) & follows & follows.T
-    resting = follows & (own < _UNLIKE) & ~moved
+    sized = (ratio[:, None] > MORE) & (ratio < 1.0 / MORE) & follows & follows.T
+    resting = follows & (own < UNLIKE) & ~moved
     found = np.argwhere((mutual | sized | resting | _ringed(recording, better)) & moved[:, None])
     if not found.size:
         return ""
@@ -255,7 +255,7 @@ def _ringed(recording: Recording, better: NDArray[np.bool_]) -> NDArray[np.bool_
     command, position, n = commands_of(recording), recording.position, recording.n
     late = range(min(round(_LAG * recording.rate), len(recording) // 2) + 1)
     lost = [
-        max(correlation(command[: len(command) - k, j], position[k:, j]) for k in late) < _UNLIKE
+        max(correlation(command[: len(command) - k, j], position[k:, j]) for k in late) < UNLIKE
         for j in range(n)
     ]
     step = better & np.array(lost)[:, None]
@@ -269,15 +269,15 @@ def _mistake(recording: Recording) -> str:
     """Say whether commands seem to be changes of positions, or of the other sign."""
     command, position = commands_of(recording), recording.position
     own = np.diag(_likeness(command, position))
-    judged = np.flatnonzero((np.ptp(position, axis=0) > _MOVES) & (np.ptp(command, axis=0) > 0))
-    changes = [j for j in judged.tolist() if own[j] < _UNLIKE and _is_change(command, position, j)]
-    if changes and float(own[judged].max()) < _ALIKE:  # all joints are told alike
+    judged = np.flatnonzero((np.ptp(position, axis=0) > MOVED) & (np.ptp(command, axis=0) > 0))
+    changes = [j for j in judged.tolist() if own[j] < UNLIKE and _is_change(command, position, j)]
+    if changes and float(own[judged].max()) < ALIKE:  # all joints are told alike
         j = changes[0] + 1
         return (
             f"command_{j} follows the change of position_{j}, not the position; expected "
             "set-points; are the commands deltas?"
         )
-    against = judged[own[judged] < -_ALIKE]
+    against = judged[own[judged] < -ALIKE]
     if against.size:
         j = int(against[0]) + 1
         return f"position_{j} moves against command_{j}; has one of them the other sign?"
@@ -293,7 +293,7 @@ def _is_change(command: FloatArray, position: FloatArray, j: int) -> bool:
     """Say whether a command tells how a position changes: at once, or summed up."""
     target, did = command[:, j], position[:, j]
     at_once = correlation(target[:-1], np.diff(did))
-    return max(at_once, correlation(np.cumsum(target), did)) > _ALIKE
+    return max(at_once, correlation(np.cumsum(target), did)) > ALIKE
 
 
 def _odd(recording: Recording, name: str, sliding: Sequence[bool]) -> Iterator[str]:

@@ -21,14 +21,20 @@ import numpy as np
 from scipy.optimize import nnls
 
 from estimators.diagnosis.from_motion.fitting.identification import gives_scale
-from estimators.diagnosis.from_motion.fitting.joint import fit_joint
-from estimators.diagnosis.from_motion.fitting.starts import choose_start, typical_start
+from estimators.diagnosis.from_motion.fitting.joint import GLANCE, GLANCED, fit_joint
+from estimators.diagnosis.from_motion.fitting.starts import (
+    DELAYS,
+    MOVING,
+    choose_start,
+    typical_start,
+)
 from estimators.diagnosis.from_motion.simulation.constants import LEAST
 from estimators.diagnosis.from_motion.simulation.free_run import commands_of
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.headline import likelier
 from estimators.diagnosis.quantities import of_joints
+from estimators.diagnosis.settings import TINY
 from limo_driver.physics import EncoderOffset
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -43,14 +49,11 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _ROWS: Final = 6000  # that are compared, at most
-_MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the motion
 _INDEPENDENT: Final = 2.0  # errors in a second
 _MOST_SIGNS: Final = 5  # joints that gravity loads, of which all signs are tried
 _DESCRIBED: Final = np.log(100.0)  # prior odds of a sign or zero as described against another
 _SURELY: Final = 10.0  # natural logarithm of odds; friction that holds a joint mimics some gravity
 _SURE: Final = np.log(20.0)  # from which on a joint counts as described
-_SIMULATED: Final = 3  # recordings
-_GLANCE: Final = 8  # evaluations
 _BETTER: Final = 0.1  # of the logarithm of a joint's error, that another convention has to gain
 _TURNS: Final = (np.pi / 2, -np.pi / 2, np.pi)  # [rad], zeros of other conventions
 
@@ -129,7 +132,7 @@ class _Rows:
 
 
 def conventions_of(
-    body: RobotModel, recordings: Sequence[Recording], delay: float = 0.02
+    body: RobotModel, recordings: Sequence[Recording], delay: float = DELAYS[1]
 ) -> Conventions:
     """Compare signs and zeros by how well gravity explains the lag of each servo.
 
@@ -145,7 +148,7 @@ def conventions_of(
     rows = _rows(recordings, delay)
     load = np.abs(body.gravity_torque(rows.position)).max(axis=0)
     loaded = np.flatnonzero(gives_scale(load))[:_MOST_SIGNS]
-    joints = [int(j) for j in loaded if np.any(np.abs(rows.velocity[:, j]) > _MOVING)]
+    joints = [int(j) for j in loaded if np.any(np.abs(rows.velocity[:, j]) > MOVING)]
     described = Convention((1,) * body.n, (0.0,) * body.n)
     if not joints:
         return Conventions(described, (), (), 0.0, as_described=True)
@@ -177,7 +180,7 @@ def confirmed(
     """
     if found.as_described or found.log_odds < _SURELY:
         return found
-    chosen, stated = list(recordings[:_SIMULATED]), rows_of(simulation)
+    chosen, stated = list(recordings[:GLANCED]), rows_of(simulation)
     other = ArmChange(
         tuple(-s * z for s, z in zip(found.best.sign, found.best.zero, strict=True)),
         found.best.sign,
@@ -187,7 +190,7 @@ def confirmed(
         parts = loads.parts(change)
         for j in (joint - 1 for joint in found.joints):
             begun = choose_start(parts[j], typical_start(stated[j]))
-            fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
+            fit = fit_joint(parts[j], begun, evaluations=GLANCE)
             away[k] += np.log(max(fit.mean_error, LEAST))
     gain = float(away[0] - away[1]) / len(found.joints)
     return replace(found, confirmed=gain > _BETTER)
@@ -203,7 +206,7 @@ def _odds_of(scores: Mapping[Convention, float], j: int) -> float:
 
 
 def likeliest_order(
-    body: RobotModel, recordings: Sequence[Recording], delay: float = 0.02
+    body: RobotModel, recordings: Sequence[Recording], delay: float = DELAYS[1]
 ) -> tuple[int, ...]:
     """Return the column of each joint that gravity speaks for, with two exchanged at most.
 
@@ -225,7 +228,7 @@ def likeliest_order(
         order = list(range(body.n))
         order[j], order[k] = k, j
         own = _Rows(rows.position[:, order], rows.velocity[:, order], rows.error[:, order])
-        moving = [m for m in order if np.any(np.abs(own.velocity[:, m]) > _MOVING)]
+        moving = [m for m in order if np.any(np.abs(own.velocity[:, m]) > MOVING)]
         scores[tuple(order)] = _score(body, own, described, moving, independent)
     return max(scores, key=lambda order: scores[order])
 
@@ -253,12 +256,12 @@ def _score(
     load = body.gravity_torque(convention.linked(rows.position)) * np.array(convention.sign)
     total = 0.0
     for j in joints:
-        moving = np.abs(rows.velocity[:, j]) > _MOVING
+        moving = np.abs(rows.velocity[:, j]) > MOVING
         pace, error = rows.velocity[moving, j], rows.error[moving, j]
         columns = np.stack([load[moving, j], np.sign(pace), pace], axis=1)
         _, left = nnls(columns, error)
         share = float(moving.mean()) * independent
-        total -= share * float(np.log(max(left, 1e-12) / np.sqrt(error.size)))
+        total -= share * float(np.log(max(left, TINY) / np.sqrt(error.size)))
     return total
 
 
@@ -273,7 +276,7 @@ def _rows(recordings: Sequence[Recording], delay: float) -> _Rows:
         error = commands_of(recording)[at] - followed
         parts.append((motion.position, motion.velocity, error))
     position, velocity, error = (np.concatenate(x) for x in zip(*parts, strict=True))
-    moving = np.flatnonzero((np.abs(velocity) > _MOVING).any(axis=1))
+    moving = np.flatnonzero((np.abs(velocity) > MOVING).any(axis=1))
     every = moving[:: max(1, moving.size // _ROWS)] if moving.size else np.arange(1)
     return _Rows(position[every], velocity[every], error[every])
 

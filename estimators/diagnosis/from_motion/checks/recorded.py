@@ -17,11 +17,12 @@ from estimators.base import check_different
 from estimators.diagnosis.from_motion.checks.commands import check_commands, check_set_points
 from estimators.diagnosis.from_motion.checks.timing import check_timing
 from estimators.diagnosis.from_motion.fitting.identification import with_servos
-from estimators.diagnosis.from_motion.fitting.starts import regressed
+from estimators.diagnosis.from_motion.fitting.starts import DELAYS, regressed
 from estimators.diagnosis.from_motion.simulation.constants import value_in
-from estimators.diagnosis.from_motion.simulation.free_run import commands_of
+from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commands_of
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.settings import TINY
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -40,11 +41,9 @@ if TYPE_CHECKING:
 _TURNS: Final = 3.0 * np.pi  # [rad] from where it begins, that no servo leads a joint without end
 _BEYOND: Final = np.pi  # [rad] behind the end of a joint, where nobody leads it
 _FAR: Final = 0.5  # [rad] from all commands of a joint, where few arms begin
-_MOVES: Final = 0.05  # [rad], range of a joint that can be judged
 _NEAR: Final = 0.3  # of how far positions spread, by which set-points are near them
 _MORE: Final = 100.0  # times the torque that masses need, which no friction makes of it
 _LESS: Final = 1.0 / 20.0  # of it, that moves no arm
-_DELAYS: Final = (0.0, 0.02, 0.06)  # [s], of drives, tried
 # of the torque that a joint's own commands leave unexplained: below, it follows another's, or the
 # opposite of its own; of this, a joint that counts the other way leaves 0.4 and more
 _RATHER, _AGAINST = 0.5, 0.2
@@ -150,7 +149,7 @@ def check_torques(simulation: Simulation, recording: Recording) -> None:
     Raises:
         RecordingError: Names what the commands seem to be.
     """
-    moves = np.ptp(recording.position, axis=0) > _MOVES
+    moves = np.ptp(recording.position, axis=0) > MOVED
     joints = np.flatnonzero(led_by(TORQUE, recording.channels) & moves).tolist()
     if not joints:
         return
@@ -199,7 +198,7 @@ def _unit_mistake(
         sliding: Which joints slide, (n,).
     """
     size, needed = (np.sqrt(np.mean(x[:, list(joints)] ** 2, axis=0)) for x in (torque, load))
-    ratio = size / np.maximum(needed, 1e-9)
+    ratio = size / np.maximum(needed, TINY)
     usual = float(np.median(ratio))
     if _LESS < usual < _MORE:
         return ""
@@ -234,7 +233,7 @@ def _following_mistake(
         """Return the torque of a joint that commands of a column leave unexplained [N m]."""
         columns = zip(parts[j], parts[k], strict=True)
         orders = [replace(own, command=sign * other.command) for own, other in columns]
-        return min(regressed(orders, rows[j], delay)[0] for delay in _DELAYS)
+        return min(regressed(orders, rows[j], delay)[0] for delay in DELAYS)
 
     known = {j: own for j in joints if 0.0 < (own := left(j, j)) < np.inf}
     ratio = {(j, k): left(j, k) / known[j] for j, k in permutations(known, 2)}

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from estimators.diagnosis.from_motion.fitting.joint import errors, fit_joint
+from estimators.diagnosis.from_motion.checks.velocities import UNLIKE
+from estimators.diagnosis.from_motion.fitting.joint import GLANCE, GLANCED, errors, fit_joint
 from estimators.diagnosis.from_motion.fitting.starts import (
     choose_start,
     most_of,
@@ -24,9 +25,10 @@ from estimators.diagnosis.from_motion.simulation.constants import (
     value_in,
     with_values,
 )
-from estimators.diagnosis.from_motion.simulation.free_run import busiest, commands_of
+from estimators.diagnosis.from_motion.simulation.free_run import MOVED, busiest, commands_of
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
+from estimators.diagnosis.settings import TINY
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 
@@ -41,13 +43,9 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_MOVES: Final = 0.05  # [rad], range of a joint that can be judged
-_GLANCE: Final = 8  # evaluations
 _FARTHEST: Final = 0.5  # [s] of looking ahead
 _BETTER: Final = 0.7  # of the error, which looking ahead has to get below
-_ALIKE: Final = 0.4  # correlation of the paces of command and position, below which none shows
 _SMOOTHED: Final = 5  # rows
-_JUDGED: Final = 3  # recordings at most
 _TRIED: Final = 50  # delays, of torques
 _REACHED: Final = 0.7  # of the torque that a servo without limit would have, tried as its limit
 _HELD: Final = 0.1  # dry friction by load, tried with it
@@ -77,7 +75,7 @@ def check_timing(simulation: Simulation, recordings: Sequence[Recording]) -> tup
     """
     first = busiest(recordings)
     others = (each for each in recordings if each is not first and _seems_early(each))
-    judged = [first, *others][:_JUDGED]
+    judged = [first, *others][:GLANCED]
     (delays, short), *_ = [_judge(simulation, each) for each in judged]
     believed = float(np.median([value_in(row, "delay") for row in rows_of(simulation)]))
     if delays and max(delays) <= _NONE < believed:
@@ -120,14 +118,14 @@ def _judge(simulation: Simulation, recording: Recording) -> tuple[list[float], l
     ahead = (-period * np.arange(round(_FARTHEST / period) + 1)).tolist()
     leads, gains = list[float](), list[float]()
     delays, short = list[float](), list[float]()
-    for j in np.flatnonzero(np.ptp(recording.position, axis=0) > _MOVES).tolist():
+    for j in np.flatnonzero(np.ptp(recording.position, axis=0) > MOVED).tolist():
         if stated[j, GAIN] > 0.0:
             lead, gain = _lead(parts[j], stated[j], ahead[:: max(1, len(ahead) // _TRIED)])
             leads.append(lead)
             gains.append(gain)
             continue
         begun = choose_start(parts[j], typical_start(stated[j]))
-        fit = fit_joint(parts[j], begun, evaluations=_GLANCE)
+        fit = fit_joint(parts[j], begun, evaluations=GLANCE)
         delays.append(fit.value("delay"))
         short.append(_damped(stated[j]) - _damped(fit.row))
         if delays[-1] > _NONE:
@@ -142,7 +140,7 @@ def _judge(simulation: Simulation, recording: Recording) -> tuple[list[float], l
         if scores[best] < _BETTER * fit.mean_error:
             fit = min(fit, _limited(parts[j], fit), key=lambda own: own.mean_error)
         leads.append(-ahead[best])
-        gains.append(scores[best] / max(fit.mean_error, 1e-9))
+        gains.append(scores[best] / max(fit.mean_error, TINY))
     if leads and np.median(leads) > 0.0 and np.median(gains) < _BETTER:
         raise RecordingError(
             f"commands come {float(np.median(leads)):.3g} s or more later than the positions that "
@@ -179,7 +177,7 @@ def _lead(
     best = int(np.argmin(scores))
     if not np.isfinite(behind):
         return 0.0, 1.0
-    return -ahead[best], scores[best] / max(behind, 1e-9)
+    return -ahead[best], scores[best] / max(behind, TINY)
 
 
 def _limited(parts: Sequence[LoadedJoint], fit: JointFit) -> JointFit:
@@ -202,7 +200,7 @@ def _seems_early(recording: Recording) -> bool:
     period = np.diff(recording.time, append=recording.time[-1])[:, None]
     commanded = np.cumsum(command * period, axis=0)  # where velocities would lead
     command = np.where(led_by(VELOCITY, recording.channels), commanded, command)
-    moves = np.minimum(np.ptp(position, axis=0), np.ptp(command, axis=0)) > _MOVES
+    moves = np.minimum(np.ptp(position, axis=0), np.ptp(command, axis=0)) > MOVED
     moving = np.flatnonzero(moves & ~led_by(TORQUE, recording.channels))
     shifts = [_shift(command[:, j], position[:, j], recording.rate) for j in moving.tolist()]
     return bool(shifts) and float(np.median(shifts)) < -1.0 / recording.rate
@@ -223,7 +221,7 @@ def _shift(command: FloatArray, position: FloatArray, rate: float) -> float:
         for k in range(-reach, reach + 1)
     ]
     best = int(np.argmax(scores))
-    return (best - reach) / rate if scores[best] > _ALIKE else 0.0
+    return (best - reach) / rate if scores[best] > UNLIKE else 0.0
 
 
 _LEAP: Final = 1.6  # times the pace of the rows around, at which joints reach a row

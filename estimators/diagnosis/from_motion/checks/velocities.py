@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.simulation.free_run import commands_of
+from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commands_of
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -35,13 +35,12 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_MOVES: Final = 0.05  # [rad, rad/s], range of a joint that can be judged
 _LATE: Final = 0.3  # [s], by which a joint may follow
-_ALIKE, _UNLIKE = 0.8, 0.4  # correlations
+ALIKE, UNLIKE = 0.8, 0.4  # correlations
 _STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
 _BETTER: Final = 0.2  # of correlation, by which commands are like a position rather
 _SAME: Final = 1e-6  # of the velocity, by which commands are the velocity itself
-_LESS, _MORE = 1 / 8, 1.3  # times as fast as told, that a servo moves its joint
+_LESS, MORE = 1 / 8, 1.3  # times as fast as told, that a servo moves its joint
 _UNITS: Final = {"deg/s": 180.0 / np.pi, "revolutions per minute": 30.0 / np.pi}  # in 1 rad/s
 _NEAR: Final = (0.75, 1.6)  # of such a number, that a servo may lack or friction take
 _LASTING: Final = 1.0  # [s] in which a joint does not obey
@@ -77,7 +76,7 @@ class _Told:
 
     def moves(self, j: int) -> bool:
         """Say whether a joint moves enough to be judged."""
-        return bool(np.ptp(self.recording.position[:, j]) > _MOVES)
+        return bool(np.ptp(self.recording.position[:, j]) > MOVED)
 
     def slope(self, j: int) -> float:
         """Return how fast a joint moves for each unit of its command: of the larger ones."""
@@ -141,18 +140,18 @@ def _mistake(commanded: _Told, j: int, unit: str) -> str:
             "was what was measured recorded as command?"
         )
     own = commanded.follows(j, j)
-    others = [k for k in commanded.joints if k != j and abs(own) < _UNLIKE]
-    if (k := next((k for k in others if commanded.follows(j, k) > _ALIKE), None)) is not None:
+    others = [k for k in commanded.joints if k != j and abs(own) < UNLIKE]
+    if (k := next((k for k in others if commanded.follows(j, k) > ALIKE), None)) is not None:
         return f"joint {j + 1} follows {VELOCITY.name}_{k + 1}, not {name}; are joints exchanged?"
     position = commanded.recording.position[:, j]
-    if correlation(command, position) > max(_ALIKE, abs(own) + _BETTER):
+    if correlation(command, position) > max(ALIKE, abs(own) + _BETTER):
         return (
             f"{name} follows position_{j + 1}, not its velocity; expected {unit}/s; are these "
             f"set-points of positions, {POSITION.name}_{j + 1}?"
         )
-    if own < -_ALIKE:
+    if own < -ALIKE:
         return f"joint {j + 1} moves against {name}; has one of them the other sign?"
-    return _unit_mistake(commanded, j, unit) if own > _ALIKE else ""
+    return _unit_mistake(commanded, j, unit) if own > ALIKE else ""
 
 
 def _is_measured(commanded: _Told, j: int) -> bool:
@@ -169,10 +168,10 @@ def _is_measured(commanded: _Told, j: int) -> bool:
 def _unit_mistake(commanded: _Told, j: int, unit: str) -> str:
     """Say which unit commands seem to have that a joint follows, if it is not SI."""
     slope, name = commanded.slope(j), f"{VELOCITY.name}_{j + 1}"
-    if _LESS < slope < _MORE:
+    if _LESS < slope < MORE:
         return ""
     by_row = commanded.recording.rate  # rad/s that a change of 1 rad by row is
-    if slope > _MORE and 1.0 / _NEAR[1] < slope / by_row < 1.0 / _NEAR[0]:
+    if slope > MORE and 1.0 / _NEAR[1] < slope / by_row < 1.0 / _NEAR[0]:
         what = "changes of the position by row"
     else:
         near = [other for other, many in _UNITS.items() if _NEAR[0] < 1.0 / slope / many < _NEAR[1]]

@@ -15,6 +15,7 @@ import numpy as np
 
 from estimators.diagnosis.from_motion.fitting.joint import independent
 from estimators.diagnosis.from_motion.simulation import constants as c
+from estimators.diagnosis.settings import MAD
 from estimators.regression.definite import SymmetricSpectrum
 from limo_driver.physics.drives import MOST_SAG
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
@@ -86,7 +87,7 @@ class Weights:
             errors: Of each joint [rad].
             least: That encoders make [rad].
         """
-        scale = [max(1.4826 * float(np.median(np.abs(e))), least) for e in errors]
+        scale = [max(MAD * float(np.median(np.abs(e))), least) for e in errors]
         many = [
             independent(np.clip(e, -_LARGE * s, _LARGE * s)) / e.size
             for e, s in zip(errors, scale, strict=True)

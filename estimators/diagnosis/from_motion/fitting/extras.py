@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors, fit_joint, left_out
+from estimators.diagnosis.from_motion.fitting.joint import (
+    GLANCE,
+    JointFit,
+    errors,
+    fit_joint,
+    left_out,
+)
 from estimators.diagnosis.from_motion.fitting.starts import (
     LAGS,
     LimitStart,
@@ -84,7 +90,7 @@ class Extra:
         begun = c.with_values(row, {**self.shape, **first.bent, **start})
         if self.shape and not _shows(parts, begun, row, self.shape):
             return None  # the same without that shape is tried
-        return fit_joint(parts, begun, (*names, *start), priors, _SCREENING)
+        return fit_joint(parts, begun, (*names, *start), priors, GLANCE)
 
     def easing(self, row: FloatArray) -> dict[str, float]:
         """Return what is left at first of the constants that took its place.
@@ -116,7 +122,6 @@ EXTRAS: Final = (
 MOST: Final = 3  # of one joint
 GAIN: Final = 0.97  # of the error on motion not seen, which an effect has to get below
 _SURE: Final = 0.4  # of the logarithm of a constant; a deviation beyond says that it is not seen
-_SCREENING: Final = 8  # evaluations
 _PIECE: Final = 10.0  # [s]
 # The profile of hobby servos: LeRobot sets theirs to 254 times 100 steps/s² of 4096 steps a turn.
 USUAL_PROFILE: Final = c.BelievedValue(39.0, 0.25)  # [rad/s²]
@@ -219,8 +224,8 @@ def of_a_kind(
     believed, start = {**priors, "acceleration": USUAL_PROFILE}, PROFILE.easing(fit.row)
     begun = c.with_values(fit.row, {**PROFILE.shape, **start, "acceleration": USUAL_PROFILE.value})
     seen, unseen = apart(parts)
-    before = fit_joint(seen, fit.row, fit.names, priors, _SCREENING)
-    after = fit_joint(seen, begun, (*fit.names, "acceleration"), believed, _SCREENING)
+    before = fit_joint(seen, fit.row, fit.names, priors, GLANCE)
+    after = fit_joint(seen, begun, (*fit.names, "acceleration"), believed, GLANCE)
     final = fit_joint(parts, after.row, after.names, believed)
     kept = left_out(final, parts, believed) if intervals else final
     ratio = _score(unseen, after.row) / max(_score(unseen, before.row), c.LEAST)
@@ -252,7 +257,7 @@ def _best(
 ) -> JointFit:
     """Return the best fit of those that begin with each of the lags."""
     lags = LAGS[c.gain_of(row)]
-    begun = [fit_joint(parts, with_lag(row, lag), names, priors, _SCREENING) for lag in lags]
+    begun = [fit_joint(parts, with_lag(row, lag), names, priors, GLANCE) for lag in lags]
     best = min(begun, key=lambda fit: fit.mean_error)
     return fit_joint(parts, best.row, names, priors)
 

@@ -12,6 +12,7 @@ from scipy.stats import t as student_t
 
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
+from estimators.diagnosis.settings import TINY, Z95
 from estimators.regression.definite import SymmetricSpectrum, jackknife
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
 _COARSE: Final = 3.0  # typical errors, from which on they do at first
 _FINER: Final = 7.0  # times smaller in the next fit
+GLANCE: Final = 8  # evaluations, of a fit that is not to be the last
+GLANCED: Final = 3  # recordings at most, that such a fit sees
 _EVALUATIONS: Final = 25
 _ENOUGH, _NEAR = 1e-5, 1e-4  # of the cost, and of the constants: steps that gain less are the last
 _CORRELATED: Final = 0.05  # below this, errors are taken for uncorrelated
@@ -33,9 +36,7 @@ _LEFT_OUT: Final = 6  # steps of linear fits to what is left
 _FARTHEST: Final = 1.0  # of a logarithm or in the unit, that a block left out may move a constant
 
 
-NORMAL: Final = 1.96  # deviations that hold 95 %
 _NOWHERE: Final = 50.0  # of a logarithm or in the unit, beyond which an interval says nothing
-_EXACT: Final = 1e-12  # [rad], errors of which are as good as none
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class JointFit:
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a value."""
-        value, reach = self.value(name), min(NORMAL * self.deviation[name], _NOWHERE)
+        value, reach = self.value(name), min(Z95 * self.deviation[name], _NOWHERE)
         if name in c.SIGNED:
             return value - reach, value + reach
         far = float(np.exp(reach))
@@ -160,7 +161,7 @@ def fit_joint(
     best = of(found.x)
     error = found.fun[:held]
     spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))
-    scale = max(float(spread), _EXACT) * np.sqrt(error.size / independent(error))
+    scale = max(float(spread), TINY) * np.sqrt(error.size / independent(error))
     normal = found.jac[:held].T @ found.jac[:held]
     for name, prior in known.items():
         at = names.index(name)
@@ -208,7 +209,7 @@ def left_out(
 
 def between(fits: FloatArray) -> FloatArray:
     """Return deviations (p,) by what fits (F, p) that each leave a part out differ by."""
-    few = float(student_t.ppf(0.975, len(fits) - 1)) / NORMAL  # few are less sure of a spread
+    few = float(student_t.ppf(0.975, len(fits) - 1)) / Z95  # few are less sure of a spread
     return few * np.linalg.norm(jackknife(list(fits)), axis=0)
 
 

@@ -27,8 +27,8 @@ LAGS: Final = {
     "kv": ({"delay": 0.004, "inertia": 0.02}, {"delay": 0.04, "inertia": 0.005}),
     "gain": ({"delay": 0.002}, {"delay": 0.02}),
 }
-_DELAYS: Final = (0.0, 0.02, 0.06)  # [s], tried
-_MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the motion
+DELAYS: Final = (0.0, 0.02, 0.06)  # [s], tried
+MOVING: Final = 0.05  # [rad/s], from which on friction has the sign of the motion
 _ENOUGH: Final = 50  # moving rows
 _LEAST_GAIN: Final = 1e-3  # [N m/rad]
 _NONE_AT_FIRST: Final = ("kd", "stribeck", "by_load", "offset", "dead_band", "play")
@@ -115,7 +115,7 @@ def away(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
 
 def _gain(parts: Sequence[LoadedJoint], row: FloatArray) -> float | None:
     """Return the gain by which the lag of moving rows explains their load best."""
-    found = [regressed(parts, row, delay) for delay in _DELAYS]
+    found = [regressed(parts, row, delay) for delay in DELAYS]
     left, gain = min(found)
     return gain if np.isfinite(left) and gain > _LEAST_GAIN else None
 
@@ -135,7 +135,7 @@ def regressed(parts: Sequence[LoadedJoint], row: FloatArray, delay: float) -> tu
     columns, loads = list[FloatArray](), list[FloatArray]()
     for part in parts:
         at = np.maximum(np.searchsorted(part.time, part.time - delay, side="right") - 1, 0)
-        moving = np.abs(part.velocity) > _MOVING
+        moving = np.abs(part.velocity) > MOVING
         pace = part.velocity[moving]
         change = np.gradient(part.velocity, part.time)[moving]
         late = replace(part, command=part.command[at])

@@ -16,6 +16,7 @@ import numpy as np
 from estimators.diagnosis.from_torque.fitting.problem import fitted
 from estimators.diagnosis.headline import is_of_bodies
 from estimators.diagnosis.held_out import rmse, surely_positive
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import HELD_OUT
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.regression.evidence import Posterior
     from limo_driver.types import FloatArray
-
-TINY = 1e-12  # [N m], that nothing is divided by less than
 
 
 def without(problem: RegressionProblem, solution: Solution, member: int) -> Posterior:

@@ -25,6 +25,7 @@ from estimators.diagnosis.from_torque.residuals.plausibility import doubts_on, n
 from estimators.diagnosis.held_out import bootstrap, reducible_removed, rmse, surely_positive
 from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import HOLDING, OBSERVABLE
@@ -225,7 +226,7 @@ def not_observable(
         information = np.diag(evidence.gram)[at]
         joint = candidate.joints[0] if candidate.joints else 0
         torque = float(
-            np.min(size[at] * np.sqrt(2 * OBSERVABLE.price / np.maximum(information, 1e-12)))
+            np.min(size[at] * np.sqrt(2 * OBSERVABLE.price / np.maximum(information, TINY)))
             / remaining.floor[joint]
         )
         known = least.get(candidate.effect)

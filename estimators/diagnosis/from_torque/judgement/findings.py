@@ -148,8 +148,8 @@ def _sentence(
         where = f"At joint {joint + 1} {signature}"
     return (
         f"{where}; on held-out motion it reduces the "
-        f"RMSE there from {rounded(before, 3)} to {rounded(after, 3)} {unit} "
-        f"(noise floor {rounded(floor, 3)} {unit}), and "
+        f"RMSE there from {rounded(before)} to {rounded(after)} {unit} "
+        f"(noise floor {rounded(floor)} {unit}), and "
         + (
             f"is {likelier(lead)} than the next explanation."
             if lead > 0
@@ -253,8 +253,8 @@ def _unknown_sentence(
 ) -> str:
     """Say what a black box predicts at each joint (0-based)."""
     figures = [
-        f"{rounded(remaining.predictable[j], 3)} {unit} RMS at joint {j + 1} "
-        f"(noise floor {rounded(remaining.floor[j], 3)} {unit})"
+        f"{rounded(remaining.predictable[j])} {unit} RMS at joint {j + 1} "
+        f"(noise floor {rounded(remaining.floor[j])} {unit})"
         for j in joints
         for unit in [observed.unit("N m", j)]
     ]

@@ -23,9 +23,10 @@ from estimators.diagnosis.from_torque.judgement.conclusion import above_floor
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
+from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import VALUES
-from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Z95, Finding, Identified, Interval
+from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.model.descriptions.description import SITE
 from limo_driver.model.units import unit_of
@@ -170,7 +171,7 @@ def seen_by_sites(load: Inertial, model: RobotModel) -> str:
         return ""
     return (
         f" Its centre is given in the frame of {model.link_names[-1]}; it is at "
-        f"{listed(places[-WORDING.places :])}."
+        f"{listed(places[-WORDING.listed :])}."
     )
 
 

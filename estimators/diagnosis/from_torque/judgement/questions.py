@@ -34,6 +34,8 @@ from estimators.diagnosis.from_torque.hypotheses.search import Search
 from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, normal_equations
 from estimators.diagnosis.quantities import listed, placed
 from estimators.diagnosis.result import Test
+from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import GUESSES, JUDGEMENT, QUESTIONS
 from estimators.regression.evidence import Evidence, Prior, joined, posterior
 from limo_driver.logs.readers.columns import CURRENT
@@ -106,7 +108,7 @@ class _Questions:
         made = np.split(problem.observed.filter(np.concatenate(sharp, axis=1)), ends, axis=1)
         families: list[tuple[str, Prior]] = []
         for (question, _), part in zip(_FAMILIES, made, strict=True):
-            strength = np.maximum(np.sqrt(np.mean(part**2, axis=0)), 1e-12)
+            strength = np.maximum(np.sqrt(np.mean(part**2, axis=0)), TINY)
             index = columns.add((0,), np.ascontiguousarray(part / strength)[None])
             families.append((question, Prior.free(index, np.full(index.size, level))))
         return cls(
@@ -126,7 +128,7 @@ class _Questions:
         evidence = Evidence(self.products, self.nuisance)
         known = joined()
         gain, error = 0.0, self._error(known)
-        reducible = max(error - self.floor, QUESTIONS.least_reducible * self.floor, 1e-12)
+        reducible = max(error - self.floor, QUESTIONS.least_reducible * self.floor, TINY)
         tests: list[Test] = []
         for question, family in self.families:
             both = joined(known, family)
@@ -184,7 +186,7 @@ def _rate(observed: Observations, j: int) -> FloatArray:
 
 def _load(observed: Observations, j: int) -> FloatArray:
     load = observed.load[:, j]
-    load = load / max(float(np.abs(load).max()), 1e-9)
+    load = load / max(float(np.abs(load).max()), TINY)
     sign = _sign(observed, j)
     return np.stack([load, sign * np.abs(load), sign * load], axis=1)
 
@@ -292,7 +294,7 @@ def are_currents(recording: Recording) -> bool:
     square = np.sum(i**2, axis=0)
     some = (square > 0.0) & (np.sum(tau**2, axis=0) > 0.0)
     constant = np.sum(i * tau, axis=0) / np.where(some, square, 1.0)
-    off = np.sum((tau - constant * i) ** 2, axis=0) / np.maximum(np.sum(tau**2, axis=0), 1e-300)
+    off = np.sum((tau - constant * i) ** 2, axis=0) / np.maximum(np.sum(tau**2, axis=0), TINY**2)
     return bool(some.any() and (off[some] < GUESSES.constant**2).all())
 
 
@@ -316,7 +318,7 @@ def guessed_notes(judged: JudgedSet, given: Simulation) -> Iterator[str]:
         found = _sought(problem, solution, guess)
         gone, come = sorted(named - found), sorted(found - as_it_is)
         if gone or come:
-            yield _sentence(guess, gone, come[: GUESSES.listed])
+            yield _sentence(guess, gone, come[: WORDING.listed])
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,10 @@ import numpy as np
 from estimators.diagnosis.from_torque.fitting.contribution import TINY
 from estimators.diagnosis.from_torque.hypotheses.responses import difference
 from estimators.diagnosis.from_torque.judgement.intervals import ValueComparison
+from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.settings.fitting import TOLERATED
 from estimators.diagnosis.settings.judgement import VALUES
-from estimators.diagnosis.verdict import LINK_INERTIA, Z95, StatedValue, is_felt_by_all
+from estimators.diagnosis.verdict import LINK_INERTIA, StatedValue, is_felt_by_all
 from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.model.units import unit_of

@@ -15,6 +15,7 @@ import numpy as np
 from estimators.diagnosis.from_torque.hypotheses.responses import over_joint
 from estimators.diagnosis.held_out import block_of
 from estimators.diagnosis.quantities import rounded
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.judgement import BLACK_BOX, REGION
 from estimators.diagnosis.verdict import Where
 from estimators.regression.definite import inverse_root
@@ -44,7 +45,7 @@ def predictable_part(observed: Observations, residual: FloatArray, joint: int) -
     """
     features = _features(observed, joint) * observed.moving[:, joint, None]
     residual = residual * observed.moving[:, joint]
-    X = features / np.maximum(np.sqrt(np.mean(features**2, axis=0)), 1e-12)
+    X = features / np.maximum(np.sqrt(np.mean(features**2, axis=0)), TINY)
     fold = _folds(observed)
     grams = [X[fold == k].T @ X[fold == k] for k in range(BLACK_BOX.folds)]
     products = [X[fold == k].T @ residual[fold == k] for k in range(BLACK_BOX.folds)]

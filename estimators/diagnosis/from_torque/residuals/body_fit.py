@@ -23,6 +23,7 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import without_effort
 from estimators.diagnosis.held_out import Split, rmse
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.residuals import MISTAKES, MOUNTING, PLAUSIBILITY
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Verdict, Where
 from estimators.regression.definite import SHOWN
@@ -272,7 +273,7 @@ def with_mounting(verdict: Verdict, given: Observations, mounted: Observations) 
     floor, fit = np.array(verdict.fit.noise_floor), verdict.fit
     before, after = rmse(given.residual, rows), rmse(mounted.residual, rows)
     reducible = float(np.sum(np.maximum(before**2 - floor**2, 0.0)))
-    left = float(np.sum(np.maximum(after**2 - floor**2, 0.0))) / max(reducible, 1e-300)
+    left = float(np.sum(np.maximum(after**2 - floor**2, 0.0))) / max(reducible, TINY**2)
     left = min(left, 1.0)
     others = tuple(
         replace(item, share=item.share * left)

@@ -44,6 +44,8 @@ from estimators.diagnosis.from_torque.residuals.noise import usual_error, usual_
 from estimators.diagnosis.from_torque.residuals.pushes import Push, TimeSpan, covered, overlap
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
 from estimators.diagnosis.quantities import listed, rounded
+from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import IMPACTS, JOLTS, PUSHES
 from estimators.diagnosis.settings.residuals import ROWS
 
@@ -141,9 +143,6 @@ def _rests(bare: Observations, joint: int) -> Iterator[slice]:
             yield slice(int(first), int(last))
 
 
-_TINY = float(np.finfo(float).tiny)
-
-
 @dataclass(frozen=True)
 class Jolt(TimeSpan):
     """When the arm was jolted, in the time of one recording."""
@@ -215,7 +214,7 @@ def times_of(found: Sequence[TimeSpan], recordings: int) -> str:
 
 def _times(found: Sequence[TimeSpan]) -> str:
     """Say when the events of one recording begin; of many, when the first ones do."""
-    times = [f"{event.start:.1f} s" for event in found[: JOLTS.listed]]
+    times = [f"{event.start:.1f} s" for event in found[: WORDING.listed]]
     more = len(found) - len(times)
     return listed([*times, f"{more} other time{'s' * (more > 1)}"] if more else times)
 
@@ -298,9 +297,9 @@ def _explained(
     levels = np.stack([np.ones_like(passed), passed], axis=1)
     left = errors[near] - levels @ np.linalg.lstsq(levels, errors[near])[0]
     column = observed.inertia[:, :, near] / usual[:, None]
-    column /= np.maximum(np.linalg.norm(column, axis=1, keepdims=True), _TINY)
+    column /= np.maximum(np.linalg.norm(column, axis=1, keepdims=True), TINY)
     along = np.einsum("jik,ki->jk", column, left)
-    return np.asarray(np.sum(along**2, axis=1) / max(float(np.sum(left**2)), _TINY))
+    return np.asarray(np.sum(along**2, axis=1) / max(float(np.sum(left**2)), TINY**2))
 
 
 def _load_changes(observed: Observations, event: TimeSpan) -> NDArray[np.bool_]:

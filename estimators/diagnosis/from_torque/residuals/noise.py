@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import welch
 
+from estimators.diagnosis.settings import MAD
 from estimators.diagnosis.settings.residuals import ABOVE, NOISE
 from estimators.regression.evidence import NormalEquations
 from limo_driver.recordings.bandwidth import bandwidth_at
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
-
-_MAD = 1.4826  # of a normal distribution, its deviation over the median of absolute values
 
 
 @dataclass(frozen=True)
@@ -202,7 +201,7 @@ _THIRD = 20.0  # variance of a third difference of white noise
 
 def usual_error(errors: FloatArray) -> float:
     """Return the deviation of most errors [N m], whatever a few of them are."""
-    usual = _MAD * float(np.median(np.abs(errors))) if errors.size else 0.0
+    usual = MAD * float(np.median(np.abs(errors))) if errors.size else 0.0
     return max(usual, np.finfo(float).tiny)
 
 

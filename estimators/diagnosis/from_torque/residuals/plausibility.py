@@ -40,6 +40,7 @@ from estimators.diagnosis.from_torque.residuals.usable_joints import (
     without_torque,
 )
 from estimators.diagnosis.quantities import listed, of_joints
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK
 from estimators.rigid_body.tolerances import bare
@@ -164,13 +165,13 @@ def _check_columns(observed: Observations, sample: RowSample) -> str:
     wrong = [mistake.message for mistake in found if mistake.is_of_data]
     if wrong:
         more = (
-            f"; and {len(wrong) - PLAUSIBILITY.listed} more of the kind"
-            if len(wrong) > PLAUSIBILITY.listed
+            f"; and {len(wrong) - WORDING.listed} more of the kind"
+            if len(wrong) > WORDING.listed
             else ""
         )
         raise _refused(
             observed,
-            f"{'; '.join(wrong[: PLAUSIBILITY.listed])}{more} (undone, torque fits motion)",
+            f"{'; '.join(wrong[: WORDING.listed])}{more} (undone, torque fits motion)",
         )
     return "; ".join(mistake.message for mistake in found)
 

@@ -30,6 +30,7 @@ from estimators.diagnosis.from_torque.residuals.reversals import (
     usual_about_reversals,
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import doubtful_encoders
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.judgement import PUSHES
 from limo_driver.types import FloatArray
 
@@ -235,7 +236,7 @@ class _Scan:
         course = partial(_hold, ramp=1.0 / self.observed.bandwidth) if push.held else _half_sine
         others = np.ones((time.size, 1))
         columns = np.column_stack([_felt(course, time, push.start, push.end), others])
-        return 1.0 - (_left(columns, errors) / max(_left(others, errors), 1e-12)) ** 2
+        return 1.0 - (_left(columns, errors) / max(_left(others, errors), TINY)) ** 2
 
     def _evidence(self, rows: int) -> FloatArray:
         """Return how much likelier each joint's errors are if they vary more than usual [nat].

@@ -27,6 +27,7 @@ from scipy.stats import f as ratio_of_variances
 from scipy.stats import norm
 
 from estimators.diagnosis.from_torque.residuals.noise import usual_error
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.judgement import PUSHES
 
 if TYPE_CHECKING:
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.types import FloatArray
 
-_TINY = 1e-12  # an error of nothing, of whitened ones
 _LEAST = float(np.log(np.finfo(float).tiny))
 
 
@@ -96,7 +96,7 @@ def usual_about_reversals(
     for j in range(observed.n):
         rows = np.flatnonzero(turns[:, j])
         if rows.size and steady[:, j].any():
-            usual = max(usual_error(errors[steady[:, j], j]), _TINY)
+            usual = max(usual_error(errors[steady[:, j], j]), TINY)
             squares = errors[rows, j] ** 2
             large = _large_at_others(squares, rows, stops[:, j], observed.moving[:, j])
             result[rows, j] = np.maximum(1.0, np.sqrt(large) / usual)

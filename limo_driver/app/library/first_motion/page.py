@@ -211,7 +211,7 @@ def _rests(figures: Record) -> Figure:
     line = {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "line": {"color": MEASURED}}
     axes = layout("", "torque at rest, in tolerances")
     axes["shapes"] = [line | {"y0": y, "y1": y} for y in (-1, 1)]
-    return {"data": data, "layout": axes | {"showlegend": True}, "height": 320}
+    return {"data": data, "layout": axes | {"showlegend": True}}
 
 
 def _poses(figures: Record) -> str:
@@ -302,7 +302,7 @@ def _followed(recording: Recording) -> Figure:
         if commanded is not None
         else []
     )
-    return {"data": data, "layout": axes | {"showlegend": True}, "height": 300}
+    return {"data": data, "layout": axes | {"showlegend": True}}
 
 
 def _counts(link: Record) -> Record:

@@ -74,5 +74,5 @@ def _felt(proof: Proof, charts: Charts) -> str:
         for j, column in enumerate(external[rows].T)
     ]
     axes = layout("time [s]", "difference [N m]") | {"showlegend": True}
-    figure = {"data": data, "layout": axes, "height": 320}
+    figure = {"data": data, "layout": axes}
     return charts.place(figure, "Measured less estimated torque of each joint")

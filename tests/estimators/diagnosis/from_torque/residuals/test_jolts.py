@@ -10,6 +10,7 @@ from estimators.diagnosis.from_torque.residuals.jolts import Jolt, jolts
 from estimators.diagnosis.from_torque.residuals.jolts import jolts_note as note
 from estimators.diagnosis.from_torque.residuals.pushes import covered, pushes
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import JOLTS
 
 
@@ -90,8 +91,8 @@ def test_a_note_says_when_where_and_how_far(recordings, when) -> None:
 
 
 def test_a_note_names_the_recording_once_and_counts_what_it_does_not_name() -> None:
-    many = [Jolt(1, float(at), at + 0.1, (0, 1), 6.0) for at in range(JOLTS.listed + 2)]
+    many = [Jolt(1, float(at), at + 0.1, (0, 1), 6.0) for at in range(WORDING.listed + 2)]
     said = note([Jolt(0, 7.0, 7.1, (0, 1), 6.0), *many[:-1]], 2)
     assert said.startswith("At 7.0 s of recording 1 and at 0.0 s, 1.0 s, ")
-    assert f"{JOLTS.listed - 1:.1f} s and 1 other time of recording 2 the errors" in said
+    assert f"{WORDING.listed - 1:.1f} s and 1 other time of recording 2 the errors" in said
     assert "and 2 other times the errors" in note(many, 1)
