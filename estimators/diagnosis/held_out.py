@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from estimators.diagnosis.settings import ROUNDING, TAIL
 from estimators.diagnosis.settings.residuals import ELSEWHERE, HELD_OUT
 
 if TYPE_CHECKING:
@@ -180,7 +181,7 @@ def surely_positive(gained: FloatArray, observed: Observed, rows: NDArray[np.boo
         Whether the 2.5 % quantile over resampled blocks is above 0, and above rounding: of two
         residuals that are one, either is the smaller by the last bit.
     """
-    nothing = HELD_OUT.rounding * float(rows.sum())
+    nothing = ROUNDING * float(rows.sum())
     of_row = blocks(observed)
     sums = np.zeros((2, int(of_row.max(initial=-1)) + 1))
     np.add.at(sums[0], of_row, np.where(rows, gained, 0.0).sum(axis=1))
@@ -189,7 +190,7 @@ def surely_positive(gained: FloatArray, observed: Observed, rows: NDArray[np.boo
     if of_block.size < 2:  # noqa: PLR2004  # nothing to resample
         return bool(of_block.sum() > nothing)
     drawn = np.random.default_rng(0).integers(0, of_block.size, (HELD_OUT.resamples, of_block.size))
-    return bool(np.quantile(of_block[drawn].sum(axis=1), HELD_OUT.chance) > nothing)
+    return bool(np.quantile(of_block[drawn].sum(axis=1), TAIL) > nothing)
 
 
 def blocks(observed: Observed) -> NDArray[np.int64]:
@@ -237,7 +238,7 @@ def bootstrap(
         reducible_removed(np.sqrt(first / count), np.sqrt(second / count), floor)
         for first, second, count in zip(*drawn, strict=True)
     ]
-    low, high = np.quantile(found, (HELD_OUT.chance, 1.0 - HELD_OUT.chance))
+    low, high = np.quantile(found, (TAIL, 1.0 - TAIL))
     return float(low), float(high)
 
 
@@ -259,7 +260,7 @@ def rmse_change(
     if drawn is None:
         return np.full(before.shape[1], -np.inf), np.full(before.shape[1], np.inf)
     change = np.sqrt(drawn[1] / drawn[2]) - np.sqrt(drawn[0] / drawn[2])
-    low, high = np.quantile(change, (HELD_OUT.chance, 1.0 - HELD_OUT.chance), axis=0)
+    low, high = np.quantile(change, (TAIL, 1.0 - TAIL), axis=0)
     return low, high
 
 

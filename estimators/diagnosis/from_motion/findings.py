@@ -18,7 +18,7 @@ import numpy as np
 from estimators.diagnosis.from_motion.fitting.identification import SURE
 from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors
 from estimators.diagnosis.from_motion.held_out import CONFIDENT, LEAST, removes
-from estimators.diagnosis.from_motion.search import FOUND, OFFSET
+from estimators.diagnosis.from_motion.search import OFFSET
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
 from estimators.diagnosis.settings.afterwards import WORDING
@@ -237,7 +237,7 @@ class JointValues:
                 else abs(np.log(max(value, LEAST) / max(believed, 1e-3 * value, LEAST)))
             )
             reach = OFFSET if signed else c.value_in(self.tolerance, name)
-            if apart > FOUND * float(np.hypot(self.fit.deviation[name], reach)):
+            if apart > VALUES.sure * float(np.hypot(self.fit.deviation[name], reach)):
                 return True
         return False
 

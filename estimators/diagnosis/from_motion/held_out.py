@@ -22,7 +22,8 @@ from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoad
 from estimators.diagnosis.from_motion.simulation.one_joint import RowErrors
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.from_motion.suspects import COUNTED
-from estimators.diagnosis.settings import Z95
+from estimators.diagnosis.settings import LEVEL, TAIL, Z95
+from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 LEAST: Final = 1e-9
-CONFIDENT: Final = 0.95  # share of resampled held-out motion in which a finding has to remove it
+CONFIDENT: Final = LEVEL  # share of resampled held-out motion in which a finding has to remove it
 _SEEN: Final = 0.1  # of a joint's squared held-out error, that a finding has to remove at least
 _MANY: Final = 4  # recordings, from which on whole ones are held out
 _REST: Final = 0.1  # [s] before and after a cut, in which a joint moves little
@@ -115,7 +116,7 @@ def removes(squared: FloatArray, without: FloatArray, folds: int = 1) -> float:
     many, gain = _BLOCKS * folds, without - squared - _SEEN * without
     blocks = np.array([block.sum() for block in np.array_split(gain, many)])
     drawn = np.random.default_rng(0).integers(0, many, (_DRAWN, many))
-    return min(0.99, float(np.mean(blocks[drawn].sum(axis=1) > 0.0)))
+    return min(CONFIDENCE.highest, float(np.mean(blocks[drawn].sum(axis=1) > 0.0)))
 
 
 def resolution_of(recordings: Sequence[Recording], j: int) -> float:
@@ -142,7 +143,7 @@ def by_recording(
     reducible = np.add.reduceat((before**2 - floor**2).sum(axis=1), bounds[:-1])
     drawn = np.random.default_rng(0).integers(0, len(rows), (1000, len(rows)))
     share = gain[drawn].sum(axis=1) / np.maximum(reducible[drawn].sum(axis=1), LEAST)
-    low, high = np.percentile(share, (2.5, 97.5))
+    low, high = np.quantile(share, (TAIL, 1 - TAIL))
     return float(low), float(high)
 
 

@@ -21,6 +21,7 @@ from estimators.diagnosis.from_motion.fitting.arm import (
     at_bound,
     fit_arm,
 )
+from estimators.diagnosis.from_motion.fitting.joint import EVALUATIONS, GLANCE
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
@@ -30,9 +31,9 @@ from estimators.diagnosis.from_motion.suspects import (
     stated_beside,
     suspects_of,
 )
+from estimators.diagnosis.settings.judgement import VALUES
 from limo_driver.types import FloatArray
 
-FOUND: Final = 3.0  # deviations from what is stated, from which on a value is called wrong
 OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
 _SMALL: Final = 2e-3  # in the unit of each
 _UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
@@ -47,7 +48,7 @@ _MASS: Final = 1.0  # of the arm's own
 _WORTH: Final = 16.0  # [nat], that a suspect has to explain
 _EACH: Final = 2.0  # [nat], for each of its constants
 _MOST: Final = 4
-_FIRST, _GLANCE, _TRY, _THEN, _LAST = 12, 2, 4, 8, 25  # steps of fits
+_FIRST, _GLANCE, _TRY = 12, 2, 4  # steps of fits
 # Slopes over larger steps lead past what friction makes rough, those over smaller ones along
 # valleys in which gains and a body change together.
 _FINE: Final = 1e-3
@@ -147,7 +148,7 @@ def search(
         **{f"zero_{j + 1}": c.BelievedValue(0.0, _ZERO) for j in range(loads.n)},
     }
     weights = _weights(loads, guess, tick)
-    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=FOUND)
+    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=VALUES.sure)
     fit = fit_arm(problem, guess, _FIRST)
     other = _limited(guess, stated)
     if not _alike(problem, guess, other):
@@ -155,7 +156,7 @@ def search(
     found = _searched(problem, fit, guess.rows, tick)
     other = _limited(found.fit.guess, stated)
     if not _alike(found.problem, found.fit.guess, other):
-        moved = fit_arm(found.problem, other, _THEN)
+        moved = fit_arm(found.problem, other, GLANCE)
         if moved.cost < found.fit.cost - _WORTH:
             again = fit_arm(problem, _limited(fit.guess, stated), _FIRST)
             return _searched(problem, again, guess.rows, tick)
@@ -226,7 +227,7 @@ def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float)
         if one.effect == "payload":
             problem, fit, kept[k] = _carried(problem, fit, one, tick)
     problem = replace(problem, within=np.inf, over=_FINE)
-    problem, fit = reweighted(problem, fit_arm(problem, fit.guess, _LAST), tick)
+    problem, fit = reweighted(problem, fit_arm(problem, fit.guess, EVALUATIONS), tick)
     return Searched(problem, fit, tuple(kept))
 
 
@@ -272,7 +273,7 @@ def fit_without(found: Searched, one: Suspect, tick: float) -> Searched:
         one: The suspect.
         tick: Step of the encoders [rad].
     """
-    less = fit_arm(found.problem, one.removed(found.fit.guess), _THEN)
+    less = fit_arm(found.problem, one.removed(found.fit.guess), GLANCE)
     problem, fit = reweighted(found.problem, less, tick)
     return Searched(problem, fit, tuple(other for other in found.suspects if other != one))
 
@@ -297,7 +298,7 @@ def _still_worth(
     """Leave out what others that joined later explain."""
     kept = list(chosen)
     for one in chosen[:-1]:
-        less = fit_arm(problem, one.removed(fit.guess), _THEN)
+        less = fit_arm(problem, one.removed(fit.guess), GLANCE)
         if less.cost - fit.cost < _WORTH + _EACH * len(one.names):
             kept.remove(one)
             problem, fit = reweighted(problem, less, tick)
@@ -317,7 +318,7 @@ def _carried(
     """Return a load on the link that explains most, given all that joined after it."""
     others = (x for x in problem.loads.carriers if x != one.carrier)
     for other in (replace(one, carrier=link) for link in others):
-        new = fit_arm(problem, other.added(one.removed(fit.guess)), _LAST)
+        new = fit_arm(problem, other.added(one.removed(fit.guess)), EVALUATIONS)
         if new.cost + _inner_load(other) < fit.cost + _inner_load(one):
             return *reweighted(problem, new, tick), other
     return problem, fit, one
@@ -340,7 +341,7 @@ def _converge(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem
         tick: Step of the encoders [rad].
     """
     problem, fit = reweighted(problem, fit, tick)
-    fine = fit_arm(replace(problem, over=_FINE), fit.guess, _LAST, errors=fit.errors)
+    fine = fit_arm(replace(problem, over=_FINE), fit.guess, EVALUATIONS, errors=fit.errors)
     return reweighted(problem, fine, tick)
 
 
@@ -369,8 +370,8 @@ class _Look:
     ) -> _Look:
         new = fit_arm(problem, glance.guess, _TRY, one.affects, glance.errors)
         problem = replace(problem, weights=Weights.of(new.errors, tick))
-        new = fit_arm(problem, new.guess, _THEN, errors=new.errors)
-        old = fit_arm(problem, fit.guess, _THEN, errors=fit.errors)
+        new = fit_arm(problem, new.guess, GLANCE, errors=new.errors)
+        old = fit_arm(problem, fit.guess, GLANCE, errors=fit.errors)
         worth = _worth(problem, old, replace(one, shared=True), new)
         return cls(one, problem, new, worth)
 

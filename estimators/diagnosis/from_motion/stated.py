@@ -32,7 +32,7 @@ from estimators.diagnosis.from_motion.fitting.joint import (
     fit_joint,
 )
 from estimators.diagnosis.from_motion.fitting.starts import typical_start
-from estimators.diagnosis.from_motion.search import FOUND, Searched, reweighted
+from estimators.diagnosis.from_motion.search import Searched, reweighted
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.free_run import (
     MOVED,
@@ -44,6 +44,7 @@ from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoad
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
 from estimators.diagnosis.from_motion.suspects import COUNTED, Suspect
 from estimators.diagnosis.settings import Z95
+from estimators.diagnosis.settings.judgement import VALUES
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import EncoderOffset, Payload, Simulation
 from limo_driver.recordings.channels import TORQUE, led_by
@@ -85,7 +86,7 @@ class StatedArm:
             if one.effect == "gear_ratio" and one.joint is not None:
                 fit = self.identified.fits[one.joint]
                 tolerance = self.identified.simulation.tolerances.drive
-                reach = FOUND * float(np.hypot(fit.deviation["gear"], tolerance))
+                reach = VALUES.sure * float(np.hypot(fit.deviation["gear"], tolerance))
                 if abs(np.log(fit.value("gear"))) < reach:
                     return one
             name = "mass" if one.effect == "payload" else next(iter(one.names), "")
@@ -99,7 +100,7 @@ class StatedArm:
         """Return the least mass that no tolerance of the stated ones explains [kg]."""
         simulation = self.identified.simulation
         mass = sum(own.mass for own in simulation.model.inertials.values())
-        return FOUND * simulation.tolerances.inertia * mass
+        return VALUES.sure * simulation.tolerances.inertia * mass
 
     @property
     def counted_otherwise(self) -> tuple[Suspect, ...]:

@@ -30,6 +30,7 @@ from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, holds
 from estimators.diagnosis.from_torque.residuals.jolts import impacts_note as note_of_play
 from estimators.diagnosis.from_torque.residuals.jolts import jolts_note as note
 from estimators.diagnosis.from_torque.residuals.pushes import Push, covered, overlap, pushes
+from estimators.diagnosis.settings.fitting import SOLVING
 from estimators.diagnosis.settings.judgement import ROUNDS
 from limo_driver.physics import TimeDelay
 
@@ -89,7 +90,7 @@ def apart_from_events(
     )
     problem, solution = found or (problem, pruned(problem, solution))
     judged, seen = _round(problem, solution, progress, budget)
-    for _ in range(ROUNDS.more):
+    for _ in range(SOLVING.rounds):
         hidden = tuple(event for event in seen if not _among(event, known))
         if not hidden:
             break

@@ -11,6 +11,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.afterwards import BINS, LOOPS
+from estimators.diagnosis.settings.fitting import RIPPLE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -60,7 +61,7 @@ def bins_of(rows: int, most: int = BINS.most) -> int:
 
 def cells_of(rows: int) -> int:
     """Return into how many cells of a map, to either side, some rows go."""
-    return int(np.clip(np.sqrt(rows / BINS.rows_of_cell), BINS.fewest_cells, BINS.most_cells))
+    return int(np.clip(np.sqrt(rows / BINS.least), BINS.fewest_cells, BINS.most_cells))
 
 
 def edges_of(values: FloatArray, bins: int, *, logarithmic: bool = False) -> FloatArray:
@@ -70,7 +71,7 @@ def edges_of(values: FloatArray, bins: int, *, logarithmic: bool = False) -> Flo
     known = values[np.isfinite(values)]
     if not known.size:
         return np.linspace(0.0, 1.0, bins + 1)
-    low, high = np.percentile(known, BINS.outer)
+    low, high = np.quantile(known, (RIPPLE.bulk, 1 - RIPPLE.bulk))
     if high - low < TINY:  # nothing varies: one bin holds it all
         low, high = low - 0.5, high + 0.5
     edges: FloatArray = np.linspace(low, high, bins + 1)

@@ -12,9 +12,13 @@ from dataclasses import dataclass, field
 from typing import Any, Final, TypeVar, dataclass_transform
 
 _Group = TypeVar("_Group")
+LEVEL: Final = 0.95  # of intervals, and of what is believed
+TAIL: Final = (1 - LEVEL) / 2  # beyond either end of an interval
 Z95: Final = 1.96  # deviations of a normal distribution, on either side, that hold 95 %
 MAD: Final = 1.4826  # of a normal distribution, its deviation over the median of absolute values
 TINY: Final = 1e-12  # in the unit of each, that nothing is divided by less than
+ROUNDING: Final = 1e-9  # relative, and in the unit of what is not to be nothing
+DEPENDENT: Final = 1e-6  # of the largest, below which columns are but rounding
 BY_JUDGEMENT: Final = "by judgement"  # nobody measured another value, or nothing of it was kept
 
 

@@ -40,8 +40,6 @@ class BINS:
     most_over_time: int = setting(60, "bins", "of a profile over time", "as above")
     fewest: int = setting(5, "bins", "of a profile of however few rows",
         "more are empty; fewer say nothing")
-    rows_of_cell: float = setting(3.0, "rows", "of a cell of a map in the mean, as for bins",
-        "as above")
     most_cells: int = setting(22, "cells", "of a map, to either side",
         "more draw noise; fewer blur")
     fewest_cells: int = setting(6, "cells", "the same, of however few rows",
@@ -52,8 +50,6 @@ class BINS:
         "as above")
     enough_of_cell: int = setting(4, "rows", "the same, of a cell of a map", "as above")
     least: int = setting(3, "rows", "without which neither is shown", "as above")
-    outer: tuple[float, float] = setting((1.0, 99.0), "percentiles", "of the range that is shown",
-        "wider leaves most bins to few rows; narrower cuts off more")
     brightest: float = setting(98.0, "percentile", "of the cells of a map, at which colours end",
         "higher leaves the map pale; lower shows differences of large cells no more")
 
@@ -90,7 +86,5 @@ class WORDING:
         "as above", chosen="their floor is what an encoder's steps make alone")
     from_start: float = setting(1.0, "s", "after a free run begins, from which on that is asked",
         "longer leaves less to ask; shorter takes what an unknown start makes for physics")
-    by_tolerances: float = setting(0.05, "of the reducible error",
-        "that goes by values within their tolerances, if that is said", "only wording")
     explanations: int = setting(12, "sets", "of effects that are listed as having competed",
         "more make the report longer; fewer hide how near others came")

@@ -46,8 +46,7 @@ class RIPPLE:
         "wider finds shapes; narrower misses slow lines")
     least_part: float = setting(0.15, "of the residual's energy", "that such a line takes off",
         "lower finds shapes; higher misses weak lines")
-    bulk: tuple[float, float] = setting((0.01, 0.99), "quantiles",
-        "of the positions that are a joint's range",
+    bulk: float = setting(0.01, "of the positions", "beyond either end of what is a joint's range",
         "wider counts where it hardly is; narrower leaves out ends at which it turns")
     around: int = setting(5, "grid points", "at which a line is sought around the one it is near",
         "more cost time; fewer leave a parabola too little")
@@ -60,9 +59,7 @@ class RIPPLE:
                " them; as 12.00 and 7.01 with them")
     stays: float = setting(0.01, "grid points", "by which a line moves that stays",
         "smaller costs time")
-    dependent: float = setting(1e-6, "of a column", "that is but rounding", "numerical")
     block: int = setting(32, "frequencies", "at a time", "more need memory; fewer cost time")
-    tiny: float = setting(1e-30, "", "that nothing is divided by less than", "numerical")
     burst: float = setting(6.0, "median deviations", "beyond which a residual is clipped",
         "more let a burst look like all lines; fewer clip lines")
 
@@ -82,9 +79,8 @@ class REVISION:
         "larger lets bodies tilt; smaller holds the axes that are stated")
     compact: float = setting(0.02, "m", "radius of a load whose extent the data do not tell",
         "larger adds inertia that nobody saw; smaller makes a point of it")
-    narrower: float = setting(0.2, "times", "at least, in one revision",
-        "smaller leaves what is linear; larger needs more rounds")
-    wider: float = setting(5.0, "times", "at most, in one revision", "as above")
+    wider: float = setting(5.0, "times", "at most, in one revision, and its inverse at least",
+        "larger leaves what is linear; smaller needs more rounds")
     stiffest: float = setting(0.01, "of an inverse", "that one revision leaves at least",
         "smaller makes gears stiff without bound; larger needs more rounds")
     steps: int = setting(9, "",
@@ -138,7 +134,6 @@ class CANDIDATES:
         "that a body that is missing or wrong is expected to be",
         "more cost time and chance; fewer cost small bodies evidence",
         chosen="a load of 50 g cost 35 nat as one of 2 kg, and was called unknown")
-    tiny: float = setting(1e-12, "", "strength below which a column is zero", "numerical")
     seldom: float = setting(0.1, "of the strongest", "of a list of places, that each counts as",
         "higher holds values where motion seldom is; lower lets them be anything there")
     together: int = setting(20, "hypotheses", "that pass the filter in one go",
@@ -168,8 +163,6 @@ class TOLERATED:
 class BASE_FRICTION:
     """Friction that a bare description lacks (selection.base_friction)."""
 
-    turns: int = setting(2, "", "of noise and widths in turn",
-        "more cost time; fewer do not settle")
     narrowest: float = setting(2.5e-4, "rad/s", "width of a sign that is tried",
         "narrower cannot be told from a step")
     widest: float = setting(8e-3, "rad/s", "width of a sign that is tried",
@@ -197,8 +190,6 @@ class SOLVING:
     unbound: float = setting(10.0, "times the tolerance",
         "that a value at its limit is given, to see where data put it",
         "higher lets what little the motion shows be anywhere; lower draws it back")
-    surely: float = setting(3.0, "standard errors", "by which data put a value beyond its limit",
-        "higher misses values just beyond; lower doubts what is badly known")
     linearisation_is_poor: float = setting(0.4, "of the remaining residual",
         "by which a simulation may be off its linear fit",
         "higher keeps fits that are not what is simulated; lower searches again too often")
@@ -208,12 +199,13 @@ class SOLVING:
 class LATENESS:
     """Torque that is late as a whole (fitting.lateness)."""
 
-    times: tuple[float, ...] = setting(
-        (0.005, 0.01, 0.02, 0.04, 0.08, 0.16, 0.24, 0.32, 0.4, 0.48), "s",
-        "of a lag or delay that are tried",
-        "more cost time; fewer start far from the true one",
-        chosen="to 0.5 s, as filters of reported currents are, a factor of two apart, and by a "
-               "quarter of a period of motion of 3 Hz")
+    shortest: float = setting(0.005, "s", "of a lag or delay that is tried, and doubled up to",
+        "shorter costs time; longer starts far from the true one")
+    step: float = setting(0.08, "s", "from which on they are this far apart",
+        "longer starts far from the true one; shorter costs time",
+        chosen="a quarter of a period of motion of 3 Hz")
+    longest: float = setting(0.48, "s", "of them", "longer costs time; shorter misses long ones",
+        chosen="as filters of reported currents are, which reach 0.5 s")
     long: float = setting(0.1, "s", "of a lag and a delay that compete from the start",
         "longer misses those of some hundredths of a second; shorter those of some tenths",
         chosen="75 and 90 ms, hidden in a real recording, were taken for friction without")
@@ -236,9 +228,6 @@ class NEWTON:
         "more cost time; fewer give up where a full step is too far")
     derivative: float = setting(1e-3, "prior deviations", "step of derivatives",
         "larger is less linear; smaller loses digits")
-    disagree: float = setting(0.95, "of a chi-square distribution",
-        "that joints have to disagree beyond before intervals of what loads them all widen",
-        "higher trusts joints that disagree; lower widens intervals by chance")
 
 
 @settings

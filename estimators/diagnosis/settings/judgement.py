@@ -60,18 +60,17 @@ class ORDINARY:
 class BLACK_BOX:
     """The black box that looks for unknown physics (judgement.surrogate)."""
 
-    widths: tuple[float, ...] = setting((3e-4, 1e-3, 4e-3, 0.015, 0.06), "rad", "of its stops",
+    widths: tuple[float, float, int] = setting((3e-4, 0.06, 5), "rad",
+        "of its stops: from, to, and how many",
         "more cost time and fit noise; fewer see less")
-    speeds: tuple[float, ...] = setting((0.002, 0.01, 0.04, 0.15), "rad/s", "of its signs",
+    speeds: tuple[float, float, int] = setting((0.002, 0.15, 4), "rad/s", "of its signs, likewise",
         "as above")
-    ridges: tuple[float, ...] = setting((1e-3, 1e-2, 1e-1, 1.0), "of the mean energy of a feature",
-        "of which the best is taken", "only bounds: the rows left out choose")
-    block: float = setting(3.0, "s", "of a stretch that is left out whole, at most",
-        "longer leaves few; shorter lets errors that are alike predict one another")
+    ridges: tuple[float, float, int] = setting((1e-3, 1.0, 4), "of the mean energy of a feature",
+        "of which the best is taken, likewise", "only bounds: the rows left out choose")
     folds: int = setting(5, "", "of time, each left out once",
         "more cost time; fewer train on less")
-    waves: tuple[float, ...] = setting((1.0, 2.0, 3.0), "per revolution",
-        "of its dependence on position", "more fit noise; fewer see less")
+    waves: int = setting(3, "per revolution",
+        "of its dependence on position, from one on", "more fit noise; fewer see less")
     hats: int = setting(12, "", "of its dependence on time",
         "more fit noise; fewer miss what changes quickly")
     at_rest: float = setting(1e-3, "rad/s", "below which a joint rests, for its stiction",
@@ -87,17 +86,12 @@ class BLACK_BOX:
 class QUESTIONS:
     """Questions asked of a residual (judgement.questions)."""
 
-    affected: float = setting(1.15, "noise floors", "of error, from which a joint is looked into",
-        "lower asks of noise; higher asks seldom")
     least_evidence: float = setting(6.0, "nat", "for a yes",
         "higher says no to weak dependence; lower yes to chance")
     least_share: float = setting(0.05, "of the reducible error held out", "for a yes", "as above")
-    distances: tuple[float, ...] = setting((1e-3, 6e-3, 0.03, 0.15), "rad",
-        "over which friction may build up", "more cost time; fewer see less")
-    speeds: tuple[float, ...] = setting((0.01, 0.05), "rad/s", "over which friction may fade",
-        "as above")
-    sharp: float = setting(0.002, "rad/s", "over which the sign of motion turns",
-        "wider is viscous friction; narrower a step at reversals")
+    distances: tuple[float, float, int] = setting((1e-3, 0.15, 4), "rad",
+        "over which friction may build up: from, to, and how many",
+        "more cost time; fewer see less")
     hats: int = setting(5, "", "of a smooth dependence", "more fit noise; fewer see less")
     least_reducible: float = setting(0.1, "of the floor", "that shares are taken of at least",
         "lower gives shares of noise; higher understates")
@@ -107,9 +101,8 @@ class QUESTIONS:
 class REGION:
     """Region in which a finding acts (judgement.region)."""
 
-    narrow: float = setting(0.5, "ratio of medians", "below which a region is worth a word",
-        "only wording")
-    wide: float = setting(2.0, "ratio of medians", "above which it is", "only wording")
+    wide: float = setting(2.0, "ratio of medians",
+        "above which a region is worth a word, or below its inverse", "only wording")
     part: float = setting(0.2, "of the rows",
         "that has half the energy, if a range of positions is worth a word", "only wording")
     most: float = setting(0.75, "of the energy in a recording", "that its stretch of time holds",
@@ -124,8 +117,6 @@ class REGION:
 class OBSERVABLE:
     """Effects that the motion does not excite (judgement.conclusion)."""
 
-    price: float = setting(10.0, "nat", "that an effect would have to bring", "lower lists less",
-        chosen="as for missing physics")
     hidden: float = setting(10.0, "noise floors", "that could act and not be seen",
         "lower lists more; higher less")
 
@@ -182,7 +173,7 @@ class GUESSES:
         chosen="constants of motors in data sheets are good to a tenth")
     constant: float = setting(0.01, "of a torque", "that it differs from a constant times currents",
         "higher takes a sensor of torque for them; lower misses rounded ones")
-    times: tuple[float, ...] = setting((0.5, 2.0), "times a guessed tolerance", "that are tried",
+    times: float = setting(2.0, "times a guessed tolerance", "that is tried, and its inverse",
         "more cost time; fewer say less of what a guess decides")
 
 
@@ -200,7 +191,8 @@ class PUSHES:
     determined: float = setting(0.5, "of a push's force",
         "half the widest interval of its components, up to which its size is said",
         "larger says forces that a pose hardly tells; smaller keeps quiet of known ones")
-    lengths: tuple[float, ...] = setting((0.25, 0.5, 1.0, 2.0), "s", "of the scan's windows",
+    lengths: tuple[float, float, int] = setting((0.25, 2.0, 4), "s",
+        "of the scan's windows: from, to, and how many",
         "more cost time; fewer miss some lengths", chosen="from a hit to a human push")
     smoothed: float = setting(0.1, "s", "over which errors are averaged",
         "longer misses short hits; shorter takes single errors for hits",
@@ -230,12 +222,8 @@ class PUSHES:
         "higher misses hits that rebound; lower takes vibration for hits")
     many: int = setting(3, "joints", "that feel a push over the start or end of a motion",
         "more miss pushes there; fewer take friction for them")
-    one_course: float = setting(0.9, "of squared errors in and around it",
-        "that their common course explains", "as above")
     outstanding: float = setting(3.0, "times the next", "evidence of what one joint alone felt",
         "higher misses hits that one joint feels; lower takes friction and sensors for hits")
-    steady: float = setting(1.0, "s", "that this joint moved on, or the arm rested, before",
-        "longer misses more such hits; shorter takes break-away for hits")
     of_inertia: float = setting(1.0, "of usual errors, for each usual torque of acceleration",
         "that errors grow by with the torque that the arm's own acceleration asks for",
         "higher misses hits in fast motion; lower takes vibration after a jerk for a hit",
@@ -248,9 +236,6 @@ class PUSHES:
         "higher counts fewer joints; lower those near rest")
     fewest: int = setting(30, "windows", "to learn what is usual",
         "more judge no short recordings; fewer know little")
-    settling: float = setting(0.3, "s",
-        "before and after which a joint neither stops nor starts, nor turns",
-        "longer leaves out motion; shorter takes stiction for pushes")
     stops: float = setting(0.1, "of a joint's usual speed", "below which it all but stops",
         "higher judges less motion; lower takes a stop on the way for steady motion")
     at_turns: float = setting(0.9, "quantile",
@@ -272,7 +257,8 @@ class PUSHES:
         chosen="above the 2 s of human pushes")
     pieces: int = setting(8, "", "constant stretches that a half sine is made of",
         "more cost time; fewer are less smooth")
-    rests: float = setting(1.0, "s", "that a joint has to rest, for a hold",
+    rests: float = setting(1.0, "s",
+        "that a joint has to rest, for a hold, or to move on before a push that it alone felt",
         "longer misses short ones; shorter takes a reversal under load for a rest",
         chosen="longer than the slowest reversals last")
     breakaway: float = setting(2.0, "times",
@@ -298,7 +284,6 @@ class JOLTS:
     joints: int = setting(2, "joints", "whose errors are as large at once",
         "more miss jolts; one takes the physics of a joint for one")
     apart: float = setting(0.5, "s", "between two jolts", "only wording")
-    fewest: int = setting(30, "rows", "to learn what is usual", "as for pushes")
     most: float = setting(0.03, "of the rows of motion",
         "that are jolts, without those to which the filter spreads them",
         "more leave out what recurs; fewer keep the jolts of a rough motion")
@@ -332,5 +317,3 @@ class ROUNDS:
     several: int = setting(3, "effects",
         "of which one may stand for what two others make of one another",
         "fewer search again more often, which costs time")
-    more: int = setting(2, "rounds", "of events and effects in turn",
-        "more cost time; fewer leave one in the other")

@@ -61,7 +61,6 @@ class NOISE:
     least: float = setting(2e-6, "of the torque of the strongest joint", "deviation of any noise",
         "larger hides what exact torques show; smaller takes rounding for physics",
         chosen="below any torque sensor: 0.1 mN m on an arm whose shoulder holds 50 N m")
-    tiny: float = setting(1e-12, "N m", "that no noise is below", "numerical")
     strongest: float = setting(0.97, "", "reflection, at most",
         "higher remembers longer and takes slow physics for noise; lower whitens less",
         chosen="so that errors forget within some fifty rows")
@@ -76,15 +75,8 @@ class HELD_OUT:
     which: tuple[int, ...] = setting((2, 5), "", "blocks held out, from 0",
         "more leave less to fit to",
         chosen="in the middle, so that effects that change with time are not extrapolated")
-    turns: tuple[int, ...] = setting((-1, 0, 1), "blocks",
-        "by which those held out are moved, so that nearly each is held out once",
-        "more take time; fewer judge by the few reversals of a short recording",
-        chosen="all blocks but the first and the last, which would be extrapolated")
     resamples: int = setting(400, "", "of the interval of the error removed",
         "more cost time; fewer are a rough interval")
-    chance: float = setting(0.025, "of resampled blocks",
-        "beyond either end of an interval, and in which what is surely gained may be lost",
-        "higher is sure too soon; lower drops what is small and there")
     block: float = setting(3.0, "s", "of a stretch that is resampled whole",
         "longer leaves few stretches; shorter takes errors for independent",
         chosen="longer than errors remember")
@@ -100,8 +92,6 @@ class HELD_OUT:
         "longer leaves less; shorter lets the filter reach across")
     fewest: float = setting(16.0, "", "blocks that are taken whole, in a recording too short for "
         "long ones", "more take errors for independent; fewer are a rough interval")
-    rounding: float = setting(1e-9, "of an error's square", "gained by a row that gains nothing",
-        "numerical")
 
 
 @settings
@@ -197,12 +187,8 @@ class PLAUSIBILITY:
         "lower asks for another arm too often; higher seldom")
     many: int = setting(3, "joints", "on which it does",
         "fewer take a payload for another arm; more ask seldom")
-    dependent: float = setting(1e-6, "of the largest singular value",
-        "of parameters that only act together", "numerical: rounding of a regressor")
     negligible: float = setting(0.03, "misfit", "of which smaller ones are all good",
         "larger sees no difference between good fits; smaller prefers by noise")
-    constant: float = setting(1e-9, "N m", "range of a torque that never changes",
-        "numerical: rounding")
 
 
 @settings
@@ -218,7 +204,6 @@ class MISTAKES:
         "more cost time; fewer do not settle")
     left: float = setting(0.7, "of the recorded torque", "that may be left beside its gravity",
         "higher puts gravity back where it was not taken out; lower misses that it was")
-    tiny: float = setting(1e-9, "N m, rad/s", "that nothing is divided by less than", "numerical")
     angles: int = setting(120, "", "of a joint that are tried, over a turn",
         "more cost time; fewer miss the zero")
 
@@ -237,14 +222,10 @@ class MOUNTING:
         "higher takes wrong masses for a turned base; lower overlooks turned arms with a payload")
     square: float = setting(4.0, "degrees", "from an axis of the base that are none",
         "higher takes tilts for walls; lower takes what a fit is off by for a tilt")
-    fewest: int = setting(20, "rows", "on which a joint has to move to say how it hangs",
-        "more judge seldom; fewer judge by little")
     alike: float = setting(30.0, "rows", "whose errors are one independent error",
         "more judge fewer arms; fewer are surer than they may be")
     sure: float = setting(0.1, "of gravity", "that its worst known direction may be off by",
         "higher turns arms by noise; lower judges no arm whose motion is narrow")
-    confidence: float = setting(0.99, "", "of a base that is turned",
-        "what is turned so far, and explains so much, is beyond doubt")
 
 
 @settings

@@ -45,7 +45,7 @@ def test_it_has_findings_equivalents_table_and_notes():
     assert table[2].split() == [
         "joint", "given", "tolerances", "improved", "floor", "judged", "given", "improved"
     ]  # fmt: skip
-    assert " ".join(table[4].split()) == "2 3.700 3.000 0.007800 0.009600 81 % 3.900 0.2000"
+    assert " ".join(table[4].split()) == "2 3.70 3.00 0.00780 0.00960 81 % 3.90 0.200"
     assert max(map(len, table[:5])) <= 80
 
 
@@ -115,7 +115,7 @@ def test_it_says_once_what_several_joints_keep_as_stated_and_how_fast_they_moved
 def test_tolerances_that_do_worse_are_marked_and_explained():
     lines = lines_of(VERDICT)
     assert FIT.worse_within_tolerances == (1,)
-    assert sum("0.5000*" in line for line in lines) == 1
+    assert sum("0.500*" in line for line in lines) == 1
     assert any(line.startswith("* Worse than given") for line in lines)
     better = replace(VERDICT, fit=replace(FIT, heldout_rmse_tolerances=(0.4, 3.0)))
     assert not any("*" in line for line in lines_of(better))

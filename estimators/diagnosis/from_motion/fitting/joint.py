@@ -12,7 +12,7 @@ from scipy.stats import t as student_t
 
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-from estimators.diagnosis.settings import TINY, Z95
+from estimators.diagnosis.settings import TAIL, TINY, Z95
 from estimators.regression.definite import SymmetricSpectrum, jackknife
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ _COARSE: Final = 3.0  # typical errors, from which on they do at first
 _FINER: Final = 7.0  # times smaller in the next fit
 GLANCE: Final = 8  # evaluations, of a fit that is not to be the last
 GLANCED: Final = 3  # recordings at most, that such a fit sees
-_EVALUATIONS: Final = 25
+EVALUATIONS: Final = 25
 _ENOUGH, _NEAR = 1e-5, 1e-4  # of the cost, and of the constants: steps that gain less are the last
 _CORRELATED: Final = 0.05  # below this, errors are taken for uncorrelated
 _BLOCKS: Final = 8  # of motion at most, each left out once
@@ -89,7 +89,7 @@ def fit_joint(
     row: FloatArray,
     names: Sequence[str] | None = None,
     priors: Mapping[str, c.BelievedValue] | None = None,
-    evaluations: int = _EVALUATIONS,
+    evaluations: int = EVALUATIONS,
 ) -> JointFit:
     """Fit some constants of a joint to its recorded motion.
 
@@ -209,7 +209,7 @@ def left_out(
 
 def between(fits: FloatArray) -> FloatArray:
     """Return deviations (p,) by what fits (F, p) that each leave a part out differ by."""
-    few = float(student_t.ppf(0.975, len(fits) - 1)) / Z95  # few are less sure of a spread
+    few = float(student_t.ppf(1 - TAIL, len(fits) - 1)) / Z95  # few are less sure of a spread
     return few * np.linalg.norm(jackknife(list(fits)), axis=0)
 
 

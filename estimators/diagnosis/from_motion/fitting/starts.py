@@ -35,10 +35,8 @@ _NONE_AT_FIRST: Final = ("kd", "stribeck", "by_load", "offset", "dead_band", "pl
 _LOST: Final = 10.0  # [rad], of a joint that constants tried make unstable
 LIMITS: Final = ("speed", "acceleration", "torque_limit")
 _SHARES: Final = (0.3, 0.5, 0.7, 0.9)  # of what was done at most, or of a known limit, tried as one
-_LIFTED: Final = (1.0, 1.3, 1.7)  # times the most load that was moved, tried as a torque limit
-_QUICKER: Final = (1.0, 1.3, 1.8, 2.5)  # times the acceleration of a joint, tried as its profile's
+_MORE: Final = (1.0, 1.3, 1.8, 2.5)  # times what was seen at most, tried as a limit
 _LIGHTER: Final = (1.0, 0.2)  # times the inertia, which mimics a profile, tried beside one
-_FREE: Final = (1.0, 1.3, 1.8)  # times the fastest motion, tried as a speed without load
 _RARE: Final = 0.995  # quantile of what it did, taken for the most
 
 
@@ -173,9 +171,9 @@ def start_of_limit(
     most = most_of(limit, parts, row)
     limits = [share * most for share in _SHARES]
     if limit == "torque_limit":
-        limits += [times * _most_load(parts) for times in _LIFTED]
+        limits += [times * _most_load(parts) for times in _MORE]
     if limit == "acceleration":
-        limits += [times * most for times in _QUICKER]
+        limits += [times * most for times in _MORE]
     if np.isfinite(known := c.value_in(row, limit)):
         limits += [share * known for share in _SHARES]
     tried = [{limit: x} for x in limits if x > 0.0]
@@ -197,7 +195,7 @@ def start_of_motor(parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
     shares = [share * most_of("torque_limit", parts, row) for share in _SHARES]
     stalls = [limit] if np.isfinite(limit) else [*shares, 2.0 * _most_load(parts)]
     fastest = most_of("speed", parts, row)
-    pairs = [(x, y * fastest) for x in stalls for y in _FREE]
+    pairs = [(x, y * fastest) for x in stalls for y in _MORE]
     tried = [{"stall": x, "free_speed": y} for x, y in pairs if min(x, y) > 0.0]
     return _nearest(parts, row, tried)
 

@@ -16,10 +16,9 @@ import numpy as np
 from estimators.diagnosis.from_torque.fitting.problem import fitted
 from estimators.diagnosis.headline import is_of_bodies
 from estimators.diagnosis.held_out import rmse, surely_positive
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import ROUNDING, TINY
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
-from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.regression.evidence import REACH
 
 if TYPE_CHECKING:
@@ -154,7 +153,7 @@ def sure(
     counted = own_joints(problem, member) if joints is None else list(joints)
     less, shown = problem.less(solution.members, (member,)), problem.split.held_out
     gained = np.sum((taken_off(left, bare, shown) / _square(left, shown))[counted])
-    if gained <= HELD_OUT.rounding:
+    if gained <= ROUNDING:
         return False
     return surely_better(problem, solution, solution.members, less, counted)
 

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from limo_driver.physics import Hypothesis
 
+TIMES: Final = (  # [s], that are tried: doubled to a step, and by steps from there
+    *(LATENESS.shortest * 2.0 ** np.arange(np.log2(LATENESS.step / LATENESS.shortest))).tolist(),
+    *np.arange(LATENESS.step, LATENESS.longest + LATENESS.step / 2, LATENESS.step).tolist(),
+)
 _LAWS: Final = {"lag": LAGGING, "delay": DELAYED}  # of the parameter
 _IN_TIME: Final = TimeDelay(joint=1)
 
@@ -71,7 +75,7 @@ def with_torque_delay(
         _of_joint(problem, solution, joint, long=joint in unknown)
         for joint in range(problem.observed.n)
     ]
-    least = CANDIDATES.missing + np.log(len(found) * len(_LAWS) * len(LATENESS.times))
+    least = CANDIDATES.missing + np.log(len(found) * len(_LAWS) * len(TIMES))
     clear = [item for item in found if item is not None and item.gain >= least]
     best = max(clear, key=lambda item: (item.joint in unknown, item.gain), default=None)
     if best is None:
@@ -194,7 +198,7 @@ def _latest(alone: _OneJoint, beside: Solution, known: TimeDelay, *, long: bool)
     best: _Late | None = None
     for name in _LAWS:
         own: _Late | None = None
-        for k, time in enumerate(LATENESS.times):
+        for k, time in enumerate(TIMES):
             if k == LATENESS.asked and own is None and not long:
                 break  # what does not begin to help is not there
             evidence, coefficients = alone.fit(TimeDelay(joint=alone.joint + 1, **{name: time}))

@@ -46,6 +46,7 @@ from estimators.diagnosis.from_torque.residuals.noise import (
     roughness,
 )
 from estimators.diagnosis.held_out import block_of, blocks_of_time, rmse
+from estimators.diagnosis.settings import LEVEL
 from estimators.diagnosis.settings.fitting import CANDIDATES, NEWTON
 from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import Prior, joined, posterior
@@ -325,7 +326,7 @@ class _Information:
         added -= float(np.sum(self.gram.sum(axis=0) * self.inverse))
         if added < 1.0:  # no two joints show the same
             return 1.0
-        return gained / added if gained > float(chi2.ppf(NEWTON.disagree, added)) else 1.0
+        return gained / added if gained > float(chi2.ppf(LEVEL, added)) else 1.0
 
 
 def _root(gram: FloatArray) -> FloatArray:

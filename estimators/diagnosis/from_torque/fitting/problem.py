@@ -33,8 +33,8 @@ from estimators.diagnosis.from_torque.residuals.noise import (
     roughness,
 )
 from estimators.diagnosis.held_out import Split, rmse
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.fitting import SOLVING
-from estimators.diagnosis.settings.residuals import NOISE
 from estimators.regression.evidence import Evidence, Posterior, Prior
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
@@ -145,9 +145,9 @@ class RegressionProblem:
         In squares of the error that the fit leaves at each joint, on all rows: where motion is
         slow, an error that hardly changes costs next to nothing under the noise of a fit.
         """
-        left = np.maximum(rmse(self.left(fitted), self.observed.moving), NOISE.tiny)
+        left = np.maximum(rmse(self.left(fitted), self.observed.moving), TINY)
         columns = self.columns.only(fitted.index)
-        total = np.diag(np.maximum(prior.deviation, NOISE.tiny) ** -2.0)
+        total = np.diag(np.maximum(prior.deviation, TINY) ** -2.0)
         for joint in range(columns.joints):
             values, at = columns.of_joint(joint)
             A = values[self.split.fitted[:, joint]] / left[joint]

@@ -29,6 +29,7 @@ from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.hypotheses.search import is_friction
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
+from estimators.diagnosis.settings.judgement import VALUES
 from estimators.regression.definite import ranked
 from estimators.regression.evidence import REACH, joined, posterior
 from limo_driver.physics.effect import MotionEffect
@@ -330,7 +331,7 @@ def _surely_beyond(
     )
     count = nuisance.index.size
     off, sure = fit.mean[:count], fit.deviation[:count]
-    return np.abs(off) - SOLVING.surely * sure > REACH * nuisance.deviation
+    return np.abs(off) - VALUES.sure * sure > REACH * nuisance.deviation
 
 
 def linearisation_is_poor(problem: RegressionProblem, solution: Solution) -> bool:

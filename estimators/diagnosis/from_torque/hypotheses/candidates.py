@@ -23,6 +23,7 @@ from estimators.diagnosis.from_torque.hypotheses.responses import (
     responses,
     stacked,
 )
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.fitting import CANDIDATES, REVISION
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
@@ -192,16 +193,16 @@ def _entered(
     joints, values = stacked(found, columns.rows)
     relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
     strength = relative.max(axis=0)
-    if strength.min() < CANDIDATES.tiny:
-        strength = np.maximum(strength, CANDIDATES.tiny)
-        if strength.max() <= CANDIDATES.tiny:
+    if strength.min() < TINY:
+        strength = np.maximum(strength, TINY)
+        if strength.max() <= TINY:
             return None
     if hypothesis.is_list:
         # a place that the motion hardly passed has little torque, which is no reason for its value
         # to be anything
         least = CANDIDATES.seldom * strength.max()
-        strength = np.where(strength > CANDIDATES.tiny, np.maximum(strength, least), strength)
-    deviation = np.where(strength > CANDIDATES.tiny, 1.0 / strength, 0.0)
+        strength = np.where(strength > TINY, np.maximum(strength, least), strength)
+    deviation = np.where(strength > TINY, 1.0 / strength, 0.0)
     return Candidate(
         hypothesis.effect,
         hypothesis.joints,
@@ -260,9 +261,7 @@ def _revised(
     """Return an effect of the simulation with c parameters free, which act as `parts` say."""
     joints, values = stacked(parts, columns.rows)
     relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
-    deviation = np.maximum(
-        CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), CANDIDATES.tiny)
-    )
+    deviation = np.maximum(CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), TINY))
     return Candidate(
         effect.name,
         tuple(joint - 1 for joint in effect.joints),

@@ -70,7 +70,7 @@ def relative_change(known: Parameter, coefficient: float) -> float:
     winds up; in all others, in the value itself.
     """
     if known.smooths:
-        return float(np.clip(np.exp(coefficient), REVISION.narrower, REVISION.wider) - 1.0)
+        return float(np.clip(np.exp(coefficient), 1 / REVISION.wider, REVISION.wider) - 1.0)
     if known.inverse:
         return 1.0 / max(1.0 - coefficient, REVISION.stiffest) - 1.0
     return coefficient

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimators.diagnosis.from_torque.hypotheses.line_sums import line_sums
+from estimators.diagnosis.settings import DEPENDENT, TINY
 from estimators.diagnosis.settings.fitting import RIPPLE
 from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.filters.differentiation import ORDER
@@ -146,7 +147,7 @@ class _Angle:
         """Angle that nearly all rows lie in [rad]; 0 where too few do."""
         if self.position.size < RIPPLE.shape or not self.way:
             return 0.0
-        low, high = np.quantile(self.position, RIPPLE.bulk)
+        low, high = np.quantile(self.position, (RIPPLE.bulk, 1 - RIPPLE.bulk))
         return float(high - low)
 
     def passed(self, cycles: float) -> FloatArray:
@@ -172,7 +173,7 @@ class _Angle:
         enough = rows > RIPPLE.least_share * self.position.size
         amount = np.where(enough, cosine**2 + sine**2, 0.0)
         cycles = first + step * np.arange(count, dtype=np.float64)
-        return Spectrum(cycles, amount, np.maximum(noise, RIPPLE.tiny))
+        return Spectrum(cycles, amount, np.maximum(noise, TINY**2))
 
     def _waves(self, cycles: float) -> FloatArray:
         """Return what one line adds to all that is known, orthonormal, (R, at most 2)."""
@@ -230,7 +231,7 @@ def _orthonormal(columns: FloatArray, size: FloatArray) -> FloatArray:
     if not columns.size or not size.any():
         return columns[:, :0]
     basis, values, _ = np.linalg.svd(columns, full_matrices=False)
-    return basis[:, values > RIPPLE.dependent * size.max()]
+    return basis[:, values > DEPENDENT * size.max()]
 
 
 def _shape(

@@ -33,7 +33,7 @@ from estimators.diagnosis.from_torque.residuals.noise import (
     roughness,
 )
 from estimators.diagnosis.held_out import Split, rmse
-from estimators.diagnosis.settings.fitting import BASE_FRICTION, SEARCH
+from estimators.diagnosis.settings.fitting import BASE_FRICTION, SEARCH, SOLVING
 from estimators.regression.definite import best_first, first_best, is_more, ranked
 from estimators.regression.evidence import Evidence, Posterior, Prior, Priors
 from limo_driver.physics import CoulombFriction, ViscousFriction
@@ -203,7 +203,7 @@ def with_friction(observed: Observations) -> Observations:
         return members, evidence.posterior(search.prior(members))
 
     members, fitted = fit(Noise.independent(rough, rows))
-    for _ in range(BASE_FRICTION.turns):
+    for _ in range(SOLVING.rounds):
         left = residual - columns.apply(fitted.index, fitted.mean)
         members, fitted = fit(Noise.of(left, rows, observed.segment, observed.least_noise))
     improvement = Improvement(observed.simulation)
@@ -223,7 +223,7 @@ def _likeliest(search: Search) -> tuple[int, ...]:
     for i, candidate in enumerate(search.candidates):
         variants.setdefault(candidate.place, []).append(i)
     chosen = {place: indices[len(indices) // 2] for place, indices in variants.items()}
-    for _ in range(BASE_FRICTION.turns):
+    for _ in range(SOLVING.rounds):
         for place, indices in variants.items():
             rest = [i for other, i in chosen.items() if other != place]
             chosen[place] = first_best(indices, lambda i: search.gain((*rest, i)))  # noqa: B023  # at once

@@ -27,7 +27,7 @@ from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
 from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.fitting import CANDIDATES, CONTRIBUTION
 from estimators.diagnosis.settings.judgement import HOLDING, OBSERVABLE
 from estimators.diagnosis.verdict import (
     TORQUE,
@@ -226,7 +226,7 @@ def not_observable(
         information = np.diag(evidence.gram)[at]
         joint = candidate.joints[0] if candidate.joints else 0
         torque = float(
-            np.min(size[at] * np.sqrt(2 * OBSERVABLE.price / np.maximum(information, TINY)))
+            np.min(size[at] * np.sqrt(2 * CANDIDATES.missing / np.maximum(information, TINY)))
             / remaining.floor[joint]
         )
         known = least.get(candidate.effect)

@@ -27,8 +27,8 @@ from estimators.diagnosis.from_torque.judgement.judgement import (
 )
 from estimators.diagnosis.from_torque.judgement.ordinary import beyond_siblings, to_identify
 from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.settings import ROUNDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.settings.residuals import HELD_OUT
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -227,7 +227,7 @@ class JudgedSet:
         given, floor = problem.observed.residual, self.remaining.floor
         if clearly or not surely_less(given, self.proven, floor, problem.observed, rows):
             return clearly
-        worse = rmse(self.proven, rows) > (1.0 + HELD_OUT.rounding) * rmse(given, rows)
+        worse = rmse(self.proven, rows) > (1.0 + ROUNDING) * rmse(given, rows)
         return tuple(np.flatnonzero(worse).tolist())
 
     def _gain(self) -> float:

@@ -36,7 +36,7 @@ from estimators.diagnosis.quantities import listed, placed
 from estimators.diagnosis.result import Test
 from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import GUESSES, JUDGEMENT, QUESTIONS
+from estimators.diagnosis.settings.judgement import BLACK_BOX, GUESSES, JUDGEMENT, QUESTIONS
 from estimators.regression.evidence import Evidence, Prior, joined, posterior
 from limo_driver.logs.readers.columns import CURRENT
 from limo_driver.physics import GravityDirection, PreslidingHysteresis, TorqueGain
@@ -75,7 +75,7 @@ def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]
         if not problem.split.held_out[:, joint].any():
             continue
         energy, floor = (float(np.sum(left[rows, joint] ** 2)) for left in (before, after))
-        if energy > QUESTIONS.affected**2 * floor:
+        if energy > WORDING.at_floor**2 * floor:
             floor /= max(1, int(rows.sum()))
             tests += _Questions.of(problem, solution.noise, joint, floor).asked()
     return tuple(tests)
@@ -169,18 +169,20 @@ def _own(noise: Noise, joint: int) -> Noise:
 
 
 def _sign(observed: Observations, j: int) -> FloatArray:
-    return np.tanh(observed.motion.velocity[:, j] / QUESTIONS.sharp)
+    return np.tanh(observed.motion.velocity[:, j] / BLACK_BOX.speeds[0])
 
 
 def _memory(observed: Observations, j: int) -> FloatArray:
-    stops = [PreslidingHysteresis.stop(j + 1, width) for width in QUESTIONS.distances]
+    stops = [
+        PreslidingHysteresis.stop(j + 1, width) for width in np.geomspace(*QUESTIONS.distances)
+    ]
     return np.stack([over_joint(stop, observed) for stop in stops], axis=1)
 
 
 def _rate(observed: Observations, j: int) -> FloatArray:
     v = observed.motion.velocity[:, j]
     sign = _sign(observed, j)
-    fading = [sign * np.exp(-np.abs(v) / speed) for speed in QUESTIONS.speeds]
+    fading = [sign * np.exp(-np.abs(v) / speed) for speed in BLACK_BOX.of_others]
     return np.stack([sign, v, v * np.abs(v), *fading], axis=1)
 
 
@@ -334,7 +336,9 @@ def _guesses(known: Tolerances) -> Iterator[_Guess]:
     for name in ("inertia", "friction"):
         width = getattr(known, name)
         if name in known.assumed and width:
-            yield from (_Guess(name, times, times * width) for times in GUESSES.times)
+            yield from (
+                _Guess(name, times, times * width) for times in (1 / GUESSES.times, GUESSES.times)
+            )
     if "gain" in known.assumed and not known.gain:
         yield _Guess("gain", 1.0, GUESSES.gain)
 

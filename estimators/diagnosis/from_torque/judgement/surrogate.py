@@ -17,6 +17,7 @@ from estimators.diagnosis.held_out import block_of
 from estimators.diagnosis.quantities import rounded
 from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.judgement import BLACK_BOX, REGION
+from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.diagnosis.verdict import Where
 from estimators.regression.definite import inverse_root
 from limo_driver.physics import PreslidingHysteresis
@@ -52,7 +53,7 @@ def predictable_part(observed: Observations, residual: FloatArray, joint: int) -
     gram, product = np.sum(grams, axis=0), np.sum(products, axis=0)
     best = np.zeros_like(residual)
     least = float(np.sum(residual**2))
-    for ridge in BLACK_BOX.ridges:
+    for ridge in np.geomspace(*BLACK_BOX.ridges):
         guess = np.empty_like(residual)
         for k in range(BLACK_BOX.folds):
             M = gram - grams[k] + ridge * len(residual) * np.eye(X.shape[1])
@@ -68,7 +69,7 @@ def predictable_part(observed: Observations, residual: FloatArray, joint: int) -
 def _folds(observed: Observations) -> NDArray[np.int64]:
     """Cut every recording into blocks of time and deal them out, (K,)."""
     since = observed.slow.time - observed.slow.time[0]
-    block = np.floor(since / block_of(observed, BLACK_BOX.block)).astype(np.int64)
+    block = np.floor(since / block_of(observed, HELD_OUT.block)).astype(np.int64)
     return (block + 2 * observed.recording) % BLACK_BOX.folds
 
 
@@ -76,11 +77,11 @@ def _features(observed: Observations, j: int) -> FloatArray:
     motion, load = observed.motion, observed.load
     q, v = motion.position[:, j], motion.velocity[:, j]
     sign = np.tanh(v / BLACK_BOX.speeds[0])
-    own = [np.tanh(v / speed) for speed in BLACK_BOX.speeds]
+    own = [np.tanh(v / speed) for speed in np.geomspace(*BLACK_BOX.speeds)]
     own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
-    stops = [PreslidingHysteresis.stop(j + 1, width) for width in BLACK_BOX.widths]
+    stops = [PreslidingHysteresis.stop(j + 1, width) for width in np.geomspace(*BLACK_BOX.widths)]
     own += [over_joint(stop, observed) for stop in stops]
-    waves = [f(k * q) for k in BLACK_BOX.waves for f in (np.sin, np.cos)]
+    waves = [f(k * q) for k in range(1, BLACK_BOX.waves + 1) for f in (np.sin, np.cos)]
     own += waves + [sign * wave for wave in waves]
     own += [sign * np.abs(load[:, k]) for k in range(observed.n)]
     own += [load[:, k] for k in range(observed.n)]
@@ -162,7 +163,7 @@ def _side(names: tuple[str, str], unit: str, values: FloatArray, energy: FloatAr
     total = np.cumsum(energy[order])
     half = float(values[order][min(np.searchsorted(total, 0.5 * total[-1]), len(order) - 1)])
     usual = float(np.median(values))
-    if usual <= 0 or REGION.narrow < half / usual < REGION.wide:
+    if usual <= 0 or 1 / REGION.wide < half / usual < REGION.wide:
         return []
     name, side = (names[0], "below") if half < usual else (names[1], "above")
     return [f"{name} (half of it {side} {rounded(half, 2)} {unit})"]

@@ -23,7 +23,8 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import without_effort
 from estimators.diagnosis.held_out import Split, rmse
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import DEPENDENT, ROUNDING, TINY
+from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.settings.residuals import MISTAKES, MOUNTING, PLAUSIBILITY
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Verdict, Where
 from estimators.regression.definite import SHOWN
@@ -60,18 +61,14 @@ class BodyFit:
             tuple(moves),
             tuple(_beside_friction(sample, j, Y[j]) for j in moves),
             tuple(sample.rest(j) for j in moves),
-            tuple(
-                float(np.median(np.abs(_centred(sample, j)))) + PLAUSIBILITY.constant for j in moves
-            ),
+            tuple(float(np.median(np.abs(_centred(sample, j)))) + ROUNDING for j in moves),
         )
 
     def change(self, which: slice) -> FloatArray:
         """Return the change of some body parameters that leaves least."""
         scale = zip(self.columns, self.left, self.size, strict=True)
         A, y = zip(*((columns[:, which] / s, left / s) for columns, left, s in scale), strict=True)
-        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=PLAUSIBILITY.dependent)[
-            0
-        ]
+        return np.linalg.lstsq(np.concatenate(A), np.concatenate(y), rcond=DEPENDENT)[0]
 
     def misfit(self, which: slice) -> FloatArray:
         """Return the misfit of each joint's torque with some body parameters changed, (n,).
@@ -140,7 +137,7 @@ def parts_of_load(sample: RowSample, joints: NDArray[np.int64]) -> str:
         friction = dry_and_viscous(sample.motion.velocity[use, joint])
         columns = np.column_stack([sample.load[use, joint], friction, np.ones(torque.size)])
         found = np.linalg.lstsq(columns, torque, rcond=None)[0]
-        left = float(np.std(torque - columns @ found)) / max(float(np.std(torque)), MISTAKES.tiny)
+        left = float(np.std(torque - columns @ found)) / max(float(np.std(torque)), TINY)
         if left < PLAUSIBILITY.fits:
             parts.append(f"{found[0]:.2f} of it at joint {joint + 1}")
     if not parts:
@@ -312,7 +309,7 @@ def _turned(
         kind="missing" if missing else "wrong_parameter",
         joints=tuple(range(1, given.n + 1)),
         equivalent=(),
-        confidence=MOUNTING.confidence,
+        confidence=CONFIDENCE.highest,
         parameters={},
         where=Where(region=f"joint {joint + 1}: wherever it bears weight"),
         share=share,
@@ -341,7 +338,7 @@ def _gravity_of(observed: Observations) -> FloatArray | None:
     gram, right, energy, used = np.zeros((3, 3)), np.zeros(3), 0.0, 0
     for j in range(observed.n):
         rows = observed.moving[:, j]
-        if rows.sum() < MOUNTING.fewest:
+        if rows.sum() < MISTAKES.least_moving:
             continue
         data = np.column_stack([*(pull[rows, j] for pull in pulls), observed.residual[rows, j]])
         data = without_friction(data, slow.velocity[rows, j])
@@ -380,7 +377,7 @@ def _misfit(observed: Observations) -> float:
     left: list[float] = []
     for j in range(observed.n):
         rows = observed.moving[:, j]
-        if rows.sum() < MOUNTING.fewest:
+        if rows.sum() < MISTAKES.least_moving:
             continue
         y = np.column_stack([observed.residual[rows, j], observed.measured[rows, j]])
         energy = np.sum(without_friction(y, observed.slow.velocity[rows, j]) ** 2, axis=0)

@@ -163,7 +163,7 @@ def jolts(
     """
     observed = observed.undisturbed(None)
     steady = steadily_moving(observed)
-    known = steady.sum(axis=0) >= JOLTS.fewest
+    known = steady.sum(axis=0) >= PUSHES.fewest
     usual = usual_errors(residual, steady)
     errors = np.where(
         steady & known, np.abs(residual) / np.maximum(usual, observed.least_noise), 0.0

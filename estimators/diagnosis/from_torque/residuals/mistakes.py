@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from scipy.optimize import nnls
 
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.model.units import unit_of
 from limo_driver.types import Motion
@@ -76,7 +77,7 @@ class RowSample:
         for joint in np.flatnonzero(self.judged).tolist():
             torque = self.torque[self.moving[:, joint], joint]
             size = float(np.linalg.norm(torque - torque.mean()))
-            result[joint] = float(np.linalg.norm(self.rest(joint))) / max(size, MISTAKES.tiny)
+            result[joint] = float(np.linalg.norm(self.rest(joint))) / max(size, TINY)
         return result
 
     def rest(self, joint: int) -> FloatArray:
@@ -140,7 +141,7 @@ def constant_joints(observed: Observations) -> tuple[int, ...]:
 
 def dry_and_viscous(v: FloatArray) -> FloatArray:
     """Return what friction of either kind is in proportion to, (K, 2), at speeds (K,) [rad/s]."""
-    return np.stack([np.sign(v), v / max(float(np.abs(v).max()), MISTAKES.tiny)], axis=1)
+    return np.stack([np.sign(v), v / max(float(np.abs(v).max()), TINY)], axis=1)
 
 
 def without_friction(values: FloatArray, v: FloatArray) -> FloatArray:
@@ -269,7 +270,7 @@ def _turning(j: int, sample: RowSample) -> RowSample:
         *(np.broadcast_to(x, position.shape) for x in (own.velocity, own.acceleration)),
     )
     load = sample.body.inverse_dynamics(*(x.reshape(-1, n) for x in motion)).reshape(position.shape)
-    weight = (np.arange(n) != j) / np.maximum(sample.torque.std(axis=0), MISTAKES.tiny)
+    weight = (np.arange(n) != j) / np.maximum(sample.torque.std(axis=0), TINY)
     for _ in range(MISTAKES.turns):  # of friction and angles
         error = weight * (load - (sample.torque - sample.friction))
         best = np.argmin(np.sum(error**2, axis=2), axis=0)

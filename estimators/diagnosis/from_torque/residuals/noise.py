@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import welch
 
-from estimators.diagnosis.settings import MAD
+from estimators.diagnosis.settings import MAD, TINY
 from estimators.diagnosis.settings.residuals import ABOVE, NOISE
 from estimators.regression.evidence import NormalEquations
 from limo_driver.recordings.bandwidth import bandwidth_at
@@ -57,7 +57,7 @@ class Noise:
         residual: FloatArray,
         use: NDArray[np.bool_],
         segment: NDArray[np.int64],
-        least: float = NOISE.tiny,
+        least: float = TINY,
     ) -> Noise:
         """Fit an autoregression to each joint.
 
@@ -182,9 +182,7 @@ def _levinson(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return weight, white
 
 
-def roughness(
-    residual: FloatArray, use: NDArray[np.bool_], least: float = NOISE.tiny
-) -> FloatArray:
+def roughness(residual: FloatArray, use: NDArray[np.bool_], least: float = TINY) -> FloatArray:
     """Return what changes from row to row in residuals (K, n), as a white deviation; (n,) [N m].
 
     Third differences leave nothing of what changes slowly; a lower bound of the noise, which is

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.ndimage import binary_opening, maximum_filter1d
 
 from estimators.diagnosis.from_torque.residuals.observed_recording import ObservedRecording
+from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.residuals import MISTAKES, NOISE, ROWS
 from estimators.rigid_body.fitting.extent import Extents
 from estimators.rigid_body.regressor import RegressorChain
@@ -163,7 +164,7 @@ class Observations:
     def least_noise(self) -> float:
         """Deviation that any noise has: more than rounding makes of the arm's torque [N m]."""
         strongest = float(np.median(np.abs(self.measured), axis=0).max(initial=0.0))
-        return max(NOISE.least * strongest, NOISE.tiny)
+        return max(NOISE.least * strongest, TINY)
 
     @cached_property
     def chain(self) -> RegressorChain:

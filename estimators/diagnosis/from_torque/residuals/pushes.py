@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
@@ -31,7 +31,7 @@ from estimators.diagnosis.from_torque.residuals.reversals import (
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import doubtful_encoders
 from estimators.diagnosis.settings import TINY
-from estimators.diagnosis.settings.judgement import PUSHES
+from estimators.diagnosis.settings.judgement import IMPACTS, PUSHES
 from limo_driver.types import FloatArray
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.residuals.observations import Observations
+
+LENGTHS: Final = tuple(np.geomspace(*PUSHES.lengths).tolist())  # [s]
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ class _Scan:
         """Return all windows in which some joint felt something, the strongest first."""
         found: list[Push] = []
         time = self.observed.slow.time
-        for length in PUSHES.lengths:
+        for length in LENGTHS:
             rows = max(3, rows_in(self.observed, length))
             evidence = self._evidence(rows)
             total = np.maximum(evidence - PUSHES.joint, 0.0).sum(axis=1)
@@ -201,7 +203,7 @@ class _Scan:
         within = self._within(push)
         judged = self.judged[within].any(axis=1)
         rests = not self.observed.moving[within].any()
-        alike = len(push.joints) >= PUSHES.many and self._explained(push) >= PUSHES.one_course
+        alike = len(push.joints) >= PUSHES.many and self._explained(push) >= IMPACTS.explained
         known = not judged.size or judged.mean() >= PUSHES.judged
         if not (known or alike):
             return False
@@ -221,7 +223,7 @@ class _Scan:
             return False
         time = self.observed.slow.time
         before = (self.observed.recording == push.recording) & (time < push.end)
-        before &= time > push.start - PUSHES.steady
+        before &= time > push.start - PUSHES.rests
         rested = bool(self.resting[before].all())
         if rested and self.resting[within].all():
             return True
@@ -290,7 +292,7 @@ class _Scan:
             stronger: Others, which are no scatter as long as most stretches are apart from them.
         """
         time, most = self.observed.slow.time, 0.0
-        for rows in {max(3, rows_in(self.observed, length)) for length in PUSHES.lengths}:
+        for rows in {max(3, rows_in(self.observed, length)) for length in LENGTHS}:
             energy, enough, independent = self._energies(self.lasting, PUSHES.scattered, rows)
             count = len(energy)
             ends = self.observed.recording[:count], time[:count], time[rows - 1 :]
@@ -326,7 +328,7 @@ class _Scan:
         sine, hold = (
             min(
                 _fitted(course, time, errors, middle - length / 2, middle + length / 2)
-                for length in (push.end - push.start, *PUSHES.lengths)
+                for length in (push.end - push.start, *LENGTHS)
             )
             for course in (_half_sine, partial(_hold, ramp=1.0 / self.observed.bandwidth))
         )

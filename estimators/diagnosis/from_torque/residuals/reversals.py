@@ -45,7 +45,7 @@ def steadily_moving(observed: Observations) -> NDArray[np.bool_]:
     A joint that turns stops and starts, however fast it passes through rest.
     """
     steady = observed.moving & ~_turning(observed)
-    settled = minimum_filter1d(steady, 2 * rows_in(observed, PUSHES.settling) + 1, axis=0)
+    settled = minimum_filter1d(steady, 2 * rows_in(observed, PUSHES.spread) + 1, axis=0)
     return np.asarray(settled, dtype=bool)
 
 

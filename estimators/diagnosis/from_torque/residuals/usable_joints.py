@@ -22,6 +22,7 @@ from estimators.diagnosis.from_torque.residuals.noise import roughness
 from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import rounded
+from estimators.diagnosis.settings import ROUNDING
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, REPEATS, ROWS
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
 
 def without_torque(observed: Observations) -> tuple[int, ...]:
     """Return the joints (0-based) whose torque is one value in all rows."""
-    return tuple(np.flatnonzero(np.ptp(observed.measured, axis=0) < PLAUSIBILITY.constant).tolist())
+    return tuple(np.flatnonzero(np.ptp(observed.measured, axis=0) < ROUNDING).tolist())
 
 
 def without_load(observed: Observations, least: float = WEIGHTLESS) -> tuple[int, ...]:

@@ -10,7 +10,6 @@ from servo_arms import commands, recorded, write_arm
 
 from estimators.diagnosis.from_motion import free_run
 from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fit_arm
-from estimators.diagnosis.from_motion.fitting.joint import NORMAL
 from estimators.diagnosis.from_motion.search import (
     Searched,
     beliefs,
@@ -26,6 +25,7 @@ from estimators.diagnosis.from_motion.stated import (
     with_intervals,
 )
 from estimators.diagnosis.from_motion.suspects import Suspect
+from estimators.diagnosis.settings import Z95
 from limo_driver.physics import GravityDirection, Simulation, StribeckFriction
 
 NO_STEP = np.zeros(2)  # of encoders that are as fine as numbers
@@ -60,8 +60,8 @@ def test_intervals_hold_what_fits_to_filtered_motion_are_off_by(stated):
             off = abs(inner(name, fit.value(name)) - inner(name, value_in(true[j], name)))
             away.append(off / fit.deviation[name])
             curved.append(off / found.fit.own[j][name])
-    assert max(curved) > 2.0 * NORMAL
-    assert np.mean(np.array(away) < NORMAL) > 0.9
+    assert max(curved) > 2.0 * Z95
+    assert np.mean(np.array(away) < Z95) > 0.9
 
 
 def test_a_joint_that_gravity_does_not_load_has_no_gain_beside_one_that_it_does(

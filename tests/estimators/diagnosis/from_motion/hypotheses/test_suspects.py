@@ -13,7 +13,7 @@ from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fi
 from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
 from estimators.diagnosis.from_motion.fitting.joint import JointFit
 from estimators.diagnosis.from_motion.fitting.starts import away
-from estimators.diagnosis.from_motion.search import FOUND, beliefs, stated_guess
+from estimators.diagnosis.from_motion.search import beliefs, stated_guess
 from estimators.diagnosis.from_motion.simulation.constants import COULOMB, value_in, with_values
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
@@ -24,6 +24,7 @@ from estimators.diagnosis.from_motion.suspects import (
     start_of_stiction,
     suspects_of,
 )
+from estimators.diagnosis.settings.judgement import VALUES
 from limo_driver.physics import (
     Armature,
     CoulombFriction,
@@ -138,14 +139,14 @@ def test_values_stay_within_their_tolerance_until_one_is_suspected(stated, recor
         ArmLoads(stated.body, recordings[:1]),
         Weights(np.full(2, STEP), np.full(2, 0.1)),
         beliefs(guess.rows, 0.1),
-        within=FOUND,
+        within=VALUES.sure,
     )
 
     kept = fit_arm(problem, guess, 8, deviations=True).guess
     one = fit_arm(problem, Suspect("position_servo", 1, (), freed="kp").added(kept), 8).guess
     all_of = fit_arm(replace(problem, within=np.inf), kept, 8, deviations=True).guess
 
-    least = 2.0 * np.array(KP) * np.exp(-0.1 * FOUND)
+    least = 2.0 * np.array(KP) * np.exp(-0.1 * VALUES.sure)
     assert [value_in(row, "kp") for row in kept.rows] == pytest.approx(least)
     assert [value_in(row, "kp") for row in one.rows] == pytest.approx([least[0], KP[1]], rel=0.03)
     assert [value_in(row, "kp") for row in all_of.rows] == pytest.approx(KP, rel=0.03)

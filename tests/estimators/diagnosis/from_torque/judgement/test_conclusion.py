@@ -23,8 +23,7 @@ from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.result import CHOSEN
-from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.settings.judgement import OBSERVABLE
+from estimators.diagnosis.settings.fitting import CANDIDATES, CONTRIBUTION
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import CoulombFriction, SpringLoad
 from limo_driver.recordings.recording import Recording
@@ -161,7 +160,7 @@ def test_what_no_tolerance_is_like_shows_as_soon_as_noise_allows(problem, noise)
     (drift,) = (item.reason for item in said if item.effect == "torque_drift")
     each = FLOOR / np.sqrt(problem.split.fitted.sum(axis=0))  # [N m], of what all rows have
     least = float(drift.removeprefix("less than ").split()[0])
-    assert least == pytest.approx(np.sqrt(2 * OBSERVABLE.price) * each.max(), rel=0.2)
+    assert least == pytest.approx(np.sqrt(2 * CANDIDATES.missing) * each.max(), rel=0.2)
 
 
 def test_a_joint_that_moves_in_no_stretch_held_out_is_told():
