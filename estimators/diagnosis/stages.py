@@ -61,7 +61,8 @@ class Attempts:
         try:
             return work()
         except Exception as error:  # noqa: BLE001  # whatever it is, the verdict so far is known
-            self.failures.append(Failure(stage, error))
+            if all(known.stage != stage for known in self.failures):  # gone through twice
+                self.failures.append(Failure(stage, error))
             return otherwise
 
 

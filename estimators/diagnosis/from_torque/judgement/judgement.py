@@ -265,9 +265,11 @@ def gains(
 def _betters(problem: RegressionProblem, solution: Solution, member: int) -> bool:
     """Say whether a joint that a member acts on is surely better than `gains` counts from.
 
-    On rows that are held out in turn; those that miss most of what it does cannot say.
+    On rows that are held out in turn; those that miss most of what it does cannot say. Friction
+    that is itself among what gains are counted from, as of a joint that binds, counts from none.
     """
-    given, observed = _given(problem, solution), problem.observed
+    observed = problem.observed
+    given = observed.residual if member in problem.base else _given(problem, solution)
     (left,), rows = in_turn(problem, solution, solution.members)
     scale = rmse(left, rows)[:, None]
     return seldom(problem, solution, member) or any(

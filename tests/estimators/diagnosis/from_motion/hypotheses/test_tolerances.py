@@ -92,7 +92,7 @@ def test_a_motor_is_believed_within_its_tolerances_and_named_beyond(tmp_path, fa
 
     named_as = [(x.effect, x.kind, x.joints) for x in found.findings]
     assert named_as == ([("voltage_limit", "wrong_parameter", (2,))] if named else [])
-    assert any("Of the motor of joint 2, motion shows" in note for note in found.verdict.notes)
+    assert any("Of the motor of joint 2 (" in note for note in found.verdict.notes)
     motor = next(drive for drive in found.simulation.drives if isinstance(drive, DcMotor))
     assert motor.free_speed == pytest.approx(factor * MOTOR.free_speed, rel=0.1)
     assert motor.gear == MOTOR.gear
