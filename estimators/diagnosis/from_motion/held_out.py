@@ -23,7 +23,7 @@ from estimators.diagnosis.from_motion.simulation.one_joint import RowErrors
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.from_motion.suspects import COUNTED
 from estimators.diagnosis.settings import LEVEL, TAIL, Z95
-from estimators.diagnosis.settings.judgement import CONFIDENCE
+from estimators.diagnosis.settings.judgement import CONFIDENCE, VALUES
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
@@ -41,10 +41,9 @@ if TYPE_CHECKING:
 
 LEAST: Final = 1e-9
 CONFIDENT: Final = LEVEL  # share of resampled held-out motion in which a finding has to remove it
-_SEEN: Final = 0.1  # of a joint's squared held-out error, that a finding has to remove at least
 _MANY: Final = 4  # recordings, from which on whole ones are held out
-_REST: Final = 0.1  # [s] before and after a cut, in which a joint moves little
 _BLOCKS, _DRAWN = 20, 1000  # of what is held out at once, and resamples of them
+_REST: Final = 0.1  # [s] before and after a cut, in which a joint moves little
 
 
 def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
@@ -113,7 +112,7 @@ def removes(squared: FloatArray, without: FloatArray, folds: int = 1) -> float:
         without: The same without it.
         folds: Parts of the motion among the rows, that were held out in turn.
     """
-    many, gain = _BLOCKS * folds, without - squared - _SEEN * without
+    many, gain = _BLOCKS * folds, without - squared - VALUES.share * without
     blocks = np.array([block.sum() for block in np.array_split(gain, many)])
     drawn = np.random.default_rng(0).integers(0, many, (_DRAWN, many))
     return min(CONFIDENCE.highest, float(np.mean(blocks[drawn].sum(axis=1) > 0.0)))
@@ -141,7 +140,7 @@ def by_recording(
     bounds = np.cumsum([0, *rows])
     gain = np.add.reduceat((before**2 - after**2).sum(axis=1), bounds[:-1])
     reducible = np.add.reduceat((before**2 - floor**2).sum(axis=1), bounds[:-1])
-    drawn = np.random.default_rng(0).integers(0, len(rows), (1000, len(rows)))
+    drawn = np.random.default_rng(0).integers(0, len(rows), (_DRAWN, len(rows)))
     share = gain[drawn].sum(axis=1) / np.maximum(reducible[drawn].sum(axis=1), LEAST)
     low, high = np.quantile(share, (TAIL, 1 - TAIL))
     return float(low), float(high)

@@ -54,14 +54,14 @@ class Map:
     mean: FloatArray  # (C, B) [N m]
 
 
-def bins_of(rows: int, most: int = BINS.most) -> int:
+def bins_of(rows: int) -> int:
     """Return into how many bins of a profile some rows go."""
-    return int(np.clip(rows / BINS.rows, BINS.fewest, most))
+    return int(np.clip(rows / BINS.rows, BINS.fewest, BINS.most))
 
 
 def cells_of(rows: int) -> int:
     """Return into how many cells of a map, to either side, some rows go."""
-    return int(np.clip(np.sqrt(rows / BINS.least), BINS.fewest_cells, BINS.most_cells))
+    return int(np.clip(np.sqrt(rows / BINS.least), BINS.fewest, BINS.most_cells))
 
 
 def edges_of(values: FloatArray, bins: int, *, logarithmic: bool = False) -> FloatArray:
@@ -103,7 +103,7 @@ def residual_map(
     count = np.bincount(cell, minlength=shape[0] * shape[1]).astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(cell, residual[inside], shape[0] * shape[1]) / count
-    mean[count < _fewest(count, BINS.enough_of_cell)] = np.nan
+    mean[count < _fewest(count, BINS.least)] = np.nan
     return Map(
         (x_edges[1:] + x_edges[:-1]) / 2, (y_edges[1:] + y_edges[:-1]) / 2, mean.reshape(shape)
     )

@@ -110,8 +110,7 @@ def dependence(
     values = (_end_to_end(traces) if over_time else getattr(traces, quantity)[:, j])[moving]
     # Friction points against the motion: after a reversal only its size is alike both ways.
     sign = np.sign(traces.velocity[moving, j]) if after_reversal else 1.0
-    most = BINS.most_over_time if over_time else BINS.most
-    edges = edges_of(values, bins_of(len(values), most), logarithmic=after_reversal)
+    edges = edges_of(values, bins_of(len(values)), logarithmic=after_reversal)
     data: list[Figure] = []
     for side in sides:
         name, colour = _SIDES[side]

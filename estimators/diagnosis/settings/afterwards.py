@@ -37,18 +37,14 @@ class BINS:
     rows: float = setting(10.0, "rows", "of a bin in the mean, where there are not enough for all",
         "more blur what the residual follows; fewer draw noise")
     most: int = setting(32, "bins", "of a profile", "more draw noise; fewer blur")
-    most_over_time: int = setting(60, "bins", "of a profile over time", "as above")
     fewest: int = setting(5, "bins", "of a profile of however few rows",
         "more are empty; fewer say nothing")
     most_cells: int = setting(22, "cells", "of a map, to either side",
         "more draw noise; fewer blur")
-    fewest_cells: int = setting(6, "cells", "the same, of however few rows",
-        "more are empty; fewer say nothing")
     shown: float = setting(0.25, "of the mean of bins with rows", "that a bin needs to be shown",
         "more leave out what the motion seldom does; fewer draw noise")
     enough: int = setting(8, "rows", "with which a bin is shown, however many others have",
         "as above")
-    enough_of_cell: int = setting(4, "rows", "the same, of a cell of a map", "as above")
     least: int = setting(3, "rows", "without which neither is shown", "as above")
     brightest: float = setting(98.0, "percentile", "of the cells of a map, at which colours end",
         "higher leaves the map pale; lower shows differences of large cells no more")

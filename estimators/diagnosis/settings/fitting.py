@@ -48,9 +48,9 @@ class RIPPLE:
         "lower finds shapes; higher misses weak lines")
     bulk: float = setting(0.01, "of the positions", "beyond either end of what is a joint's range",
         "wider counts where it hardly is; narrower leaves out ends at which it turns")
-    around: int = setting(5, "grid points", "at which a line is sought around the one it is near",
+    around: int = setting(5, "grid points",
+        "at which a line is sought around the one it is near, and times that this grid is then narrower, once",
         "more cost time; fewer leave a parabola too little")
-    finer: int = setting(5, "times", "that this grid is then narrower, once", "as above")
     same: float = setting(0.05, "relative", "difference within which two lines are one",
         "larger merges neighbours; smaller counts one twice")
     sweeps: int = setting(3, "", "in which all lines are refined beside a new one, at most",
@@ -224,7 +224,7 @@ class NEWTON:
         "smaller costs time; larger stops short")
     slack: float = setting(1.02, "times", "that a round may raise a joint's RMSE, at most",
         "higher lets errors grow that are alike in time; lower stops at noise")
-    shorter: tuple[float, ...] = setting((1.0, 0.5, 0.2), "of a step", "that are tried",
+    shorter: int = setting(2, "halvings", "of a step, that are tried",
         "more cost time; fewer give up where a full step is too far")
     derivative: float = setting(1e-3, "prior deviations", "step of derivatives",
         "larger is less linear; smaller loses digits")

@@ -249,8 +249,8 @@ class PUSHES:
         "longer leaves out motion; shorter takes braking for a push")
     apart: float = setting(1.0, "s", "between two pushes",
         "longer misses the second; shorter takes a rebound for another")
-    steps: tuple[float, ...] = setting((0.1, 0.05, 0.02), "s",
-        "by which a window is then moved", "finer costs time")
+    step: float = setting(0.1, "s", "by which a window is then moved, halved twice",
+        "finer costs time")
     shortest: float = setting(0.1, "s", "of a push", "shorter takes spikes for pushes",
         chosen="what a filter of 10 Hz makes of a hit")
     longest: float = setting(3.0, "s", "of a push", "longer takes drifts for pushes",

@@ -11,6 +11,7 @@ from estimators.diagnosis.from_motion.checks.timing import dropped_frames, led_a
 from estimators.diagnosis.from_motion.checks.velocities import (
     ALIKE,
     AT_REST,
+    LOOSE,
     MORE,
     UNLIKE,
     check_velocities,
@@ -41,11 +42,11 @@ _TURNS: Final = 4 * np.pi  # [rad], that no joint behind a position servo reache
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
 _ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
 _LAG: Final = 0.5  # [s], by which a joint may follow its command later
-_BETTER: Final = 0.3  # of correlation, by which a joint follows another's command rather
-_SHORT: Final = 0.3  # of as far as its command, that a servo comes at least
+# Of correlation, by which a joint follows another's command rather; and of as far as its command,
+# that a servo comes at least.
+_BETTER: Final = 0.3
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
 _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
-_LOOSE: Final = 0.15  # [rad] by which a joint moves away from a command that rests
 _FOLLOWED: Final = 0.1  # [rad] of error, below which a joint follows its command
 _SAME: Final = 1e-6  # [rad], mean distance of commands that are the positions themselves
 _AHEAD: Final = 3  # rows, by which positions may have been recorded as commands before
@@ -234,7 +235,7 @@ def _exchange_mistake(recording: Recording) -> str:
     alike = _likeness(command, position)
     far = does[:, None] / np.maximum(target, _SAME)  # (n, n), of each joint by each command
     own, moved = np.diag(alike)[:, None], does > MOVED
-    follows = (alike > ALIKE) & (far > _SHORT) & (far < MORE)
+    follows = (alike > ALIKE) & (far > _BETTER) & (far < MORE)
     better = follows & ((own < UNLIKE) | (alike > own + _BETTER))
     mutual = better & better.T
     ratio = np.diag(far)
@@ -368,7 +369,7 @@ def _not_following(recording: Recording, j: int, name: str, unit: str) -> Iterat
             return
         if np.ptp(asked) == 0 and np.ptp(command[max(0, start - rows) : start + rows]) == 0:
             away = error[-1] - error[0]
-            if moved > _LOOSE and away > _LOOSE:
+            if moved > LOOSE and away > LOOSE:
                 yield (
                     f"joint {j + 1} moves away from a command that rests; was its torque "
                     f"disabled? ({where})"

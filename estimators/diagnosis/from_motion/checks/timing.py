@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from estimators.diagnosis.from_motion.checks.velocities import UNLIKE
+from estimators.diagnosis.from_motion.checks.velocities import LOOSE, UNLIKE
 from estimators.diagnosis.from_motion.fitting.joint import GLANCE, GLANCED, errors, fit_joint
 from estimators.diagnosis.from_motion.fitting.starts import (
     choose_start,
@@ -44,13 +44,13 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _FARTHEST: Final = 0.5  # [s] of looking ahead
-_BETTER: Final = 0.7  # of the error, which looking ahead has to get below
+_BETTER: Final = (
+    0.7  # of the error that looking ahead has to leave less than, and of a torque tried as a limit
+)
 _SMOOTHED: Final = 5  # rows
 _TRIED: Final = 50  # delays, of torques
-_REACHED: Final = 0.7  # of the torque that a servo without limit would have, tried as its limit
-_HELD: Final = 0.1  # dry friction by load, tried with it
 _OF_ONE_SIZE: Final = 2.0  # times the least, that lags of joints differ if they have one cause
-_OF_THAT: Final = 0.1  # of such a lag, a delay that is none beside it
+_OF_THAT: Final = 0.1  # of such a lag, a delay that is none beside it; and friction by load, tried
 _NONE: Final = 1e-3  # [s], a delay that is none
 
 
@@ -185,8 +185,8 @@ def _limited(parts: Sequence[LoadedJoint], fit: JointFit) -> JointFit:
 
     What these do is no look ahead, and is explained by one in part.
     """
-    limit = _REACHED * most_of("torque_limit", parts, fit.row)
-    begun = with_values(fit.row, {"torque_limit": limit, "by_load": _HELD})
+    limit = _BETTER * most_of("torque_limit", parts, fit.row)
+    begun = with_values(fit.row, {"torque_limit": limit, "by_load": _OF_THAT})
     names = (*fit.names, "torque_limit", "by_load")
     return fit_joint(parts, begun, names)
 
@@ -224,19 +224,16 @@ def _shift(command: FloatArray, position: FloatArray, rate: float) -> float:
     return (best - reach) / rate if scores[best] > UNLIKE else 0.0
 
 
-_LEAP: Final = 1.6  # times the pace of the rows around, at which joints reach a row
-_STEADY: Final = 4.0  # times what paces before and behind a leap differ by, that it has to exceed
+_LEAP: Final = 1.6  # times the pace or period of the rows around, at which a row is missing
+_STEADY: Final = 4.0  # times what paces differ by, or ticks of an encoder, that a leap exceeds
 _AROUND: Final = 2  # rows before a leap and behind it, that have to agree
-_TICKS: Final = 4.0  # of an encoder, that joints together have to move in a row
 _FEW: Final = 3  # rows, from which on frames are missing
-_LATE: Final = 1.6  # periods between two rows, from which on one between them is missing
 _EVEN: Final = 0.2  # of a period, by which most rows may come early or late where some are missing
 _JUMP: Final = 3.0  # times the fastest elsewhere, at which no arm moves
 _JUMPED: Final = 0.02  # [rad], least that a joint moves at once where many rows are missing
 _TOGETHER: Final = 0.5  # of what joints jump, that their commands do in the same row
 _PAST: Final = 2.0  # [s], in which a servo in order has come to where it was told
 _NEAR, _AWAY = 0.1, 0.3  # [rad] beyond the commands of that time: where it begins, and is sure
-_MOVED: Final = 0.15  # [rad], by which the joint itself has moved meanwhile
 
 
 def dropped_frames(recording: Recording, name: str) -> Iterator[str]:
@@ -276,7 +273,7 @@ def _late(recording: Recording) -> NDArray[np.intp]:
         return np.array([], dtype=np.intp)
     left_out = [row for item in recording.left_out for row in item.rows]
     given = np.setdiff1d(np.arange(len(recording) + len(left_out)), left_out)
-    return np.flatnonzero((steps > _LATE * period) & (np.diff(given) == 1))
+    return np.flatnonzero((steps > _LEAP * period) & (np.diff(given) == 1))
 
 
 def _jump(recording: Recording) -> int | None:
@@ -330,7 +327,7 @@ def _leaps(recording: Recording) -> list[int]:
     around = [pace[_AROUND + k : last + k] for k in (*range(-_AROUND, 0), *range(1, _AROUND + 1))]
     mean = np.mean(around, axis=0)
     length = np.linalg.norm(mean, axis=1)
-    fast = length > _TICKS * least
+    fast = length > _STEADY * least
     length = np.where(fast, length, 1.0)
     times = (here * mean).sum(axis=1) / length**2
     apart = np.max([np.linalg.norm(a - b, axis=1) for a, b in combinations(around, 2)], axis=0)
@@ -364,7 +361,7 @@ def led_away(time: FloatArray, command: FloatArray, position: FloatArray) -> tup
         if abs(far) < _NEAR:
             near = i
         elif abs(far) > _AWAY and near >= 0:
-            if np.sign(far) * (position[i] - position[near]) > _MOVED:
+            if np.sign(far) * (position[i] - position[near]) > LOOSE:
                 return float(time[near]), float(np.abs(beyond[near : i + rows]).max())
             near = -1  # its command went away from it
     return 0.0, 0.0

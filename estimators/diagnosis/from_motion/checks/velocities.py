@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commands_of
+from estimators.diagnosis.settings import LEVEL
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 _LATE: Final = 0.3  # [s], by which a joint may follow
 ALIKE, UNLIKE = 0.8, 0.4  # correlations
-_STRAIGHT: Final = 0.95  # correlation of commands and positions that are alike
+_STRAIGHT: Final = LEVEL  # correlation of commands and positions that are alike
 _BETTER: Final = 0.2  # of correlation, by which commands are like a position rather
 _SAME: Final = 1e-6  # of the velocity, by which commands are the velocity itself
 _LESS, MORE = 1 / 8, 1.3  # times as fast as told, that a servo moves its joint
@@ -46,13 +47,13 @@ _NEAR: Final = (0.75, 1.6)  # of such a number, that a servo may lack or frictio
 _LASTING: Final = 1.0  # [s] in which a joint does not obey
 _TOLD: Final = 0.2  # [rad/s], told to a joint that rests
 _LOOSE: Final = 0.3  # [rad/s], of a joint that is told to rest
+LOOSE: Final = 0.15  # [rad] by which a joint moves away from where it is told to rest
 AT_REST: Final = 0.002  # [rad] that a joint moves less than where it rests
 _SWING: Final = 0.1  # [rad] of command, that friction of a servo in order hardly holds
 _TIMES: Final = 2.0  # what friction holds elsewhere in the recording, that it has to exceed
 _LONG: Final = 0.5  # [s], beside which a command that acts late is short
 _CHANGES: Final = 50  # of a joint's position, fewer of which show no step
 _WHOLE: Final = 0.02  # of a step, by which changes are whole numbers of it
-_SHARE: Final = 0.98  # of the changes, that have to be
 _LIKE: Final = 0.01  # of a step, by which two are alike
 _FINEST: Final = 1e-6  # [rad], a step of no encoder: finer ones are of numbers of 32 bits
 
@@ -80,7 +81,7 @@ class _Told:
 
     def slope(self, j: int) -> float:
         """Return how fast a joint moves for each unit of its command: of the larger ones."""
-        size = [float(np.quantile(np.abs(x[:, j]), 0.95)) for x in (self.velocity, self.command)]
+        size = [float(np.quantile(np.abs(x[:, j]), LEVEL)) for x in (self.velocity, self.command)]
         return size[0] / size[1] if size[1] > 0.0 else np.inf
 
 
@@ -335,7 +336,7 @@ def _step(position: FloatArray) -> float:
     step = float(np.median(near))
     times = changes / step
     off = np.abs(times - np.round(times)) / np.maximum(np.round(times), 1.0)
-    return step if step > _FINEST and float((off < _WHOLE).mean()) > _SHARE else 0.0
+    return step if step > _FINEST and float((off < _WHOLE).mean()) > 1 - _WHOLE else 0.0
 
 
 def _of_a_turn(step: float) -> bool:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.fitting.joint import independent
+from estimators.diagnosis.from_motion.fitting.joint import COARSE, independent
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.settings import MAD
 from estimators.regression.definite import SymmetricSpectrum
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
-_FAR: Final = 3.0  # deviations from a belief, from which on it counts in proportion to distance
-_LARGE: Final = 3.0  # typical errors, from which on an error does
 _SHARED_BOUNDS: Final = {"zero": (-FARTHEST_ZERO, FARTHEST_ZERO), "sag": (0.0, MOST_SAG)}
 _AT_END: Final = 1e-6  # deviations from the end of where a constant is kept, that are none
 _RUN_AWAY: Final = 100.0  # [rad], of a joint that constants tried make unstable
@@ -89,7 +87,7 @@ class Weights:
         """
         scale = [max(MAD * float(np.median(np.abs(e))), least) for e in errors]
         many = [
-            independent(np.clip(e, -_LARGE * s, _LARGE * s)) / e.size
+            independent(np.clip(e, -COARSE * s, COARSE * s)) / e.size
             for e, s in zip(errors, scale, strict=True)
         ]
         return cls(np.array(scale), np.array(many))
@@ -147,14 +145,14 @@ class ArmProblem:
 
     def loss(self, j: int, error: FloatArray) -> float:
         """Return what the errors of a joint cost [nat]."""
-        scale = _LARGE * self.weights.scale[j]
+        scale = COARSE * self.weights.scale[j]
         ratio = np.hypot(1.0, error / scale) - 1.0
-        return float(self.weights.many[j] * _LARGE**2 * ratio.sum())
+        return float(self.weights.many[j] * COARSE**2 * ratio.sum())
 
     def believed(self, guess: ArmGuess, j: int) -> float:
         """Return what the constants of a joint cost [nat], for being far from what is believed."""
         away = np.array(list(self.away(guess, j).values()))
-        return float(_FAR**2 * (np.hypot(1.0, away / _FAR) - 1.0).sum())
+        return float(COARSE**2 * (np.hypot(1.0, away / COARSE) - 1.0).sum())
 
     def cost(self, guess: ArmGuess, errors: Sequence[FloatArray], joints: Sequence[int]) -> float:
         """Return the whole cost of some joints [nat]."""
@@ -304,7 +302,7 @@ def _normal(
     for j, slope, count in zip(own, every, many, strict=True):
         scale = problem.weights.scale[j]
         weight = problem.weights.many[j] / scale**2
-        weight = weight / np.hypot(1.0, errors[j] / (_LARGE * scale))
+        weight = weight / np.hypot(1.0, errors[j] / (COARSE * scale))
         place = np.concatenate([np.arange(at, at + count), common])
         hessian[np.ix_(place, place)] += slope.T @ (weight[:, None] * slope)
         gradient[place] += slope.T @ (weight * errors[j])
@@ -313,7 +311,7 @@ def _normal(
             if prior is not None and (j, name) not in guess.free:
                 here = c.inner(name, c.value_in(guess.rows[j], name)) - c.inner(name, prior.value)
                 x = here / prior.deviation
-                curve = 1.0 / (prior.deviation**2 * np.sqrt(1.0 + (x / _FAR) ** 2))
+                curve = 1.0 / (prior.deviation**2 * np.sqrt(1.0 + (x / COARSE) ** 2))
                 hessian[at + k, at + k] += curve
                 gradient[at + k] += curve * here
         at += count

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
-_COARSE: Final = 3.0  # typical errors, from which on they do at first
+COARSE: Final = 3.0  # typical errors, from which on they do at first
 _FINER: Final = 7.0  # times smaller in the next fit
 GLANCE: Final = 8  # evaluations, of a fit that is not to be the last
 GLANCED: Final = 3  # recordings at most, that such a fit sees
@@ -141,7 +141,7 @@ def fit_joint(
     weight = _ROBUST * float(np.sqrt(held / max(_independent_of(parts), 1.0)))
     # Far from the best nearly all errors are large, and counted in proportion they lead astray.
     typical = float(np.median(np.abs(errors(whole, row))))
-    large = max(_COARSE * typical, _ROBUST)
+    large = max(COARSE * typical, _ROBUST)
     while True:
         found = least_squares(
             latest_objective,
@@ -160,7 +160,7 @@ def fit_joint(
         start, large = found.x, max(large / _FINER, _ROBUST)
     best = of(found.x)
     error = found.fun[:held]
-    spread = np.sqrt(np.mean(np.minimum(error**2, (3.0 * _ROBUST) ** 2)))
+    spread = np.sqrt(np.mean(np.minimum(error**2, (COARSE * _ROBUST) ** 2)))
     scale = max(float(spread), TINY) * np.sqrt(error.size / independent(error))
     normal = found.jac[:held].T @ found.jac[:held]
     for name, prior in known.items():

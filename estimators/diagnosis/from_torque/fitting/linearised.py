@@ -182,7 +182,7 @@ class Linearised:
 
     def _shorter(self, step: FloatArray) -> Iterator[Observations]:
         """Yield the recordings with the simulation a step ahead, and parts of a step ahead."""
-        for part in NEWTON.shorter:
+        for part in 0.5 ** np.arange(NEWTON.shorter + 1):
             try:
                 yield self.observed.under(self._moved(part * step))
             except ConfigError:  # a combination that no such part has

@@ -334,7 +334,7 @@ def _slow_line(angle: _Angle) -> float | None:
 
 def _refined(angle: _Angle, cycles: float, step: float) -> float:
     """Return the line near grid point `cycles` that leaves least; in the end by a parabola."""
-    for width in (step, step / RIPPLE.finer):
+    for width in (step, step / RIPPLE.around):
         near = cycles + width * np.linspace(-1.0, 1.0, RIPPLE.around)
         energy = np.array([angle.left(float(N)) for N in near])
         middle = int(np.clip(np.argmin(energy), 1, near.size - 2))

@@ -400,7 +400,7 @@ def _fitted(
         return _left(np.column_stack([_felt(course, time, start, end), others]), errors)
 
     best = (left(start, end), start, end)
-    for step in PUSHES.steps:
+    for step in (PUSHES.step, PUSHES.step / 2, PUSHES.step / 2**2):
         found = None
         while found != best:
             found = best
