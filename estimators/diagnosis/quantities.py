@@ -9,10 +9,13 @@ import math
 from collections.abc import Sequence
 from typing import Final, cast
 
+import numpy as np
+
 from estimators.diagnosis.settings import TINY
-from estimators.diagnosis.verdict import Interval, StatedValue, Verdict
+from estimators.diagnosis.verdict import Fit, Interval, StatedValue, Verdict
 from limo_driver.physics import display_name
 from limo_driver.runtime.display import joint_called
+from limo_driver.types import FloatArray
 
 UNNUMBERED: Final = frozenset({"text", "joint"})  # units of what is no quantity
 
@@ -112,6 +115,11 @@ def rounded(error: float, digits: int = 3) -> str:
     """Return an error to a few digits, whatever the arm's scale: 2022, 65.21, 0.003392."""
     decimals = digits - 1 - math.floor(math.log10(error)) if error > 0 else digits - 1
     return f"{error:.{max(0, decimals)}f}"
+
+
+def in_noise_floors(errors: FloatArray | Sequence[float], fit: Fit) -> FloatArray:
+    """Return errors of the joints (…, n) over the noise floor of each."""
+    return np.array(errors) / np.maximum(np.array(fit.noise_floor), TINY)
 
 
 def of_several(joints: Sequence[int], names: Sequence[str]) -> str:

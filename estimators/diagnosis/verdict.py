@@ -6,9 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-import numpy as np
-
-from estimators.diagnosis.settings import TINY, Z95
+from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import HOLDING
 from limo_driver.model.units import unit_of
@@ -19,10 +17,8 @@ from limo_driver.runtime.display import call_joints, joints_called
 from limo_driver.runtime.outputs import plain_json, whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
-
-    from limo_driver.types import FloatArray
 
 SCHEMA = 1
 CONTACT = "external_contact"
@@ -202,10 +198,6 @@ class Fit:
     inverse_dynamics_rmse_before: tuple[float, ...] = ()  # (n,) [N m], of drive and friction
     inverse_dynamics_rmse_after: tuple[float, ...] = ()
 
-    def excess(self, errors: FloatArray | Sequence[float]) -> FloatArray:
-        """Return errors of the joints (…, n) [noise floors]."""
-        return np.array(errors) / np.maximum(np.array(self.noise_floor), TINY)
-
     @property
     def worse_within_tolerances(self) -> tuple[int, ...]:
         """Joints, 1-based, on which values moved inside their tolerances do clearly worse.
@@ -281,18 +273,15 @@ class Verdict:
         def placed(item: _Placed) -> _Placed:
             return replace(item, where=replace(item.where, region=named(item.where.region)))
 
-        hidden = tuple(replace(item, reason=named(item.reason)) for item in self.not_observable)
-        found = tuple(
-            placed(replace(item, evidence=named(item.evidence))) for item in self.findings
+        found = (placed(replace(x, evidence=named(x.evidence))) for x in self.findings)
+        hidden = (replace(x, reason=named(x.reason)) for x in self.not_observable)
+        vars(self).update(
+            findings=tuple(found),
+            unexplained=placed(self.unexplained),
+            not_observable=tuple(hidden),
+            notes=tuple(map(named, self.notes)),
+            doubts=tuple(map(named, self.doubts)),
         )
-        for name, value in (
-            ("findings", found),
-            ("unexplained", placed(self.unexplained)),
-            ("not_observable", hidden),
-            ("notes", tuple(map(named, self.notes))),
-            ("doubts", tuple(map(named, self.doubts))),
-        ):
-            object.__setattr__(self, name, value)
 
     @property
     def names(self) -> tuple[str, ...]:

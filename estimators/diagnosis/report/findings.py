@@ -19,7 +19,7 @@ from estimators.diagnosis.headline import (
     quantity_of,
 )
 from estimators.diagnosis.held_out import reducible_removed
-from estimators.diagnosis.quantities import heading_of, of_joints, rounded
+from estimators.diagnosis.quantities import heading_of, in_noise_floors, of_joints, rounded
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.result import WORSE, columns_of, coverage
@@ -159,7 +159,7 @@ def _errors(verdict: Verdict) -> str:
     """Return the errors of each joint, on the rows that count and on all rows."""
     worse = verdict.fit.worse_within_tolerances
     columns = columns_of(verdict)
-    columns[_RATIO] = verdict.fit.excess(columns["improved"]).tolist()
+    columns[_RATIO] = in_noise_floors(columns["improved"], verdict.fit).tolist()
     rows = [
         [escape(called), *(_cell(x, value, marked=j in worse) for x, value in errors.items())]
         for j, (called, errors) in enumerate(
@@ -196,7 +196,7 @@ def removed(verdict: Verdict) -> str:
     """Say in a sentence how much of the torque error the improved simulation removes."""
     fit = verdict.fit
     before, after = np.array(fit.heldout_rmse_before), np.array(fit.heldout_rmse_after)
-    ratio = np.nan_to_num(fit.excess(fit.heldout_rmse_before))
+    ratio = np.nan_to_num(in_noise_floors(fit.heldout_rmse_before, fit))
     (low, high), part = fit.ci95, fit.reducible_error_removed
     if ratio.max(initial=0.0) <= WORDING.at_floor:
         return (
@@ -273,7 +273,7 @@ def arm(diagnosis: DiagnosisResult, charts: Charts) -> tuple[ArmView, str]:
         pins=pins(diagnosis.verdict),
         motion=motion,
     )
-    j = int(np.argmax(np.nan_to_num(fit.excess(fit.heldout_rmse_before))))
+    j = int(np.argmax(np.nan_to_num(in_noise_floors(fit.heldout_rmse_before, fit))))
     caption = f"{heading_of(j + 1, diagnosis.verdict.names)}: recorded minus simulated torque"
     drawn = charts.place(
         figures.error_over_time(traces, j, recording),
@@ -352,7 +352,9 @@ def _pushes(findings: Sequence[Finding], recording: int) -> tuple[PushArrow, ...
 def _worst(diagnosis: DiagnosisResult, time: FloatArray, recording: int) -> int:
     """Return the row at which the given simulation is farthest off, in noise floors."""
     traces = diagnosis.traces
-    error = diagnosis.verdict.fit.excess(np.abs(traces.measured - traces.before) * traces.moving)
+    error = in_noise_floors(
+        np.abs(traces.measured - traces.before) * traces.moving, diagnosis.verdict.fit
+    )
     own = traces.recording == recording
     for replay in diagnosis.replay:  # there the simulated arms can be seen beside the recorded one
         if replay.recording == recording:

@@ -9,7 +9,13 @@ import numpy as np
 
 from estimators.diagnosis.headline import is_of_bodies, likelier, names_of
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.quantities import heading_of, placed, rounded, value_columns
+from estimators.diagnosis.quantities import (
+    heading_of,
+    in_noise_floors,
+    placed,
+    rounded,
+    value_columns,
+)
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.binning import loop_stretch
 from estimators.diagnosis.report.findings import played
@@ -186,7 +192,7 @@ def _shown_at(item: Finding) -> tuple[int, ...]:
 def _by_excess(diagnosis: DiagnosisResult) -> list[int]:
     """Return the joints, 0-based, by what tolerances leave of their error, in noise floors."""
     fit = diagnosis.verdict.fit
-    excess = fit.excess(fit.heldout_rmse_tolerances or fit.heldout_rmse_before)
+    excess = in_noise_floors(fit.heldout_rmse_tolerances or fit.heldout_rmse_before, fit)
     return [int(j) for j in np.argsort(-np.nan_to_num(excess), kind="stable")]
 
 

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.headline import headline, names_of
-from estimators.diagnosis.quantities import heading_of, of_joints, of_several, rounded
+from estimators.diagnosis.quantities import (
+    heading_of,
+    in_noise_floors,
+    of_joints,
+    of_several,
+    rounded,
+)
 from estimators.diagnosis.report import findings as shared
 from estimators.diagnosis.report.cards import cards
 from estimators.diagnosis.report.findings import GIVEN_ARM, IMPROVED_ARM, pins
@@ -160,7 +166,7 @@ def _left(verdict: Verdict) -> str:
 def _motion(replay: DriveReplay, verdict: Verdict, charts: Charts) -> str:
     """Return the held-out motion of each joint, those first that are missed most."""
     fit = verdict.fit
-    order = np.argsort(-fit.excess(fit.heldout_rmse_before), kind="stable").tolist()
+    order = np.argsort(-in_noise_floors(fit.heldout_rmse_before, fit), kind="stable").tolist()
     called = [heading_of(j + 1, verdict.names) for j in range(len(order))]
     drawn = {
         j: _joint(replay, j, called[j], charts, unit_of("rad", verdict.sliding, j)) for j in order

@@ -49,7 +49,7 @@ class RIPPLE:
     bulk: float = setting(0.01, "of the positions", "beyond either end of what is a joint's range",
         "wider counts where it hardly is; narrower leaves out ends at which it turns")
     around: int = setting(5, "grid points",
-        "at which a line is sought around the one it is near, and times that this grid is then narrower, once",
+        "at which a line is sought around one near it, and times that this grid is then narrower",
         "more cost time; fewer leave a parabola too little")
     same: float = setting(0.05, "relative", "difference within which two lines are one",
         "larger merges neighbours; smaller counts one twice")

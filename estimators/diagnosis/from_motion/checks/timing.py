@@ -44,9 +44,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _FARTHEST: Final = 0.5  # [s] of looking ahead
-_BETTER: Final = (
-    0.7  # of the error that looking ahead has to leave less than, and of a torque tried as a limit
-)
+# Of the error, which looking ahead has to get below; and of torque, tried as its limit.
+_BETTER: Final = 0.7
 _SMOOTHED: Final = 5  # rows
 _TRIED: Final = 50  # delays, of torques
 _OF_ONE_SIZE: Final = 2.0  # times the least, that lags of joints differ if they have one cause

@@ -62,7 +62,6 @@ if TYPE_CHECKING:
     from limo_driver.physics import Effect, Simulation
     from limo_driver.types import FloatArray
 
-
 Place: TypeAlias = "tuple[str, Sequence[int], bool]"  # effect, joints (1-based), if missing
 
 
