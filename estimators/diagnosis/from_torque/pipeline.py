@@ -181,14 +181,13 @@ def _concluded(
     if final is not keep:
         keep, judged, improved = final, final.judged, final.improved
         verdict = _verdict(given, judged, fit, contact, attempts, named)
-    shifts = shifts_of(problem, solution)
+    shifts, after = shifts_of(problem, solution), _lasting(keep, simulation)
+    passing = {display_name(e.name) for e in improved.simulation.effects if e not in after.effects}
     remarked = remarks(
         shifts,
         members=problem.beyond_base(solution.members),
         harmful=harmful,
-        passing=sorted(
-            {display_name(e.name) for e in improved.simulation.effects if not e.persists}
-        ),
+        passing=sorted(passing),
         recordings=len(observed.recordings),
     )
     of_gains = attempts.at(
@@ -222,7 +221,7 @@ def _concluded(
             withheld=tuple(item.part for item in keep.withheld),
         ),
         before=simulation,
-        after=_lasting(improved.simulation, simulation),
+        after=after,
         recordings=observed.recordings,
         traces=replace(_traces(problem, tolerances, improved.simulated), before=given.simulated),
         explanations=attempts.at(
@@ -276,10 +275,14 @@ def _place_of(problem: RegressionProblem, member: int) -> tuple[str, tuple[int, 
     return effect, tuple(j + 1 for j in joints or range(problem.observed.n))
 
 
-def _lasting(improved: Simulation, given: Simulation) -> Simulation:
+def _lasting(found: Written, given: Simulation) -> Simulation:
     """Return the improved simulation without found effects that other recordings do not share."""
-    stated = {effect.place for effect in given.effects}
-    kept = tuple(item for item in improved.effects if item.persists or item.place in stated)
+    stated, improved = {effect.place for effect in given.effects}, found.improved.simulation
+    kept = tuple(
+        item
+        for item in improved.effects
+        if item.persists or item.place in stated or found.recurs(item)
+    )
     # what was stated exactly, to prove a set, is tolerated as before
     known = given.tolerances
     if "gain" in known.assumed:  # that of these recordings: others may be of no currents

@@ -30,7 +30,7 @@ from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
 from limo_driver.model.units import unit_of
-from limo_driver.physics import ViscousFriction
+from limo_driver.physics import QuadraticDrag, ViscousFriction
 from limo_driver.physics.domain import Domain
 from limo_driver.physics.effect import TorqueEffect
 
@@ -130,6 +130,13 @@ class Elsewhere:
         """
         return self._compared(self._left(parts), self._left(parts, less_mean=True))
 
+    @property
+    def reaches(self) -> bool:
+        """Whether drags surely go on as themselves beyond the speeds they were learned from."""
+        left = [_farther(turn, self.given).residual[rows] for turn, rows in self.turns]
+        change = self._compared(self._left(()), np.concatenate(left))
+        return bool((change[2] < 0).any() and not (change[1] > 0).any())
+
     def _left(self, parts: Collection[str], *, less_mean: bool = False) -> FloatArray:
         """Return what fits leave of the motion that was left out for them, some parts as given."""
 
@@ -172,6 +179,21 @@ def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) 
 
     simulation = found.simulation
     return found.under(replace(simulation, effects=tuple(map(limited, simulation.effects))))
+
+
+def _farther(found: Observations, given: Simulation) -> Observations:
+    """Return the recordings with new drags that hold at several times the speeds that were seen."""
+
+    stated = {effect.place for effect in given.effects}
+
+    def reaching(effect: Effect) -> Effect:
+        known = effect.domain if isinstance(effect, QuadraticDrag) else None
+        if known is None or known.speed is None or effect.place in stated:
+            return effect
+        return replace(effect, domain=replace(known, speed=ELSEWHERE.reach * known.speed))
+
+    simulation = found.simulation
+    return found.under(replace(simulation, effects=tuple(map(reaching, simulation.effects))))
 
 
 def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) -> dict[str, Any]:
@@ -217,6 +239,15 @@ class Written:
     silent: tuple[str, ...] = ()  # parts that are as given, since no verdict reports them
     offsets: tuple[tuple[int, float], ...] = ()  # of torques: joint, 1-based, and [N m]
 
+    def recurs(self, effect: Effect) -> bool:
+        """Say whether what passes came again in recordings that were left out whole."""
+        if self.elsewhere is None or np.unique(self.improved.recording).size < 2:  # noqa: PLR2004
+            return False
+        known = [*(item.part for item in self.withheld), *self.silent]
+        name = effect.place.replace("_", " ")
+        more = self.elsewhere.change([*known, name], known)[1]
+        return bool((more[[joint - 1 for joint in effect.joints]] > 0).any())
+
     def notes(self) -> Iterator[str]:
         """Say what is not written, and where that may as well not be, in one sentence each."""
         parts: dict[str, list[str]] = {}
@@ -257,6 +288,8 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
     proven = in_domains(judged.beside, given, judged.problem.split.fitted)
     elsewhere = Elsewhere.of(judged, improved, given)
     improved = in_domains(improved, given, improved.moving)
+    if any(isinstance(x, QuadraticDrag) for x in improved.simulation.effects) and elsewhere.reaches:
+        proven, improved = (_farther(some, given) for some in (proven, improved))
     found = withheld(elsewhere, improved)
     names = [item.part for item in found]
 

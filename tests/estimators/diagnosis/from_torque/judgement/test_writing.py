@@ -25,10 +25,14 @@ from limo_driver.physics import (
     JointCoupling,
     Payload,
     PositionDependentFriction,
+    QuadraticDrag,
     SpringLoad,
+    TorqueDrift,
     TorqueOffset,
+    TorqueRipple,
     ViscousFriction,
 )
+from limo_driver.physics.domain import Domain
 from limo_driver.recordings.recording import Recording
 
 
@@ -71,6 +75,10 @@ class SimpleJudged:
     """A judged set, as far as what is written of it changes."""
 
     beside: Observations
+
+    @property
+    def problem(self):
+        return SimpleNamespace(split=Split.of(self.beside))
 
 
 def names(found):
@@ -178,6 +186,91 @@ def test_a_stated_value_that_moved_is_written_where_it_is_told(
     effect = without_unreported(found, verdict).improved.simulation.effects[-1]
 
     assert effect.f_v == written
+
+
+def test_parts_that_make_good_what_each_other_does_are_as_given_together(observed, rigid):
+    """Of one another each is needed; of both, the joint gains nothing."""
+    constant = TorqueRipple(
+        joint=1, amplitude=(0.2,), cycles_per_rev=(1e-3,), phase=(-np.pi / 2,)
+    )  # of a period so long that it is an offset of -0.2 N m
+    elsewhere, improved = proof(observed, plus(rigid, VISCOUS, OFFSET, constant))
+    found = SimpleNamespace(effect=VISCOUS.name, joints=(2,))
+    verdict = SimpleNamespace(
+        values=(), findings=(found,), identified=(), states=("physics is missing",)
+    )
+    written = without_unreported(
+        Written(SimpleJudged(improved), improved, elsewhere=elsewhere), verdict
+    )
+    assert written.improved.simulation.effects == (*rigid.effects, VISCOUS)
+
+
+@pytest.mark.parametrize(
+    ("part", "written"),
+    [
+        pytest.param(0.98, True, id="about as good elsewhere"),
+        pytest.param(1.1, False, id="worse elsewhere"),
+    ],
+)
+def test_motion_of_the_same_kind_tells_where_that_of_another_kind_does_not(
+    observed, rigid, part, written
+):
+    """Of friction that is right without the first recording, and far off without the second."""
+    kind, chosen = of_another_kind(observed)
+    first, second = (np.sum(observed.slow.velocity[rows, 1] ** 2) for rows in chosen)
+    off = VISCOUS.f_v * (1.0 + np.sqrt(part * (first + second) / second))
+    fits = (observed.under(plus(rigid, replace(VISCOUS, f_v=f_v))) for f_v in (3.0, off))
+    elsewhere = Elsewhere(kind, rigid, np.full(2, 0.02), tuple(zip(fits, chosen, strict=True)))
+    improved = observed.under(plus(rigid, VISCOUS))
+    verdict = SimpleNamespace(
+        values=(), findings=(), identified=(), states=("something unexplained remains",)
+    )
+    found = without_unreported(
+        Written(SimpleJudged(improved), improved, elsewhere=elsewhere), verdict
+    )
+    assert (VISCOUS in found.improved.simulation.effects) is written
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_what_passes_is_written_if_it_came_again_in_a_recording_left_out_whole(
+    rigid, recordings, again
+):
+    drift = TorqueDrift(joint=1, times=(0.0, 20.0), offset=(-0.5, 0.5))
+    random = np.random.default_rng(5)
+
+    def drifted(recording, arm):
+        motion = recording.motion(10.0)
+        torque = arm.predict(motion) + 0.02 * random.standard_normal(motion.position.shape)
+        return Recording.from_arrays(motion.time, motion.position, torque)
+
+    arms = plus(rigid, drift), plus(rigid, drift) if again else rigid
+    observed = Observations.of(rigid, list(map(drifted, recordings, arms)), 10.0)
+    _, (first, second) = of_another_kind(observed)
+    turns = (observed.under(arms[1]), first), (observed.under(arms[0]), second)  # of the other one
+    elsewhere = Elsewhere("whole recordings", rigid, np.full(2, 0.02), turns)
+    improved = observed.under(plus(rigid, drift))
+    written = Written(SimpleJudged(improved), improved, elsewhere=elsewhere)
+    assert written.recurs(drift) is again
+
+
+@pytest.mark.parametrize("saturates", [False, True])
+def test_a_drag_goes_on_as_itself_if_that_holds_beyond_the_speeds_it_was_learned_from(
+    rigid, recordings, saturates
+):
+    motions = [recording.motion(10.0) for recording in recordings]
+    slow = 0.4 * max(float(np.abs(motion.velocity[:, 0]).max()) for motion in motions)
+    found = QuadraticDrag(joint=1, coefficient=3.0, domain=Domain(speed=slow))
+    true = plus(rigid, found if saturates else replace(found, domain=None))
+    random = np.random.default_rng(6)
+    draggy = [
+        Recording.from_arrays(
+            motion.time,
+            motion.position,
+            true.predict(motion) + 0.02 * random.standard_normal(motion.position.shape),
+        )
+        for motion in motions
+    ]
+    elsewhere, _ = proof(Observations.of(rigid, draggy, 10.0), plus(rigid, found))
+    assert elsewhere.reaches is not saturates
 
 
 def test_without_parts_a_simulation_is_as_given(rigid):
