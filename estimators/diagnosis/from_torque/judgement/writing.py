@@ -183,7 +183,6 @@ def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) 
 
 def _farther(found: Observations, given: Simulation) -> Observations:
     """Return the recordings with new drags that hold at several times the speeds that were seen."""
-
     stated = {effect.place for effect in given.effects}
 
     def reaching(effect: Effect) -> Effect:
