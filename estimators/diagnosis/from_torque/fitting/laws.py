@@ -5,13 +5,15 @@ Bouc and Wen. Where the grid of settings of one law lies badly, another looks be
 each competes at its best settings, and pays for them by Schwarz' criterion. So do effects that are
 confused with each other: play of a width between two of the grid looks like presliding.
 
+Domains: the motion that laws were learned from is said with them, and how far they go on.
+
 Source: Schwarz, "Estimating the dimension of a model", Annals of Statistics 6(2), 1978.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -22,9 +24,13 @@ from estimators.diagnosis.from_torque.hypotheses.ripple import with_fewer_lines
 from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.headline import likelier
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, REFINEMENT
+from estimators.diagnosis.settings.residuals import ELSEWHERE
 from estimators.regression.definite import is_more, ranked
 from estimators.regression.evidence import Evidence, NormalEquations, Prior, joined
+from limo_driver.physics import QuadraticDrag, ViscousFriction
 from limo_driver.physics.catalogue import confusion_of
+from limo_driver.physics.domain import Domain
+from limo_driver.physics.effect import TorqueEffect
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +39,8 @@ if TYPE_CHECKING:
 
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.residuals.noise import Noise
-    from limo_driver.physics import Hypothesis
+    from estimators.diagnosis.from_torque.residuals.observations import Observations
+    from limo_driver.physics import Effect, Hypothesis, Simulation
     from limo_driver.types import FloatArray
 
 
@@ -257,3 +264,65 @@ def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> C
     new = around.entered(hypothesis, around.problem.columns)
     kept = ("kind", "variants", "laws", "prior_penalty")
     return new and replace(new, **{name: getattr(candidate, name) for name in kept})
+
+
+def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
+    """Return the recordings with a simulation that says of which motion its laws were learned.
+
+    Those are the laws that were missing. A slope of friction that was stated, and moved, goes on as
+    stated far beyond the speeds that were seen.
+
+    Args:
+        found: With what was fitted.
+        given: What was stated.
+        rows: That were fitted to, (K, n).
+    """
+    stated = {effect.place: effect for effect in given.effects}
+
+    def limited(effect: Effect) -> Effect:
+        before = stated.get(effect.place)
+        if not isinstance(effect, TorqueEffect) or effect == before:
+            return effect
+        slope = before.f_v if isinstance(before, ViscousFriction) else None
+        known = before.domain if isinstance(before, TorqueEffect) else None
+        if before is not None and known is None and slope is None:
+            return effect
+        seen = _seen(found, effect, rows[:, effect.joint - 1])
+        if not seen:
+            return effect
+        if slope is not None and known is None:
+            seen["speed"] *= ELSEWHERE.reach
+        domain = Domain(**seen, slope=slope if known is None else known.slope).joined(known)
+        return replace(effect, domain=domain)
+
+    simulation = found.simulation
+    return found.under(replace(simulation, effects=tuple(map(limited, simulation.effects))))
+
+
+def farther(found: Observations, given: Simulation) -> Observations:
+    """Return the recordings with new drags that hold at several times the speeds that were seen."""
+    stated = {effect.place for effect in given.effects}
+
+    def reaching(effect: Effect) -> Effect:
+        known = effect.domain if isinstance(effect, QuadraticDrag) else None
+        if known is None or known.speed is None or effect.place in stated:
+            return effect
+        return replace(effect, domain=replace(known, speed=ELSEWHERE.reach * known.speed))
+
+    simulation = found.simulation
+    return found.under(replace(simulation, effects=tuple(map(reaching, simulation.effects))))
+
+
+def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the motion of some rows (K,), as the domain of an effect has it."""
+    slow, j = found.slow, effect.joint - 1
+    if not rows.any():
+        return {}
+    values = {"position": slow.position[rows, j], "speed": np.abs(slow.velocity[rows, j])}
+    if slow.temperature is not None:
+        values["temperature"] = slow.temperature[rows, j]
+    seen = {name: values[name] for name in effect.known_by if name in values}
+    return {
+        name: float(some.max()) if name == "speed" else (float(some.min()), float(some.max()))
+        for name, some in seen.items()
+    }

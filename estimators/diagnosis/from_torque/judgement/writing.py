@@ -15,12 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators.diagnosis.comparison import BODIES, ComparedPart, parts_of, widths_of
 from estimators.diagnosis.from_torque.fitting.contribution import TINY, own_joints
+from estimators.diagnosis.from_torque.fitting.laws import farther, in_domains
 from estimators.diagnosis.from_torque.fitting.linearised import linearised
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.headline import LINK_INERTIA
@@ -30,9 +31,7 @@ from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
 from limo_driver.model.units import unit_of
-from limo_driver.physics import QuadraticDrag, ViscousFriction
-from limo_driver.physics.domain import Domain
-from limo_driver.physics.effect import TorqueEffect
+from limo_driver.physics import QuadraticDrag
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -133,7 +132,7 @@ class Elsewhere:
     @property
     def reaches(self) -> bool:
         """Whether drags surely go on as themselves beyond the speeds they were learned from."""
-        left = [_farther(turn, self.given).residual[rows] for turn, rows in self.turns]
+        left = [farther(turn, self.given).residual[rows] for turn, rows in self.turns]
         change = self._compared(self._left(()), np.concatenate(left))
         return bool((change[2] < 0).any() and not (change[1] > 0).any())
 
@@ -146,68 +145,6 @@ class Elsewhere:
             return found.residual[rows] - less
 
         return np.concatenate([left(*turn) for turn in self.turns])
-
-
-def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
-    """Return the recordings with a simulation that says of which motion its laws were learned.
-
-    Those are the laws that were missing. A slope of friction that was stated, and moved, goes on as
-    stated far beyond the speeds that were seen.
-
-    Args:
-        found: With what was fitted.
-        given: What was stated.
-        rows: That were fitted to, (K, n).
-    """
-    stated = {effect.place: effect for effect in given.effects}
-
-    def limited(effect: Effect) -> Effect:
-        before = stated.get(effect.place)
-        if not isinstance(effect, TorqueEffect) or effect == before:
-            return effect
-        slope = before.f_v if isinstance(before, ViscousFriction) else None
-        known = before.domain if isinstance(before, TorqueEffect) else None
-        if before is not None and known is None and slope is None:
-            return effect
-        seen = _seen(found, effect, rows[:, effect.joint - 1])
-        if not seen:
-            return effect
-        if slope is not None and known is None:
-            seen["speed"] *= ELSEWHERE.reach
-        domain = Domain(**seen, slope=slope if known is None else known.slope).joined(known)
-        return replace(effect, domain=domain)
-
-    simulation = found.simulation
-    return found.under(replace(simulation, effects=tuple(map(limited, simulation.effects))))
-
-
-def _farther(found: Observations, given: Simulation) -> Observations:
-    """Return the recordings with new drags that hold at several times the speeds that were seen."""
-    stated = {effect.place for effect in given.effects}
-
-    def reaching(effect: Effect) -> Effect:
-        known = effect.domain if isinstance(effect, QuadraticDrag) else None
-        if known is None or known.speed is None or effect.place in stated:
-            return effect
-        return replace(effect, domain=replace(known, speed=ELSEWHERE.reach * known.speed))
-
-    simulation = found.simulation
-    return found.under(replace(simulation, effects=tuple(map(reaching, simulation.effects))))
-
-
-def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return the motion of some rows (K,), as the domain of an effect has it."""
-    slow, j = found.slow, effect.joint - 1
-    if not rows.any():
-        return {}
-    values = {"position": slow.position[rows, j], "speed": np.abs(slow.velocity[rows, j])}
-    if slow.temperature is not None:
-        values["temperature"] = slow.temperature[rows, j]
-    seen = {name: values[name] for name in effect.known_by if name in values}
-    return {
-        name: float(some.max()) if name == "speed" else (float(some.min()), float(some.max()))
-        for name, some in seen.items()
-    }
 
 
 def mean_left(found: Observations, rows: NDArray[np.bool_]) -> FloatArray:
@@ -288,7 +225,7 @@ def written(judged: JudgedSet, improved: Observations, given: Simulation) -> Wri
     elsewhere = Elsewhere.of(judged, improved, given)
     improved = in_domains(improved, given, improved.moving)
     if any(isinstance(x, QuadraticDrag) for x in improved.simulation.effects) and elsewhere.reaches:
-        proven, improved = (_farther(some, given) for some in (proven, improved))
+        proven, improved = (farther(some, given) for some in (proven, improved))
     found = withheld(elsewhere, improved)
     names = [item.part for item in found]
 
