@@ -177,11 +177,14 @@ def _prefer_all(own: int, others: int, flags: int, refused: list[str]) -> list[C
     Returns:
         What takes it back.
     """
+    if not _ON_LINUX:
+        refused.append("SCHED_FIFO and locked memory are for Linux only")
+        return []
     calling = threading.get_native_id()
     of_python = {thread.native_id for thread in threading.enumerate()}
-    besides = {int(name) for name in os.listdir("/proc/self/task")} if _ON_LINUX else set[int]()
+    besides = {int(name) for name in os.listdir("/proc/self/task")} - {calling}
     undo = list[Callable[[], None]]()
-    for thread in (calling, *(besides - {calling})):
+    for thread in (calling, *besides):
         priority = own if thread == calling else others
         undo += _prefer(thread, priority, flags if thread in of_python else 0, refused)
         if refused:
@@ -191,9 +194,6 @@ def _prefer_all(own: int, others: int, flags: int, refused: list[str]) -> list[C
 
 def _prefer(thread: int, priority: int, flags: int, refused: list[str]) -> list[Callable[[], None]]:
     """Put a thread under SCHED_FIFO; return what takes it back."""
-    if not hasattr(os, "sched_setscheduler"):
-        refused.append("this system has no SCHED_FIFO")
-        return []
     try:
         policy, parameters = os.sched_getscheduler(thread), os.sched_getparam(thread)
         os.sched_setscheduler(thread, os.SCHED_FIFO | flags, os.sched_param(priority))
@@ -215,9 +215,6 @@ def _prefer(thread: int, priority: int, flags: int, refused: list[str]) -> list[
 
 def _lock_memory(refused: list[str]) -> list[Callable[[], None]]:
     """Keep all pages in memory; return what takes it back."""
-    if not _ON_LINUX:
-        refused.append("memory is locked on Linux only")
-        return []
     libc = _libc()
     endless = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
     # With a limit, memory asked for later would be refused when the limit is reached.
