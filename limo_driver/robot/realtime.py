@@ -32,7 +32,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.runtime.processes import Closing
 
 PRIORITY: Final = 40  # of SCHED_FIFO: above all that is not real time, below the kernel's 50
-_BESIDE: Final = PRIORITY - 1  # of other threads of a loop
+_OTHERS: Final = PRIORITY - 1  # of other threads of a loop
 _BEHIND: Final = PRIORITY - 2  # of what answers
 YOUNG_LIMIT: Final = 5000  # containers that may wait for the collector while it is off
 _NANO: Final = 1_000_000_000
@@ -123,7 +123,7 @@ class Realtime(_Asked):
         self._freeze()
         self._fine_timers()
         if fifo:
-            self._undo += _prefer_all(PRIORITY, _BESIDE, 0, self.refused)
+            self._undo += _prefer_all(PRIORITY, _OTHERS, 0, self.refused)
 
     def tidy(self) -> None:
         """Collect young garbage if there is much of it; call it where a cycle has time left."""
@@ -169,7 +169,7 @@ def _prefer_all(own: int, others: int, flags: int, refused: list[str]) -> list[C
 
     Args:
         own: Priority of the calling thread.
-        others: Of those that there are besides.
+        others: Of all others.
         flags: Of the policy, for threads of Python. Those of the network start no processes, but
             threads as they are themselves once somebody connects.
         refused: Gets what is not permitted.
@@ -182,9 +182,9 @@ def _prefer_all(own: int, others: int, flags: int, refused: list[str]) -> list[C
         return []
     calling = threading.get_native_id()
     of_python = {thread.native_id for thread in threading.enumerate()}
-    besides = {int(name) for name in os.listdir("/proc/self/task")} - {calling}
+    rest = {int(name) for name in os.listdir("/proc/self/task")} - {calling}
     undo = list[Callable[[], None]]()
-    for thread in (calling, *besides):
+    for thread in (calling, *rest):
         priority = own if thread == calling else others
         undo += _prefer(thread, priority, flags if thread in of_python else 0, refused)
         if refused:

@@ -165,7 +165,7 @@ def moving(
 
 
 def _why_ended(record: Path, wire: ProvenWire) -> str:
-    """Return what a driver said last, and how busy this computer is that has to keep time."""
+    """Return the last line of a driver, and how busy this computer is that has to keep time."""
     lines = record.with_suffix(".err").read_text(errors="replace").strip().splitlines()
     why = f"the driver ended early: {lines[-1] if lines else record}"
     if not wire.other_end:
