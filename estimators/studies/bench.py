@@ -2,17 +2,22 @@
 
 Each is learned from the files that its authors learn from, and judged on theirs by their measure.
 Next to limo's figure stands theirs: of EMPS their own procedure, run here; of NNFM the
-predictions that the authors publish in the same file.
+predictions that the authors publish in the same file; of the two arms, whose description has to be
+in the folder, a linear regression on the motion.
 
 Source: Janot, Gautier and Brunot, "Data set and reference models of EMPS", Workshop on Nonlinear
 System Identification Benchmarks 2019 (DATA_EMPS.mat, DATA_EMPS_PULSES.mat); Long et al., "NNFM: A
 novel neural network modeling approach for robot flexible joints friction", whose repository has
-case1_high.csv to case4_slow.csv.
+case1_high.csv to case4_slow.csv; Weigand, Götz, Ulmen and Ruskowski, "Dataset and baseline for an
+industrial robot identification benchmark", 2022 (KR300); Valencia-Vidal et al., "Bidirectional
+recurrent learning of inverse dynamic models for robots with elastic joints", Frontiers in
+Neurorobotics 2023, whose repository Baxter_Dynamic_Model has folders Training and Test.
 """
 
 from __future__ import annotations
 
 import tempfile
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,18 +27,23 @@ import numpy as np
 from estimators.joint_physics import JointPhysics
 from estimators.rigid_body import Rows, identify
 from estimators.rigid_body.best_bandwidth import fitting_bandwidth
+from estimators.studies.model_choice import best_model
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
 EMPS: Final = ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")
 SPEEDS: Final = ("high", "middle", "slow")
+KR300: Final = ("inverse_identification_without_raw_data.mat", "kr300.urdf")
+BAXTER: Final = "baxter.urdf"
+_GEARS: Final = (212.76, 203.52, 192.75, 156.0, 156.0, 102.17)  # of the KR300, by its authors
+_STEPS: Final = 0.1, 0.01  # [s], of KR300 and Baxter
 _PEERS: Final = ("CV", "Stribeck", "SVM", "Light_Transformer", "PINN", "NNFM")  # in their files
 _EDGE, _THINNED = 50, 10  # rows, as in the authors' script
 _CUT: Final = 100.0  # [Hz] of their Butterworth filter
@@ -76,10 +86,20 @@ def bench(folder: Path, tell: Callable[[str], None] = lambda _: None) -> tuple[B
         if all(name in files for name in names):
             tell(f"NNFM, case {case}")
             rows += _friction(case, [files[name] for name in names])
+    if all(name in files for name in KR300):
+        tell("KR300")
+        data = _industrial(files[KR300[0]])
+        rows += _arm("KR300, inverse", "mean NRMSE", str(files[KR300[1]]), *data)
+    trips = [sorted(folder.rglob(f"{part}/*_ang_vel_torq.csv")) for part in ("Training", "Test")]
+    if BAXTER in files and all(trips):
+        tell("Baxter")
+        data = [[_trip(path) for path in paths] for paths in trips]
+        rows += _arm("Baxter, left arm", "MAE [N m]", f"{files[BAXTER]}#left_[sew][012]", *data)
     if not rows:
         raise RecordingError(
             f"has the files of no benchmark, expected {' and '.join(EMPS)}, or case1_high.csv, "
-            "case1_middle.csv and case1_slow.csv (likewise cases 2 to 4)",
+            f"case1_middle.csv and case1_slow.csv (likewise cases 2 to 4), or {' and '.join(KR300)}"
+            f", or {BAXTER} and folders Training and Test of *_ang_vel_torq.csv",
             path=folder,
         )
     return tuple(rows)
@@ -136,14 +156,10 @@ def _slide(path: Path) -> tuple[Recording, SlideFile]:
     """Read position [m] and force [N] of the slide, the rows that limo uses and all of them."""
     from scipy.io import loadmat
 
-    try:
+    with _as_made(path, "file of the EMPS, which has t, qm, vir and gtau"):
         values: dict[str, Any] = loadmat(path)
         time, position, force = (values[name].ravel() for name in ("t", "qm", "vir"))
         force = force * float(values["gtau"].ravel()[0])
-    except (KeyError, ValueError, NotImplementedError, OSError) as error:
-        raise RecordingError(
-            f"is no file of the EMPS, which has t, qm, vir and gtau: {error}", path=path
-        ) from None
     raw = SlideFile(time, position, force)
     return Recording.from_arrays(time, position[:, None], force[:, None]), raw
 
@@ -181,24 +197,81 @@ def _friction(case: int, paths: list[Path]) -> Iterator[BenchRow]:
 
 def _friction_of(path: Path) -> tuple[Recording, dict[str, FloatArray], str]:
     """Read motion and friction of a joint, the peers' predictions, and the joint's number."""
-    from pyarrow import ArrowInvalid
     from pyarrow.csv import read_csv
 
-    try:
+    with _as_made(path, f"comparison of NNFM, which has time, q, friction, {', '.join(_PEERS)}"):
         table = read_csv(path)
         joint = table.column_names[1].removeprefix("q")
         named = ("time", f"q{joint}", f"q{joint}_tau_J_compensate")
         time, position, torque = (table[name].to_numpy() for name in named)
         peers = {name: table[name].to_numpy() for name in _PEERS}
-    except (KeyError, ValueError, IndexError, ArrowInvalid) as error:
-        raise RecordingError(
-            f"is no comparison of NNFM, which has time, q, friction and {', '.join(_PEERS)}: "
-            f"{error}",
-            path=path,
-        ) from None
     recording = Recording.from_arrays(time, position[:, None], torque[:, None])
     kept = slice(None) if recording.rows is None else recording.rows
     return recording, {name: values[kept] for name, values in peers.items()}, joint
+
+
+def _arm(
+    benchmark: str, measure: str, robot: str, learned: list[Recording], tests: list[Recording]
+) -> Iterator[BenchRow]:
+    """Give the error of an arm's torque over all rows of the tests, the mean of its joints."""
+    width, simulation = _simulation(robot, learned)
+    trained = best_model(simulation, learned, width)
+
+    def terms(one: Recording) -> FloatArray:
+        motion = one.motion(width)
+        parts = motion.position, motion.velocity, motion.acceleration, np.ones((len(one), 1))
+        return np.concatenate(parts, axis=1)
+
+    known, torque = (
+        np.concatenate(x) for x in zip(*((terms(r), r.torque) for r in learned), strict=True)
+    )
+    weights = np.linalg.lstsq(known, torque, rcond=None)[0]
+    peers: dict[str, tuple[str, Callable[[Recording], FloatArray]]] = {
+        "linear in the motion": ("run here", lambda one: terms(one) @ weights),
+        "limo identify": (f"{width:g} Hz", lambda one: simulation.predict(one, width)),
+        f"limo train, {trained.fitted.record['choice']['chosen']}": (
+            f"{width:g} Hz",
+            trained.predict,
+        ),
+    }
+    measured = np.concatenate([one.torque for one in tests])
+    for name, (source, predict) in peers.items():
+        left = measured - np.concatenate([predict(one) for one in tests])
+        each = np.sqrt(np.mean(left**2, axis=0)) / measured.std(axis=0)
+        figure = np.mean(np.abs(left)) if measure.startswith("MAE") else each.mean()
+        yield BenchRow(benchmark, measure, name, float(figure), source)
+
+
+def _industrial(path: Path) -> tuple[list[Recording], list[Recording]]:
+    """Read angles [°] and torques of the motors [N m] of the KR300: to learn from, and the test."""
+    from scipy.io import loadmat
+
+    parts: list[list[Recording]] = []
+    with _as_made(path, "file of the KR300, which has u and y, _train and _test"):
+        values: dict[str, Any] = loadmat(path)
+        for part in ("train", "test"):
+            angle, torque = np.radians(values[f"u_{part}"][:6].T), values[f"y_{part}"].T
+            time = _STEPS[0] * np.arange(len(angle))
+            parts.append([Recording.from_arrays(time, angle, torque * _GEARS)])
+    return parts[0], parts[1]
+
+
+def _trip(path: Path) -> Recording:
+    """Read a recording of Baxter: angles, speeds and torques of seven joints."""
+    with _as_made(path, "recording of Baxter, which has 21 columns"):
+        values = np.loadtxt(path, skiprows=1)
+        position, velocity, torque = np.split(values, 3, axis=1)
+    time = _STEPS[1] * np.arange(len(values))
+    return Recording.from_arrays(time, position, torque, velocity=velocity, source=str(path))
+
+
+@contextmanager
+def _as_made(path: Path, what: str) -> Generator[None]:
+    """Refuse a file that is not as its authors made it."""
+    try:
+        yield
+    except (LookupError, ValueError, NotImplementedError, OSError) as error:
+        raise RecordingError(f"is no {what}: {error}", path=path) from None
 
 
 def _identified(
@@ -211,6 +284,11 @@ def _identified(
         urdf.write_text(
             _ARM.format(name=name, kind=kind, axis=axis, mass=mass, about=about), encoding="utf-8"
         )
-        model = RobotModel.load(urdf)
-        width, _ = fitting_bandwidth(model, recordings)
-        return width, identify(model, recordings, rows=Rows(width)).simulation
+        return _simulation(str(urdf), recordings)
+
+
+def _simulation(robot: str, recordings: Sequence[Recording]) -> tuple[float, Simulation]:
+    """Identify an arm as `limo identify` does; return the bandwidth [Hz] and the simulation."""
+    model = RobotModel.load(robot)
+    width, _ = fitting_bandwidth(model, recordings)
+    return width, identify(model, recordings, rows=Rows(width)).simulation
