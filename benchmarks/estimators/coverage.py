@@ -45,7 +45,13 @@ CASES = {
         "kuka_lwr4/measurements_1",
     ),
 }
+# of the error over the simulation's, geometric mean over joints and worst joint, at most
+BARS = {"UR10e, 14 harmonics, 15": (0.70, 1.0), "LWR4+, run 2, 3": (0.75, 1.0)}
 LEAST, MOST = 0.9, 0.99  # of the rows, within a 95 % interval
+CAUGHT, SPARED = (
+    0.8,
+    0.05,
+)  # or else of those outside flagged, at least, and of those within, at most
 LONGEST = 1.3  # times the model's own interval
 
 
@@ -76,14 +82,18 @@ def show(name: str, values: FloatArray, digits: int = 2) -> None:
     print(f"  {name:38}" + "".join(f"{value:8.{digits}f}" for value in values))
 
 
-def judge(found: Evaluation) -> tuple[int, int]:
+def judge(found: Evaluation, bar: tuple[float, float] | None) -> tuple[int, int]:
     """Print the figures of an evaluation; return in how many joints each interval holds."""
     change = found.change
     if change is None:
         raise SystemExit(f"{found.model} does not know its errors")
     wide = np.median(change.std / found.estimate.std[found.scored], axis=0)
     missed, held = flagged(found)
-    show("RMSE over the simulation's", found.hybrid.rmse / found.rigid_body.rmse)
+    left = found.hybrid.rmse / found.rigid_body.rmse
+    show("RMSE over the simulation's", left)
+    mean, worst = np.exp(np.mean(np.log(left))), left.max()
+    aim = f" (bar {bar[0]:.2f} and {bar[1]:.2f})" if bar else ""
+    print(f"  geometric mean {mean:.3f}, worst {worst:.2f}{aim}")
     show("within the interval", found.coverage)
     show("of those outside of it, flagged", missed)
     show("of those within, flagged", held)
@@ -94,7 +104,8 @@ def judge(found: Evaluation) -> tuple[int, int]:
     good = [
         (part >= LEAST) & (part <= MOST) for part in (found.coverage, found.coverage_with_change)
     ]
-    return int(good[0].sum()), int((good[1] & (wide <= LONGEST)).sum())
+    caught = (missed >= CAUGHT) & (held <= SPARED)
+    return int((good[0] | caught).sum()), int(((good[1] & (wide <= LONGEST)) | caught).sum())
 
 
 def main() -> None:
@@ -114,13 +125,14 @@ def main() -> None:
         model = trained(given.model, simulation, recordings)
         found = limo.evaluate(model, Recording.load(DATA / f"{test}.parquet"))
         print(f"{name}: {model.name}, learned from all but the last named")
-        own, followed = judge(found)
+        own, followed = judge(found, BARS.get(name))
         total, alone, changed = total + found.recording.n, alone + own, changed + followed
         least = min(least, float(found.coverage_with_change.min()))
         print(flush=True)
-    bar = f"{LEAST:.0%} to {MOST:.0%}"
-    print(f"joints covered {bar}: {alone} of {total} by the model alone")
-    print(f"with what changed, and at most {LONGEST:g} times as wide: {changed} of {total}")
+    flags = f"or {CAUGHT:.0%} of the rows outside flagged and at most {SPARED:.0%} of those within"
+    print(f"joints covered {LEAST:.0%} to {MOST:.0%}, {flags} (bar: all):")
+    print(f"  {alone} of {total} by the model alone")
+    print(f"  {changed} of {total} with what changed, at most {LONGEST:g} times as wide")
     print(f"least covered joint with what changed: {least:.0%}")
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics, prediction
 from estimators.joint_physics import columns as terms
+from estimators.joint_physics.calibration import FASTER
 from estimators.neural.lstm import Lstm, LstmFcl
 from estimators.neural.mlp import Mlp
 from estimators.residual_model import SimulationOnly
@@ -262,8 +263,10 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
         "root_size": packed.root_sizes,
         "certain": calibration.certain,
         "unsure": calibration.unsure,
-        "fading": calibration.fading,
         "farthest": calibration.farthest,
+        "fading": calibration.fading,
+        "usual": calibration.usual,
+        "fastest": calibration.fastest,
         "height": _side_by_side(fitted.unknown.heights.transpose(0, 2, 1)),
         "moment": _side_by_side(fitted.unknown.moments),
     }
@@ -284,6 +287,7 @@ def _(model: JointPhysics, rate: float) -> LearnedCode:  # noqa: ARG001  # it ha
             "WIDEST": prediction.padded(int(packed.sizes.max()), prediction.LANES)
             + prediction.LANES,
             "SETTLED": terms.SETTLED,
+            "FASTER": FASTER,
             "STEP_TIME": columns.step_time,
             "DIFFERENCE": terms.DIFFERENCE,
             "COS_DIFFERENCE": np.cos(terms.DIFFERENCE),

@@ -10,17 +10,23 @@ recording are alike: while one has fewer rows than there are weights, c is at le
 may widen the interval but not narrow it. The growth g, of at least 1, is such that the same holds
 on regions of the poses left out, where the leverage x Σ xᵀ is that of other motion.
 
-What the simulation leaves has a usual size, the mean square s² in training. Taken to have a
-standard deviation of 2 s on any motion, it makes of learned torque m with variance v = c g x Σ xᵀ
+What the simulation leaves has a usual size, the mean square s² in training. Learned torque m with
+variance v = c g x Σ xᵀ becomes
 
-    m (2 s)² / ((2 s)² + v),
+    m / (1 + (v / 2 s²)²),
 
-which fades to the simulation as v grows. The standard deviation does not fade: on other motion the
-simulation may leave more than it usually does.
+which is m where the weights are known better than the simulation, half of it where they are so
+unsure that zero errs as little, and fades to the simulation beyond. The standard deviation does not
+fade: on other motion the simulation may leave more than it usually does.
 
-Motion is outside where v is above s², so that the weights leave more open than the simulation did,
-or where the leverage shows beside the noise and s², and is beyond nearly all of what the folds were
-judged on: the formula still holds there, and no error has confirmed it.
+What friction grows by with speed stays, beyond the fastest speed of training, what it is there. Of
+what it does beyond, nothing is known: the variance grows by s² times the square of how much faster
+the joint is, as a part of that speed.
+
+Motion is outside where it is a tenth faster, where v is above s², so that the weights leave more
+open than the simulation did, or where the leverage shows beside the noise and s², and is beyond
+nearly all of what the folds were judged on: the formula still holds there, and no error has
+confirmed it.
 
 Source: MacKay, "Bayesian interpolation", Neural Computation 1992, sec. 6 (error bars); Lei et al.,
 "Distribution-free predictive inference for regression", JASA 2018 (the factor); James and Stein,
@@ -36,8 +42,9 @@ fit to the others. The shares g ≥ 0 of the sets, of a sum of at most 1, minimi
     Σ_r |y_r - Σ_k g_k X_r w_k(r)|² / |y_r|²,
 
 in which each region and fold counts the same. What is left to 1 is the simulation's own. All
-shares shrink by the part of the improvement that could be luck (`shares` of
-`estimators.regression.empirical_bayes`).
+shares shrink by the part of the improvement that could be luck (`confirmed_shares` of
+`estimators.regression.empirical_bayes`). Of what is used, half is this mixture, and half the set of
+all families, which the evidence of all rows speaks for: both are unsure, of different things.
 
 The weights are the mixed ones. Their covariance has that of each set and how far the sets differ.
 
@@ -77,7 +84,9 @@ COVERAGE: Final = 0.95
 _INSIDE: Final = 0.999  # of the judged rows
 _SHOWS: Final = 0.1  # [σ²]; a smaller leverage adds less than 5 % to the standard deviation
 _MATTERS: Final = 0.01  # [s²]; a smaller leverage is within a tenth of what is learned
-_ELSEWHERE: Final = 4.0  # [s²], variance of what the simulation leaves on any motion
+_HALF: Final = 2.0  # [s²], variance at which half of what is learned is left
+FASTER: Final = 0.1  # than the fastest, as a part of it, from which on motion is outside
+_SLOWEST: Final = 1e-6  # [rad/s]
 _LEAST_LEVERAGE: Final = 1e-12  # [N² m²]
 
 
@@ -90,6 +99,8 @@ class Calibration:
     growth: FloatArray  # (n,), g
     usual: FloatArray  # (n,) [N² m²], s², mean square of what the simulation leaves
     farthest: FloatArray  # (n,) [N² m²], leverage from which on motion is outside
+    power: FloatArray  # (n,) of what it fades with: 2; 1 in folders from before
+    fastest: FloatArray  # (n,) [rad/s], in training
 
     @cached_property
     def certain(self) -> FloatArray:
@@ -103,24 +114,28 @@ class Calibration:
 
     @cached_property
     def fading(self) -> FloatArray:
-        """How fast learned torque fades with leverage, (n,) [1/(N² m²)]."""
-        return self.unsure / (_ELSEWHERE * self.usual)
+        """How learned torque fades with leverage, and with its square, (2, n)."""
+        part, square = self.unsure / (_HALF * self.usual), self.power > 1.0
+        return np.array([np.where(square, 0.0, part / 2.0), np.where(square, part**2, 0.0)])
 
     @cached_property
     def rows(self) -> FloatArray:
-        """What turns torque and leverage into an estimate, for compiled code, (4, n).
+        """What turns torque and leverage into an estimate, for compiled code, (7, n).
 
-        The variance where weights are known, what of a leverage is variance, how fast learned
-        torque fades with it, and the leverage from which on motion is outside.
+        The variance where weights are known, what of a leverage is variance, the leverage from
+        which on motion is outside, how learned torque fades with it, the usual size of what the
+        simulation leaves, and the fastest speed.
         """
-        return np.array([self.certain, self.unsure, self.fading, self.farthest])
+        own = self.certain, self.unsure, self.farthest
+        return np.array([*own, *self.fading, self.usual, self.fastest])
 
 
-@compiled(reads=("rows", "leverage", "turned"), nogil=True)
+@compiled(reads=("rows", "leverage", "turned", "velocity"), nogil=True)
 def judge(
     rows: FloatArray,
     leverage: FloatArray,
     turned: FloatArray,
+    velocity: FloatArray,
     settled: float,
     learned: FloatArray,
     std: FloatArray,
@@ -132,26 +147,34 @@ def judge(
         rows: Of a `Calibration`.
         leverage: (T, n) [N² m²].
         turned: Range that each joint has turned in so far, (T, n) [rad].
+        velocity: (T, n) [rad/s].
         settled: That it has to have turned in [rad], or else is outside.
         learned: (T, n) [N m].
         std: (T, n), variance by what nobody knows of memory [N² m²]; becomes the deviation [N m].
         outside: (T, n), written.
     """
-    certain, unsure, fading, farthest = rows[0], rows[1], rows[2], rows[3]
+    certain, unsure, farthest, once, twice = rows[0], rows[1], rows[2], rows[3], rows[4]
+    usual, fastest = rows[5], rows[6]
     for t in range(leverage.shape[0]):
         for j in range(leverage.shape[1]):
             own = leverage[t, j]
-            std[t, j] = np.sqrt(certain[j] + unsure[j] * own + std[t, j])
-            learned[t, j] /= 1.0 + fading[j] * own
-            outside[t, j] = own > farthest[j] or not turned[t, j] > settled
+            faster = max(abs(velocity[t, j]) / fastest[j] - 1.0, 0.0)
+            unknown = std[t, j] + usual[j] * faster * faster
+            std[t, j] = np.sqrt(certain[j] + unsure[j] * own + unknown)
+            learned[t, j] /= 1.0 + (once[j] + twice[j] * own) * own
+            outside[t, j] = own > farthest[j] or not turned[t, j] > settled or faster > FASTER
 
 
-def calibrate(sums: MotionEquations, fits: Sequence[RegionalFit]) -> Calibration:
+def calibrate(
+    sums: MotionEquations, columns: JointColumns, fits: Sequence[RegionalFit]
+) -> Calibration:
     """Judge each joint's fits without a part of the motion on the rows of that part."""
-    columns = sums.judged.columns.shape[2]
-    least = [0.0 if enough else 1.0 for enough in (sums.folds.count >= columns).all(axis=0)]
+    least = [0.0 if enough else 1.0 for enough in (sums.folds.count >= columns.count).all(axis=0)]
+    speed = sums.judged.columns[:, :, columns.of_family("viscous").start]
+    fastest = np.maximum(np.abs(speed).max(axis=1).astype(np.float64), _SLOWEST)
     found = [_calibrate_joint(sums, fit, j, least[j]) for j, fit in enumerate(fits)]
-    return Calibration(*(np.array(values) for values in zip(*found, strict=True)))
+    power = np.full(len(fits), 2.0)
+    return Calibration(*(np.array(values) for values in zip(*found, strict=True)), power, fastest)
 
 
 def leverage_of(x: FloatArray, root: FloatArray) -> FloatArray:
@@ -278,7 +301,8 @@ def confirmed_fit(
         for part, found in zip(judges, [*by_region, *by_fold], strict=True)
     ]
     shares = confirmed_shares([one for one in errors if one is not None])
-    shares = shares if learns else np.zeros_like(shares)
+    half = (shares + np.eye(shares.size)[0]) / 2.0  # the first set has all families
+    shares = half if learns and shares.any() else np.zeros_like(shares)
     whole = [one.whole(one.fit.posterior, count) for one in sets]
     without = tuple(_mixed(found, shares) for found in by_region)
     posterior = _mixed(whole, shares)

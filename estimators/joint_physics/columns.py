@@ -227,6 +227,7 @@ class JointColumns:
             self._arm,
             self.base,
             self.step_time,
+            np.full(self.n, np.inf),
             every,
             X,
             about,
@@ -234,7 +235,7 @@ class JointColumns:
         return ColumnRows(X, about), after
 
 
-@compiled(reads=("position", "velocity", "acceleration", "torque", "base"), nogil=True)
+@compiled(reads=("position", "velocity", "acceleration", "torque", "base", "fastest"), nogil=True)
 def scan(
     memory: FloatArray,
     position: FloatArray,
@@ -244,6 +245,7 @@ def scan(
     arm: Arm,
     base: NDArray[np.int64],
     step_time: float,
+    fastest: FloatArray,
     every: int,
     X: FloatArray,
     about: FloatArray,
@@ -251,7 +253,8 @@ def scan(
     """Advance `memory` (n, ...) in place over T samples and write one row for so many.
 
     X (n, rows, K) gets the columns, `about` (2, rows, n) the range that each joint has turned in so
-    far [rad] and its load [N m]. `base` are the columns of the links' regressor that are kept.
+    far [rad] and its load [N m]. `base` are the columns of the links' regressor that are kept. What
+    friction grows by with speed stays, beyond the fastest (n,) [rad/s], what it is there.
     """
     T, n = position.shape
     rotation, translation, axis, gravity, parameters = arm
@@ -273,7 +276,8 @@ def scan(
             x = X[j, row]
             for k in range(base.size):
                 x[k] = Y[j, 0, base[k]]
-            _fill(j, q, v, step_time, a, memory[j], load, slope, torque[t], x[base.size :])
+            own = x[base.size :]
+            _fill(j, q, v, fastest[j], step_time, a, memory[j], load, slope, torque[t], own)
             about[0, row, j] = memory[j, HIGHEST] - memory[j, LOWEST]
             about[1, row, j] = load[j]
 
@@ -318,6 +322,7 @@ def _fill(
     j: int,
     position: FloatArray,
     velocity: FloatArray,
+    fastest: float,
     step_time: float,
     acceleration: FloatArray,
     memory: FloatArray,
@@ -330,6 +335,7 @@ def _fill(
     n, q, v, a, own = position.size, position[j], velocity[j], acceleration[j], load[j]
     states = np.empty(STATES)
     _friction_states(memory[: WIDTHS.size], v, step_time * a, states)
+    v = min(max(v, -fastest), fastest)
     x[0], x[1] = a, 1.0
     k = 2
     for m in range(n):

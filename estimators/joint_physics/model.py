@@ -117,7 +117,7 @@ class FittedPhysics:
             weights,
             np.stack([found.posterior.root for found in fits]),
             columns.friction,
-            calibrate(sums, fits),
+            calibrate(sums, columns, fits),
             UnknownMemory.of(columns, weights, moments, simulation),
             {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse}
             | learning.as_record(columns.n),
@@ -132,8 +132,9 @@ class FittedPhysics:
         """
         n, K = columns.n, columns.count
         shapes = {"weights": (n, K), "root": (n, K, K)} | dict.fromkeys(_POSITIVE, (n,))
-        # a folder from before learned torque faded estimates as it did
-        tensors = {"growth": np.ones(n), "usual": np.full(n, _NEVER)} | opened.tensors()
+        # folders from before learned torque faded, or faded as now, estimate as they did
+        before = {"growth": 1.0, "usual": _NEVER, "power": 1.0, "fastest": _NEVER}
+        tensors = {name: np.full(n, value) for name, value in before.items()} | opened.tensors()
         place = opened.path / WEIGHTS
         found = _arrays(tensors, place, shapes)
         moments = _moments(tensors, place, n)

@@ -210,10 +210,13 @@ def estimate(
     T, n = position.shape
     columns, about = np.empty((n, T, count)), np.empty((2, T, n))
     leverage = np.empty((T, n))
-    scan(memory, position, velocity, acceleration, torque, arm, base, step_time, 1, columns, about)
+    scan(
+        memory, position, velocity, acceleration, torque, arm, base, step_time, calibration[-1],
+        1, columns, about,
+    )  # fmt: skip
     predict(columns, kept, less, sizes, weights, roots, root_sizes, learned, leverage)
     fill_variance(columns, about, heights, moments, place, std)
-    judge(calibration, leverage, about[0], settled, learned, std, outside)
+    judge(calibration, leverage, about[0], velocity, settled, learned, std, outside)
 
 
 def _next() -> NDArray[np.int64]:
@@ -303,17 +306,6 @@ class UnknownMemory:
             np.ascontiguousarray(moments),
             columns.of_family("place").start,
         )
-
-    def variance(self, columns: FloatArray, about: FloatArray) -> FloatArray:
-        """Return the variance that unknown memory adds to the torque, (T, n) [N² m²].
-
-        Args:
-            columns: (n, T, K).
-            about: Range turned in so far [rad] and load [N m], (2, T, n).
-        """
-        found = np.empty(about.shape[1:])
-        fill_variance(columns, about, self.heights, self.moments, self.place, found)
-        return found
 
 
 def moments_of(gram: FloatArray, count: FloatArray, columns: JointColumns) -> FloatArray:

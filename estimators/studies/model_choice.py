@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 SIMULATION: Final = "simulation"
-PHYSICS: Final = "joint-physics"
 CONFIRMED: Final = "joint-physics, confirmed families"
 NETWORK: Final = "mlp7, drive features"
 FOLDS: Final = 3
@@ -129,7 +128,6 @@ def candidates(
     """Return the models that are compared, the first choice first; networks only with PyTorch."""
     found: dict[str, Callable[[], ResidualModel[Any]]] = {
         CONFIRMED: lambda: JointPhysics(simulation, bandwidth, Learning(confirmed=True)),
-        PHYSICS: lambda: JointPhysics(simulation, bandwidth),
     }
     settings = usual_settings("drive")
     if find_spec("torch") and bandwidth <= settings.rate:

@@ -14,7 +14,6 @@ from estimators.studies import model_choice
 from estimators.studies.model_choice import (
     CONFIRMED,
     NETWORK,
-    PHYSICS,
     SIMULATION,
     ModelChoice,
     Tried,
@@ -24,7 +23,7 @@ from estimators.studies.model_choice import (
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import Simulation, ViscousFriction
 
-BANDWIDTH = 10.0
+BANDWIDTH, OTHER = 10.0, "another"
 
 
 @pytest.fixture(scope="module")
@@ -94,10 +93,10 @@ def test_a_simulation_that_is_right_stays_as_it_is(arm, recordings):
 
 
 def test_another_takes_the_place_of_the_first_where_it_errs_a_quarter_less():
-    first, close, better = of(CONFIRMED, 0.5, 0.5), of(PHYSICS, 0.42, 0.42), of(NETWORK, 0.3, 0.3)
+    first, close, better = of(CONFIRMED, 0.5, 0.5), of(OTHER, 0.42, 0.42), of(NETWORK, 0.3, 0.3)
     assert model_choice._best([first, close]) is first
     assert model_choice._best([first, close, better]) is better
-    assert model_choice._best([of(PHYSICS, 1.0, 1.0)]) is None
+    assert model_choice._best([of(OTHER, 1.0, 1.0)]) is None
     refused = Tried(CONFIRMED, *np.full((3, 2), np.nan), "is too short")
     assert model_choice._best([refused, close]) is close
 
@@ -137,14 +136,14 @@ def test_settings_are_of_networks(rigid, recordings):
         limo_library.train(rigid, recordings, "auto", settings=settings)
 
 
-@pytest.mark.slow("compares three models, one of them a network")
+@pytest.mark.slow("compares two models, one of them a network")
 def test_the_command_shows_what_was_tried(limo, rigid, record, tmp_path):
     rigid.save(tmp_path / "sim.yaml")
     record(3, 60.0).save(tmp_path / "run.parquet")
     given = (tmp_path / "run.parquet", "--sim", tmp_path / "sim.yaml", "--out", tmp_path / "model")
     done = limo("train", *given)
     assert done.returncode == 0, done.stderr
-    for name in (CONFIRMED, PHYSICS, NETWORK):
+    for name in (CONFIRMED, NETWORK):
         assert name in done.stdout
     manifest = json.loads((tmp_path / "model" / "manifest.json").read_text())
     assert manifest["training"]["choice"]["chosen"] == CONFIRMED

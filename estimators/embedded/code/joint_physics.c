@@ -172,7 +172,7 @@ static void fill_others(const poses *at, const double torque_at[N][POSES],
     fill_rigid(at, x);
     memset(own, 0, (OTHERS - BASE) * sizeof *own);
     for (int j = 0; j < N; ++j) {
-        const double v = at->v[j][0];
+        const double v = clipped(at->v[j][0], -fastest[j], fastest[j]);
         own[0][j] = at->a[j][0];
         own[1][j] = 1.0;
         own[2 + 3 * N][j] = v * fabs(v);
@@ -369,7 +369,7 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
     memcpy(states, own, STOPS * sizeof *states);
     fill_directions(v, a, states + STOPS);
     for (int j = 0; j < N; ++j) {
-        states[STATES][j] = v[j];
+        states[STATES][j] = clipped(v[j], -fastest[j], fastest[j]);
         factor[0][j] = 1.0;
         factor[1][j] = fabs(torque_at[j][0]);
     }
@@ -388,10 +388,12 @@ static void learn(limo_memory *memory, const poses *at, const double torque_at[N
         for (int k = 0; k < FAMILIES; ++k) { /* the last group is full */
             seen[size[j] + k] = 0.0F;
         }
-        const double leverage = leverage_of(seen, R, size[j]);
-        estimate->learned[j] = learned[j] / (1.0 + fading[j] * leverage);
-        estimate->deviation[j] = sqrt(certain[j] + unsure[j] * leverage + unknown[j]);
-        estimate->outside[j] = leverage > farthest[j] || !(range[j] > SETTLED);
+        const double far = leverage_of(seen, R, size[j]), faded = fading[0][j] + fading[1][j] * far;
+        const double faster = fmax(fabs(v[j]) / fastest[j] - 1.0, 0.0);
+        unknown[j] += usual[j] * faster * faster;
+        estimate->learned[j] = learned[j] / (1.0 + faded * far);
+        estimate->deviation[j] = sqrt(certain[j] + unsure[j] * far + unknown[j]);
+        estimate->outside[j] = far > farthest[j] || !(range[j] > SETTLED) || faster > FASTER;
         columns += others;
         R += root_size[j];
     }

@@ -80,7 +80,8 @@ def faded(model: LiveEstimator | Simulation, late: LiveEstimate) -> FloatArray:
         return np.zeros_like(late.torque)
     known = model.fitted.calibration
     leverage = (late.std**2 - known.certain) / known.unsure
-    return np.abs(late.learned) * known.fading * leverage
+    once, twice = known.fading
+    return np.abs(late.learned) * (once + twice * leverage) * leverage
 
 
 def compare(model: LiveEstimator | Simulation, found: CEstimates, moved: Recording) -> None:

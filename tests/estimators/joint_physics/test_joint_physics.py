@@ -8,9 +8,9 @@ import pytest
 
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics
-from estimators.joint_physics.calibration import leverage_of
-from estimators.joint_physics.columns import SETTLED, JointColumns
-from estimators.joint_physics.prediction import Prediction, predict
+from estimators.joint_physics.calibration import FASTER, leverage_of
+from estimators.joint_physics.columns import SETTLED, JointColumns, scan
+from estimators.joint_physics.prediction import Prediction, fill_variance, predict
 from estimators.model_folder import as_manifest, load_model, read_manifest
 from estimators.regression.empirical_bayes import fit, most_probable_prior
 from estimators.regression.evidence import NormalEquations
@@ -148,12 +148,30 @@ def test_the_estimate_is_made_of_its_parts_to_the_bit(
     torque, _ = model.simulation.advance(model.simulation.init(), motion)
     rows, _ = model.columns.advance(model.columns.init(), motion, torque)
     learned, leverage = _predicted(fitted.prediction, rows.columns)
-    unknown = fitted.unknown.variance(rows.columns, rows.about)
-    certain, unsure, fading, farthest = fitted.calibration.rows
+    memory, unknown = fitted.unknown, np.empty(motion.velocity.shape)
+    fill_variance(rows.columns, rows.about, memory.heights, memory.moments, memory.place, unknown)
+    certain, unsure, farthest, once, twice, usual, fastest = fitted.calibration.rows
+    faster = np.maximum(np.abs(motion.velocity) / fastest - 1.0, 0.0)
+    fading, unknown = (once + twice * leverage) * leverage, unknown + usual * faster * faster
     whole, _ = model.advance(model.init(), motion)
-    np.testing.assert_array_equal(whole.learned, learned / (1.0 + fading * leverage))
+    np.testing.assert_array_equal(whole.learned, learned / (1.0 + fading))
     np.testing.assert_array_equal(whole.std, np.sqrt(certain + unsure * leverage + unknown))
-    np.testing.assert_array_equal(whole.outside, (leverage > farthest) | ~rows.settled)
+    outside = (leverage > farthest) | ~rows.settled | (faster > FASTER)
+    np.testing.assert_array_equal(whole.outside, outside)
+
+
+def test_what_grows_with_speed_stays_beyond_the_fastest_of_training(model: JointPhysics) -> None:
+    columns, zero = model.columns, np.zeros((1, 2))
+    arm, base, step_time, count, _ = columns.constants
+
+    def friction(speed: float, fastest: float) -> FloatArray:
+        X, about = np.empty((2, 1, count)), np.empty((2, 1, 2))
+        velocity, most = np.full((1, 2), speed), np.full(2, fastest)
+        scan(columns.init(), zero, velocity, zero, zero, arm, base, step_time, most, 1, X, about)
+        return X[:, 0, columns.of_family("viscous")]
+
+    np.testing.assert_array_equal(friction(-4.0, 1.5), friction(-1.5, np.inf))
+    assert (friction(1.4, 1.5) != friction(1.5, 1.5)).all()
 
 
 def test_parts_of_the_motion_that_disagree_widen_the_covariance() -> None:
