@@ -1,4 +1,4 @@
-"""Evaluate a model on motion it has not seen, beside the rigid body and the noise floor."""
+"""Evaluate a model on motion it has not seen, against the rigid body and the noise floor."""
 
 from __future__ import annotations
 

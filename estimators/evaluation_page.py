@@ -46,7 +46,7 @@ _ERRORS: Final = (
     "sensor's noise leaves behind the filter, from the torque's spectrum; unknown where the torque "
     "was filtered before it was recorded. The intervals are right where they hold about 95 % of "
     "the measured torques; on motion unlike what was learned, they are a guess. With what changed: "
-    "where offset, friction and size of the errors follow those before each row, slowly."
+    "where offset, friction, gain and interval follow the errors before each row, slowly."
 )
 _CURVES: Final = (
     "The 6 s in which the joints reverse most often. Grey: measured. Orange: rigid body with "

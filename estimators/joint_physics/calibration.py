@@ -24,7 +24,7 @@ what it does beyond, nothing is known: the variance grows by s² times the squar
 the joint is, as a part of that speed.
 
 Motion is outside where it is a tenth faster, where v is above s², so that the weights leave more
-open than the simulation did, or where the leverage shows beside the noise and s², and is beyond
+open than the simulation did, or where the leverage shows next to the noise and s², and is beyond
 nearly all of what the folds were judged on: the formula still holds there, and no error has
 confirmed it.
 

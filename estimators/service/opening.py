@@ -20,6 +20,7 @@ from estimators.service.inference.live_model import Answer, LiveModel, RateFinde
 from estimators.service.store.served_models import READY
 from estimators.stream import Stream
 from limo_driver.errors import LimoError
+from limo_driver.model.units import unit_of
 from limo_driver.network.claims import PacedQueryable
 from limo_driver.network.messages import Level
 from limo_driver.network.streaming import to_json
@@ -89,9 +90,9 @@ class Opening:
         """
         simulation, settings = self._models.physics, self._settings
         bound = settings.bounds(simulation.model.limits)
-        arm = ServedArm(
-            self._arm, tuple(simulation.model.joint_names), rate, settings.history, bound
-        )
+        model = simulation.model
+        units = tuple(unit_of("N m", model.sliding, j) for j in range(model.n))
+        arm = ServedArm(self._arm, model.joint_names, rate, settings.history, bound, units)
         physics = SimulationOnly(simulation, bandwidth_at(rate, simulation.bandwidth or BANDWIDTH))
         stream = fastest(Stream(physics, rate, settings.delay))
         warm_up(stream)

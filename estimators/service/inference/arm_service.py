@@ -13,6 +13,7 @@ import numpy as np
 
 from estimators.service.inference.contact import Contact, ContactReport, ContactWatchdog
 from estimators.service.inference.live_model import Answer, History, LiveModel, RateWatch, Window
+from estimators.slow_change import ChangeWatch
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.contact_state import ContactState
 from limo_driver.network.messages import (
@@ -52,6 +53,7 @@ class ServedArm:
     rate: float  # [Hz]
     history: float = 120.0  # [s] kept, from which another model's memory is made
     bound: FloatArray = field(default_factory=lambda: np.empty(0))  # (n,) [N m]
+    units: tuple[str, ...] = ()  # (n,), of the joints' torques; N m if not given
 
 
 class ArmService:
@@ -113,6 +115,7 @@ class ArmService:
         draft = EstimateDraft(self._estimates, model.version, fallback=model.physics_only)
         self._draft = draft
         self._answer = Answer(draft.torque, draft.std, draft.external, draft.outside)
+        self._changes = ChangeWatch(self.arm.joint_names, self.arm.units)
 
     def handle(self, payload: bytes, attachment: bytes) -> bool:
         """Answer a joint state as it came off the wire, and say whether it was one of this arm.
@@ -181,6 +184,7 @@ class ArmService:
             "outside": window.outside.astype(int).tolist(),
             "clipped": window.clipped,
             "contact": self.watchdog.active.tolist(),
+            "changed": list(self._changes.lines),
             "arrivals": dict(self.arrivals.counts),
             "counts": dict(self.counts),
             "latency": self.latency.take().as_json(),
@@ -250,6 +254,10 @@ class ArmService:
             self._tell(contact, now)
         if self._report.step(now, answer.external, answer.std, known=known):
             self._tell_contacts(now)
+            free = known & ~self.watchdog.active
+            given = answer.external, answer.std, free, state.position
+            for line in self._changes.step(now, *given):
+                self._outlet.event("changed", line, Level.WARN)
         self.window.add(answer, self.watchdog.active, self._unturned, known=known)
         if self._leaving is not None:
             # Tell by how much torque stepped at a swap, of the first state after it

@@ -158,7 +158,7 @@ def of_simulations(found: SimulationComparison) -> Table:
 
 def table(evaluation: Evaluation) -> Table:
     """Return the figures per joint and on average."""
-    values = evaluation.as_values()
+    values, unit = evaluation.as_values(), ", ".join(dict.fromkeys(evaluation.units))
     result = table_of(
         "joint",
         "rigid\nbody\nRMSE",
@@ -170,7 +170,7 @@ def table(evaluation: Evaluation) -> Table:
         "ratio\n\nof MSE",
         title=f"{evaluation.recording.source}: against torque filtered at "
         f"{evaluation.bandwidth:g} Hz, zero phase, {values['samples']} samples",
-        caption="RMS(E) in N m, MSE in (N m)²; learned: the torque that it adds; model: "
+        caption=f"RMS(E) in {unit}, MSE in ({unit})²; learned: the torque that it adds; model: "
         f"{evaluation.model}",
     )
     squared = ("mse_rigid_body", "mse_hybrid", "mse_ratio")
@@ -202,7 +202,7 @@ def certainty(evaluation: Evaluation) -> Table:
         "with what\nchanged",
         "outside",
         title="How sure the model is",
-        caption="with what changed: where offset, friction and size of the errors follow those "
+        caption="with what changed: where offset, friction, gain and interval follow the errors "
         "before each row; outside: motion unlike what was learned, where the interval is a guess",
     )
     parts = evaluation.coverage, evaluation.coverage_with_change

@@ -26,6 +26,7 @@ from limo_driver.app.console.terminal import (
     terminal,
     told_progress,
 )
+from limo_driver.model.units import unit_of
 from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
@@ -202,15 +203,16 @@ def _show(trained: ResidualModel[Any], out: Path, width: float, *, as_json: bool
     """Print the errors of a model that was trained at a bandwidth [Hz]."""
     record = trained.fitted.record
     rmse, gain = record.get("rmse", {}), getattr(trained.fitted, "gain", None)
+    unit = unit_of("N m", trained.simulation.model.sliding)
     if as_json:
         values = {"model": str(out), "rmse": rmse}
         values |= {} if gain is None else {"gain": gain.tolist()}
         values |= {"choice": record["choice"]} if "choice" in record else {}
         terminal().print_json(data=values)
     elif gain is not None:
-        terminal().print(_network_table(rmse, gain.tolist(), width))
+        terminal().print(_network_table(rmse, gain.tolist(), width, unit))
     elif {"simulation", "held_out"} <= set(rmse):
-        terminal().print(_table(rmse, trained, width))
+        terminal().print(_table(rmse, trained, width, unit))
     else:
         terminal().print(f"{out}: {trained.name}, which does not say how large its errors are")
 
@@ -292,7 +294,7 @@ def _train_best(
 
 
 def _network_table(
-    rmse: dict[str, dict[str, list[float]]], gain: list[float], bandwidth: float
+    rmse: dict[str, dict[str, list[float]]], gain: list[float], bandwidth: float, unit: str
 ) -> Table:
     columns = {
         f"{name.replace('_', ' ')}, {where.replace('_', '-')}": rmse[where][name]
@@ -307,19 +309,21 @@ def _network_table(
             **{name: [f"{value:.4f}" for value in values] for name, values in columns.items()},
             "gain": [f"{part:.2f}" for part in gain],
         },
-        title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
+        title=f"RMSE [{unit}] against torque filtered at {bandwidth:g} Hz",
         caption="held-out: blocks that choose which weights are kept; left out: stretches "
         "predicted by networks that did not see them, which the standard deviation and the gain "
         "come from; gain: the part of the network's torque that they confirm",
     )
 
 
-def _table(rmse: dict[str, list[float]], model: ResidualModel[Any], bandwidth: float) -> Table:
+def _table(
+    rmse: dict[str, list[float]], model: ResidualModel[Any], bandwidth: float, unit: str
+) -> Table:
     simulation, held_out = ([f"{x:.4f}" for x in rmse[name]] for name in ("simulation", "held_out"))
     joints = range(1, len(simulation) + 1)
     return columns_of(
         {"joint": joints, "simulation": simulation, f"{model.name}, held out": held_out},
-        title=f"RMSE [N m] against torque filtered at {bandwidth:g} Hz",
+        title=f"RMSE [{unit}] against torque filtered at {bandwidth:g} Hz",
         caption=f"held out: {model.held_out_is}",
     )
 

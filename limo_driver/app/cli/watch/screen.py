@@ -153,6 +153,7 @@ def _retraining(facts: dict[str, Any]) -> str:
 
 
 def _joints(status: dict[str, Any]) -> RenderableType:
+    from rich.console import Group
     from rich.table import Table
     from rich.text import Text
 
@@ -166,7 +167,8 @@ def _joints(status: dict[str, Any]) -> RenderableType:
             f"{100 * part:.0f} %",
             Text("contact", style="bold yellow") if contact else "",
         )
-    return table
+    changed = [Text(printable(line), style="yellow") for line in status.get("changed", ())]
+    return Group(table, *changed)
 
 
 def _bars(counts: list[int]) -> str:
