@@ -173,8 +173,8 @@ def calibrate(
     speed = sums.judged.columns[:, :, columns.of_family("viscous").start]
     fastest = np.maximum(np.abs(speed).max(axis=1).astype(np.float64), _SLOWEST)
     found = [_calibrate_joint(sums, fit, j, least[j]) for j, fit in enumerate(fits)]
-    power = np.full(len(fits), 2.0)
-    return Calibration(*(np.array(values) for values in zip(*found, strict=True)), power, fastest)
+    values = (np.array(values) for values in zip(*found, strict=True))
+    return Calibration(*values, power=np.full(len(fits), 2.0), fastest=fastest)
 
 
 def leverage_of(x: FloatArray, root: FloatArray) -> FloatArray:

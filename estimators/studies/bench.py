@@ -88,12 +88,12 @@ def bench(folder: Path, tell: Callable[[str], None] = lambda _: None) -> tuple[B
             rows += _friction(case, [files[name] for name in names])
     if all(name in files for name in KR300):
         tell("KR300")
-        data = _industrial(files[KR300[0]])
+        data = industrial(files[KR300[0]])
         rows += _arm("KR300, inverse", "mean NRMSE", str(files[KR300[1]]), *data)
     trips = [sorted(folder.rglob(f"{part}/*_ang_vel_torq.csv")) for part in ("Training", "Test")]
     if BAXTER in files and all(trips):
         tell("Baxter")
-        data = [[_trip(path) for path in paths] for paths in trips]
+        data = [[trip(path) for path in paths] for paths in trips]
         rows += _arm("Baxter, left arm", "MAE [N m]", f"{files[BAXTER]}#left_[sew][012]", *data)
     if not rows:
         raise RecordingError(
@@ -242,7 +242,7 @@ def _arm(
         yield BenchRow(benchmark, measure, name, float(figure), source)
 
 
-def _industrial(path: Path) -> tuple[list[Recording], list[Recording]]:
+def industrial(path: Path) -> tuple[list[Recording], list[Recording]]:
     """Read angles [°] and torques of the motors [N m] of the KR300: to learn from, and the test."""
     from scipy.io import loadmat
 
@@ -256,7 +256,7 @@ def _industrial(path: Path) -> tuple[list[Recording], list[Recording]]:
     return parts[0], parts[1]
 
 
-def _trip(path: Path) -> Recording:
+def trip(path: Path) -> Recording:
     """Read a recording of Baxter: angles, speeds and torques of seven joints."""
     with _as_made(path, "recording of Baxter, which has 21 columns"):
         values = np.loadtxt(path, skiprows=1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from estimators.studies.bench import EMPS, bench
+from estimators.studies.bench import BAXTER, EMPS, KR300, bench, industrial, trip
 from limo_driver.errors import RecordingError
 
 RATE, MASS, VISCOUS, COULOMB, GAIN = 1000.0, 95.0, 200.0, 20.0, 35.0
@@ -40,3 +40,32 @@ def test_a_file_of_another_kind_is_refused_by_name(tmp_path):
         savemat(tmp_path / name, {"other": np.zeros(3)})
     with pytest.raises(RecordingError, match=r"DATA_EMPS\.mat: is no file of the EMPS"):
         bench(tmp_path)
+
+
+def test_angles_and_motor_torques_of_the_kr300_become_those_of_its_joints(tmp_path):
+    wave = np.sin(np.linspace(0.0, 60.0, 600) * np.arange(1, 19)[:, None] / 9)
+    values = {f"{name}_{part}": wave for name in "u" for part in ("train", "test")}
+    values |= {f"y_{part}": wave[:6] for part in ("train", "test")}
+    savemat(tmp_path / KR300[0], values)
+    (learned,), (test,) = industrial(tmp_path / KR300[0])
+    np.testing.assert_allclose(learned.position[:, 2], np.radians(wave[2]))
+    np.testing.assert_allclose(test.torque[:, 2], 192.75 * wave[2])
+    assert learned.rate == pytest.approx(10.0)
+
+
+def test_a_recording_of_another_arm_than_baxter_is_refused_by_name(tmp_path):
+    (tmp_path / BAXTER).write_text("<robot/>")
+    for part in ("Training", "Test"):
+        (tmp_path / part).mkdir()
+        (tmp_path / part / "a_ang_vel_torq.csv").write_text("a b\n1 2\n3 4\n")
+    with pytest.raises(RecordingError, match=r"a_ang_vel_torq\.csv: is no recording of Baxter"):
+        bench(tmp_path)
+
+
+def test_a_recording_of_baxter_is_read(tmp_path):
+    t = np.arange(300) / 100
+    values = np.sin(t[:, None] + np.arange(21))
+    np.savetxt(tmp_path / "b.csv", values, header="columns", comments="")
+    found = trip(tmp_path / "b.csv")
+    np.testing.assert_allclose(found.torque, values[:, 14:])
+    assert found.rate == pytest.approx(100.0)
