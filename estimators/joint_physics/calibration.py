@@ -169,10 +169,10 @@ def calibrate(
     sums: MotionEquations, columns: JointColumns, fits: Sequence[RegionalFit]
 ) -> Calibration:
     """Judge each joint's fits without a part of the motion on the rows of that part."""
-    least = [0.0 if enough else 1.0 for enough in (sums.folds.count >= columns.count).all(axis=0)]
+    least = np.where(np.all(sums.folds.count >= columns.count, axis=0), 0.0, 1.0)
     speed = sums.judged.columns[:, :, columns.of_family("viscous").start]
     fastest = np.maximum(np.abs(speed).max(axis=1).astype(np.float64), _SLOWEST)
-    found = [_calibrate_joint(sums, fit, j, least[j]) for j, fit in enumerate(fits)]
+    found = [_calibrate_joint(sums, fit, j, float(least[j])) for j, fit in enumerate(fits)]
     values = (np.array(values) for values in zip(*found, strict=True))
     return Calibration(*values, power=np.full(len(fits), 2.0), fastest=fastest)
 
