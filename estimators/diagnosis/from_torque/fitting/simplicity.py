@@ -85,7 +85,7 @@ def _with_one_for_two(problem: RegressionProblem, solution: Solution) -> Solutio
     Friction by a load that drives the joint is half of that by any load, less a gain: the pair fits
     a little better wherever the law of the one is not exact, but both names would be wrong. One
     that chooses as much as both has to be likelier: friction that differs by direction, for an
-    offset beside more friction.
+    offset with more friction.
     """
     search, candidates = solution.search, problem.candidates
     base = {candidates[i].place for i in problem.base}
