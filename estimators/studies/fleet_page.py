@@ -108,7 +108,7 @@ def _odd(standings: Sequence[standing.ArmStanding], charts: Charts) -> str:
         return paragraph(f"Fewer than {FLEET.arms} arms: none can be told from the others.")
     sides = ((_ALIKE, "like the others", False), (_ODD, "odd", True))
     data = [
-        _dots(*zip(*((i.z, i.arm, i.series.name) for i in own), strict=True), name, colour)
+        _dots([i.z for i in own], [i.arm for i in own], [i.series.name for i in own], name, colour)
         for colour, name, odd in sides
         if (own := [item for item in standings if item.odd == odd])
     ]
@@ -221,14 +221,14 @@ def _named(verdict: Verdict) -> list[str]:
 
 def _worst(rows: Sequence[FleetRow], folder: Path) -> str:
     ranked = sorted((row for row in rows if row.diagnosed), key=lambda row: -_floors(row))
-    rows = [
+    lines = [
         [_linked(row, folder), escape(row.arm),
          f"{row.date:%Y-%m-%d}".replace("-", "\N{NON-BREAKING HYPHEN}") if row.date else UNSAID,
          escape(typeset(headline(row.verdict))), number(_floors(row))]
         for row in ranked[: FLEET.worst]
         if row.verdict is not None
     ]  # fmt: skip
-    return table(("recording", "arm", "date", "verdict", "error in noise floors"), rows, 4)
+    return table(("recording", "arm", "date", "verdict", "error in noise floors"), lines, 4)
 
 
 def _floors(row: FleetRow) -> float:

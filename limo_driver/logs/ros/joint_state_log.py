@@ -145,8 +145,8 @@ def bag_files(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         found = [path]
         if path.is_dir():
-            files = (each for each in path.iterdir() if each.suffix in _ENDINGS)
-            found = sorted(files, key=lambda file: naturally(file.name))
+            logs = (each for each in path.iterdir() if each.suffix in _ENDINGS)
+            found = sorted(logs, key=lambda log: naturally(log.name))
         if not found:
             raise RecordingError("holds no .mcap, .db3 or .bag files", path=path)
         files += found
