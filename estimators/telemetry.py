@@ -11,13 +11,14 @@ make it. Filters take it away, and friction looks smaller than it is, as it does
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from limo_driver.errors import ConfigError, LimoError
 from limo_driver.logs.readers.inspection import WELL
+from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ _COARSE: Final = 0.02  # of a torque's standard deviation, above which its steps
 # torque from currents holds; a sensor behind the gear sees bearings and cables only. Measured:
 # UR10e, currents: 0.077; LWR4+ and Panda, sensors behind the gear: 0.005 and 0.006.
 MOTOR_SIDE: Final = 0.03
-_LINK_SIDE: Final = 0.015
+_LACKED: Final = 0.5  # of the friction that is stated, below which a torque lacks it
 _LONGEST: Final = 600.0  # [s], beyond which more of the same motion is no advice
 _LEGEND: Final = (
     "m is the mass of that link, mx, my, mz mass times centre, Ixx to Izz its inertia, inertia the "
@@ -102,7 +103,11 @@ def telemetry_of(recording: Recording, model: RobotModel) -> Telemetry:
     except LimoError as error:
         excitation = [f"nothing of the arm can be found in it: {error}"]
     else:
-        side = gear_side(friction_share(found.simulation, recording, found.rows.bandwidth))
+        width = found.rows.bandwidth
+        side = gear_side(
+            friction_share(found.simulation, recording, width),
+            friction_share(_as_described(found.simulation), recording, width),
+        )
         excitation = _excitation(found, recording)
         shown = shown_by(found, recording)
     channels = tuple(channels_of(recording, model.sliding))
@@ -116,7 +121,8 @@ def telemetry_in(simulation: Simulation, recording: Recording) -> tuple[str, ...
         simulation: Identified from it, or diagnosed with it.
         recording: T samples of n joints.
     """
-    side = gear_side(friction_share(simulation, recording))
+    pair = simulation, _as_described(simulation)
+    side = gear_side(*(friction_share(each, recording) for each in pair))
     sliding = simulation.model.sliding
     return (*sampling_of(recording), *channels_of(recording, sliding), side)
 
@@ -239,11 +245,12 @@ def resolution(values: FloatArray) -> float:
     return step if np.mean(off < 5 * _GRID) > 1 - _GRID else 0.0
 
 
-def gear_side(share: float) -> str:
+def gear_side(share: float, stated: float = 0.0) -> str:
     """Say on which side of the gear torques were measured, and why.
 
     Args:
         share: Friction in them, of what the drives can do; NaN where that is not known.
+        stated: The same of what the robot's description states, which a link side lacks.
     """
     if np.isnan(share):
         return "side of the gear: not to be told without effort limits of the robot"
@@ -253,12 +260,16 @@ def gear_side(share: float) -> str:
             f"torque seems to be measured on the motor side of the gear: {why}; what is found as "
             "friction and armature is that of motor and gear, and rows at rest say little"
         )
-    if share < _LINK_SIDE:
+    if share < _LACKED * stated:
         return (
-            f"torque seems to be measured on the link side of the gear: {why}; friction and "
-            "inertia of motor and gear are not in it"
+            f"torque seems to be measured on the link side of the gear: {why}, and "
+            f"{stated:.1%} is stated; friction and inertia of motor and gear are not in it"
         )
     return f"side of the gear: not to be told, since {why}"
+
+
+def _as_described(simulation: Simulation) -> Simulation:
+    return replace(simulation, effects=described_effects(simulation.model))
 
 
 def friction_share(

@@ -30,7 +30,7 @@ ALWAYS = 0.95  # of random configurations; a pair that is near in more is so by 
 NEAR = 0.02  # [m], as near as capsules around neighbouring shapes come
 ROUNDING = 1e-9  # [rad]
 _SLIDE_MARGIN = 0.1  # of the range of a joint that slides, kept at most from either end
-_WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
+WAY_OUT = "self-collision checks can be switched off (`Surroundings.self_collision`)"
 _LISTED = 4  # links that a message names
 _FIRST = 8, 64  # samples of a path that are looked at first, and then
 _PARTS = 8  # of the others
@@ -282,10 +282,10 @@ class Feasibility:
         try:
             bodies = model.capsules()
         except ConfigError as error:
-            raise ConfigError(f"{str(error).rstrip('.')}; {_WAY_OUT}") from None
+            raise ConfigError(f"{str(error).rstrip('.')}; {WAY_OUT}") from None
         if not any(body.joint > 0 for body in bodies):
             raise ConfigError(
-                f"has no collision shapes on its moving links; {_WAY_OUT}",
+                f"has no collision shapes on its moving links; {WAY_OUT}",
                 path=model.urdf,
             )
         return bodies

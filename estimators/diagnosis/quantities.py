@@ -14,6 +14,7 @@ import numpy as np
 from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.verdict import Fit, Interval, StatedValue, Verdict
 from limo_driver.physics import display_name
+from limo_driver.physics.described import SIGN_WIDTH
 from limo_driver.runtime.display import joint_called
 from limo_driver.types import FloatArray
 
@@ -33,7 +34,7 @@ def quantity(known: Interval) -> str:
 def to_interval(value: float, low: float, high: float) -> tuple[str, str, str]:
     """Return a value and the ends of its interval, to two digits of half that interval."""
     decimals = decimals_of((high - low) / 2)
-    shown = [f"{each:.{decimals}f}" for each in (value, low, high)]
+    shown = [f"{each:z.{decimals}f}" for each in (value, low, high)]
     return shown[0], shown[1], shown[2]
 
 
@@ -46,7 +47,7 @@ def give_or_take(known: Interval) -> str:
     low, high = cast("tuple[float, float]", known.ci95)
     half = (high - low) / 2
     decimals = decimals_of(half)
-    return f"{known.value:.{decimals}f} ± {half:.{decimals}f}"
+    return f"{known.value:z.{decimals}f} ± {half:.{decimals}f}"
 
 
 def several(known: Interval) -> str:
@@ -113,8 +114,8 @@ def listed(texts: Sequence[str]) -> str:
 
 def rounded(error: float, digits: int = 3) -> str:
     """Return an error to a few digits, whatever the arm's scale: 2022, 65.21, 0.003392."""
-    decimals = digits - 1 - math.floor(math.log10(error)) if error > 0 else digits - 1
-    return f"{error:.{max(0, decimals)}f}"
+    decimals = digits - 1 - (math.floor(math.log10(abs(error))) if abs(error) > 0 else 0)
+    return f"{error:z.{max(0, decimals)}f}"
 
 
 def in_noise_floors(errors: FloatArray | Sequence[float], fit: Fit) -> FloatArray:
@@ -208,8 +209,10 @@ def differs(group: Sequence[StatedValue], names: Sequence[str]) -> str:
         names: Of all joints of the arm.
     """
     joints = sorted({j for item in group for j in item.joints})
-    name = name_of_value(group[0]) if group[0].effect else group[0].name
-    return f"{name} of {of_several(joints, names)} is not as stated"
+    where = of_several(joints, names)
+    if not group[0].effect:
+        return f"{group[0].name}, felt at {where}, are not as stated"
+    return f"{name_of_value(group[0])} of {where} is not as stated"
 
 
 def _alike(value: float) -> str:
@@ -222,19 +225,25 @@ def value_columns(verdict: Verdict) -> dict[str, list[str]]:
     return {
         "value": [name_of_value(x) for x in moved],
         "joint": [place_of_value(x).partition(" ")[2] for x in moved],
-        "stated": [f"{x.stated:.4g}" for x in moved],
+        "stated": [stated_of(x) for x in moved],
         "fits": [fitted_of(x) for x in moved],
         "of the joint's error": [f"{100 * x.share:.0f} %" for x in moved],
         "tolerance": [tolerance_of(x) for x in moved],
     }
 
 
+def stated_of(item: StatedValue) -> str:
+    """Return a stated value; how sharp a sign is need not be stated, and limo has a usual width."""
+    usual = item.name == "v_eps" and item.stated == SIGN_WIDTH
+    return f"{item.stated:.4g}" + " (limo's usual)" * usual
+
+
 def tolerance_of(item: StatedValue) -> str:
-    """Say whether a value is beyond its tolerance, how wide that is, and who says so."""
-    side = "beyond" if item.beyond else "within"
-    whose = "limo's guess" if item.assumed else "stated"
-    if item.tolerance is None:
-        return f"{side} ({whose})" if not item.effect else ""
+    """Say by how many of its tolerances a value moved, how wide one is, and who says so."""
+    if not item.tolerance:
+        return ""  # only values together have moved: each has its own
     size = abs(item.tolerance / item.stated) if item.stated else None
     width = f"{item.tolerance:.2g} {item.unit}" if size is None else f"{100 * size:.3g} %"
-    return f"{side} {width} ({whose})"
+    whose = "limo's guess" if item.assumed else "stated"
+    many = rounded(abs(item.fitted - item.stated) / item.tolerance, 2)
+    return f"{many} tolerances of {width} ({whose})"

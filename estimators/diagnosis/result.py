@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final, Self
 from estimators.diagnosis.headline import headline, named, place_of, values_of
 from estimators.diagnosis.quantities import give_or_take, listed, rounded, several, value_columns
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Verdict
-from estimators.regression.evidence import REACH
 from limo_driver.model.units import unit_of
 from limo_driver.physics import display_name
 from limo_driver.recordings.bandwidth import BANDWIDTH
@@ -36,8 +35,8 @@ ROWS_JUDGED: Final = "rows judged"  # heading of the only column that is no erro
 NOT_JUDGED = "near rest, at reversals, under a push or in a jolt"
 _OF_A_JOINT = re.compile(r"(.+) of joint (\d+)( \(.+\))?")
 WORSE = (
-    "* Worse than given: without the effects that are missing, values move to make up for them on "
-    "the rows fitted, and do harm on others. The improved simulation has values of its own."
+    "* Worse than given: within tolerances alone, values follow whatever is in the rows fitted, "
+    "and do harm on others. The improved simulation has values of its own."
 )
 
 
@@ -60,7 +59,7 @@ def _values(verdict: Verdict) -> list[str]:
     widths = [max(map(len, column)) for column in cells]
     rows = zip(*cells, strict=True)
     lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    return ["", f"stated values that moved; beyond is more than {REACH:g} tolerances", *lines]
+    return ["", "stated values that moved, and by how many tolerances", *lines]
 
 
 def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]]:

@@ -28,6 +28,8 @@ def forward(progress: Progress, whole: float = 1.0) -> Progress:
 
     def tell(stage: str, done: float) -> None:
         nonlocal reached
+        if stage == "done" and whole < 1.0:
+            return  # a part of the work, and not all of it
         reached = max(reached, whole * done)
         progress(stage, reached)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,12 +12,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from estimators.diagnosis.headline import headline
+from estimators.diagnosis.headline import headline, place_of
 from estimators.diagnosis.quantities import QUANTITIES, name_of_value, of_joints, placed
 from estimators.diagnosis.verdict import REPORT, Finding, Identified, StatedValue, Verdict
+from estimators.studies import fleet_standing as standing
 from estimators.studies.fleet import FleetDiagnosis, changed
 from estimators.studies.fleet_row import FLEET, FleetRow
-from estimators.studies.fleet_standing import ArmStanding, FleetDrift, UnitSpread, dates_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, layout, numbers
 from limo_driver.pages.markup import (
@@ -31,7 +31,9 @@ from limo_driver.pages.markup import (
     table,
     typeset,
 )
+from limo_driver.physics import Payload
 from limo_driver.quoting import in_html as escape
+from limo_driver.runtime.display import naturally
 from limo_driver.runtime.outputs import whole
 
 _ODD, _ALIKE = BEFORE, AFTER
@@ -68,6 +70,7 @@ SCHEMA: Final = pa.schema(
         "error": pa.string(),  # null where there is a verdict
     }
 )
+_OF_FIT: Final = ("heldout_rmse_before", "heldout_rmse_after", "noise_floor", "unit")
 TABLE: Final = "results.parquet"
 PAGE: Final = "fleet.html"
 
@@ -100,35 +103,23 @@ def fleet_page(fleet: FleetDiagnosis, folder: Path) -> Page:
     return Page(title, body, charts)
 
 
-def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
+def _odd(standings: Sequence[standing.ArmStanding], charts: Charts) -> str:
     if not standings:
         return paragraph(f"Fewer than {FLEET.arms} arms: none can be told from the others.")
     sides = ((_ALIKE, "like the others", False), (_ODD, "odd", True))
     data = [
-        _dots(
-            [item.z for item in own],
-            [item.arm for item in own],
-            [item.series.name for item in own],
-            name,
-            colour,
-        )
+        _dots([i.z for i in own], [i.arm for i in own], [i.series.name for i in own], name, colour)
         for colour, name, odd in sides
         if (own := [item for item in standings if item.odd == odd])
     ]
-    axes = layout("robust standard deviations from the median arm", "")
-    figure = {"data": data, "layout": axes, "rows": len({i.arm for i in standings})}
+    title = "robust standard deviations from the median arm"
+    figure = _by_arm(data, title, {item.arm for item in standings})
     rows = [
-        [
-            escape(item.arm),
-            escape(item.series.name),
-            escape(item.series.unit),
-            number(item.median),
-            number(item.fleet),
-            f"{item.z:+.1f}",
-        ]
+        [*map(escape, (item.arm, item.series.name, item.series.unit)),
+         number(item.median), number(item.fleet), f"{item.z:+.1f}"]
         for item in standings
         if item.odd
-    ]
+    ]  # fmt: skip
     heads = ("arm", "quantity", "unit", "median", "fleet", "z")
     listed = table(heads, rows, 3) if rows else paragraph("No arm is odd.")
     return charts.place(figure, "Each error and value of each arm, against all arms") + listed
@@ -137,14 +128,14 @@ def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
 def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
     if not any(np.isfinite(item.days).any() for item in fleet.series):
         return paragraph("No recording has a date in its path, such as 2026-03-01.")
-    dates = max(dates_of(item.of(arm)) for item in fleet.series for arm in item.names())
-    if not fleet.drifts and dates < FLEET.dates:
-        return paragraph(
-            f"No drift can show in this fleet before an arm has {FLEET.dates} dates; "
-            f"one has {dates}."
-        )
+    dates = max(standing.dates_of(item.of(arm)) for item in fleet.series for arm in item.names())
     if not fleet.drifts:
-        return paragraph("Nothing changes over dates beyond chance.")
+        few = f"No drift can show in this fleet before an arm has {FLEET.dates} dates; one has"
+        chance = "Nothing changes over dates beyond chance."
+        why = paragraph(f"{few} {dates}." if dates < FLEET.dates else chance)
+        if (most := standing.most_moved(fleet.series)) is None:
+            return why
+        return why + charts.place(_over_days(most), f"Moved most: {most.name} of {most.arms[0]}")
     heads = ("arm", "quantity", "change over the dates (95 %)", "p")
     rows = [
         [escape(d.arm), escape(d.series.name), escape(changed(d)), number(d.p, 2)]
@@ -158,59 +149,41 @@ def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
         meaning
         + table(heads, rows, 3)
         + "".join(
-            charts.place(_over_days(item), f"{item.arm}: {item.series.name}")
+            charts.place(_over_days(item.series), f"{item.arm}: {item.series.name}")
             for item in fleet.drifts[:_DRAWN]
         )
     )
 
 
-def _over_days(item: FleetDrift) -> Figure:
-    series = item.series
+def _over_days(series: standing.Series) -> Figure:
     dated = int(np.isfinite(series.days).sum())  # what has no date is last
     order = np.argsort(series.days, kind="stable")[:dated]
     dots = {
-        "type": "scatter",
-        "mode": "lines+markers",
-        "x": series.days[order].tolist(),
-        "y": series.values[order].tolist(),
-        "line": {"color": "#c9ced4"},
-        "marker": {"size": 8, "color": _ODD},
-        "showlegend": False,
-    }
+        "type": "scatter", "mode": "lines+markers", "x": series.days[order].tolist(),
+        "y": series.values[order].tolist(), "line": {"color": "#c9ced4"},
+        "marker": {"size": 8, "color": _ODD}, "showlegend": False,
+    }  # fmt: skip
     unit = f" [{series.unit}]" if series.unit else ""
     axes = layout("days since the first recording of the fleet", f"{series.name}{unit}")
     return {"data": [dots], "layout": axes}
 
 
-def _spreads(spreads: Sequence[UnitSpread], charts: Charts) -> str:
+def _spreads(spreads: Sequence[standing.UnitSpread], charts: Charts) -> str:
     if not spreads:
         return ""
     widest = max((s for s in spreads if s.series.ratio), key=lambda s: s.deviation)
     low, high = np.array(widest.intervals).T
     means = np.array(widest.means)
     dots = _dots(widest.means, widest.arms, widest.arms, widest.series.name, _ALIKE)
-    dots["error_x"] = {
-        "type": "data",
-        "symmetric": False,
-        "array": numbers(high - means),
-        "arrayminus": numbers(means - low),
-        "color": _ALIKE,
-    }
-    figure = {
-        "data": [dots],
-        "layout": layout(f"{widest.series.name} [{widest.series.unit}]", ""),
-        "rows": len({*widest.arms}),
-    }
+    bars = {"array": numbers(high - means), "arrayminus": numbers(means - low)}
+    dots["error_x"] = bars | {"type": "data", "symmetric": False, "color": _ALIKE}
+    figure = _by_arm([dots], f"{widest.series.name} [{widest.series.unit}]", {*widest.arms})
     rows = [
-        [
-            escape(s.series.name),
-            "relative" if s.series.ratio else escape(s.series.unit),
-            str(len(s.arms)),
-            number(s.deviation),
-            f"{number(s.interval[0])} to {number(s.interval[1])}",
-        ]
+        [escape(s.series.name), "factor, 1: alike" if s.series.ratio else escape(s.series.unit),
+         str(len(s.arms)), number(s.deviation + s.series.ratio),
+         " to ".join(number(end + s.series.ratio) for end in s.interval)]
         for s in spreads
-    ]
+    ]  # fmt: skip
     heads = ("quantity", "unit", "arms", "standard deviation between arms", "95 %")
     caption = "The error in which arms differ most: mean of each arm, with 95 % interval"
     return charts.place(figure, caption) + folded("All quantities", table(heads, rows, 2))
@@ -240,30 +213,22 @@ def _named(verdict: Verdict) -> list[str]:
         if x.reported and (x.effect, x.name) in QUANTITIES and (x.effect, x.joints) not in named
     ]
     return [
-        *(placed(x.effect, x.joints, names) for x in found),
+        *(f"payload {place_of(x, names)}" for x in found if x.effect == Payload.name),
+        *(placed(x.effect, x.joints, names) for x in found if x.effect != Payload.name),
         *(f"{name_of_value(x)} at {of_joints(x.joints, names)}: not as stated" for x in values),
     ]
 
 
 def _worst(rows: Sequence[FleetRow], folder: Path) -> str:
     ranked = sorted((row for row in rows if row.diagnosed), key=lambda row: -_floors(row))
-    return table(
-        ("recording", "arm", "date", "verdict", "error in noise floors"),
-        [
-            [
-                _linked(row, folder),
-                escape(row.arm),
-                UNSAID
-                if row.date is None
-                else f"{row.date:%Y\N{NON-BREAKING HYPHEN}%m\N{NON-BREAKING HYPHEN}%d}",
-                escape(typeset(headline(row.verdict))),
-                number(_floors(row)),
-            ]
-            for row in ranked[: FLEET.worst]
-            if row.verdict is not None
-        ],
-        4,
-    )
+    lines = [
+        [_linked(row, folder), escape(row.arm),
+         f"{row.date:%Y-%m-%d}".replace("-", "\N{NON-BREAKING HYPHEN}") if row.date else UNSAID,
+         escape(typeset(headline(row.verdict))), number(_floors(row))]
+        for row in ranked[: FLEET.worst]
+        if row.verdict is not None
+    ]  # fmt: skip
+    return table(("recording", "arm", "date", "verdict", "error in noise floors"), lines, 4)
 
 
 def _floors(row: FleetRow) -> float:
@@ -291,15 +256,18 @@ def _dots(
     x: Sequence[float], y: Sequence[str], text: Sequence[str], name: str, colour: str
 ) -> Figure:
     return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": list(x),
-        "y": list(y),
-        "text": list(text),
-        "name": name,
-        "marker": {"size": 8, "color": colour, "opacity": 0.7},
+        "type": "scatter", "mode": "markers", "x": list(x), "y": list(y), "text": list(text),
+        "name": name, "marker": {"size": 8, "color": colour, "opacity": 0.7},
         "hovertemplate": "%{y}, %{text}: %{x:.3g}<extra></extra>",
-    }
+    }  # fmt: skip
+
+
+def _by_arm(data: Sequence[Figure], title: str, arms: Set[str]) -> Figure:
+    """Return a chart with a row for each arm, bay2 above bay10."""
+    upwards = sorted(arms, key=naturally, reverse=True)
+    axes = layout(title, "")
+    axes["yaxis"] |= {"categoryorder": "array", "categoryarray": upwards}
+    return {"data": list(data), "layout": axes, "rows": len(arms)}
 
 
 def write_table(rows: Iterable[FleetRow], path: Path) -> None:
@@ -320,14 +288,8 @@ def place_in_short(item: Finding | Identified) -> str:
 
 
 def _values(row: FleetRow) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "recording": str(row.recording),
-        "key": row.key,
-        "arm": row.arm,
-        "date": row.date,
-        "seconds": row.seconds,
-        "error": row.error or None,
-    }
+    same = {name: getattr(row, name) for name in ("key", "arm", "date", "seconds")}
+    found: dict[str, Any] = same | {"recording": str(row.recording), "error": row.error or None}
     if (verdict := row.verdict) is None:
         return found
     return found | {
@@ -339,10 +301,7 @@ def _values(row: FleetRow) -> dict[str, Any]:
             *(v for item in verdict.identified for v in _parameters(item, "identified", None)),
             *map(_stated, verdict.values),
         ],
-        "heldout_rmse_before": verdict.fit.heldout_rmse_before,
-        "heldout_rmse_after": verdict.fit.heldout_rmse_after,
-        "noise_floor": verdict.fit.noise_floor,
-        "unit": verdict.fit.unit,
+        **{name: getattr(verdict.fit, name) for name in _OF_FIT},
     }
 
 
@@ -356,18 +315,11 @@ def _parameters(
     item: Finding | Identified, kind: str, confidence: float | None
 ) -> list[dict[str, Any]]:
     return [
-        {
-            "effect": item.effect,
-            "joints": item.joints,
-            "kind": kind,
-            "confidence": confidence,
-            "parameter": name,
-            "value": json.dumps(known.value),
-            "ci95": json.dumps(known.ci95),
-            "unit": known.unit,
-        }
+        {"effect": item.effect, "joints": item.joints, "kind": kind, "confidence": confidence,
+         "parameter": name, "value": json.dumps(known.value), "ci95": json.dumps(known.ci95),
+         "unit": known.unit}
         for name, known in item.parameters.items()
-    ]
+    ]  # fmt: skip
 
 
 def save_fleet(fleet: FleetDiagnosis, folder: Path) -> None:

@@ -111,6 +111,16 @@ def dates_of(own: Series) -> int:
     return np.unique(own.days[np.isfinite(own.days)]).size
 
 
+def most_moved(series: Sequence[Series]) -> Series | None:
+    """Return the values of one arm that differ most between dates; None without two dates."""
+    own = [item.of(arm) for item in series for arm in item.names()]
+
+    def moved(one: Series) -> float:
+        return float(np.ptp(one.compared()[np.isfinite(one.days)])) / _least_change(one)
+
+    return max((one for one in own if dates_of(one) > 1), key=moved, default=None)
+
+
 def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tuple[ArmStanding, ...]:
     """Return how far each arm is from the others in each series, farthest first.
 

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 PROVEN: Final = 0.01  # of a joint's torque, RMS, that a plain simulator's should be near to
 
+_NOTHING: Final = 1e-4  # of the torque, up to which nothing is left
+
 
 @dataclass(frozen=True, repr=False)
 class Export(Displayed):
@@ -58,13 +60,20 @@ class Export(Displayed):
         total = sum(value**2 for value in self.torque) ** 0.5
         return sum(value**2 for value in self.error) ** 0.5 / total if total else 0.0
 
+    @property
+    def left(self) -> tuple[Remainder, ...]:
+        """What is not expressed, where that is any torque."""
+        least = _NOTHING * max(self.torque, default=0.0)
+        return tuple(item for item in self.remainder if max(item.rms) > least)
+
     def headline(self) -> str:
         """Say what was written, and how well it was proven."""
         kept = " with what the file keeps" if self.kept else ""
+        kept += ", less what is left," if self.left else ","
         plain = "MuJoCo" if self.kind == MJCF else "pinocchio"
         return (
             f"{self.file}: {(len(self.diff.splitlines()) and 'changed') or 'nothing to change'}; "
-            f"{plain} alone needs what limo predicts{kept}, to {self.share:.2%} of the torque "
+            f"{plain} alone needs what limo predicts{kept} to {self.share:.2%} of the torque "
             "(RMS, in motion)"
         )
 

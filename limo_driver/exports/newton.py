@@ -229,7 +229,7 @@ def _network(drive: PositionServo) -> bytes:
     except ImportError:
         raise ConfigError(
             "a dead band or punch is written for Newton as a network, which needs "
-            "`pip install limo[onnx]`"
+            "`pip install onnx`"
         ) from None
     band, slope = drive.dead_band, drive.punch / _RISE
     edges = -np.array([band, band, band + _RISE, band + _RISE, 0.0, 0.0])

@@ -56,6 +56,12 @@ class Displayed:
         return f"{line}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
+def naturally(name: str) -> list[tuple[int, str]]:
+    """Return what sorts names with numbers in them by the numbers."""
+    parts = re.findall(r"\d+|\D+", name)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+
+
 def _text(value: object) -> str:
     """Return a value of the table; four digits behind the point are enough of a torque."""
     if isinstance(value, float):

@@ -43,13 +43,23 @@ def recorded(arm, friction, still=(), noise=0.05):
 
 @sampled(
     ("share", "said"),
-    [(0.003, "link side"), (0.06, "motor side"), (0.02, "not to be told")],
+    [(0.003, "not to be told"), (0.06, "motor side"), (0.02, "not to be told")],
     "identifies an arm each",
 )
 def test_friction_says_on_which_side_of_the_gear(arm, share, said):
     found = telemetry_of(recorded(arm, share * arm.limits.torque), arm)
     assert said in found.side
     assert "% of what the drives can do" in found.side
+
+
+@pytest.mark.parametrize(
+    ("share", "stated", "side"),
+    [(0.003, 0.02, "link side"), (0.01, 0.01, "not to be told"), (0.003, 0.0, "not to be told")],
+)
+def test_a_torque_is_of_the_link_side_only_where_it_lacks_friction_that_is_stated(
+    share, stated, side
+):
+    assert side in gear_side(share, stated)
 
 
 def test_friction_counts_whatever_its_law(arm):

@@ -137,13 +137,9 @@ def _title_place(item: Finding, names: Sequence[str]) -> str:
     """Say where an effect is, and at which joint it shows where that is another one."""
     place = place_of(item, names)
     shows = item.where.figure.removeprefix("joint-")
-    if not shows.isdigit() or (int(shows),) == item.joints:
+    if item.effect == CONTACT or not shows.isdigit() or (int(shows),) == item.joints:
         return place
-    return (
-        f"{place}, most of all at {of_joints((int(shows),), names)}"
-        if item.effect != CONTACT
-        else place
-    )
+    return f"{place}, most of all at {of_joints((int(shows),), names)}"
 
 
 def _drop(item: Finding, verdict: Verdict) -> str:

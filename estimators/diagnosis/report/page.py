@@ -244,7 +244,7 @@ def data(diagnosis: DiagnosisResult) -> str:
         for reason, count in verdict.rows.left_out.items()
     ]
     samples = table(("recordings", "number"), rows, numeric=1)
-    return section("Data", grid([samples, _compared(verdict), _held(verdict)]), "data")
+    return section("Data", samples + grid([_compared(verdict), _held(verdict)]), "data")
 
 
 def _held(verdict: Verdict) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -251,9 +252,11 @@ def _closest(tried: Sequence[Explanation], chosen: Explanation, names: Sequence[
     if less:
         best = max(less, key=lambda item: item.log_evidence)
         lead = _compared_to(best.log_evidence - chosen.log_evidence)
-        sentences += f"The next best, {_name(best, names)}, is {lead}. "
-    if len(less) < len(others):
-        sentences += "What is likelier was rejected: held-out motion speaks against it. "
+        sentences += f"Of those less likely, the nearest, {_name(best, names)}, is {lead}. "
+    why = Counter(item.note for item in others if item.note and item not in less)
+    if why:
+        reasons = "; ".join(f"{note}: {many}" for note, many in why.items())
+        sentences += f"Likelier, and not chosen for a reason, are {why.total()} ({reasons}). "
     return sentences
 
 
@@ -261,6 +264,8 @@ def _compared_to(lead: float) -> str:
     """Say how likely an explanation is beside the chosen one, from its lead [nat]."""
     if lead == 0.0:
         return "chosen"
+    if abs(lead) < np.log(1.5):
+        return "as likely"
     sentences = likelier(abs(lead)).rstrip(",")
     return sentences if lead > 0 else sentences.replace("likelier", "less likely")
 

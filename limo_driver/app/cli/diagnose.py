@@ -89,6 +89,7 @@ def command(
     import json
 
     from estimators.diagnosis.from_torque.pipeline import FILES, Diagnosis, save
+    from estimators.diagnosis.stages import forward
     from estimators.telemetry import telemetry_in
     from limo_driver.app.cli.export import show
     from limo_driver.app.library.diagnosing import diagnose
@@ -111,7 +112,7 @@ def command(
             measured,
             bandwidth=bandwidth,
             budget=budget,
-            progress=lambda stage, part: progress(stage, _DIAGNOSED * part),
+            progress=forward(progress, _DIAGNOSED),
         )
         progress("writing", _DIAGNOSED)
         if isinstance(found, Diagnosis):

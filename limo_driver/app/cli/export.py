@@ -140,7 +140,7 @@ def show(found: Export) -> None:
         console.print(f"not written: {line}")
     if found.needs:
         console.print(f"needs: {found.needs}")
-    for item in found.remainder:
+    for item in found.left:
         console.print(f"left: {item}")
     for line in str(found).splitlines():
         console.print(line)

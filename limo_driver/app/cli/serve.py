@@ -133,7 +133,7 @@ def command(
             raise ConfigError("--contact and --free both say what a contact is")
         levels = contact_thresholds(model, free, false_alarms=false_alarms, delay=delay)
         contact = ",".join(f"{level:.3g}" for level in levels)
-        say(f"{false_alarms:g} false alarms an hour: --contact {contact}", stderr=True)
+        say(f"false alarms: {false_alarms:g} an hour: --contact {contact}", stderr=True)
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
     # How to retrain, or None where it is not wanted or not possible

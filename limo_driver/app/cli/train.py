@@ -268,13 +268,12 @@ def _train_best(
     simulation: Simulation, recordings: list[Recording], bandwidth: float, *, quiet: bool
 ) -> ResidualModel[Any]:
     """Compare models behind a progress bar, show that, and train the one that is chosen."""
+    from estimators.diagnosis.stages import forward
     from estimators.studies.model_choice import choose_model, fit_chosen
 
     notes = terminal(stderr=True, soft_wrap=True)
     with progress_bar(notes) as tell:
-        choice = choose_model(
-            simulation, recordings, bandwidth, lambda what, part: tell(what, _COMPARED * part)
-        )
+        choice = choose_model(simulation, recordings, bandwidth, forward(tell, _COMPARED))
         tell(f"training {choice.chosen.name}", _COMPARED)
         trained = fit_chosen(choice, simulation, recordings, bandwidth)
         tell("done", 1.0)

@@ -146,6 +146,7 @@ def _without_motion(found: Diagnosis, note: str = "") -> Diagnosis:
 def with_next_motion(found: Diagnosis) -> Diagnosis:
     """Add the motion in which effects differ that the recordings cannot distinguish, if any."""
     from estimators.diagnosis.verdict import NEXT_MOTION, NextMotion
+    from limopa.feasibility import WAY_OUT
     from limopa.separation.separation import SEPARATION, motion_for, purpose_of
 
     refused = ""
@@ -153,7 +154,7 @@ def with_next_motion(found: Diagnosis) -> Diagnosis:
         try:
             motion = motion_for(found.before.model, joints, pair, _start_poses(found))
         except LimoError as error:
-            why = str(error).removeprefix(f"{SEPARATION}: ")
+            why = str(error).removeprefix(f"{SEPARATION}: ").removesuffix(f"; {WAY_OUT}")
             refused = refused or f"No motion to record next is proposed: {why}."
             continue
         wanted = NextMotion((pair,), NEXT_MOTION)

@@ -52,8 +52,9 @@ _SHOWS: Final = (
     "Before anything is diagnosed: how well torques of this motion tell each base parameter, as "
     "one standard deviation over its size. Up to 10 % it is identifiable, up to 100 % weak. m is "
     "the mass of a link, mx, my, mz mass times centre, Ixx to Izz its inertia; of a joint, f_v is "
-    "viscous, tau_c dry friction, inertia the drive's. Of motions tried in thought, the plainest "
-    "that tells next to most is named; `limo excite` keeps to all limits."
+    "viscous, tau_c dry friction, inertia the drive's. For each that is not identifiable, simple "
+    "motions were simulated; named is the simplest that shows it nearly as well as any of them. "
+    "`limo excite` plans one that keeps to all limits."
 )
 _USE: Final = (
     "Drag over the curves or turn the wheel to zoom; with shift, the wheel moves along; a double "
@@ -114,12 +115,13 @@ def _shown(found: Inspection) -> str:
     if not rows:
         return ""
     wanted = Counter(item.remedy for item in rows if item.remedy not in {"", NO_MOTION})
-    plans = [f"{motion}: {many}" for motion, many in wanted.most_common(_PLANS)]
+    best = wanted.most_common(_PLANS)
+    plans = [f"{motion}: shows {many} of these parameters" for motion, many in best]
     parts = {
         "that other motion would show": [item for item in rows if item.remedy],
         "that are identifiable": [item for item in rows if not item.remedy],
     }
-    body = paragraph("To record as well, and of how many of them it tells most:") if plans else ""
+    body = paragraph("What to record as well, moving:") if plans else ""
     body += listed(plans)
     for which, part in parts.items():
         body += folded(f"{len(part)} {which}", _parameters(part)) if part else ""

@@ -55,10 +55,10 @@ _PLACES = (
     '<table id="status"></table></div></section></div>'
 )
 _LEAD = (
-    "Rings: external torque of each joint, beside the 95 % interval of its estimate. Arrow: the "
-    "force at the flange that explains the external torques best, during a contact. There is no "
-    "value where none came, and while the filter of the motion fills after a gap. The last ten "
-    "minutes since this page was opened can be looked at: pause, and move the slider."
+    "Rings: external torque of each joint, beside the 95 % interval of its estimate; red in a "
+    "contact. Arrow: the force at the flange that explains the external torques best then. There "
+    "is no value where none came, and while the filter of the motion fills after a gap. The last "
+    "ten minutes since this page was opened can be looked at: pause, and move the slider."
 )
 SURE: Final = 1.96  # standard deviations of a 95 % interval
 _NAMED: Final = 8  # joints, in a sentence

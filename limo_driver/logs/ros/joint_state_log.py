@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from array import array
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStat
 from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.batches import BLOCK
 from limo_driver.recordings.gate.doubts import SYSTEMATIC, in_order, runs_backwards
+from limo_driver.runtime.display import naturally
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -145,7 +145,8 @@ def bag_files(paths: Sequence[Path]) -> list[Path]:
     for path in paths:
         found = [path]
         if path.is_dir():
-            found = sorted((x for x in path.iterdir() if x.suffix in _ENDINGS), key=_natural)
+            logs = (each for each in path.iterdir() if each.suffix in _ENDINGS)
+            found = sorted(logs, key=lambda log: naturally(log.name))
         if not found:
             raise RecordingError("holds no .mcap, .db3 or .bag files", path=path)
         files += found
@@ -376,9 +377,3 @@ def about_no_stamps(messages: int) -> str:
     return (
         f"{messages} messages have no stamp (0): their times are those at which they were received"
     )
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Return what sorts names with numbers in them by the numbers."""
-    parts = re.findall(r"\d+|\D+", path.name)
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]

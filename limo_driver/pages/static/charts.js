@@ -33,11 +33,13 @@ async function draw(place) {
     layout.xaxis.tickvals = ticks.filter((_, k) => kept[k]);
     layout.xaxis.ticktext = layout.xaxis.ticktext.filter((_, k) => kept[k]);
   }
-  const { l = 0, r = 0, t = 0, b = 0 } = layout.margin ?? {};
-  broken(layout.xaxis?.title, layout.width - l - r);
+  const { t = 0, b = 0 } = layout.margin ?? {};
   broken(layout.yaxis?.title, place.clientHeight - t - b);
   if (touch) layout.dragmode = false; // a finger scrolls the page
   await Plotly.react(place, data, layout, config);
+  const whole = layout.xaxis?.title?.text; // names of rows may have taken much of the width
+  broken(layout.xaxis?.title, place._fullLayout._size.w);
+  if (layout.xaxis?.title?.text !== whole) await Plotly.react(place, data, layout, config);
   const more = (place.querySelector(".legend")?.getBBox().height ?? 0) - LEGEND;
   if (more <= 0) return;
   place.style.height = `calc(${place.dataset.height} + ${more}px)`;

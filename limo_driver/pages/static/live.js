@@ -211,8 +211,9 @@ async function follow(section) {
     if (said.external && said.interval) {
       scene.paint(said.external.map((v) => Math.abs(v ?? 0)), said.interval.map((v) => v || 1), true);
     }
-    const pushed = [...kept.marks.values()].some((m) => m.joint && m.t <= end && (m.ended ?? end) >= end);
-    scene.push(pushed ? said.force : null, Math.max(20, Math.hypot(...(said.force ?? [0]))));
+    const pushed = [...kept.marks.values()].filter((m) => m.joint && m.t <= end && (m.ended ?? end) >= end);
+    pushed.forEach((m) => scene.rings[m.joint - 1]?.material.color.set(paint("bad").trim()));
+    scene.push(pushed.length ? said.force : null, Math.max(20, Math.hypot(...(said.force ?? [0]))));
     scene.render();
   };
   pause.addEventListener("click", () => hold(kept.held === null ? kept.newest : null));
@@ -236,7 +237,7 @@ async function follow(section) {
     kept.mark(latest.events ?? []);
     place("said").textContent = headline(latest);
     section.hidden = !scene || latest.drawn === false; // no other robot in its stead
-    if (latest.status) table(latest.status);
+    table(latest.status ?? { state: "no service answers" });
     place("events").replaceChildren(...(latest.events ?? []).toReversed().map(line));
     document.body.dataset.frames = ++frames;
   };

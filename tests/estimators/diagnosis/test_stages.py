@@ -20,6 +20,7 @@ def test_progress_of_a_part_of_the_work_ends_there():
     tell = forward(lambda _, done: told.append(done), 0.5)
     tell("a", 0.5)
     tell("b", 1.0)
+    tell("done", 1.0)  # of the part, and not of the work
     assert told == [0.25, 0.5]
 
 

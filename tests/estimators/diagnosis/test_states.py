@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators.diagnosis.headline import MOST, headline
-from estimators.diagnosis.quantities import name_of_value
+from estimators.diagnosis.quantities import differs, name_of_value
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.report.findings import removed
 from estimators.diagnosis.report.sections import identified, stated_values
@@ -69,19 +69,30 @@ def test_a_value_that_differs_inside_its_tolerance_is_told_by_name_and_from_what
         "Coulomb friction of joint 2 (elbow) is 1.440 N m [1.420, 1.460], not the stated 1."
     )
     table = "\n".join(lines_of(found))
-    assert "within 15 % (limo's guess)" in table
+    assert "2.9 tolerances of 15 % (limo's guess)" in table
     assert "1.440" in stated_values(found)
     assert "1.440" in stated_values(replace(found, values=(value(reported=False),)))
 
 
 def test_a_tolerance_that_the_user_stated_is_said_to_be_stated():
-    assert "within 15 % (stated)" in "\n".join(lines_of(verdict(values=(value(assumed=False),))))
+    assert "2.9 tolerances of 15 % (stated)" in "\n".join(
+        lines_of(verdict(values=(value(assumed=False),)))
+    )
+
+
+def test_a_width_of_a_sign_that_nobody_has_to_state_is_said_to_be_the_usual_one():
+    width = replace(value(), name="v_eps", stated=0.005, fitted=0.01)
+    assert "0.005 (limo's usual)" in "\n".join(lines_of(verdict(values=(width,))))
 
 
 def test_a_family_is_told_by_the_torque_that_it_makes():
     family = replace(value(), name="masses and centres of links", effect="", unit="N m",
                      stated=12.0, fitted=13.0, ci95=(12.8, 13.2), tolerance=None)  # fmt: skip
     found = verdict(values=(family,), fit=fit(above=(2,)))
+    assert "tolerances of" not in "\n".join(lines_of(found))
+    assert differs((family,), NAMES) == (
+        "masses and centres of links, felt at joint 2 (elbow), are not as stated"
+    )
     assert headline(found) == (
         "Masses and centres of links make 13.00 N m [12.80, 13.20] at joint 2 (elbow), not the "
         "stated 12."

@@ -224,9 +224,20 @@ def test_the_page_says_how_many_dates_it_takes(tmp_path):
     rows = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(5)]
     found = FleetDiagnosis("seven", tuple(rows))
     assert found.drifts == ()
-    assert "before an arm has 6 dates; one has 5" in fleet_page(found, tmp_path).html()
+    page = fleet_page(found, tmp_path).html()
+    assert "before an arm has 6 dates; one has 5" in page
+    assert "Moved most: error of joint 1 of arm0" in page
     more = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(6)]
     assert FleetDiagnosis("seven", tuple(more)).drifting
+
+
+def test_arms_are_listed_in_the_order_of_their_numbers(tmp_path):
+    rows = [row(f"bay{k}", d, (0.1 * k,)) for k in (10, 2, 1, 3) for d in range(5)]
+    page = fleet_page(FleetDiagnosis("one", tuple(rows)), tmp_path)
+    for figure in page.charts.figures:
+        order = figure["layout"]["yaxis"].get("categoryarray", ["bay10", "bay3", "bay2", "bay1"])
+        assert order == ["bay10", "bay3", "bay2", "bay1"]  # upwards
+    assert any("categoryarray" in figure["layout"]["yaxis"] for figure in page.charts.figures)
 
 
 def test_few_dates_show_a_drift_that_is_a_line():
@@ -295,6 +306,6 @@ def test_what_is_found_is_listed_once_with_its_arms_and_no_setting_of_a_fit(tmp_
         for day in range(2 + k)
     ]
     page = fleet_page(FleetDiagnosis("one", tuple(rows), joints=("stick",)), tmp_path).html()
-    assert page.count("<td>payload at joint 1</td>") == 1
+    assert page.count("<td>payload at the flange</td>") == 1
     assert "arm1 (3 of 3), arm0 (2 of 2)" in page
     assert "at joint 1: not as stated" not in page

@@ -134,6 +134,12 @@ def test_what_is_not_expressible_is_said_with_its_size(model, tmp_path):
     sizes = {item.place: max(item.rms) for item in written.remainder}
     assert sizes["asymmetric_friction, joint 4"] == pytest.approx(0.2, rel=0.02)
     assert 1e-4 < sizes["presliding_hysteresis, joint 3"] < 0.05
+    assert ", less what is left, to " in written.headline()
+    assert written.left == written.remainder
+    none = replace(written.remainder[0], rms=(0.0,) * len(written.torque))
+    quiet = replace(written, remainder=(none,))
+    assert quiet.left == ()
+    assert "left" not in quiet.headline().removeprefix(str(quiet.file))
     text = written.file.read_text()
     assert " 0 0.9 0.9 " in text  # 40 · 0.01 + 10 · 0.05
     assert 'frictionloss="1"' in text
@@ -291,7 +297,7 @@ def test_the_command_shows_diff_remainder_and_proof(model, tmp_path, monkeypatch
     assert status == 0
     assert 'damping="2"' in said  # 1.5 of its class and 0.5
     assert "left: torque_offset, joint 1 is not expressible: 1 N m" in said
-    assert "MuJoCo alone needs what limo predicts, to 0." in said
+    assert "MuJoCo alone needs what limo predicts, less what is left, to 0." in said
     status, said = run("--json")
     values = json.loads(said)
     assert values["share"] < 0.01

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimators.diagnosis.from_torque.fitting.contribution import surely_better
+from estimators.diagnosis.from_torque.fitting.problem import lost_by
 from estimators.diagnosis.from_torque.judgement.findings import (
     findings_of,
     left_at,
@@ -269,6 +271,8 @@ def explanations_of(
             note = CHOSEN
         elif gain > solution.gain:
             note = _dropped(left / floor, kept / floor)
+            if not note and gain > solution.gain + CONTRIBUTION.tellable:
+                note = _not_chosen(problem, solution, members)
         found.append(
             Explanation(
                 tuple(problem.candidates[i].effect for i in members),
@@ -292,6 +296,17 @@ def _dropped(left: FloatArray, kept: FloatArray) -> str:
     if gained.sum() <= 0:
         return "does not hold on motion held out"
     return "takes too little off motion held out" if gained.max() < CONTRIBUTION.material**2 else ""
+
+
+def _not_chosen(problem: RegressionProblem, solution: Solution, members: tuple[int, ...]) -> str:
+    """Say why a set of more evidence was not chosen that leaves less on the rows held out."""
+    lost = sum(lost_by(problem, solution.having(members)).values())
+    if solution.search.gain(members) - lost < solution.gain:
+        return "needs a body that cannot be"
+    everywhere = range(problem.observed.n)
+    if surely_better(problem, solution, members, solution.members, everywhere):
+        return "predicts better as a linear fit; no check made here speaks against it"
+    return "predicts no better for sure, whichever motion is held out"
 
 
 def _ranked(problem: RegressionProblem, solution: Solution, limit: int) -> list[tuple[int, ...]]:

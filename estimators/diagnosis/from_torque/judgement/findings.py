@@ -121,6 +121,7 @@ def findings_of(
                     float(after[joint]),
                     float(remaining.floor[joint]),
                     lead,
+                    " that is distinct in these recordings" if same else "",
                 )
                 + _identical_sentence(problem, member)
                 + _links_sentence(problem, solution, member)
@@ -140,6 +141,7 @@ def _sentence(
     after: float,
     floor: float,
     lead: float,
+    apart: str,
 ) -> str:
     signature = signature_of(candidate.effect)
     if is_of_bodies(candidate.effect):
@@ -151,7 +153,7 @@ def _sentence(
         f"RMSE there from {rounded(before)} to {rounded(after)} {unit} "
         f"(noise floor {rounded(floor)} {unit}), and "
         + (
-            f"is {likelier(lead)} than the next explanation."
+            f"is {likelier(lead)} than the next explanation{apart}."
             if lead > 0
             else "the next explanation does as well."
         )

@@ -319,7 +319,9 @@ def guessed_notes(judged: JudgedSet, given: Simulation) -> Iterator[str]:
     for guess in _guesses(known):
         found = _sought(problem, solution, guess)
         gone, come = sorted(named - found), sorted(found - as_it_is)
-        if gone or come:
+        # a wider tolerance takes names away, a narrower one adds some; what else comes or goes is
+        # in exchange for those
+        if gone if guess.times >= 1.0 else come:
             yield _sentence(guess, gone, come[: WORDING.listed])
 
 

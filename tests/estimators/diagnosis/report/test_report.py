@@ -213,7 +213,8 @@ class _Page(HTMLParser):
     def handle_starttag(self, tag, attrs):
         given = dict(attrs)
         self.anchors += [given["id"]] if "id" in given else []
-        self.links += [given[key] for key in ("href", "src") if key in given]
+        links = (given.get(key, "data:") for key in ("href", "src"))
+        self.links += [link for link in links if not link.startswith("data:")]
         if tag not in self.void:
             self.open.append(tag)
 
@@ -286,6 +287,8 @@ def test_the_chosen_explanation_stands_out_also_where_another_has_more_evidence(
     assert bars["x"] == pytest.approx(shown, rel=1e-3)
     assert "beyond doubt likelier" in page
     assert "does not hold on motion held out" in page
+    assert "are 1 (does not hold on motion held out: 1)" in page
+    assert "Of those less likely, the nearest" in page
 
 
 def test_explanations_are_called_by_what_they_differ_in(page):

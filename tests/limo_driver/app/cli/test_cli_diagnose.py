@@ -221,6 +221,7 @@ def test_what_no_motion_tells_apart_is_said_in_the_report(tmp_path, recording, d
     status, printed, notes = diagnose(recording)
     assert status == 0, notes
     assert "No motion to record next is proposed: " in printed
+    assert "self_collision" not in printed
     page = (tmp_path / "out" / "report.html").read_text()
     assert "No motion to record next is proposed: " in page
     assert "once with and once without it" in page

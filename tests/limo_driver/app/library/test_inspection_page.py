@@ -177,7 +177,7 @@ def test_parameters_that_the_motion_does_not_show_come_first_with_what_would(two
     assert text.index(
         "tau_c_2&lt; [N&nbsp;m]".replace("&nbsp;", "\N{NO-BREAK SPACE}")
     ) < text.index("m_1 [")
-    assert "<li>joint 2 slowly: 1</li>" in text
+    assert "<li>joint 2 slowly: shows 1 of these parameters</li>" in text
     assert "2 parameters of the arm: 1 identifiable, 1 not from this motion" in text
     assert "2 joints" not in title_of(text)
 
