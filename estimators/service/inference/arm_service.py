@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from estimators.embedded.contact import TURNED
 from estimators.service.inference.contact import Contact, ContactReport, ContactWatchdog
 from estimators.service.inference.live_model import Answer, History, LiveModel, RateWatch, Window
 from estimators.slow_change import ChangeWatch
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from estimators.service.inference.inbox import NetworkOutlet
     from limo_driver.types import FloatArray
 
-_TURNED: Final = 0.05  # [rad], after which how friction stood before hardly counts
 _FALLBACK_MEMORY: Final = 1.0  # [s] of history that the physics-only model is primed with
 _CONTACTS: Final = 1000  # kept, for whoever judges models on what came before
 _CLOSE: Final = 20  # states that may be left to catch up with while the stream waits
@@ -100,6 +100,7 @@ class ArmService:
         self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
         self._highest = np.full(n, -np.inf)
         _possible(self._lowest, self._highest)  # compiles
+        self._felt = np.full(n, np.nan)  # [N m], external torque where it tells of a contact
         self._unturned = np.ones(n, dtype=np.bool_)  # friction of these may stand anyhow
         self._all_turned = False
         self._came = np.inf  # [s], of this machine's clock, when the last state did
@@ -250,9 +251,11 @@ class ArmService:
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         self.history.append(now, state.position, torque)
-        for contact in self.watchdog.step(now, answer.external) if known else ():
+        self._felt[:] = answer.external
+        self._felt[answer.outside] = np.nan  # as exported C does, `limo_step`
+        for contact in self.watchdog.step(now, self._felt) if known else ():
             self._tell(contact, now)
-        if self._report.step(now, answer.external, answer.std, known=known):
+        if self._report.step(now, self._felt, answer.std, known=known):
             self._tell_contacts(now)
             free = known & ~self.watchdog.active
             given = answer.external, answer.std, free, state.position
@@ -307,7 +310,7 @@ class ArmService:
             return
         np.minimum(self._lowest, position, out=self._lowest)
         np.maximum(self._highest, position, out=self._highest)
-        self._unturned = self._highest - self._lowest < _TURNED
+        self._unturned = self._highest - self._lowest < TURNED
         self._all_turned = not self._unturned.any()
         answer.outside |= self._unturned
 
