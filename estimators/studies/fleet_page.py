@@ -17,7 +17,7 @@ from estimators.diagnosis.quantities import QUANTITIES, name_of_value, of_joints
 from estimators.diagnosis.verdict import REPORT, Finding, Identified, StatedValue, Verdict
 from estimators.studies.fleet import FleetDiagnosis, changed
 from estimators.studies.fleet_row import FLEET, FleetRow
-from estimators.studies.fleet_standing import ArmStanding, FleetDrift, UnitSpread, dates_of
+from estimators.studies.fleet_standing import ArmStanding, FleetDrift, UnitSpread, few_dates
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, layout, numbers
 from limo_driver.pages.markup import (
@@ -137,14 +137,9 @@ def _odd(standings: Sequence[ArmStanding], charts: Charts) -> str:
 def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
     if not any(np.isfinite(item.days).any() for item in fleet.series):
         return paragraph("No recording has a date in its path, such as 2026-03-01.")
-    dates = max(dates_of(item.of(arm)) for item in fleet.series for arm in item.names())
-    if not fleet.drifts and dates < FLEET.dates:
-        return paragraph(
-            f"No drift can show in this fleet before an arm has {FLEET.dates} dates; "
-            f"one has {dates}."
-        )
     if not fleet.drifts:
-        return paragraph("Nothing changes over dates beyond chance.")
+        few = few_dates(fleet.series)
+        return paragraph(f"Nothing changes over dates beyond chance{few and '; '}{few}.")
     heads = ("arm", "quantity", "change over the dates (95 %)", "p")
     rows = [
         [escape(d.arm), escape(d.series.name), escape(changed(d)), number(d.p, 2)]
