@@ -64,6 +64,18 @@ def record(path, count):
     return recorder
 
 
+def test_a_run_that_stopped_says_so_to_its_readers(tmp_path):
+    for why in ("", "joint 4 leaves its range or its velocity limit"):
+        path = tmp_path / f"run{len(why)}.parquet"
+        with Recorder(path, 2, {"robot": "two"}) as recorder:
+            for k in range(1000):
+                recorder.append(state(k), np.array([k + 0.5, k - 0.5]))
+            recorder.stopped = why
+        warnings = Recording.load(path).warnings
+        assert ("the run stopped before its motion ended: " + why in warnings) == bool(why)
+        assert read_header(pq.read_table(path))["robot"] == "two"
+
+
 def test_recording_has_the_columns_of_the_format(tmp_path):
     path = tmp_path / "run.parquet"
     recorder = record(path, 1000)
