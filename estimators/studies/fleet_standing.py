@@ -131,7 +131,7 @@ def few_dates(series: Sequence[Series]) -> str:
 def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tuple[ArmStanding, ...]:
     """Return how far each arm is from the others in each series, farthest first.
 
-    The scale is the median absolute deviation of the arms' medians, beside the least difference
+    The scale is the median absolute deviation of the arms' medians, with the least difference
     that matters, so that arms that agree closely do not make a small difference a large one. What
     drifts at an arm is said there, and does not make it odd, too. A value that only a few
     recordings of an arm tell is theirs and not the arm's.

@@ -56,7 +56,7 @@ _PLACES = (
     '<table id="status"></table></div></section></div>'
 )
 _LEAD = (
-    "Rings: external torque of each joint, beside the 95 % interval of its estimate. Arrow: the "
+    "Rings: external torque of each joint, against the 95 % interval of its estimate. Arrow: the "
     "force at the flange that explains the external torques best, during a contact. Neither tells "
     "of motion unlike what was learned. There is no "
     "value where none came, and while the filter of the motion fills after a gap. The last ten "
