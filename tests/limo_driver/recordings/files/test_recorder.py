@@ -23,6 +23,7 @@ from limo_driver.recordings.files.recorder import (
     read_header,
     read_log,
 )
+from limo_driver.recordings.files.recording_file import read_columns
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime import written_by
 from limo_driver.types import JointState
@@ -71,7 +72,7 @@ def test_a_run_that_stopped_says_so_to_its_readers(tmp_path):
             for k in range(1000):
                 recorder.append(state(k), np.array([k + 0.5, k - 0.5]))
             recorder.stopped = why
-        warnings = Recording.load(path).warnings
+        warnings = read_columns(path).warnings
         assert ("the run stopped before its motion ended: " + why in warnings) == bool(why)
         assert read_header(pq.read_table(path))["robot"] == "two"
 

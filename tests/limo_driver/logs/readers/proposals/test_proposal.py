@@ -502,7 +502,11 @@ def test_torques_alone_may_have_names_that_say_nothing():
 @pytest.mark.parametrize("word", ["goal", "target", "cmd", "setpoint", "desired", "reference"])
 def test_what_positions_follow_are_their_set_points_and_no_torque(word):
     late = np.roll(POSITION, 5, axis=0)
-    log = {"t": TIME, **numbered("joint_{}.pos", late), **numbered(f"joint_{{}}.{word}", POSITION)}
+    log = {
+        "t": TIME,
+        **numbered("joint_{}.pos", late, 1),
+        **numbered(f"joint_{{}}.{word}", POSITION, 1),
+    }
     mapping = propose(table_of(log), arm()).mapping
     assert mapping.torque is None
     assert mapping.command.columns == tuple(f"joint_{j}.{word}" for j in range(1, 8))
@@ -512,8 +516,8 @@ def test_what_positions_follow_are_their_set_points_and_no_torque(word):
 
 
 def test_commands_that_no_position_follows_are_no_set_points():
-    log = {"t": TIME, **numbered("joint_{}.pos", POSITION)}
-    log |= numbered("joint_{}.goal", POSITION[::-1] ** 2)
+    log = {"t": TIME, **numbered("joint_{}.pos", POSITION, 1)}
+    log |= numbered("joint_{}.goal", POSITION[::-1] ** 2, 1)
     assert propose(table_of(log), arm()).mapping.command is None
 
 
