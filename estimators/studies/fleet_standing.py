@@ -283,9 +283,9 @@ def series_of(rows: Sequence[FleetRow], joints: Sequence[str] = ()) -> tuple[Ser
     found: dict[tuple[str, str, bool], dict[int, tuple[float, float, float]]] = {}
     ordinary: set[tuple[str, str, bool]] = set()
     for k, (_, verdict) in enumerate(judged):
-        for about, value, *sure, is_ordinary in _quantities(verdict, joints):
+        for about, value, half, tolerance, is_ordinary in _quantities(verdict, joints):
             if value is not None:
-                found.setdefault(about, {}).setdefault(k, (value, *sure))
+                found.setdefault(about, {}).setdefault(k, (value, half, tolerance))
             if is_ordinary:
                 ordinary.add(about)
     recordings = Counter(row.arm for row, _ in judged)
@@ -298,7 +298,8 @@ def series_of(rows: Sequence[FleetRow], joints: Sequence[str] = ()) -> tuple[Ser
                 *about,
                 tuple(judged[k][0].arm for k in known),
                 np.array([_days(judged[k][0].date, first) for k in known]),
-                *np.array([values.get(k, _NONE)[:2] for k in known]).T,
+                np.array([values.get(k, _NONE)[0] for k in known]),
+                np.array([values.get(k, _NONE)[1] for k in known]),
                 float(np.median([tolerance for *_, tolerance in values.values()])),
                 recordings,
             )
