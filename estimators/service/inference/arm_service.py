@@ -100,7 +100,6 @@ class ArmService:
         self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
         self._highest = np.full(n, -np.inf)
         _possible(self._lowest, self._highest)  # compiles
-        self._felt = np.full(n, np.nan)  # [N m], external torque where it tells of a contact
         self._unturned = np.ones(n, dtype=np.bool_)  # friction of these may stand anyhow
         self._all_turned = False
         self._came = np.inf  # [s], of this machine's clock, when the last state did
@@ -119,10 +118,7 @@ class ArmService:
         self._changes = ChangeWatch(self.arm.joint_names, self.arm.units)
 
     def handle(self, payload: bytes, attachment: bytes) -> bool:
-        """Answer a joint state as it came off the wire, and say whether it was one of this arm.
-
-        Malformed ones are counted and dropped.
-        """
+        """Answer a joint state off the wire, and say whether it was a good one of this arm."""
         began = time.perf_counter()
         try:
             about = Attachment.decode(attachment)
@@ -251,11 +247,10 @@ class ArmService:
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         self.history.append(now, state.position, torque)
-        self._felt[:] = answer.external
-        self._felt[answer.outside] = np.nan  # as exported C does, `limo_step`
-        for contact in self.watchdog.step(now, self._felt) if known else ():
+        felt = np.where(answer.outside, np.nan, answer.external)  # as in exported C, `limo_step`
+        for contact in self.watchdog.step(now, felt) if known else ():
             self._tell(contact, now)
-        if self._report.step(now, self._felt, answer.std, known=known):
+        if self._report.step(now, felt, answer.std, known=known):
             self._tell_contacts(now)
             free = known & ~self.watchdog.active
             given = answer.external, answer.std, free, state.position
