@@ -378,7 +378,11 @@ class FriRobot(Robot):
 
     def _excuse(self) -> str:
         late, ended = self._stall
-        return "" if self._session.time > ended + EXCUSED else excuse(late)
+        if self._session.time <= ended + EXCUSED:
+            return excuse(late)
+        if self._session.time <= self._session.came_late + EXCUSED:
+            return "; commands had just come to it late or never: a link or computer is too slow"
+        return ""
 
     def _hold_for(self, reason: str) -> None:
         """Hold, and say what this machine has to do with it."""

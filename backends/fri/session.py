@@ -1,7 +1,4 @@
-"""Track an FRI session: order of packets, time of the robot, states, answers.
-
-Bookkeeping only: nothing here decides what is commanded.
-"""
+"""Track an FRI session: packets, the robot's time, states, answers; nothing is commanded here."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ from backends.fri.codec.messages import (
 )
 
 if TYPE_CHECKING:
-    from backends.fri.codec.messages import CommandData, Monitoring, Timestamp
+    from backends.fri.codec.messages import CommandData, Monitoring
     from backends.fri.wire_limits import Sent
     from limo_driver.robot.output import Setpoint
 
@@ -139,12 +136,14 @@ class RobotSession:
     _sequence: int = 0  # of the next command
     _unconfirmed: deque[_Command] = field(default_factory=lambda: deque(maxlen=MOST_UNCONFIRMED))
     confirmed: Effect | None = None  # of the last command that the robot has received, as it said
+    came_late: float = -math.inf  # [s], when a command last had, or was seen to be lost
     _refused_since: int | None = None  # count of the packet that could not be answered first
 
     def take(self, message: Monitoring, arrived: float | None = None) -> Order:
         """Note a packet, and when it arrived [s], by this machine's clock."""
         data = message.data
-        stamp = _nanoseconds(None if data is None else data.timestamp)
+        time = None if data is None else data.timestamp
+        stamp = None if time is None else time.nanoseconds_since_epoch
         order = self._order(message.header.sequence, stamp, arrived)
         if order is _OLD:
             self.figures.old += 1
@@ -305,10 +304,8 @@ class RobotSession:
         self.confirmed = waiting.popleft().effect
         self.figures.unreceived += passed_over
         self.figures.late += behind > 0
-
-
-def _nanoseconds(stamp: Timestamp | None) -> int | None:
-    return None if stamp is None else stamp.nanoseconds_since_epoch
+        if passed_over or behind > 0:
+            self.came_late = self.time
 
 
 def advice(message: Monitoring) -> list[str]:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 FALSE_ALARMS: Final = 1.0  # [1/h]
+TURNED: Final = 0.05  # [rad], after which how friction stood before hardly counts
 NO_CONTACT: Final = "no contact, whose threshold takes free motion (--free RECORDING)"
 _HOUR: Final = 3600.0  # [s]
 _FEWEST: Final = 20  # peaks that a tail is fitted to

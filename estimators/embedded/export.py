@@ -13,6 +13,7 @@ import numpy as np
 from estimators.embedded.contact import (
     FALSE_ALARMS,
     NO_CONTACT,
+    TURNED,
     ContactThresholds,
     measured_contact,
 )
@@ -270,7 +271,7 @@ class _Code:
         if self.contact is None:
             return ""
         error = table("free_error", self.contact.error)
-        return error + table("contact_above", self.contact.level)
+        return error + table("contact_above", self.contact.level) + defines({"TURNED": TURNED})
 
     def _acting(self) -> str:
         """Return the functions of the effects, and of their laws."""

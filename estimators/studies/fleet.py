@@ -24,7 +24,13 @@ import yaml
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.verdict import IMPROVED
 from estimators.studies.fleet_row import FLEET
-from estimators.studies.fleet_standing import drifts_of, series_of, spreads_of, standings_of
+from estimators.studies.fleet_standing import (
+    drifts_of,
+    few_dates,
+    series_of,
+    spreads_of,
+    standings_of,
+)
 from limo_driver.runtime.outputs import KeptResults
 
 if TYPE_CHECKING:
@@ -124,6 +130,8 @@ class FleetDiagnosis:
         else:
             odd = "no arm is odd" if self.standings else f"no arm of fewer than {FLEET.arms} is odd"
             lines.append(f"{odd}, and no drift shows")
+        if self.series and (few := few_dates(self.series)):
+            lines.append(few)
         return "\n".join(lines)
 
 

@@ -128,11 +128,9 @@ def _odd(standings: Sequence[standing.ArmStanding], charts: Charts) -> str:
 def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
     if not any(np.isfinite(item.days).any() for item in fleet.series):
         return paragraph("No recording has a date in its path, such as 2026-03-01.")
-    dates = max(standing.dates_of(item.of(arm)) for item in fleet.series for arm in item.names())
     if not fleet.drifts:
-        few = f"No drift can show in this fleet before an arm has {FLEET.dates} dates; one has"
-        chance = "Nothing changes over dates beyond chance."
-        why = paragraph(f"{few} {dates}." if dates < FLEET.dates else chance)
+        few = standing.few_dates(fleet.series)
+        why = paragraph(f"Nothing changes over dates beyond chance{few and '; '}{few}.")
         if (most := standing.most_moved(fleet.series)) is None:
             return why
         return why + charts.place(_over_days(most), f"Moved most: {most.name} of {most.arms[0]}")

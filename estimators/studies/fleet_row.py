@@ -84,6 +84,7 @@ class FleetSettings:
     tolerance: float = 1.0  # times the tolerance of a value: likewise
     share: float = 0.5  # of an arm's recordings, that have to show a value of it
     dates: int = 6  # fewest recordings with a date of which a trend is taken
+    known_dates: int = 4  # likewise, of values whose intervals are known
     false_alarms: float = 0.01  # drifts expected by chance in a whole fleet without any
     worst: int = 10  # recordings listed
 

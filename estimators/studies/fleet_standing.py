@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _NORMAL: Final = float(1 / norm.ppf(0.75))  # standard deviation over median absolute deviation
 _DAY: Final = 86_400.0  # [s]
+_NONE: Final = (0.0, 0.0, 0.0)  # of what a recording does not find to be missing
 _SMALLEST: Final = 1e-300  # in place of nothing, where one divides by it
 
 
@@ -92,7 +93,9 @@ def drifts_of(series: Sequence[Series]) -> tuple[FleetDrift, ...]:
     The trend is Theil and Sen's, and the surer of two tests says whether it is one, with a
     threshold that allows for both, and for how many series were tested. Kendall's does not mind
     values far from the rest, but knows order alone: seven values on a line are as sure to it as
-    seven that rise anyhow. That of the regression line knows more.
+    seven that rise anyhow. That of the regression line knows more. Where the intervals of all
+    values are known, it decides from a few dates on, and takes no value for surer than they say:
+    so few can lie close to a line by chance.
 
     Args:
         series: Of all arms.
@@ -100,7 +103,9 @@ def drifts_of(series: Sequence[Series]) -> tuple[FleetDrift, ...]:
     Source: P. K. Sen, "Estimates of the regression coefficient based on Kendall's tau", 1968.
     """
     own = [item.of(arm) for item in series for arm in item.names()]
-    tested = [item for item in own if np.isfinite(item.days).sum() >= FLEET.dates]
+    enough = [FLEET.known_dates if (item.halves > 0).all() else FLEET.dates for item in own]
+    dated = [np.isfinite(item.days).sum() for item in own]
+    tested = [x for x, many, most in zip(own, dated, enough, strict=True) if many >= most]
     found = [_drift(item) for item in tested if np.unique(item.days).size > 1]
     sure = [item for item in found if item.p < FLEET.false_alarms / len(tested) and item.size > 1.0]
     return tuple(sorted(sure, key=lambda item: -item.size))
@@ -121,10 +126,22 @@ def most_moved(series: Sequence[Series]) -> Series | None:
     return max((one for one in own if dates_of(one) > 1), key=moved, default=None)
 
 
+def few_dates(series: Sequence[Series]) -> str:
+    """Say that the arms have too few dates to show all drifts, or nothing if they have enough."""
+    most = max((dates_of(item.of(arm)) for item in series for arm in item.names()), default=0)
+    if most >= FLEET.dates:
+        return ""
+    have = "no recording has a date" if not most else f"no arm has more than {most} dates"
+    return (
+        f"{have}: a drift takes {FLEET.dates}, or from {FLEET.known_dates} on values with "
+        "intervals that rise or fall evenly"
+    )
+
+
 def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tuple[ArmStanding, ...]:
     """Return how far each arm is from the others in each series, farthest first.
 
-    The scale is the median absolute deviation of the arms' medians, beside the least difference
+    The scale is the median absolute deviation of the arms' medians, with the least difference
     that matters, so that arms that agree closely do not make a small difference a large one. What
     drifts at an arm is said there, and does not make it odd, too. A value that only a few
     recordings of an arm tell is theirs and not the arm's.
@@ -167,8 +184,12 @@ def _drift(own: Series) -> FleetDrift:
         for k in map(float, (trend.slope, trend.low_slope, trend.high_slope))
     )
     tests: tuple[Any, ...] = (kendalltau(days, values), linregress(days, values))
-    surest = min(float(test.pvalue) for test in tests) if np.ptp(values) > 0 else 1.0
-    p = min(1.0, len(tests) * surest)
+    chances = [float(test.pvalue) if np.ptp(values) > 0 else 1.0 for test in tests]
+    if days.size < FLEET.dates:
+        line, spread = tests[1], np.sqrt(np.mean(own.halves[dated] ** 2)) / norm.ppf(0.975)
+        error = max(line.stderr, spread / np.linalg.norm(days - days.mean()))
+        chances = [1.0, 2.0 * float(t.sf(abs(line.slope) / error, days.size - 2))]
+    p = min(1.0, len(tests) * min(chances))
     first, last = (
         _unlogged(trend.intercept + trend.slope * at, own) for at in (days.min(), days.max())
     )
@@ -226,6 +247,7 @@ class Series:
     arms: tuple[str, ...]  # (R,)
     days: FloatArray  # (R,) since the first date of the fleet [days]; NaN without a date
     values: FloatArray  # (R,) [unit]
+    halves: FloatArray  # (R,) half of the 95 % interval of each [unit]; 0 where none is known
     tolerance: float = 0.0  # of the value, or half of its 95 % interval [unit]; 0 of an error
     recordings: Mapping[str, int] = field(default_factory=dict[str, int])  # of each arm, in all
 
@@ -236,16 +258,8 @@ class Series:
     def of(self, arm: str) -> Series:
         """Return the values of one arm."""
         own = self._rows[arm]
-        return Series(
-            self.name,
-            self.unit,
-            self.ratio,
-            (arm,) * own.size,
-            self.days[own],
-            self.values[own],
-            self.tolerance,
-            self.recordings,
-        )
+        of_rows = {name: getattr(self, name)[own] for name in ("days", "values", "halves")}
+        return replace(self, arms=(arm,) * own.size, **of_rows)
 
     def names(self) -> tuple[str, ...]:
         """Return the arms, each once, in order."""
@@ -276,12 +290,12 @@ def series_of(rows: Sequence[FleetRow], joints: Sequence[str] = ()) -> tuple[Ser
     """
     judged = [(row, row.verdict) for row in rows if row.verdict is not None]
     first = min((row.date for row, _ in judged if row.date is not None), default=None)
-    found: dict[tuple[str, str, bool], dict[int, tuple[float, float]]] = {}
+    found: dict[tuple[str, str, bool], dict[int, tuple[float, float, float]]] = {}
     ordinary: set[tuple[str, str, bool]] = set()
     for k, (_, verdict) in enumerate(judged):
-        for about, value, tolerance, is_ordinary in _quantities(verdict, joints):
+        for about, value, half, tolerance, is_ordinary in _quantities(verdict, joints):
             if value is not None:
-                found.setdefault(about, {}).setdefault(k, (value, tolerance))
+                found.setdefault(about, {}).setdefault(k, (value, half, tolerance))
             if is_ordinary:
                 ordinary.add(about)
     recordings = Counter(row.arm for row, _ in judged)
@@ -294,8 +308,9 @@ def series_of(rows: Sequence[FleetRow], joints: Sequence[str] = ()) -> tuple[Ser
                 *about,
                 tuple(judged[k][0].arm for k in known),
                 np.array([_days(judged[k][0].date, first) for k in known]),
-                np.array([values[k][0] if k in values else 0.0 for k in known]),
-                float(np.median([tolerance for _, tolerance in values.values()])),
+                np.array([values.get(k, _NONE)[0] for k in known]),
+                np.array([values.get(k, _NONE)[1] for k in known]),
+                float(np.median([tolerance for *_, tolerance in values.values()])),
                 recordings,
             )
         )
@@ -310,18 +325,19 @@ def _days(date: datetime | None, first: datetime | None) -> float:
 
 def _quantities(
     verdict: Verdict, joints: Sequence[str]
-) -> Iterator[tuple[tuple[str, str, bool], float | None, float, bool]]:
-    """Give name, unit and whether it is compared as a ratio; value, tolerance, if it is ordinary.
+) -> Iterator[tuple[tuple[str, str, bool], float | None, float, float, bool]]:
+    """Give name, unit, if a ratio; value, half of its interval, tolerance; if it is ordinary.
 
     Settings that only serve a fit, such as the width of a sign function, are no quantities.
     """
     for j, error in enumerate(verdict.fit.heldout_rmse_before, start=1):
-        yield (f"error{_of((j,), joints)}", verdict.fit.unit, True), float(error), 0.0, True
+        yield (f"error{_of((j,), joints)}", verdict.fit.unit, True), float(error), 0.0, 0.0, True
     for item in verdict.values:
         if name := QUANTITIES.get((item.effect, item.name)):
             about = (f"{name}{_of(item.joints, joints)}", item.unit, False)
             known = item.fitted if item.is_known_well or item.beyond else None
-            yield about, known, item.tolerance or _half(item.ci95), True
+            half = _half(item.ci95)
+            yield about, known, half, item.tolerance or half, True
     for item in (*verdict.findings, *verdict.identified):
         for parameter, known in item.parameters.items():
             name, value = QUANTITIES.get((item.effect, parameter)), known.value
@@ -329,7 +345,8 @@ def _quantities(
                 place = _of(item.joints, joints) if item.effect != "payload" else ""
                 is_ordinary = item in verdict.identified
                 about = (f"{name}{place}", known.unit, False)
-                yield about, float(value), _half(known.ci95), is_ordinary
+                half = _half(known.ci95)
+                yield about, float(value), half, half, is_ordinary
 
 
 def _of(on: Sequence[int], joints: Sequence[str]) -> str:

@@ -175,7 +175,7 @@ _PRIOR: Final = 1e3  # [N, N m], standard deviation of any wrench
 
 
 class Wrench(NamedTuple):
-    """What the environment exerts on an arm, in the axes of a frame and about its origin."""
+    """What the environment exerts on an arm, about the origin of a frame."""
 
     value: FloatArray  # (6,) force, then torque [N, N m]
     covariance: FloatArray  # (6, 6) of its error; NaN where that of the torques is unknown
@@ -193,12 +193,13 @@ class FlangeWrench:
     Args:
         model: Of the arm.
         frame: Link or site that moves with its last link; the flange if empty.
+        in_base: Tell wrenches in the axes of the base, not of the frame; about its origin anyhow.
 
     Raises:
         ConfigError: The last link has no such frame.
     """
 
-    def __init__(self, model: RobotModel, frame: str = "") -> None:
+    def __init__(self, model: RobotModel, frame: str = "", *, in_base: bool = False) -> None:
         frames = model.last_frames
         self.frame = frame or model.flange
         if self.frame not in frames:
@@ -209,14 +210,15 @@ class FlangeWrench:
         self._model = model
         place = np.linalg.solve(frames[model.flange], frames[self.frame])  # in the flange
         shift = np.cross(np.eye(3), place[:3, 3]).T  # of w, w x place
-        turn = place[:3, :3].T
-        self._moved = np.block([[turn, turn @ shift], [np.zeros((3, 3)), turn]])
+        self._moved = np.block([[np.eye(3), shift], [np.zeros((3, 3)), np.eye(3)]])
+        self._turn = None if in_base else place[:3, :3].T
 
     def jacobian(self, position: FloatArray) -> FloatArray:
-        """Return the Jacobian of the frame in its own axes, (6, n), for one position (n,)."""
-        axes = self._model.flange_pose(position)[:3, :3].T
-        at_flange = axes @ self._model.flange_jacobian(position).reshape(2, 3, -1)
-        return self._moved @ at_flange.reshape(6, -1)
+        """Return the Jacobian of the frame in its axes or the base's, (6, n), for one (n,)."""
+        flange = self._model.flange_pose(position)[:3, :3]
+        at_flange = flange.T @ self._model.flange_jacobian(position).reshape(2, 3, -1)
+        at_frame = (self._moved @ at_flange.reshape(6, -1)).reshape(2, 3, -1)
+        return ((flange if self._turn is None else self._turn) @ at_frame).reshape(6, -1)
 
     def of(self, position: FloatArray, external: FloatArray, deviation: FloatArray) -> Wrench:
         """Return the wrench on the arm.
@@ -237,12 +239,13 @@ class FlangeWrench:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ExternalWrench(Displayed):
-    """What the environment exerted on an arm, sample by sample.
+    """What the environment exerted on an arm, sample by sample: force, then torque [N, N m].
 
-    In the axes of a frame and about its origin: force, then torque [N, N m].
+    About the origin of a frame, in its axes or, if `in_base`, in those of the robot's base.
     """
 
     frame: str
+    in_base: bool
     time: FloatArray  # (T,) [s]
     value: FloatArray  # (T, 6)
     std: FloatArray  # (T, 6), one standard deviation; NaN where errors of torque are unknown
@@ -253,6 +256,16 @@ class ExternalWrench(Displayed):
     def force(self) -> FloatArray:
         """Size of the force, (T,) [N]."""
         return np.linalg.norm(self.value[:, :3], axis=1)
+
+    @property
+    def certainty(self) -> FloatArray:
+        """Size of the force over its standard deviation, (T,); NaN where that is unknown.
+
+        A force is where this is large. In a singular pose a small torque is a large force, and its
+        deviation is as large.
+        """
+        value, std = self.value[:, :3], self.std[:, :3]
+        return self.force**2 / np.linalg.norm(value * std, axis=1)
 
     def headline(self) -> str:
         """Say how large the force is, and how sure."""

@@ -228,7 +228,8 @@ class Playback:
                 if interrupted.is_set():
                     break
             if interrupted.is_set():
-                self._stop(states.receive, robot, recorder, "interrupted")
+                recorder.stopped = "interrupted"
+                self._stop(states.receive, robot, recorder, recorder.stopped)
         progress(done, len(targets))
         return PlaybackSummary(
             record=str(self.record),
@@ -330,6 +331,7 @@ class Playback:
         try:
             yield
         except BaseException as error:
+            recorder.stopped = str(error) or type(error).__name__
             with suppress(LimoError):  # it cannot be reached, for example; the drives stop it then
                 self._stop(robot.receive, robot, recorder, f"{type(error).__name__} in the run")
             raise

@@ -272,7 +272,7 @@ HAS = {  # a reader of each document; the rest comes from its own blocks
 }
 
 ENDS = {  # what a reader came for
-    "ultrasound.md": r"at [\d.]+ s: \[[-\d. ]+\] N, 95 % within \[[\d. ]+\] N",
+    "ultrasound.md": r"at [\d.]+ s: \[ *[-\d.]+ +[-\d.]+ +1\d\.\d? *\] N, 95 % within \[",
 }
 
 

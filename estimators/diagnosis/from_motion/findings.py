@@ -49,7 +49,7 @@ def findings_of(
 
 
 def stated_values(
-    stated: Simulation, evidence: DriveEvidence, joints: Sequence[JointValues], floor: FloatArray
+    stated: Simulation, evidence: DriveEvidence, joints: Sequence[JointValues], step: FloatArray
 ) -> tuple[StatedValue, ...]:
     """Return what is stated of drives and friction, and what fits, joint by joint.
 
@@ -57,13 +57,13 @@ def stated_values(
         stated: The simulation as it was given.
         evidence: What was identified.
         joints: All of them.
-        floor: What the steps of the encoders make, (n,) [rad].
+        step: Of the encoders, (n,) [rad].
     """
     drives = () if evidence.turned else (x for x in stated.drives if x.channel is not None)
     return tuple(
         value
         for drive in drives
-        for value in joints[drive.joint - 1].values(float(floor[drive.joint - 1]), drive.tolerances)
+        for value in joints[drive.joint - 1].values(float(step[drive.joint - 1]), drive.tolerances)
     )
 
 
@@ -140,16 +140,16 @@ class JointValues:
                 ),
             )
 
-    def values(self, floor: float, own: Collection[str]) -> list[StatedValue]:
+    def values(self, step: float, own: Collection[str]) -> list[StatedValue]:
         """Return the stated values that the motion shows, and what fits.
 
         Args:
-            floor: What the steps of the encoder make [rad].
+            step: Of the encoder [rad].
             own: Constants whose tolerance the drive states itself.
         """
         squared, as_given = self._squares(lambda row: row), self._squares(lambda _: self.nominal)
-        above = float(np.sqrt(as_given.mean())) > WORDING.at_step * floor
-        reducible = max(float(as_given.mean()) - floor**2, LEAST)
+        above = float(np.sqrt(as_given.mean())) > WORDING.at_step * step
+        reducible = max(float(as_given.mean()) - step**2 / 12.0, LEAST)
         found, sure = list[StatedValue](), list[bool]()
         for value, differs, reverted in (*self._shown(own), *self._damping()):
             without = self._squares(reverted)

@@ -83,12 +83,13 @@ def verdict_of(
     """
     final, recordings, unseen = evidence.final, evidence.recordings, evidence.unseen
     rmse_before, rmse_after = (np.sqrt(np.mean(e**2, axis=0)) for e in (before, after))
-    floor = np.array([resolution_of(recordings, j) for j in range(given.model.n)]) / np.sqrt(12.0)
+    step = np.array([resolution_of(recordings, j) for j in range(given.model.n)])
+    floor = step / np.sqrt(12.0)  # what reading in steps errs by
     reducible = float(np.sum(np.maximum(rmse_before**2 - floor**2, 0.0)))
     removed = float(np.sum(rmse_before**2) - np.sum(rmse_after**2)) / max(reducible, LEAST)
     joints = JointValues.of_all(stated, given, evidence)
     findings = findings_of(given, evidence, joints, reducible)
-    above, left = (_above(errors, unseen, floor) for errors in (before, after))
+    above, left = (_above(errors, unseen, step) for errors in (before, after))
     summary = "consistent" if not findings else "partly_explained" if left.size else "explained"
     if findings and removed <= 0.0:
         summary = "unexplained"
@@ -148,16 +149,16 @@ def verdict_of(
             for effect in c.USUAL
             if is_known(fit, kinds[effect])
         ),
-        values=stated_values(stated, evidence, joints, floor),
+        values=stated_values(stated, evidence, joints, step),
         joint_names=given.model.joint_names,
         sliding=given.model.sliding,
     )
 
 
 def _above(
-    errors: FloatArray, recordings: Sequence[Recording], floor: FloatArray
+    errors: FloatArray, recordings: Sequence[Recording], step: FloatArray
 ) -> NDArray[np.int64]:
-    """Return the joints (0-based) at which errors are more than the steps of encoders make.
+    """Return the joints (0-based) at which errors are more than a step of the encoder.
 
     Where a recording begins to be held out, the arm moves, at a speed that no free run knows. A
     joint whose positions never change tells no step of its encoder, and so no floor.
@@ -165,12 +166,12 @@ def _above(
     Args:
         errors: Of all rows held out, (K, n) [rad].
         recordings: They are of.
-        floor: Of each joint, (n,) [rad].
+        step: Of each encoder, (n,) [rad].
     """
     late = np.concatenate([r.time - r.time[0] > WORDING.from_start for r in recordings])
     rows = errors[late] if late.any() else errors
     size = np.sqrt(np.mean(rows**2, axis=0))
-    return np.flatnonzero((floor > 0.0) & (size > WORDING.at_step * floor))
+    return np.flatnonzero((step > 0.0) & (size > WORDING.at_step * step))
 
 
 def _unit(given: Simulation) -> str:

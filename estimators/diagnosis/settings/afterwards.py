@@ -78,8 +78,9 @@ class WORDING:
     at_floor: float = setting(1.15, "noise floors", "up to which an error is at the floor",
         "only wording: higher calls small errors noise",
         chosen="the floor is an estimate itself")
-    at_step: float = setting(3.0, "noise floors", "the same, of positions",
-        "as above", chosen="their floor is what an encoder's steps make alone")
+    at_step: float = setting(1.0, "steps of the encoder", "of error, up to which a joint is at it",
+        "only wording: higher calls small errors nothing",
+        chosen="a simulation of the very arm errs by up to 0.9: where it starts is known to a step")
     from_start: float = setting(1.0, "s", "after a free run begins, from which on that is asked",
         "longer leaves less to ask; shorter takes what an unknown start makes for physics")
     explanations: int = setting(12, "sets", "of effects that are listed as having competed",

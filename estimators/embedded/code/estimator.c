@@ -264,6 +264,12 @@ void limo_init(limo_state *state)
         state->anchors[j][4] = -TAPS;
     }
 #endif
+#if LIMO_CONTACT
+    for (int j = 0; j < N; ++j) {
+        state->lowest[j] = INFINITY;
+        state->highest[j] = -INFINITY;
+    }
+#endif
 #if LIMO_TORQUE_TAPS > 1
     state->oldest_torque = 0;
     memset(state->torques, 0, sizeof state->torques);
@@ -313,6 +319,12 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
     estimate->time = time - LIMO_DELAY;
 #endif
     estimate->filled = state->received >= TAPS + LIMO_TORQUE_TAPS - 1;
+#if LIMO_CONTACT
+    for (int j = 0; j < N; ++j) {
+        state->lowest[j] = fmin(state->lowest[j], position[j]);
+        state->highest[j] = fmax(state->highest[j], position[j]);
+    }
+#endif
     for (int j = 0; torque && j < N; ++j) {
         estimate->measured[j] = x[LIMO_LANES + j];
         estimate->external[j] = estimate->measured[j] - estimate->torque[j];
@@ -322,6 +334,7 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
         }
         estimate->threshold[j] = contact_above[j] * estimate->deviation[j];
         estimate->contact[j] = estimate->filled && !estimate->outside[j] &&
+                               state->highest[j] - state->lowest[j] >= TURNED &&
                                fabs(estimate->external[j]) > estimate->threshold[j];
 #endif
     }

@@ -27,6 +27,9 @@ typedef struct {
     double torques[2 * LIMO_TORQUE_TAPS][LIMO_TORQUES * LIMO_LANES]; /* likewise, of the model */
 #endif
     limo_memory model;
+#if LIMO_CONTACT
+    double lowest[LIMO_JOINTS], highest[LIMO_JOINTS]; /* positions since memory began */
+#endif
 } limo_state;
 
 /* The torque at `time`, positive along the joint axes; all [N m] but where it says otherwise. */

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from estimators.embedded.contact import TURNED
 from estimators.service.inference.contact import Contact, ContactReport, ContactWatchdog
 from estimators.service.inference.live_model import Answer, History, LiveModel, RateWatch, Window
 from estimators.slow_change import ChangeWatch
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from estimators.service.inference.inbox import NetworkOutlet
     from limo_driver.types import FloatArray
 
-_TURNED: Final = 0.05  # [rad], after which how friction stood before hardly counts
 _FALLBACK_MEMORY: Final = 1.0  # [s] of history that the physics-only model is primed with
 _CONTACTS: Final = 1000  # kept, for whoever judges models on what came before
 _CLOSE: Final = 20  # states that may be left to catch up with while the stream waits
@@ -118,10 +118,7 @@ class ArmService:
         self._changes = ChangeWatch(self.arm.joint_names, self.arm.units)
 
     def handle(self, payload: bytes, attachment: bytes) -> bool:
-        """Answer a joint state as it came off the wire, and say whether it was one of this arm.
-
-        Malformed ones are counted and dropped.
-        """
+        """Answer a joint state off the wire, and say whether it was a good one of this arm."""
         began = time.perf_counter()
         try:
             about = Attachment.decode(attachment)
@@ -250,9 +247,10 @@ class ArmService:
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         self.history.append(now, state.position, torque)
-        for contact in self.watchdog.step(now, answer.external) if known else ():
+        felt = np.where(answer.outside, np.nan, answer.external)  # as in exported C, `limo_step`
+        for contact in self.watchdog.step(now, felt) if known else ():
             self._tell(contact, now)
-        if self._report.step(now, answer.external, answer.std, known=known):
+        if self._report.step(now, felt, answer.std, known=known):
             self._tell_contacts(now)
             free = known & ~self.watchdog.active
             given = answer.external, answer.std, free, state.position
@@ -307,7 +305,7 @@ class ArmService:
             return
         np.minimum(self._lowest, position, out=self._lowest)
         np.maximum(self._highest, position, out=self._highest)
-        self._unturned = self._highest - self._lowest < _TURNED
+        self._unturned = self._highest - self._lowest < TURNED
         self._all_turned = not self._unturned.any()
         answer.outside |= self._unturned
 

@@ -54,7 +54,7 @@ def command(
         fri: Version: 1.11, 1.14, 1.15, 1.16, 2.5 or 2.7.
         bind: Own address, HOST or HOST:PORT; else any free port.
         mode: What the client commands.
-        period_ms: Send period, 1 to 100 [ms].
+        period_ms: Send period, 1 to 100 [ms]; at most 10 to be commanded positions, 5 torques.
         multiplier: Receive multiplier: the client answers every that many packets.
         duration: End the session after this time [s]; else at Ctrl-C.
         sim: A sim.yaml for the arm; else the iiwa's rigid body alone.

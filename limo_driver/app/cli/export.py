@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.arguments import MappingOption, describe_options
 from limo_driver.app.console.terminal import say, terminal
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
     from estimators.embedded.export import CodeExport
     from limo_driver.exports.export import Export
+    from limo_driver.recordings.recording import Recording
 
 
 @describe_options
@@ -29,12 +30,16 @@ def command(
     delay: float = 0.1,
     false_alarms: float = 1.0,
     free: list[Path] | None = None,
+    mapping: MappingOption = None,
     mujoco: int | None = None,
     name: str = "limo",
     frame: Annotated[str, typer.Option("--wrench-frame", metavar="LINK")] = "",
     as_json: bool = False,
 ) -> None:
-    """Write a simulation into a copy of a MuJoCo or URDF file; only what was found changes.
+    """Write a simulation into a copy of a MuJoCo or URDF file; only what differs in it changes.
+
+    That is every value in which the simulation differs from the file, by however little, whether
+    the diagnosis that wrote it reports the value or not. The rest of the file stays byte by byte.
 
     For Drake, a URDF has rotor inertias; for Isaac Lab, friction and armature stand in a file of
     Python beside it; of USD, a layer over the file
@@ -54,11 +59,11 @@ def command(
         to: Format: mjcf, urdf, drake, isaaclab or usd; or c, ros2, onnx.
         out: Folder for the copy, or the copy (.xml, .urdf); for C, ROS 2 and ONNX a folder.
         into: File to write into a copy of; the robot's own if not given.
-        on: Recording on which what cannot be expressed is counted.
+        on: Log of motion on which what cannot be expressed is counted.
         rate: C: rate of the positions [Hz].
         delay: C: by which estimates are late [s].
         false_alarms: C: false alarms of contact that are bearable [1/h].
-        free: C: recording of motion that nothing touched, which contact needs; several times.
+        free: C: log of motion that nothing touched, which contact needs; several times.
         mujoco: MJCF: release that shall read it, 3 or 4; the installed one if not given.
         name: C, ONNX: of the files; in C all names in them begin with it.
         frame: ROS 2: link or site fixed to the last link, of the wrench; else the flange.
@@ -81,16 +86,34 @@ def command(
     if to in {"c", "ros2"}:
         from limo_driver.app.library.exporting import export_c, export_ros2
 
-        given = (sim, out, rate, delay, false_alarms, name, free or [])
+        calm = read_all(free or [], sim, mapping)
+        given = (sim, out, rate, delay, false_alarms, name, calm)
         _show_code(export_c(*given) if to == "c" else export_ros2(*given, frame), as_json=as_json)
         return
     from limo_driver.app.library.exporting import export
 
-    found = export(sim, to, out, into, on, mujoco)
+    (recorded,) = read_all([on], sim, mapping) if on else (None,)
+    found = export(sim, to, out, into, recorded, mujoco)
     if as_json:
         _print_json(found)
     else:
         show(found)
+
+
+def read_all(logs: list[Path], model: Path, mapping: Path | None) -> list[Recording]:
+    """Return logs of the arm of a model or simulation, of any format.
+
+    Raises:
+        ConfigError: A question about a log is open, or the model is none.
+        RecordingError: A log cannot be used.
+    """
+    from limo_driver.app.library.inputs import estimator_of
+    from limo_driver.app.library.reading import read
+
+    if not logs:
+        return []
+    robot = estimator_of(model)[1].model
+    return [read(log, robot, mapping) for log in logs]
 
 
 def _show_code(found: CodeExport, *, as_json: bool) -> None:
@@ -130,17 +153,13 @@ def _print_json(found: Export) -> None:
 def show(found: Export) -> None:
     """Print what an export wrote."""
     console = terminal(soft_wrap=True)
-    for line in found.diff.splitlines():
-        console.print(line)
-    for line in found.kept:
-        console.print(f"kept: {line}")
-    for line in found.dropped:
-        console.print(f"dropped: {line}")
-    for line in found.unwritten:
-        console.print(f"not written: {line}")
-    if found.needs:
-        console.print(f"needs: {found.needs}")
-    for item in found.left:
-        console.print(f"left: {item}")
-    for line in str(found).splitlines():
+    parts = {
+        "kept": found.kept,
+        "dropped": found.dropped,
+        "not written": found.unwritten,
+        "needs": [found.needs] if found.needs else [],
+        "left": found.left,
+    }
+    lines = [f"{what}: {line}" for what, own in parts.items() for line in own]
+    for line in (*found.diff.splitlines(), *lines, *str(found).splitlines()):
         console.print(line)

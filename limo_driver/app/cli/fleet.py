@@ -35,7 +35,8 @@ def diagnose(
     fleet.html, and the diagnosis of each recording with its report. What is finished is kept,
     whatever happens; the same command goes on from there. The folder of a recording names its arm,
     and a date in its path, such as 2026-03-01, is its date. Logs of any format will do: one
-    mapping, which `limo inspect` writes, is for all of them.
+    mapping, which `limo inspect` writes, is for all of them. A drift takes six dates of an arm, or
+    four where values with intervals rise or fall evenly; an odd arm takes four arms.
 
     Args:
         recordings: Recordings, or patterns of them; files or URLs.

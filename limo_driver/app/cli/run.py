@@ -154,7 +154,10 @@ def _progress(*, quiet: bool) -> Generator[Callable[[int, int], None]]:
 
 
 def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
+    import pyarrow.parquet as pq
     from rich.table import Table
+
+    from limo_driver.recordings.gate.doubts import about_gaps
 
     console = terminal()
     if as_json:
@@ -172,6 +175,9 @@ def _report(summary: PlaybackSummary, *, as_json: bool) -> None:
         soft_wrap=True,
     )
     console.print(table)
+    time = pq.read_table(summary.record, columns=["time"])["time"].to_numpy()
+    for gaps in about_gaps(time):
+        console.print(f"{gaps}: states that never came, or too late", soft_wrap=True)
     if summary.link:
         console.print(_link_line(summary.link), soft_wrap=True)
     for refused in summary.refused:

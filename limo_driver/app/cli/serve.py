@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.console.arguments import (
+    MappingOption,
     RosDomain,
     SessionOptions,
     describe_options,
@@ -54,6 +55,7 @@ def command(
     contact: Annotated[str, typer.Option(metavar="N_M")] = "4",
     contact_for: Annotated[str, typer.Option(metavar="SECONDS")] = "0.15",
     free: Annotated[list[Path] | None, typer.Option(metavar="RECORDING")] = None,
+    mapping: MappingOption = None,
     false_alarms: Annotated[float, typer.Option(metavar="PER_HOUR")] = 1.0,
     retrain: Annotated[bool | None, typer.Option("--retrain/--no-retrain")] = None,
     retrain_every: Annotated[float | None, typer.Option(metavar="HOURS")] = None,
@@ -97,7 +99,7 @@ def command(
         bound: Most that a learned part may add [N m]; else a tenth of the joint's limit.
         contact: External torque that is a contact [N m]; 8,8,6,6,4,2,1 says it joint by joint.
         contact_for: How long it has to last; also joint by joint.
-        free: Motion that nothing touched: its errors say what a contact is, instead of --contact;
+        free: Log of motion that nothing touched: its errors say what a contact is, not --contact;
             takes --model.
         false_alarms: Of contact on the whole arm, with --free.
         retrain: Train a challenger from the logs where the arm has changed, and let it serve if it
@@ -125,13 +127,15 @@ def command(
 
     if free:
         # What `--contact` would say for a rate of false alarms on free motion
+        from limo_driver.app.cli.export import read_all
         from limo_driver.app.library.contacts import contact_thresholds
 
         if model is None:
             raise ConfigError("--free takes --model, whose errors on that motion it judges")
         if is_on_command_line(context, "contact"):
             raise ConfigError("--contact and --free both say what a contact is")
-        levels = contact_thresholds(model, free, false_alarms=false_alarms, delay=delay)
+        calm = read_all(free, model, mapping)
+        levels = contact_thresholds(model, calm, false_alarms=false_alarms, delay=delay)
         contact = ",".join(f"{level:.3g}" for level in levels)
         say(f"false alarms: {false_alarms:g} an hour: --contact {contact}", stderr=True)
     stores = stores_of(arm, store)

@@ -7,12 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from limo_driver.app.library.inputs import (
-    recording_of,
-    recordings_of,
-    simulation_of,
-    trained_of,
-)
+from limo_driver.app.library.inputs import estimator_of, recording_of, recordings_of
 from limo_driver.app.library.learning import predict
 from limo_driver.errors import RecordingError
 from limo_driver.model.kinematics import ExternalWrench, FlangeWrench
@@ -33,6 +28,7 @@ def external_wrench(
     recording: Recording | Path | str,
     *,
     frame: str = "",
+    in_base: bool = False,
     untouched: tuple[float, float] | None = None,
 ) -> ExternalWrench:
     """Find the wrench that something exerted on an arm while it was recorded.
@@ -44,12 +40,16 @@ def external_wrench(
         model: A simulation or a fitted model; or the path of a `sim.yaml`, or of a model's folder.
         recording: T samples of n joints with torque, or its file.
         frame: Link or site fixed to the last link, such as the tip of a tool; the flange if empty.
+            Forces act at its origin, and have its axes, which turn with the arm.
+        in_base: Tell them in the axes of the robot's base instead, at the same point.
         untouched: From and to which of the recording's times [s] nothing touched the arm: what is
             left there in the mean is taken off everywhere, as the bias of sensors and loads that
             the model does not know. Where a model knows no errors, those there stand for them.
 
     Returns:
-        Wrenches with standard deviations, and the external torques that they explain.
+        Wrenches with standard deviations, and the external torques that they explain. The largest
+        force is often that of a singular pose, where a small torque is a large force: look where
+        `certainty` is largest.
 
     Raises:
         ConfigError: The last link has no such frame.
@@ -59,18 +59,18 @@ def external_wrench(
 
     Example:
         >>> found = limo.external_wrench("sim.yaml", "scan.parquet", untouched=(0.0, 2.0))
-        >>> print(found)
+        >>> print(found.value[found.certainty.argmax()])
     """
     recording = recording_of(recording)
     recording.check_torque()
-    model, simulation = _known(model)
+    model, simulation = estimator_of(model)
     is_bare = isinstance(model, Simulation)
     width = bandwidth_for([recording], None, model.bandwidth) if is_bare else model.bandwidth
     recording.check_robot(simulation.model)
     if not recording.measured_joints.all():
         without = ", ".join(str(j + 1) for j in np.flatnonzero(~recording.measured_joints))
         raise RecordingError(f"no torque of joint {without}", path=recording.source or None)
-    find = FlangeWrench(simulation.model, frame)
+    find = FlangeWrench(simulation.model, frame, in_base=in_base)
     estimate = predict(model, recording).filtered(recording, width)
     external = recording.filtered_torque(width) - estimate.torque
     bias, spread = np.zeros(external.shape[1]), np.full(external.shape[1], np.nan)
@@ -82,6 +82,7 @@ def external_wrench(
     found = [find.of(*row) for row in zip(recording.position, external, std, strict=True)]
     return ExternalWrench(
         find.frame,
+        in_base,
         recording.time,
         np.array([wrench.value for wrench in found]),
         np.sqrt([np.diag(wrench.covariance) for wrench in found]),
@@ -122,22 +123,10 @@ def contact_thresholds(
     from estimators.stream import Stream
 
     recordings = recordings_of(free)
-    known, simulation = _known(model)
+    known, simulation = estimator_of(model)
     stream = Stream(known, recordings[0].rate, delay)
     found = measured_contact(false_alarms, stream, simulation, recordings, in_torque=True)
     return tuple((found.level * found.error).tolist())
-
-
-def _known(
-    model: ResidualModel[Any] | Simulation | Path | str,
-) -> tuple[ResidualModel[Any] | Simulation, Simulation]:
-    """Return a fitted model or a simulation, given itself or by its path, and the simulation."""
-    if isinstance(model, (Path, str)) and not Path(model).is_dir():
-        model = simulation_of(model)
-    if isinstance(model, Simulation):
-        return model, model
-    trained = trained_of(model)
-    return trained, trained.simulation
 
 
 def _rows(recording: Recording, begin: float, end: float) -> NDArray[np.bool_]:

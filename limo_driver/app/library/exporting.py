@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
-from limo_driver.app.library.inputs import recording_of, simulation_of, trained_of
+from limo_driver.app.library.inputs import estimator_of, recording_of, simulation_of, trained_of
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -54,10 +54,10 @@ def export(
 ) -> Export:
     """Write a simulation into a copy of a MuJoCo or URDF file, and prove that it is in it.
 
-    Only what was found changes: inertias, a payload as a body, dry friction, damping, armature,
-    springs and gravity, as far as the format has them. Comments, names and order stay. The copy is
-    then read by MuJoCo or pinocchio alone, whose torque on a minute of motion is compared with the
-    prediction.
+    Only what differs in the simulation changes, by however little: inertias, a payload as a body,
+    dry friction, damping, armature, springs and gravity, as far as the format has them. Comments,
+    names and order stay. The copy is then read by MuJoCo or pinocchio alone, whose torque on a
+    minute of motion is compared with the prediction.
 
     Args:
         simulation: What was found, or its sim.yaml.
@@ -172,14 +172,7 @@ def export_c(
     from estimators.embedded.export import export_c as written
 
     recordings = [recording_of(item) for item in free]
-    return written(_estimator_of(model), out, rate, delay, false_alarms, name, recordings)
-
-
-def _estimator_of(model: ResidualModel[Any] | Simulation | Path | str) -> Any:  # noqa: ANN401
-    """Return a model or a simulation, or what a folder or a file holds; writers refuse others."""
-    if isinstance(model, (Path, str)):
-        return trained_of(model) if Path(model).is_dir() else simulation_of(model)
-    return model
+    return written(estimator_of(model)[0], out, rate, delay, false_alarms, name, recordings)
 
 
 def export_ros2(
@@ -219,7 +212,7 @@ def export_ros2(
     from estimators.embedded.ros2_package import export_ros2 as written
 
     recordings = [recording_of(item) for item in free]
-    return written(_estimator_of(model), out, rate, delay, false_alarms, name, recordings, frame)
+    return written(estimator_of(model)[0], out, rate, delay, false_alarms, name, recordings, frame)
 
 
 def export_onnx(

@@ -136,6 +136,23 @@ def trained_of(model: ResidualModel[Any] | Path | str) -> ResidualModel[Any]:
     return model
 
 
+def estimator_of(
+    model: ResidualModel[Any] | Simulation | Path | str,
+) -> tuple[ResidualModel[Any] | Simulation, Simulation]:
+    """Return a fitted model or a simulation, given itself or by its path, and the simulation.
+
+    Raises:
+        ConfigError: It is neither.
+        ModelStoreError: The folder is incomplete or does not fit together.
+    """
+    if isinstance(model, (Path, str)) and not Path(model).is_dir():
+        model = simulation_of(model)
+    if isinstance(model, Simulation):
+        return model, model
+    trained = trained_of(model)
+    return trained, trained.simulation
+
+
 def expected(name: str, value: object, kind: type[_T], wanted: str = "") -> _T:
     """Return a value that is of a kind.
 

@@ -23,10 +23,11 @@ from limo_driver.pages import Page, arm_view
 from limo_driver.pages.markup import paragraph
 from limo_driver.pages.motion import stage
 from limo_driver.quoting import in_html
+from limo_driver.runtime.display import shortened
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     import zenoh
 
@@ -55,13 +56,13 @@ _PLACES = (
     '<table id="status"></table></div></section></div>'
 )
 _LEAD = (
-    "Rings: external torque of each joint, beside the 95 % interval of its estimate; red in a "
-    "contact. Arrow: the force at the flange that explains the external torques best then. There "
-    "is no value where none came, and while the filter of the motion fills after a gap. The last "
-    "ten minutes since this page was opened can be looked at: pause, and move the slider."
+    "Rings: external torque of each joint, against the 95 % interval of its estimate; red in a "
+    "contact. Arrow: the force at the flange that explains the external torques best then. Neither "
+    "tells of motion unlike what was learned. There is no value where none came, and while the "
+    "filter of the motion fills after a gap. The last ten minutes since this page was opened can "
+    "be looked at: pause, and move the slider."
 )
 SURE: Final = 1.96  # standard deviations of a 95 % interval
-_NAMED: Final = 8  # joints, in a sentence
 _DAMPING: Final = 0.05  # [m], of the force at the flange in directions that no joint feels well
 
 
@@ -209,8 +210,8 @@ class ArmFeed(Closing):
             if not self._shown["drawn"]:
                 self._shown.pop("position", None)
                 self._shown["problem"] = (
-                    f"the arm is not drawn: its joints are {_listed(state.names)}, those of "
-                    f"{self._model.name} {_listed(drawn)}; name its robot with --robot"
+                    f"the arm is not drawn: its joints are {shortened(state.names)}, those of "
+                    f"{self._model.name} {shortened(drawn)}; name its robot with --robot"
                 )
             else:
                 self._shown.pop("problem", None)
@@ -230,6 +231,9 @@ class ArmFeed(Closing):
             np.where(lost, np.nan, values) if len(values) == n else values
             for values in (estimate.torque, estimate.external, estimate.std)
         )
+        felt = external  # what may be drawn as a touch
+        if len(external) == len(estimate.outside):
+            felt = np.where(estimate.outside, np.nan, external)
         self._shown |= {
             "estimate_stamp": estimate.stamp_ns / 1e9,
             "names": list(estimate.names),
@@ -240,7 +244,8 @@ class ArmFeed(Closing):
             "outside": estimate.outside.tolist(),
             "model": estimate.model,
             "fallback": estimate.fallback,
-            "force": self._force(external),
+            "felt": _plain(felt, 4),
+            "force": self._force(felt),
         }
 
     def _force(self, external: FloatArray) -> list[float | None] | None:
@@ -254,12 +259,6 @@ class ArmFeed(Closing):
         J = self._model.flange_jacobian(np.array(position, dtype=float))[:3]
         force = np.linalg.solve(J @ J.T + _DAMPING**2 * np.eye(3), -J @ external)
         return _plain(np.asarray(force, dtype=np.float64), 2)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return names in a sentence, the first few of them."""
-    more = f", ... ({len(names)} in all)" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more if names else "none"
 
 
 def _plain(values: FloatArray, digits: int) -> list[float | None]:

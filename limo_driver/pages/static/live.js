@@ -208,8 +208,9 @@ async function follow(section) {
     const said = kept.held === null ? latest ?? row : row;
     if (!scene || !said?.position) return;
     scene.hold(scene.pose(said.position));
-    if (said.external && said.interval) {
-      scene.paint(said.external.map((v) => Math.abs(v ?? 0)), said.interval.map((v) => v || 1), true);
+    const { felt } = said;
+    if (felt && said.interval) {
+      scene.paint(felt.map((v) => Math.abs(v ?? 0)), said.interval.map((v) => v || 1), true);
     }
     const pushed = [...kept.marks.values()].filter((m) => m.joint && m.t <= end && (m.ended ?? end) >= end);
     pushed.forEach((m) => scene.rings[m.joint - 1]?.material.color.set(paint("bad").trim()));

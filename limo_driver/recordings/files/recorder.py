@@ -33,6 +33,7 @@ from limo_driver.runtime.processes import Closing
 from limo_driver.types import FloatArray, JointState
 
 METADATA_KEY = b"limo.recording"
+STOPPED = "stopped"  # in the header: why the run ended before its motion did
 FLUSH_PERIOD = 0.25  # [s]; a killed process loses about this much
 AGAIN = 5.0  # [s] until what could not be written is tried again
 MOST_WAITING = 200e6  # bytes of rows that wait for a full disk; a quarter of an hour at 1 kHz
@@ -67,6 +68,7 @@ class Recorder(Closing):
             raise RecordingError("cannot be written: it is a folder", path=self.path)
         self.partial = partial_path(self.path)
         self.samples = 0
+        self.stopped = ""  # why the run ended before its motion did; what `close` writes says so
         self._quantities = (*_QUANTITIES, "temperature") if temperature else _QUANTITIES
         self._schema = _schema(self._quantities, n, header)
         self._n = n
@@ -158,10 +160,14 @@ class Recorder(Closing):
             self._file.close()
             # Turn the stream into Parquet, batch by batch, so that it is whole or absent
             log = StoredLog(self.partial)
+            schema = log.schema
+            if self.stopped:
+                about = json.dumps(header_of(schema) | {STOPPED: self.stopped}).encode()
+                schema = schema.with_metadata({**(schema.metadata or {}), METADATA_KEY: about})
             with replacing(self.path) as draft:
-                with pq.ParquetWriter(draft, log.schema, use_dictionary=False) as writer:
+                with pq.ParquetWriter(draft, schema, use_dictionary=False) as writer:
                     for table in blocks_of(log.batches(), log.schema, _ROWS_OF_GROUP):
-                        writer.write_table(table)
+                        writer.write_table(table.replace_schema_metadata(schema.metadata))
                 if losses := log.describe_losses():
                     raise pa.ArrowInvalid(f"its log {losses}")
             self.partial.unlink()

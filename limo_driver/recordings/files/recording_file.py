@@ -64,6 +64,8 @@ def read_columns(path: Path) -> Columns:
     if partial:
         warnings += (f"{', '.join(partial)}: not one column for each of {n} joints; not read",)
     header, unread = _header(table)
+    if why := header.get("stopped"):
+        warnings += (f"the run stopped before its motion ended: {why}",)
     time, taken = _time(table, path)
     return Columns(
         time=time,

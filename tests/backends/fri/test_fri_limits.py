@@ -14,11 +14,11 @@ from stepped_arm import stepped
 from backends.fri import connection
 from backends.fri.codec import messages
 from backends.fri.codec.codec import encode_monitoring
-from backends.fri.codec.messages import FriVersion, Generation
+from backends.fri.codec.messages import CommandMode, FriVersion, Generation
 from backends.fri.connection import Connection, Datagram, pace, unusable
 from backends.fri.wire_limits import VelocityFilter
-from limo_driver.errors import BackendError, ConnectionLostError
-from limo_driver.types import PositionCommand, readonly
+from limo_driver.errors import BackendError, ConnectionLostError, HoldingError
+from limo_driver.types import PositionCommand, TorqueCommand, readonly
 
 each_way = pytest.mark.parametrize("sign", [-1.0, 1.0])
 
@@ -284,3 +284,18 @@ class TestRobot:
             limits = robot.spec.wrench_limits
         assert limits.wrench.tolist() == [50.0, 50.0, 50.0, 10.0, 10.0, 10.0]
         assert limits.rate.tolist() == [500.0, 500.0, 500.0, 100.0, 100.0, 100.0]
+
+
+def test_a_hold_says_that_commands_had_come_late():
+    with stepped(mode=CommandMode.TORQUE) as robot:
+        robot.receive()
+        push = np.zeros(7)
+        push[6] = 30.0
+        for k in range(2000):
+            robot.arm.deaf = int(k % 10 == 0)
+            robot.send(TorqueCommand(torque=push))
+            if robot.receive().holding:
+                break
+        late = "joint 7 leaves its range or its velocity limit; commands had just come to it late"
+        with pytest.raises(HoldingError, match=late):
+            robot.send(TorqueCommand(torque=push))

@@ -215,6 +215,9 @@ def test_a_push_is_a_contact_and_errors_are_as_rarely_one_as_stated(
     during = (found.time > 12.1) & (found.time < 12.4) & (found["outside"][:, 1] == 0.0)
     assert during.any()
     assert found["contact"][during, 1].all()
+    still = quiet.position.copy()
+    still[:, 1] = still[0, 1]  # how its friction stands is not known
+    assert not built.stream(quiet.time, still, pushed)["contact"][:, 1].any()
     assert np.isfinite(found["threshold"]).all()
 
 

@@ -1,6 +1,7 @@
 """Odd arms and drifts are found in rows that have them, and in no others."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -224,9 +225,11 @@ def test_the_page_says_how_many_dates_it_takes(tmp_path):
     rows = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(5)]
     found = FleetDiagnosis("seven", tuple(rows))
     assert found.drifts == ()
+    few = "no arm has more than 5 dates: a drift takes 6, or from 4 on values with"
     page = fleet_page(found, tmp_path).html()
-    assert "before an arm has 6 dates; one has 5" in page
+    assert few in page
     assert "Moved most: error of joint 1 of arm0" in page
+    assert few in str(found)
     more = [row(f"arm{k}", d, (0.1 * 1.5**d,) * 7) for k in range(4) for d in range(6)]
     assert FleetDiagnosis("seven", tuple(more)).drifting
 
@@ -238,6 +241,39 @@ def test_arms_are_listed_in_the_order_of_their_numbers(tmp_path):
         order = figure["layout"]["yaxis"].get("categoryarray", ["bay10", "bay3", "bay2", "bay1"])
         assert order == ["bay10", "bay3", "bay2", "bay1"]  # upwards
     assert any("categoryarray" in figure["layout"]["yaxis"] for figure in page.charts.figures)
+
+
+def of_few_dates(values: Sequence[float], half: float) -> FleetDiagnosis:
+    """Return three arms, of which one has these values, and the others its first."""
+    rows: list[FleetRow] = []
+    for k in range(3):
+        for day, value in enumerate(values):
+            own = value if k == 1 else values[0]
+            known = replace(stated("tau_c", own), ci95=(own - half, own + half))
+            rows.append(having(row(f"arm{k}", 7 * day, (0.1,)), known))
+    return FleetDiagnosis("one", tuple(rows))
+
+
+@pytest.mark.parametrize(
+    ("values", "half", "drifting"),
+    [
+        ((0.761, 0.95, 1.14, 1.33, 1.52), 0.007, ("arm1",)),
+        ((0.761, 1.014, 1.267, 1.52), 0.001, ("arm1",)),
+        ((0.761, 0.95, 1.14, 1.33, 1.52), 0.5, ()),  # the line is closer than its values are known
+        ((0.761, 1.2, 0.9, 1.33, 1.52), 0.007, ()),  # more scatter than the intervals tell
+        ((0.761, 1.14, 1.52), 0.007, ()),
+    ],
+)
+def test_four_or_five_dates_of_values_with_intervals_are_enough_for_a_line(values, half, drifting):
+    assert of_few_dates(values, half).drifting == drifting
+
+
+@pytest.mark.slow("judges two hundred fleets")
+@pytest.mark.parametrize("dates", [4, 5])
+def test_few_dates_without_a_drift_hardly_ever_show_one(dates):
+    random = np.random.default_rng(0)
+    fleets = [of_few_dates(tuple(random.normal(1.0, 0.3, dates)), 0.01) for _ in range(200)]
+    assert sum(bool(item.drifting) for item in fleets) <= 4
 
 
 def test_few_dates_show_a_drift_that_is_a_line():

@@ -10,12 +10,13 @@ import textwrap
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from lanes import sampled
 from robot_commands import START, smooth_move
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.files.recorder import Recorder
+from limo_driver.recordings.files.recorder import Recorder, read_header
 from limo_driver.robot import interrupts
 from limo_driver.robot import robot as robot_module
 from limo_driver.robot.playback import Playback
@@ -248,6 +249,7 @@ class TestRuns:
         with pytest.raises(ValueError, match=where):
             self.play(robot, motion, tmp_path, **{where: fail})
         assert robot.standing
+        assert read_header(pq.read_table(tmp_path / "run.parquet"))["stopped"] == where
         assert not robot.receive().velocity.any()
 
     def test_a_full_disk_is_said_at_the_end(self, robot, motion, tmp_path, monkeypatch):

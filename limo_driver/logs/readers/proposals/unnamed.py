@@ -2,11 +2,13 @@
 
 As many columns as the robot has joints are taken together: numbered ones, ones that end in letters
 from A on, and, where no column has a name, one block after the other. Positions are within the
-limits; their rate of change, and the gravity torque of the arm in them, tell the others.
+limits; their rate of change, and the gravity torque of the arm in them, tell the others. What a
+name calls a goal, a target or the like, and what positions follow, are their set-points.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
@@ -16,6 +18,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.logs.readers.columns import (
+    COMMAND,
+    COMMANDED,
     CURRENT,
     NOTHING,
     PLAIN,
@@ -45,6 +49,7 @@ _LETTERED: Final = re.compile(r"(.+?)[ _.-]?([A-Za-z])")
 _MOST: Final = 8  # groups of columns that are looked at
 _SWEEP: Final = 0.1  # [s] over which rates and changes are compared
 _SAME: Final = 0.9  # correlation of rates with changes, of most joints
+_RANGES: Final = 2.0  # times that of positions, at most, of set-points that they follow
 _EVEN: Final = 0.5  # of the usual step, within which nearly all steps of a time are
 _NEARLY_ALL: Final = 0.9
 
@@ -72,14 +77,15 @@ class ByNumbers:
             f"joints{because}?"
         )
 
-    def take(self, quantity: str, family: ColumnFamily, why: str = "") -> ColumnFamily:
-        """Take columns for a quantity."""
+    def take(
+        self, quantity: str, family: ColumnFamily, why: str = "", *, called: str = ""
+    ) -> ColumnFamily:
+        """Take columns for a quantity, asked about under another name where it is `called` so."""
         names = tuple(replace(name, quantity=quantity, family=()) for name in family.names)
-        self.found[quantity] = replace(family, quantity=quantity, names=names)
-        self.families = [other for other in self.families if other is not family]
-        self.families.append(self.found[quantity])
+        self.found[called or quantity] = taken = replace(family, quantity=quantity, names=names)
+        self.families = [*(other for other in self.families if other is not family), taken]
         self.why += [why] if why else []
-        return self.found[quantity]
+        return taken
 
 
 def families_by_numbers(
@@ -115,6 +121,10 @@ def families_by_numbers(
         position = result.take(POSITION, position)
     else:
         position = next(f for f in families if f.quantity == POSITION and _is_whole(f, model.n))
+    goals = next((f for f in left if numbers.is_followed(f, position)), None)
+    if goals is not None:
+        left.remove(goals)
+        result.take(POSITION, goals, "the positions follow them", called=COMMAND)
     rate = next((f for f in left if numbers.is_rate(f, position)), None)
     if rate is not None and VELOCITY not in named:
         left.remove(rate)
@@ -202,6 +212,20 @@ class _Numbers:
         values = self._values(group)
         known = values[np.isfinite(values).all(axis=1)]
         return [unit for unit in ("rad", "deg") if within_limits(known, unit, self._model)]
+
+    def is_followed(self, goals: ColumnFamily, position: ColumnFamily) -> bool:
+        """Say whether a group that its names call commanded has set-points of positions."""
+        if goals.rank != COMMANDED:
+            return False
+        both = np.stack([self._values(goals).T, self._values(position).T], axis=1)  # (n, 2, T)
+        both = both[..., np.isfinite(both).all(axis=(0, 1))]
+        both = both[(np.ptp(both, axis=2) > 0).all(axis=1)] if both.size else both
+        if not both.size:
+            return False
+        wider = float(np.median(np.diff(np.log(np.ptp(both, axis=2)))))
+        units = (0.0, math.log(math.degrees(1.0)), -math.log(math.degrees(1.0)))
+        alike = np.median([np.corrcoef(joint)[0, 1] for joint in both])
+        return min(abs(wider - unit) for unit in units) < math.log(_RANGES) and alike > _SAME
 
     def is_rate(self, rate: ColumnFamily, position: ColumnFamily) -> bool:
         """Say whether one group is the rate of change of another."""

@@ -36,6 +36,20 @@ class TestContact:
         latest = (began["state_stamp"] - START) * 1e-9
         assert 2.0 + DELAY < latest < 2.0 + DELAY + 0.15 + 0.1
 
+    def test_is_none_where_the_joint_has_not_turned_since_a_gap(
+        self, rigid, learned, motion
+    ) -> None:
+        """The joint stands after a gap, on friction of which nobody knows how it stands."""
+        torque, position = motion.torque.copy(), motion.position.copy()
+        position[200:, 1] = position[200, 1]
+        torque[200:, 1] -= 8.0
+        service, kept = service_of(rigid, live(learned))
+        sent = messages(replace(motion, position=position, torque=torque))
+        feed(service, [*sent[:200], *sent[300:]])
+        assert kept.kinds == ["reset"]
+        assert kept.estimates[-1].outside[1]
+        assert kept.contacts[-1].joints[1] is Touch.UNKNOWN
+
     @pytest.mark.parametrize("how", ["a gap", "no torque"])
     def test_ends_where_memory_begins_anew(self, rigid, motion, how) -> None:
         pushed = motion.torque.copy()

@@ -20,6 +20,7 @@ from fed_service import (
 
 from estimators.embedded.compiled_stream import CompiledStream
 from estimators.stream import Stream
+from limo_driver.network.contact_state import Touch
 from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
@@ -122,13 +123,14 @@ class TestUnturned:
             assert outside[turned, j].mean() < 0.3
             assert service.window.samples[j] <= turned.sum()
 
-    def test_a_joint_at_rest_is_watched_all_the_same(self, rigid, learned, motion) -> None:
+    def test_of_a_joint_at_rest_ever_since_nobody_knows(self, rigid, learned, motion) -> None:
         still = np.repeat(motion.position[:1], 600, axis=0)
         torque = rigid.predict(replace(motion, position=still).motion(10.0))
         torque[300:, 1] -= 8.0
         service, kept = service_of(rigid, live(learned))
         feed(service, messages(replace(motion, position=still, torque=torque)))
-        assert "contact" in kept.kinds
+        assert "contact" not in kept.kinds
+        assert {touch for state in kept.contacts for touch in state.joints} == {Touch.UNKNOWN}
         assert all(estimate.outside.all() for estimate in kept.estimates)
         assert not service.window.samples.any()
 

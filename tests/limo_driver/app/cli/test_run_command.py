@@ -13,8 +13,11 @@ import pytest
 from sessions import PATIENCE, wait_until
 
 from limo_driver.app.cli import controller, main
+from limo_driver.app.cli.run import _report
 from limo_driver.errors import ConfigError, HoldingError
 from limo_driver.recordings.files.recorder import partial_path, read_header
+from limo_driver.recordings.recording import Recording
+from limo_driver.robot.playback import PlaybackSummary
 from limo_driver.trajectory import Segment, Trajectory
 
 pytestmark = pytest.mark.waits
@@ -75,6 +78,20 @@ def test_recording_can_be_thinned(limo, tmp_path, trajectory):
     assert done.returncode == 0, done.stderr
     assert "51 samples" in done.stdout
     assert np.diff(pq.read_table(record)["time"].to_numpy()) == pytest.approx(np.full(50, 0.004))
+
+
+def test_a_recording_with_gaps_says_how_many(tmp_path, capsys):
+    time = np.delete(np.arange(200) * 0.01, [30, 31, 32, 33, 120, 121, 122, 123])
+    values = np.sin(time)[:, None]
+    Recording.from_arrays(time, values, values).save(tmp_path / "run.parquet")
+    nothing = np.zeros(1)
+    _report(
+        PlaybackSummary(
+            str(tmp_path / "run.parquet"), 192, 2.0, 1.0, nothing, nothing, {}, False, {}, ()
+        ),
+        as_json=False,
+    )
+    assert "2 gaps; the longest, 0.05 s" in capsys.readouterr().out
 
 
 @pytest.mark.slow("plays a motion in a process of its own")

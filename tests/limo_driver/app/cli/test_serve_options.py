@@ -12,10 +12,13 @@ import numpy as np
 import pytest
 
 from limo_driver.app.cli import main
+from limo_driver.app.cli.export import read_all
 from limo_driver.app.cli.serve import log_limits, per_joint, teller
 from limo_driver.app.library import serving
+from limo_driver.app.library.learning import nominal
 from limo_driver.app.library.serving import COMPILING, Bulletins
 from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
 from limo_driver.network.readiness import ServicePhase
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime import compilation
@@ -102,6 +105,26 @@ def test_free_motion_that_cannot_say_what_a_contact_is(limo, tmp_path, options, 
     done = limo("serve", "--arm", "a", "--free", tmp_path / "a.parquet", *options)
     assert done.returncode == 2
     assert said in done.stderr
+
+
+def test_free_motion_may_be_a_log_of_any_format_with_its_mapping(tmp_path):
+    """What `export` and `serve` take alike."""
+    t = np.arange(0.0, 2.0, 0.01)
+    log = {"t": t} | {f"q{j}": np.sin(t + j) for j in range(1, 8)}
+    log |= {f"tau{j}": np.cos(t + j) for j in range(1, 8)}
+    rows = "\n".join(",".join(map(repr, row)) for row in np.column_stack([*log.values()]).tolist())
+    (tmp_path / "calm.csv").write_text(f"{','.join(log)}\n{rows}\n", encoding="utf-8")
+    joints = RobotModel.load("iiwa14").joint_names
+    channels = {
+        quantity: f"{{columns: [{', '.join(f'{word}{j}' for j in range(1, 8))}], unit: {unit}}}"
+        for quantity, word, unit in (("position", "q", "rad"), ("torque", "tau", "N m"))
+    }
+    lines = [f"joints: [{', '.join(joints)}]", "time: {columns: [t], unit: s}"]
+    lines += [f"{quantity}: {text}" for quantity, text in channels.items()]
+    (tmp_path / "map.yaml").write_text("\n".join(lines), encoding="utf-8")
+    nominal("iiwa14").save(tmp_path / "sim.yaml")
+    (calm,) = read_all([tmp_path / "calm.csv"], tmp_path / "sim.yaml", tmp_path / "map.yaml")
+    np.testing.assert_allclose(calm.torque[:, 2], np.cos(t + 3), atol=1e-12)
 
 
 def test_a_service_that_compiles_while_it_loads_is_compiling_from_then_on(capsys, monkeypatch):

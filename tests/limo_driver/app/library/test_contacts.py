@@ -52,6 +52,25 @@ class TestWrench:
         axes = arm.model.flange_pose(scan.position[k])[:3, :3]
         assert axes @ found.value[k, :3] == pytest.approx(FORCE, abs=0.4)
 
+    def test_may_have_the_axes_of_the_base(self, arm, scan):
+        found = limo.external_wrench(arm, scan, untouched=(0.5, 2.5), in_base=True)
+        during = within(found, 3.3, 3.7)
+        assert found.value[during, :3].mean(axis=0) == pytest.approx(FORCE, abs=0.4)
+        own = limo.external_wrench(arm, scan, untouched=(0.5, 2.5))
+        assert found.force == pytest.approx(own.force, rel=1e-6)
+
+    def test_is_surest_at_the_push_and_not_in_a_singular_pose(self, arm):
+        """The arm passes through a stretched elbow, where errors of torque look like 100 N."""
+        t, position = moving(5.0)
+        position[:, 3] = np.where(t < PUSHED[0], 0.9 * np.sin(2.0 * t), position[:, 3])
+        torque = arm.predict(limo.Motion.from_positions(t, position))
+        torque += np.random.default_rng(2).normal(0.0, 0.5, torque.shape)
+        pushed = (t > PUSHED[0] + 0.3) & (t < PUSHED[1])
+        torque[pushed] -= [arm.model.flange_jacobian(q)[:3].T @ FORCE for q in position[pushed]]
+        recording = limo.Recording.from_arrays(t, position, torque)
+        found = limo.external_wrench(arm, recording, untouched=(0.1, 2.5), in_base=True)
+        assert found.time[found.force.argmax()] < PUSHED[0] < found.time[found.certainty.argmax()]
+
     def test_of_a_simulation_has_no_interval_where_nothing_says_its_errors(self, arm, scan):
         found = limo.external_wrench(arm, scan)
         assert np.isnan(found.std).all()

@@ -23,6 +23,7 @@ from limo_driver.recordings.files.recorder import (
     read_header,
     read_log,
 )
+from limo_driver.recordings.files.recording_file import read_columns
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime import written_by
 from limo_driver.types import JointState
@@ -62,6 +63,18 @@ def record(path, count):
         for k in range(count):
             recorder.append(state(k), np.array([k + 0.5, k - 0.5]))
     return recorder
+
+
+def test_a_run_that_stopped_says_so_to_its_readers(tmp_path):
+    for why in ("", "joint 4 leaves its range or its velocity limit"):
+        path = tmp_path / f"run{len(why)}.parquet"
+        with Recorder(path, 2, {"robot": "two"}) as recorder:
+            for k in range(1000):
+                recorder.append(state(k), np.array([k + 0.5, k - 0.5]))
+            recorder.stopped = why
+        warnings = read_columns(path).warnings
+        assert ("the run stopped before its motion ended: " + why in warnings) == bool(why)
+        assert read_header(pq.read_table(path))["robot"] == "two"
 
 
 def test_recording_has_the_columns_of_the_format(tmp_path):

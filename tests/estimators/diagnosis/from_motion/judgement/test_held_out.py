@@ -7,6 +7,7 @@ import pytest
 from servo_arms import VELOCITY, commands, recorded
 
 from estimators.diagnosis.from_motion.held_out import removes, resolution_of, split
+from estimators.diagnosis.from_motion.verdict import _above
 
 
 def moved(pace):
@@ -32,6 +33,15 @@ def test_the_step_of_an_encoder_is_told_though_its_wheel_turns_by_many_in_each_r
 
     assert rows > 100 * step
     assert resolution_of([recording], 0) == pytest.approx(step)
+
+
+@pytest.mark.parametrize(("part", "above"), [(0.9, []), (1.1, [0, 1])])
+def test_an_error_within_a_step_of_the_encoder_is_none(part, above):
+    """Of a simulation of the very arm: where its motion starts is known to a step."""
+    recording, step = moved(1.0), np.full(2, 2 * np.pi / 4096)
+    errors = np.full((len(recording), 2), part * step)
+    assert _above(errors, [recording], step).tolist() == above
+    assert _above(errors, [recording], 0 * step).tolist() == []
 
 
 def test_few_recordings_are_cut_where_they_are_slowest():

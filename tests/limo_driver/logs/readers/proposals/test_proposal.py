@@ -499,6 +499,28 @@ def test_torques_alone_may_have_names_that_say_nothing():
     assert "is it velocity: noiseA … noiseG; torque: drvA … drvG" in mapping.undecided[0]
 
 
+@pytest.mark.parametrize("word", ["goal", "target", "cmd", "setpoint", "desired", "reference"])
+def test_what_positions_follow_are_their_set_points_and_no_torque(word):
+    late = np.roll(POSITION, 5, axis=0)
+    log = {
+        "t": TIME,
+        **numbered("joint_{}.pos", late, 1),
+        **numbered(f"joint_{{}}.{word}", POSITION, 1),
+    }
+    mapping = propose(table_of(log), arm()).mapping
+    assert mapping.torque is None
+    assert mapping.command.columns == tuple(f"joint_{j}.{word}" for j in range(1, 8))
+    assert mapping.command.unit == mapping.position.unit == ("rad",)
+    assert f"is it command: joint_1.{word}" in mapping.undecided[0]
+    assert "the positions follow them" in mapping.undecided[0]
+
+
+def test_commands_that_no_position_follows_are_no_set_points():
+    log = {"t": TIME, **numbered("joint_{}.pos", POSITION, 1)}
+    log |= numbered("joint_{}.goal", POSITION[::-1] ** 2, 1)
+    assert propose(table_of(log), arm()).mapping.command is None
+
+
 def test_columns_that_are_no_joint_of_the_arm_are_taken_for_nothing():
     random = np.random.default_rng(0).normal(size=(TIME.size, 7))
     log = {"t": TIME, **numbered("q{}_rad", POSITION), **numbered("tau{}", TORQUE)}
