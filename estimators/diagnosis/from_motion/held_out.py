@@ -11,7 +11,7 @@ What was identified from a part of the recordings and from all, and what all joi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -29,7 +29,7 @@ from limo_driver.model.units import unit_of
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
@@ -174,6 +174,10 @@ class Fold:
             return loaded_joints(given.body, self.unseen)
         return self.loads(given).parts(self.arm.change)
 
+    def squares(self, given: Simulation, j: int) -> FloatArray:
+        """Return squared errors of a joint, 0-based, on the held-out motion, (K,) [rad²]."""
+        return errors(self.parts(given)[j], self.identified.fits[j].row) ** 2
+
     def loads(self, given: Simulation) -> ArmLoads:
         """Return the loads along the held-out motion."""
         return ArmLoads(given.body, self.unseen, rows_of(given))
@@ -191,6 +195,8 @@ class DriveEvidence:
     shared: tuple[StatedArm, StatedArm] | None = None  # of the same two, where drives are stated
     counted: DriveEvidence | None = None  # with joints turned, as they were recorded
     exchanged: tuple[Fold, ...] = ()  # parts of the motion, each held out in turn
+    refitted: Mapping[tuple[int, str], FloatArray] = field(default_factory=dict)  # squared errors
+    # there of a joint, 0-based, without an effect (K,) [rad²]
     zeros: tuple[float, ...] = ()  # stated ones, which recordings no longer have [rad]
 
     @property
