@@ -45,6 +45,7 @@ from estimators.diagnosis.from_motion.stated import (
     stated_arm,
     with_intervals,
 )
+from estimators.diagnosis.from_motion.suspects import COUNTED
 from estimators.diagnosis.from_motion.verdict import (
     about_counting,
     about_drift,
@@ -234,7 +235,8 @@ def _beside_stated(
     loads = ArmLoads(given.body, recordings, rows_of(given))
     searched = search(loads, rows_of(given), tolerances_of(given), tick)
     arm = stated_arm(given, searched, searched.fit)
-    if (other := arm.counted_otherwise) and turns < _TURNS:
+    other = tuple(one for one in arm.suspects if one.effect in COUNTED)
+    if other and turns < _TURNS:
         as_recorded = tuple(unseen)
         seen, unseen, every = (
             [as_described(r, arm.change) for r in x] for x in (seen, unseen, recordings)

@@ -244,7 +244,7 @@ class PreslidingHysteresis(TorqueEffect):
             cls.maxwell_slip(joint, widths),
             settings=widths,
             family=partial(cls.slips, joint),
-            bounds=tuple((0.4 * width, 2.5 * width) for width in widths),
+            bounds=tuple((max(0.4 * width, STOP_WIDTHS[0]), 2.5 * width) for width in widths),
         )
 
     @classmethod

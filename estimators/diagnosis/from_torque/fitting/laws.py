@@ -159,8 +159,9 @@ def _of_few_slips(hypothesis: Hypothesis, carried: FloatArray) -> Iterator[Hypot
     for many in range(1, min(LAWS.slips, widths.size) + 1):
         cuts = min(combinations(range(1, widths.size), many - 1), key=apart)
         split = zip(np.split(carried, cuts), np.split(carried / widths, cuts), strict=True)
-        own = (float(force.sum() / stiffness.sum()) for force, stiffness in split)
-        yield PreslidingHysteresis.slips(hypothesis.joints[0] + 1, *own)
+        own = [float(force.sum() / stiffness.sum()) for force, stiffness in split]
+        if min(own) > min(slips):  # at its end is what is narrower, as any sharper sign
+            yield PreslidingHysteresis.slips(hypothesis.joints[0] + 1, *own)
 
 
 def sentence_of(laws: Sequence[LawEvidence]) -> str:
