@@ -174,13 +174,16 @@ class Fold:
             return loaded_joints(given.body, self.unseen)
         return self.loads(given).parts(self.arm.change)
 
-    def squares(self, given: Simulation, j: int) -> FloatArray:
-        """Return squared errors of a joint, 0-based, on the held-out motion, (K,) [rad²]."""
-        return errors(self.parts(given)[j], self.identified.fits[j].row) ** 2
-
     def loads(self, given: Simulation) -> ArmLoads:
         """Return the loads along the held-out motion."""
         return ArmLoads(given.body, self.unseen, rows_of(given))
+
+    def squares(self, loads: ArmLoads, less: Suspect | None = None) -> list[FloatArray]:
+        """Return squared errors of each joint along these loads [rad²], without one suspect."""
+        change = ArmChange.none(loads.n) if self.arm is None else self.arm.change
+        parts = loads.parts(change if less is None else without(change, less))
+        rows = [fit.row for fit in self.identified.fits]
+        return [errors(own, row) ** 2 for own, row in zip(parts, rows, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -223,7 +226,7 @@ class DriveEvidence:
 
         def squares(one: Suspect | None) -> list[FloatArray]:
             """Return squared errors of each joint on all that is held out, without one suspect."""
-            every = [_squares(fold, loads, one) for fold, loads in folds]
+            every = [fold.squares(loads, one) for fold, loads in folds]
             return [np.concatenate(own) for own in zip(*every, strict=True)]
 
         full = squares(None)
@@ -243,14 +246,6 @@ class DriveEvidence:
             rmse = [tuple(float(np.sqrt(x.mean())) for x in own) for own in (less, full)]
             stated = self.zeros[one.joint] if self.zeros and one.joint is not None else 0.0
             yield lost, shared_finding(one, final, confidence, BeforeAfter(*rmse), stated)
-
-
-def _squares(fold: Fold, loads: ArmLoads, less: Suspect | None) -> list[FloatArray]:
-    """Return squared errors of each joint on held-out motion [rad²], without one suspect."""
-    change = ArmChange.none(loads.n) if fold.arm is None else fold.arm.change
-    parts = loads.parts(change if less is None else without(change, less))
-    rows = [fit.row for fit in fold.identified.fits]
-    return [errors(own, row) ** 2 for own, row in zip(parts, rows, strict=True)]
 
 
 def without(change: ArmChange, one: Suspect) -> ArmChange:

@@ -295,7 +295,7 @@ def _proven(
             continue
         less = fit_without(searched, one, tick)
         full, without = (
-            np.concatenate([fold.squares(given, one.joint) for fold in own])
+            np.concatenate([fold.squares(fold.loads(given))[one.joint] for fold in own])
             for own in (folds, folds_of(less))
         )
         if removes(full, without, len(pairs)) < CONFIDENT:
