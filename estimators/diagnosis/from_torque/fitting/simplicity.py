@@ -74,7 +74,7 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
         everywhere = range(problem.observed.n)
         if strains(problem, solution, new.fitted):
             continue  # what a body does at other joints would be laid to stated values
-        # a member that was likelier before others were refined beside it is not needed any more
+        # a member that was likelier until others were refined is not needed any more
         if new.gain >= solution.gain or not surely_better(
             problem, solution, solution.members, new.members, everywhere
         ):

@@ -254,9 +254,9 @@ def _known(values: NDArray[Any]) -> NDArray[np.float64]:
 
 def _unit_in(table: LogTable, name: str) -> tuple[str, str, str]:
     """Return unit, reason and question of a column of time, whose unit the format may state."""
-    said = read_name(name).unit
-    unit, why, question = _unit(table.columns[name], said)
-    if unit == "ms" and said not in SECONDS and _holds_poses(table, name):
+    stated = read_name(name).unit
+    unit, why, question = _unit(table.columns[name], stated)
+    if unit == "ms" and stated not in SECONDS and _holds_poses(table, name):
         asked = (
             f"time: {why} in ms, but from row to row the columns jump as far as between any two "
             "rows, as poses do that are held one after the other: is it in s?"
