@@ -60,7 +60,7 @@ PROBE = """<link name="probe"><inertial><origin xyz="0 0 0.1"/><mass value="0.3"
 </link>"""
 FAR = {  # what is asked for in vain, and the option that has to be named
     "--table-height": "0.9",
-    "--workspace-radius": "0.1",
+    "--workspace-radius": "0.05",  # a UR10e plans within 0.1 m
     "--region": "3,0,0,3.5,0.5,0.5",
     "--clearance": "0.5",
     "--joint-margin": "160",

@@ -14,7 +14,7 @@ from backends.can.config import CIA402, ArmConfig
 from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.robot.output import instead
-from limo_driver.robot.realtime import LatencyHistogram
+from limo_driver.robot.realtime import LatencyHistogram, excuse
 from limo_driver.robot.robot import LISTENS, Robot
 from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
@@ -276,10 +276,7 @@ class CanRobot(Robot):
         late, cycle = self._stall
         if self._cycle - cycle > self.config.hold_after:
             return ""
-        return (
-            f"; this program itself came {late:.3g} s late: give it real-time priority "
-            "(limo run --fifo), or the arm more patience (hold_after, watchdog)"
-        )
+        return f"{excuse(late)}, or the arm more patience (hold_after, watchdog)"
 
     def _send(self, command: JointCommand) -> JointCommand | None:
         if self._unfinished is not None:

@@ -29,6 +29,7 @@ from limo_driver.errors import (
     WireFormatError,
 )
 from limo_driver.model import RobotModel
+from limo_driver.robot.realtime import excuse
 from limo_driver.robot.robot import LISTENS, READY_TIMEOUT, Robot
 from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.types import JointState, RobotSpec, WrenchLimits, readonly
@@ -377,12 +378,7 @@ class FriRobot(Robot):
 
     def _excuse(self) -> str:
         late, ended = self._stall
-        if self._session.time > ended + EXCUSED:
-            return ""
-        return (
-            f"; this program itself came {late:.3g} s late: give it real-time priority "
-            "(limo run --fifo)"
-        )
+        return "" if self._session.time > ended + EXCUSED else excuse(late)
 
     def _hold_for(self, reason: str) -> None:
         """Hold, and say what this machine has to do with it."""

@@ -144,7 +144,6 @@ def link(seconds: float, period_ms: int, *, fifo: bool) -> None:
     with controller(*options) as running, Realtime(fifo=fifo) as realtime:
         with FriRobot(port=PORT, version="1.15") as robot:
             robot.wait_until_ready()
-            realtime.freeze()
             holds = move(robot, time.monotonic() + seconds, realtime)
             running.send_signal(signal.SIGINT)
             with suppress(BackendError):  # answers to the end of the session

@@ -20,18 +20,20 @@ import math
 import os
 import resource
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.processes import Closing
 
 PRIORITY: Final = 40  # of SCHED_FIFO: above all that is not real time, below the kernel's 50
+_OTHERS: Final = PRIORITY - 1  # of other threads of a loop
+_BEHIND: Final = PRIORITY - 2  # of what answers
 YOUNG_LIMIT: Final = 5000  # containers that may wait for the collector while it is off
 _NANO: Final = 1_000_000_000
 _ON_LINUX: Final = sys.platform.startswith("linux")
@@ -90,48 +92,44 @@ class Pace:
         return f"{self.lateness.count} wakes, late by {self.lateness.summary()}{skipped}"
 
 
-class Realtime(Closing):
+class _Asked(Closing):
+    """What was asked of the machine; `close` puts everything back as it was."""
+
+    def __init__(self) -> None:
+        self.refused: list[str] = []
+        self._undo: list[Callable[[], None]] = []
+
+    def close(self) -> None:
+        """Put everything back as it was."""
+        while self._undo:
+            self._undo.pop()()
+
+
+class Realtime(_Asked):
     """Keeps the process ready for a loop: what there is by now is frozen, the collector is off.
 
     Only cycles of references wait for the collector; `tidy` collects the young ones when there are
     too many, in well under a millisecond, so that memory stays bounded. `close` undoes everything.
 
     Args:
-        fifo: Ask for SCHED_FIFO, for the calling thread.
-        lock_memory: Ask for pages that stay in memory; by default with `fifo`.
-        priority: Of SCHED_FIFO.
+        fifo: Ask for SCHED_FIFO and pages that stay in memory. The calling thread comes before the
+            others, for whose lock of the interpreter or of the network it may have to wait; those
+            that it starts are like it.
     """
 
-    def __init__(
-        self, *, fifo: bool = False, lock_memory: bool | None = None, priority: int = PRIORITY
-    ) -> None:
-        self.refused: list[str] = []
+    def __init__(self, *, fifo: bool = False) -> None:
+        super().__init__()
         self.collections = 0
-        self._undo: list[Callable[[], None]] = []
         self._freeze()
         self._fine_timers()
         if fifo:
-            self._undo += _prefer(0, priority, self.refused)
-        if fifo if lock_memory is None else lock_memory:
-            self._undo += _lock_memory(self.refused)
+            self._undo += _prefer_all(PRIORITY, _OTHERS, 0, self.refused)
 
     def tidy(self) -> None:
         """Collect young garbage if there is much of it; call it where a cycle has time left."""
         if gc.get_count()[0] > YOUNG_LIMIT:
             gc.collect(0)
             self.collections += 1
-
-    def freeze(self) -> None:
-        """Freeze what came about since, too, in microseconds: call it when all is connected.
-
-        Else the first `tidy` would look through it.
-        """
-        gc.freeze()
-
-    def close(self) -> None:
-        """Put everything back as it was."""
-        while self._undo:
-            self._undo.pop()()
 
     def _freeze(self) -> None:
         if not gc.isenabled():  # an outer loop has done so
@@ -150,41 +148,55 @@ class Realtime(Closing):
             self._undo.append(lambda: libc.prctl(_PR_SET_TIMERSLACK, max(before, 0), 0, 0, 0))
 
 
-class RealtimeThreads(Closing):
+class RealtimeThreads(_Asked):
     """Puts all threads that a process has by now under SCHED_FIFO, and locks its memory.
 
-    Threads of one interpreter wait for each other's lock, so one that is left out would hold the
-    others up. What these threads start, such as a training, is scheduled as any other process.
-
-    Args:
-        priority: Of SCHED_FIFO.
+    A loop that commands an arm comes before them. What they start, such as a training, is
+    scheduled as any other process.
     """
 
-    def __init__(self, priority: int = PRIORITY) -> None:
-        self.refused: list[str] = []
-        self._undo: list[Callable[[], None]] = []
-        for thread in map(int, os.listdir("/proc/self/task")) if _ON_LINUX else (0,):
-            self._undo += _prefer(thread, priority, self.refused)
-            if self.refused:
-                return
-        self._undo += _lock_memory(self.refused)
-
-    def close(self) -> None:
-        """Put everything back as it was."""
-        while self._undo:
-            with suppress(ProcessLookupError):  # a thread that has ended
-                self._undo.pop()()
+    def __init__(self) -> None:
+        super().__init__()
+        reset = getattr(os, "SCHED_RESET_ON_FORK", 0)
+        self._undo += _prefer_all(_BEHIND, _BEHIND, reset, self.refused)
 
 
-def _prefer(thread: int, priority: int, refused: list[str]) -> list[Callable[[], None]]:
-    """Put a thread, 0 for the calling one, under SCHED_FIFO; return what takes it back."""
-    if not hasattr(os, "sched_setscheduler"):
-        refused.append("this system has no SCHED_FIFO")
+def _prefer_all(own: int, others: int, flags: int, refused: list[str]) -> list[Callable[[], None]]:
+    """Put all threads under SCHED_FIFO, the calling one first, and lock memory.
+
+    Threads of one interpreter wait for each other's lock, so one that is left out would hold the
+    others up.
+
+    Args:
+        own: Priority of the calling thread.
+        others: Of all others.
+        flags: Of the policy, for threads of Python. Those of the network start no processes, but
+            threads as they are themselves once somebody connects.
+        refused: Gets what is not permitted.
+
+    Returns:
+        What takes it back.
+    """
+    if not _ON_LINUX:
+        refused.append("SCHED_FIFO and locked memory are for Linux only")
         return []
+    calling = threading.get_native_id()
+    of_python = {thread.native_id for thread in threading.enumerate()}
+    rest = {int(name) for name in os.listdir("/proc/self/task")} - {calling}
+    undo = list[Callable[[], None]]()
+    for thread in (calling, *rest):
+        priority = own if thread == calling else others
+        undo += _prefer(thread, priority, flags if thread in of_python else 0, refused)
+        if refused:
+            return undo
+    return undo + _lock_memory(refused)
+
+
+def _prefer(thread: int, priority: int, flags: int, refused: list[str]) -> list[Callable[[], None]]:
+    """Put a thread under SCHED_FIFO; return what takes it back."""
     try:
         policy, parameters = os.sched_getscheduler(thread), os.sched_getparam(thread)
-        own = os.SCHED_FIFO | (os.SCHED_RESET_ON_FORK if thread else 0)
-        os.sched_setscheduler(thread, own, os.sched_param(priority))
+        os.sched_setscheduler(thread, os.SCHED_FIFO | flags, os.sched_param(priority))
     except ProcessLookupError:  # it has ended
         return []
     except OSError as error:
@@ -193,14 +205,16 @@ def _prefer(thread: int, priority: int, refused: list[str]) -> list[Callable[[],
             "the user `rtprio` in /etc/security/limits.conf; scheduled as any other process"
         )
         return []
-    return [lambda: os.sched_setscheduler(thread, policy, parameters)]
+
+    def take_back() -> None:
+        with suppress(ProcessLookupError):  # it has ended since
+            os.sched_setscheduler(thread, policy, parameters)
+
+    return [take_back]
 
 
 def _lock_memory(refused: list[str]) -> list[Callable[[], None]]:
     """Keep all pages in memory; return what takes it back."""
-    if not _ON_LINUX:
-        refused.append("memory is locked on Linux only")
-        return []
     libc = _libc()
     endless = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
     # With a limit, memory asked for later would be refused when the limit is reached.
@@ -212,6 +226,13 @@ def _lock_memory(refused: list[str]) -> list[Callable[[], None]]:
         )
         return []
     return [libc.munlockall]
+
+
+def excuse(late: float) -> str:
+    """Say, behind the reason of a hold, how late this program came [s], and what helps."""
+    fifo = _ON_LINUX and os.sched_getscheduler(0) == os.SCHED_FIFO
+    helps = "leave it this computer" if fifo else "give it real-time priority (limo run --fifo)"
+    return f"; this program itself came {late:.3g} s late: {helps}"
 
 
 def sleeper() -> Callable[[int], None]:
@@ -260,17 +281,13 @@ class LatencyHistogram:
         """Durations counted."""
         return sum(self._counts)
 
-    @property
-    def edges(self) -> NDArray[np.float64]:
-        """Upper edges of the bins [s]."""
-        return _LOWEST * 10.0 ** (np.arange(1, _BINS + 1) / _PER_DECADE)
-
     def percentile(self, percent: float) -> float:
         """Return the upper edge of the bin that holds a percentile [s]; NaN if there is none."""
         if not self.count:
             return float("nan")
         reached = np.cumsum(self._counts) >= percent / 100.0 * self.count
-        return min(float(self.edges[int(np.argmax(reached))]), self.longest)
+        edge = 1 + int(np.argmax(reached))
+        return min(float(_LOWEST * 10.0 ** (edge / _PER_DECADE)), self.longest)
 
     def take(self) -> LatencyHistogram:
         """Return what was counted, and begin anew."""

@@ -74,7 +74,6 @@ class SimulatedController(Closing):
         self._sleep = sleeper()
         self._began_ns = time.time_ns()
         self._time = 0.0  # [s] of the robot
-        self._cycles = 1  # that the last wait took
         self._ends = float("inf") if settings.duration is None else settings.duration
         self._farewells = 0
         self._packet()  # what is compiled and learned at first is not at the client's cost
@@ -110,9 +109,7 @@ class SimulatedController(Closing):
                 while (leaving := self._network.next_ns()) is not None and leaving < due:
                     self._sleep(leaving)
                     self._send_due(leaving)
-                skipped = self._pace.skipped
-                self._pace.wait()
-                self._cycles = 1 + self._pace.skipped - skipped
+                self._pace.wait()  # of periods that are missed, arm and clock know nothing
                 self._cycle()
                 realtime.tidy()
             # Count answers that are still under way
@@ -135,7 +132,7 @@ class SimulatedController(Closing):
         for answered in self._listener.close_interval(heard_ns):
             self._quality.count(answered=answered)
         self._update_session()
-        steps = self._cycles * self.settings.period_ms
+        steps = self.settings.period_ms
         self._motion.move(
             self._now, self._clock.since(self._time), steps, active=self._session.active
         )

@@ -41,7 +41,6 @@ _WRONG: Final = {
     Arrival.UNKNOWN: "an answer reflects a packet that was never sent, or long ago",
 }
 TRACKING: Final = 0.05  # [rad] off the set-point at which the tracking performance is 0
-_MOST_STEPS: Final = 200  # [ms] that are simulated at once after a pause of the whole process
 
 
 class Listener:
@@ -308,7 +307,6 @@ class CommandedArm:
             phase = 2.0 * np.pi * (time - event.at) / event.duration
             self.program[event.joint - 1] += 0.5 * event.amplitude * (1.0 - np.cos(phase))
         self.arm.push(push)
-        steps = min(steps, _MOST_STEPS)
         if now.guide is not None and not active:
             targets = self.path.guide(self._guided(now.guide, time), steps)
             self._ipo_base = self.path.position

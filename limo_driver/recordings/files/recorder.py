@@ -85,7 +85,8 @@ class Recorder(Closing):
         except OSError as error:
             raise RecordingError(f"cannot be written: {error.strerror}", path=self.path) from None
         try:
-            self._stream = self._begun()
+            self._stream = LogStream(self._waiting, self._schema)
+            self._sync(durably=False)  # an arm that is commanded by now waits for no disk
         except OSError as error:  # nothing is in it that another run should not write over
             self._abandon()
             self.partial.unlink(missing_ok=True)
@@ -93,12 +94,6 @@ class Recorder(Closing):
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._write_on, name="limo-recorder", daemon=True)
         self._thread.start()
-
-    def _begun(self) -> LogStream:
-        """Return the stream with its header."""
-        stream = LogStream(self._waiting, self._schema)
-        self._sync()
-        return stream
 
     def append(self, state: JointState, target: FloatArray | None = None) -> None:
         """Record a state and the position commanded in answer to it, if any.
@@ -201,13 +196,14 @@ class Recorder(Closing):
         if self._waiting.tell():
             self._sync()
 
-    def _sync(self) -> None:
-        """Bring what waits to the disk, all of it or nothing."""
+    def _sync(self, *, durably: bool = True) -> None:
+        """Bring what waits to the disk, or only on its way there, all of it or nothing."""
         left = self._waiting.getvalue()
         try:
             while left:
                 left = left[self._file.write(left) :]
-            os.fsync(self._file.fileno())
+            if durably:
+                os.fsync(self._file.fileno())
         except OSError:
             self._file.truncate(self._written)
             self._file.seek(self._written)

@@ -74,10 +74,7 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
         everywhere = range(problem.observed.n)
         if strains(problem, solution, new.fitted):
             continue  # what a body does at other joints would be laid to stated values
-        # a member that was likelier until others were refined is not needed any more
-        if new.gain >= solution.gain or not surely_better(
-            problem, solution, solution.members, new.members, everywhere
-        ):
+        if not surely_better(problem, solution, solution.members, new.members, everywhere):
             return new
     return solution
 
@@ -86,9 +83,7 @@ def _with_one_for_two(problem: RegressionProblem, solution: Solution) -> Solutio
     """Put one effect into the place of two of a joint where the second would bring too little.
 
     Friction by a load that drives the joint is half of that by any load, less a gain: the pair fits
-    a little better wherever the law of the one is not exact, but both names would be wrong. One
-    that chooses as much as both has to be likelier: friction that differs by direction, for an
-    offset beside more friction.
+    a little better wherever the law of the one is not exact, but both names would be wrong.
     """
     search, candidates = solution.search, problem.candidates
     base = {candidates[i].place for i in problem.base}
@@ -98,14 +93,8 @@ def _with_one_for_two(problem: RegressionProblem, solution: Solution) -> Solutio
         if not joints or candidates[pair[1]].joints != joints:
             continue
         rest, others = _in_place_of(problem, solution, pair)
-        enough, freedom = _enough(solution, rest), sum(_freedom(candidates[i]) for i in pair)
         gains = {i: search.gain((*rest, i)) for i in others if candidates[i].joints == joints}
-        gains = {
-            i: gain
-            for i, gain in gains.items()
-            if (gain >= enough if _freedom(candidates[i]) < freedom else gain > solution.gain)
-        }
-        if not gains:
+        if not gains or max(gains.values()) < _enough(solution, rest):
             continue
         new = solution.having((*rest, first_best(gains, gains.__getitem__)))
         if not strains(problem, solution, new.fitted) and _does_as_well(problem, solution, new):
@@ -116,10 +105,7 @@ def _with_one_for_two(problem: RegressionProblem, solution: Solution) -> Solutio
 def _in_place_of(
     problem: RegressionProblem, solution: Solution, gone: Sequence[int]
 ) -> tuple[tuple[int, ...], list[int]]:
-    """Return the other members, and the candidates that choose less than a member, or two, do.
-
-    As much as two is less, since it is one.
-    """
+    """Return the other members, and the candidates that choose less than some members do."""
     candidates = problem.candidates
     rest = tuple(i for i in solution.members if i not in gone)
     taken = {candidates[i].slot for i in rest}
@@ -128,7 +114,7 @@ def _in_place_of(
         i
         for i, candidate in enumerate(candidates)
         if candidate.slot not in taken
-        and _freedom(candidate) < freedom + len(gone) - 1
+        and _freedom(candidate) < freedom
         and not _is_of_sensor(candidate)
     ]
 

@@ -172,9 +172,8 @@ def _errs_more(found: Written, elsewhere: Elsewhere, gone: Sequence[str], name: 
     known = [item.part for item in found.withheld]
     if (elsewhere.change([*known, *gone, name], [*known, *gone])[0] > 0).any():
         return True
-    judged = found.judged
-    less = without(judged.beside.simulation, elsewhere.given, [*gone, name])
-    left = judged.beside.under(less).residual
+    judged, fit = found.judged, found.judged.beside
+    left = fit.under(without(fit.simulation, elsewhere.given, [*gone, name])).residual
     return bool(worse_at(judged.problem, left, judged.proven, judged.remaining))
 
 

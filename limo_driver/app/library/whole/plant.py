@@ -38,7 +38,8 @@ WORN: Final = CoulombFriction(joint=4, tau_c=0.8, v_eps=0.002)  # more than is b
 CARRYING: Final = (2, 4, 6)  # joints that lift what is at the flange
 PUSH: Final = 10.0  # [N m] about the vertical, at the flange
 WRENCH: Final = (0.0, 0.0, 0.0, 0.0, 0.0, PUSH)  # [N, N m]
-_FIRST_PUSH, _PAUSE, _LONG, _LAST_PUSH = 5.0, 15.0, 2.5, 900.0  # [s]
+LONG: Final = 2.5  # [s] of a push
+_FIRST_PUSH, _PAUSE, _LAST_PUSH = 5.0, 15.0, 900.0  # [s]
 
 
 def believed() -> Simulation:
@@ -97,7 +98,7 @@ def friction_of(simulation: Simulation, joint: int) -> float:
 def pushed(arm: Simulation) -> Simulation:
     """Return an arm that is pushed again and again, with pauses."""
     starts = tuple(takewhile(lambda at: at < _LAST_PUSH, count(_FIRST_PUSH, _PAUSE)))
-    windows = tuple((at, at + _LONG) for at in starts)
+    windows = tuple((at, at + LONG) for at in starts)
     return _with(arm, ExternalContact(windows=windows, wrench=(WRENCH,) * len(windows)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import os
 import signal
 import socket
 import subprocess
@@ -25,7 +26,8 @@ from limo_driver.network.messages import (
     decode_torque_estimate,
 )
 from limo_driver.network.streaming import Keys, follow_history
-from limo_driver.runtime.processes import Closing
+from limo_driver.robot.realtime import RealtimeThreads
+from limo_driver.runtime.processes import Closing, end_with_parent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 
     import zenoh
 
-    from limo_driver.network.messages import Event, TorqueEstimate
+    from limo_driver.network.messages import Event
 
     Process = subprocess.Popen[bytes] | BaseProcess
 
@@ -99,7 +101,8 @@ def wire_of(backend: str, folder: Path) -> ProvenWire:
         raise ConfigError(f"`backend` is {backend!r}, expected one of {', '.join(BACKENDS)}")
     port = _free_port(socket.SOCK_DGRAM)
     if backend == "fri":
-        other_end = ("controller", "--client", f"127.0.0.1:{port}")
+        period = str(round(1e3 / RATE))  # a state a packet
+        other_end = ("controller", "--client", f"127.0.0.1:{port}", "--period-ms", period)
         return ProvenWire("FRI", backend, ("--port", str(port)), other_end)
     config = folder / "can.yaml"
     joints = "".join(
@@ -128,7 +131,7 @@ def moving(
         The driver.
 
     Raises:
-        BackendError: The other end did not start.
+        BackendError: The other end did not start, or the driver ended before the block.
     """
     given = ["--trajectory", str(motion), "--record", str(record), "--rate", str(RATE), "--json"]
     given += [*wire.options, "--fifo"] if wire.other_end else ["--sim", str(simulation)]
@@ -137,12 +140,14 @@ def moving(
         given += ["--wait-for-estimates", str(_PATIENCE)]
     with ExitStack() as open_:
         errors = open_.enter_context(record.with_suffix(".err").open("wb"))
+        if wire.other_end and network is not None:
+            open_.enter_context(RealtimeThreads())  # states pass through this process
         if wire.other_end:
             physics = ["--sim", str(simulation), "--trajectory", str(motion), "--fifo", "--json"]
             arm = subprocess.Popen(  # noqa: S603  # this interpreter, with our own options
                 [*_LIMO, *wire.other_end, *physics], stdout=subprocess.PIPE, stderr=errors
             )
-            open_.callback(_end, arm, signal.SIGTERM)
+            open_.callback(_end, arm, signal.SIGTERM, record.with_suffix(".other_end.json"))
             if arm.stdout is None or not arm.stdout.readline():
                 raise BackendError(f"{wire.other_end[0]} did not start: see {errors.name}")
         driver = subprocess.Popen(  # noqa: S603
@@ -151,16 +156,33 @@ def moving(
             stderr=errors,
         )
         open_.callback(_end, driver, signal.SIGINT)
-        yield driver
+        try:
+            yield driver
+        except LimoError as error:
+            if driver.poll():  # that is why
+                raise BackendError(_why_ended(record, wire)) from error
+            raise
 
 
-def _end(process: subprocess.Popen[bytes], by: signal.Signals) -> None:
+def _why_ended(record: Path, wire: ProvenWire) -> str:
+    """Return the last line of a driver, and how busy this computer is that has to keep time."""
+    lines = record.with_suffix(".err").read_text(errors="replace").strip().splitlines()
+    why = f"the driver ended early: {lines[-1] if lines else record}"
+    if not wire.other_end:
+        return why
+    load = f"a load of {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
+    return f"{why}; {wire.name} needs real time at both ends, and this computer has {load}"
+
+
+def _end(process: subprocess.Popen[bytes], by: signal.Signals, report: Path | None = None) -> None:
     process.send_signal(by)
     try:
-        process.communicate(timeout=_ENDING)
+        output, _ = process.communicate(timeout=_ENDING)
     except subprocess.TimeoutExpired:
         process.kill()
-        process.communicate()
+        output, _ = process.communicate()
+    if report is not None:
+        report.write_bytes(output)
 
 
 def recorded(driver: subprocess.Popen[bytes], record: Path) -> Path:
@@ -170,8 +192,7 @@ def recorded(driver: subprocess.Popen[bytes], record: Path) -> Path:
         BackendError: It did not get there.
     """
     if driver.wait(_PATIENCE):
-        lines = record.with_suffix(".err").read_text(errors="replace").strip().splitlines()
-        raise BackendError(f"the driver ended early: {lines[-1] if lines else record}")
+        raise BackendError("the driver ended early")  # inside `moving`, which knows why
     return record
 
 
@@ -202,6 +223,7 @@ class ServiceProcess(Closing):
 def _serve(options: dict[str, Any]) -> None:
     from limo_driver.app.library.serving import serve
 
+    end_with_parent()
     with serve(ARM, **options) as service:
         service.wait()
 
@@ -280,7 +302,7 @@ class Consumer(Closing):
         return HeardStates(
             np.array([sequence for sequence, _ in pairs], dtype=np.int64),
             np.array([answer.stamp_ns for answer in answers], dtype=np.int64),
-            np.array([_external(answer) for answer in answers]),
+            np.array([x.external * (np.nan if x.reset else 1.0) for x in answers]),
             tuple(answer.model for answer in answers),
         )
 
@@ -314,10 +336,6 @@ class Consumer(Closing):
         with self._changed:
             self.status = status
             self._changed.notify_all()
-
-
-def _external(answer: TorqueEstimate) -> np.ndarray:
-    return answer.external * (np.nan if answer.reset else 1.0)
 
 
 def _lives(process: Process) -> bool:

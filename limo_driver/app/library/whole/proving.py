@@ -177,17 +177,14 @@ class _Run:
             "store": self.out / "models",
             "log": self.out / "logs",
             "config": self.network,
+            "fifo": bool(self.wire.other_end),
             "settings": ServiceSettings(contact_torque=_CONTACT),
             "retraining": RetrainingSettings(
                 seconds=_GATHERED, shadow=_SHADOW, reference=_REFERENCE
             ),
         }
         self.service = ServiceProcess(self.options)
-        open_.callback(self.end)
-
-    def end(self) -> None:
-        """End the service in order, whichever it is by then."""
-        self.service.close()
+        open_.callback(lambda: self.service.close())  # noqa: PLW0108  # whichever it is by then
 
     def feel_push(self, name: str, arm: Simulation, file: str) -> None:
         """Stream until a push was felt from its beginning to its end."""
@@ -205,6 +202,7 @@ class _Run:
                         for event in consumer.events[known:]
                         if event.kind == "contact_end"
                         and event.facts["joint"] == 1
+                        and event.facts["lasted"] > plant.LONG - _SETTLED
                         and not event.facts["cut_off"]
                     ),
                     None,
@@ -255,7 +253,10 @@ class _Run:
             self.tell("retraining from the log", self.part)
             trained = consumer.wait(lambda: consumer.event("trained", known), living)
             self.tell("judging the challenger against the champion", self.part)
-            promoted = consumer.wait(lambda: self.ended(known), living)
+            promoted = consumer.wait(
+                lambda: consumer.event("promoted", known) or consumer.event("refused", known),
+                living,
+            )
             if promoted.kind != "promoted":
                 raise LimoError(f"the challenger does not serve: {promoted.text}")
             after = consumer.count
@@ -267,10 +268,6 @@ class _Run:
     def stage(self, name: str) -> bool | None:
         """Say whether the service says that retraining is at a stage."""
         return self.consumer.status.get("retraining", {}).get("stage") == name or None
-
-    def ended(self, known: int) -> Any:  # noqa: ANN401  # an event
-        """Return the event that decided on the challenger, if it came."""
-        return self.consumer.event("promoted", known) or self.consumer.event("refused", known)
 
     def kill(self, joints: list[int]) -> None:
         """Kill the service, begin it anew, and wait until it answers."""

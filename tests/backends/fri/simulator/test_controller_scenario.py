@@ -7,7 +7,7 @@ from ports import free_port
 
 from backends.fri.codec.messages import Quality, SafetyState, SessionState
 from backends.fri.simulator.connection.port import Address
-from backends.fri.simulator.controller import SimulatedController
+from backends.fri.simulator.controller import FAREWELL, SimulatedController
 from backends.fri.simulator.scenario import (
     ControllerScenario,
     Delay,
@@ -25,6 +25,7 @@ from backends.fri.simulator.scenario import (
 )
 from backends.fri.simulator.settings import ControllerSettings
 from limo_driver.model import RobotModel
+from limo_driver.robot.realtime import Pace
 
 pytestmark = pytest.mark.waits
 
@@ -78,6 +79,20 @@ def test_a_force_on_the_flange_is_felt_by_all_joints():
     expected = -jacobian[:3].T @ force
     assert np.abs(expected).max() > 5.0
     assert client["external"] == pytest.approx(expected, abs=0.5)
+
+
+def test_a_controller_that_comes_late_leaves_out_no_time_of_the_robot():
+    class Late(Pace):
+        def wait(self):
+            self.skipped += 4
+            return 0
+
+    settings = ControllerSettings(Address("127.0.0.1", free_port()), period_ms=4, duration=0.4)
+    with SimulatedController(settings) as robot:
+        robot._pace = Late(4e-3)
+        report = robot.run().as_json()
+    assert report["packets"]["sent"] == 100 + FAREWELL
+    assert report["duration"] == pytest.approx(0.4 + FAREWELL * 4e-3)
 
 
 @pytest.mark.slow("seconds at the pace of a real controller")

@@ -17,6 +17,8 @@ from limo_driver.network.streaming import Keys, is_alive, open_session
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
     from processes import Network
 
     from estimators.service.store.store import ModelStore
@@ -27,6 +29,31 @@ pytestmark = [
 ]
 EXAMPLES = Path(__file__).parents[4] / "examples"
 VAIN = 3.0  # [s] of waiting for what cannot come
+
+
+@pytest.fixture
+def service(store: ModelStore, network: Network) -> Generator[None]:
+    """Serve an arm of two links, until it waits for joint states and to the end of the test."""
+    with (
+        open_session(config=network.here) as session,
+        served(network, "--arm", ARM, "--store", store.root),
+        ServiceWatch(session, ARM) as watch,
+    ):
+        watch.wait("waiting", PATIENCE)
+        yield
+
+
+def streaming(network: Network, name: str = ARM) -> tuple[object, ...]:
+    """Return the options of a driver that streams."""
+    return ("--stream", "--name", name, "--zenoh-config", network.there)
+
+
+@pytest.fixture
+def two_links(tmp_path: Path, two_links_urdf: Path) -> tuple[object, ...]:
+    """Return the options of a driver of two links, with a motion for them."""
+    motion = slow_motion(tmp_path, 1.0, two_links_urdf)
+    robot = tmp_path / "two_links.urdf"
+    return ("--backend", "virtual", "--robot", robot, "--trajectory", motion)
 
 
 def motion_of(robot: str, n: int, folder: Path) -> Path:
@@ -74,60 +101,38 @@ def test_a_plan_for_another_robot(arm: tuple[object, ...], tmp_path: Path) -> No
     assert "other.traj.parquet: the trajectory was planned for other, but the robot is" in said
 
 
-def test_a_service_that_serves_another_arm(
-    store: ModelStore, network: Network, tmp_path: Path
-) -> None:
+@pytest.mark.usefixtures("service")
+def test_a_service_that_serves_another_arm(network: Network, tmp_path: Path) -> None:
     given = ("--backend", "virtual", "--trajectory", motion_of("iiwa14", 7, tmp_path))
-    stream = ("--stream", "--name", ARM, "--zenoh-config", network.there)
-    with (
-        open_session(config=network.here) as session,
-        served(network, "--arm", ARM, "--store", store.root),
-        ServiceWatch(session, ARM) as watch,
-    ):
-        watch.wait("waiting", PATIENCE)
-        said = refused(tmp_path, *given, *stream, "--wait-for-estimates", VAIN)
+    said = refused(tmp_path, *given, *streaming(network), "--wait-for-estimates", VAIN)
     assert f"no service of arm '{ARM}' was serving within {VAIN:g} s" in said
     assert f"and {ARM!r} is served as two_links" in said
 
 
+@pytest.mark.usefixtures("service")
 def test_a_service_of_another_name(
-    store: ModelStore, network: Network, tmp_path: Path, two_links_urdf: Path
+    network: Network, tmp_path: Path, two_links: tuple[object, ...]
 ) -> None:
-    given = ("--backend", "virtual", "--trajectory", slow_motion(tmp_path, 1.0, two_links_urdf))
-    given += ("--robot", tmp_path / "two_links.urdf")
-    stream = ("--stream", "--name", "left", "--zenoh-config", network.there)
-    with (
-        open_session(config=network.here) as session,
-        served(network, "--arm", ARM, "--store", store.root),
-        ServiceWatch(session, ARM) as watch,
-    ):
-        watch.wait("waiting", PATIENCE)
-        said = refused(tmp_path, *given, *stream, "--wait-for-estimates", VAIN)
+    stream = streaming(network, "left")
+    said = refused(tmp_path, *two_links, *stream, "--wait-for-estimates", VAIN)
     assert f"there are services of {ARM!r} only" in said
 
 
+@pytest.mark.usefixtures("service")
 def test_states_at_another_rate_than_the_model_can_follow(
-    store: ModelStore, network: Network, tmp_path: Path, two_links_urdf: Path
+    network: Network, tmp_path: Path, two_links: tuple[object, ...]
 ) -> None:
-    given = ("--backend", "virtual", "--trajectory", slow_motion(tmp_path, 1.0, two_links_urdf))
-    given += ("--robot", tmp_path / "two_links.urdf", "--rate", 10)
-    stream = ("--stream", "--name", ARM, "--zenoh-config", network.there)
-    with (
-        open_session(config=network.here) as session,
-        served(network, "--arm", ARM, "--store", store.root),
-        ServiceWatch(session, ARM) as watch,
-    ):
-        watch.wait("waiting", PATIENCE)
-        said = refused(tmp_path, *given, *stream, "--wait-for-estimates", 4 * VAIN)
+    stream = ("--rate", 10, *streaming(network))
+    said = refused(tmp_path, *two_links, *stream, "--wait-for-estimates", 4 * VAIN)
     assert "10 Hz" in said
 
 
-def test_two_drivers_of_one_arm(network: Network, tmp_path: Path, two_links_urdf: Path) -> None:
-    given = ("--backend", "virtual", "--trajectory", slow_motion(tmp_path, 1.0, two_links_urdf))
-    given += ("--robot", tmp_path / "two_links.urdf")
+def test_two_drivers_of_one_arm(
+    network: Network, tmp_path: Path, two_links: tuple[object, ...]
+) -> None:
     with open_session(config=network.here) as session, driven(session):
         wait_for(lambda: is_alive(session, Keys(ARM).alive("driver")))
-        said = refused(tmp_path, *given, "--stream", "--name", ARM, "--zenoh-config", network.there)
+        said = refused(tmp_path, *two_links, *streaming(network))
     assert f"another driver of an arm called {ARM!r} is on the network already" in said
 
 

@@ -29,7 +29,6 @@ from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
-    AsymmetricFriction,
     Backlash,
     CoulombFriction,
     JointElasticity,
@@ -309,21 +308,6 @@ def test_two_of_a_joint_give_way_to_one_that_does_as_well_and_stay_where_none_do
         pressed.name,
         spring.name,
     }
-
-
-def test_an_offset_beside_more_friction_is_friction_that_differs_by_direction(seen):
-    """It chooses as much as both, and is one."""
-    stated = CoulombFriction(joint=1, tau_c=0.5)
-    recorded = seen(AsymmetricFriction(joint=1, tau_plus=2.0, tau_minus=0.5))
-    problem, noise = laid_out(recorded.under(replace(recorded.simulation, effects=(stated,))))
-    (more, *_) = (
-        i
-        for i, item in enumerate(problem.candidates)
-        if item.place == ("coulomb_friction", (0,)) and not item.other_width
-    )
-    pair = fitted(problem, (more, place_of(problem, "torque_offset", 1)), noise)
-    (one,) = simplified(problem, pair).members
-    assert problem.candidates[one].effect == "asymmetric_friction"
 
 
 def test_a_load_has_the_name_of_the_wrong_last_link_that_it_equals(carrying):
