@@ -72,7 +72,8 @@ def main() -> None:
         tried.append(found)
     if given.refused:
         print("\n".join(each.refusal for each in tried if each.refusal), end="\n\n")
-    sys.exit(not _said(tried, lacking))
+    folders = sorted(path for path in given.folder.iterdir() if path.is_dir())
+    sys.exit(not _said(folders, tried, lacking))
 
 
 def _robots(folder: Path, skipped: set[str]) -> Iterator[tuple[str, Path]]:
@@ -108,9 +109,11 @@ def _tried(collection: str, path: Path) -> Tried:
     return Tried(collection, planned, has_ranges, has_masses, diagnosed, refusal)
 
 
-def _said(tried: list[Tried], lacking: Counter[str]) -> bool:
+def _said(folders: list[Path], tried: list[Tried], lacking: Counter[str]) -> bool:
     """Print the table; say whether all of it meets what is expected."""
     names = list(dict.fromkeys(each.collection for each in tried))
+    if bare := [path.name for path in folders if path.name not in {*names, *lacking}]:
+        print(f"without a URDF or MJCF file (xacro files are to be expanded): {', '.join(bare)}")
     print("| collection | robots | load for planning | state all ranges | ", end="")
     print("state masses | load for diagnosis | parts not there |\n|---|---|---|---|---|---|---|")
     for name in names:
@@ -126,7 +129,7 @@ def _row(name: str, tried: list[Tried], lacking: int) -> None:
     planned, massive = sum(each.planned for each in tried), [x for x in tried if x.has_masses]
     diagnosed = sum(each.diagnosed for each in massive)
     print(
-        f"| {name} | {len(tried)} | {planned} ({planned / len(tried):.1%}) | "
+        f"| {name} | {len(tried)} | {planned} ({planned / max(len(tried), 1):.1%}) | "
         f"{sum(each.has_ranges for each in tried)} | {len(massive)} | {diagnosed} "
         f"({diagnosed / max(len(massive), 1):.1%}) | {lacking} |"
     )

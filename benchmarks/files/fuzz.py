@@ -1,6 +1,6 @@
 """Mutations of valid files of every format: each is read or refused in one line, at little cost.
 
-    python benchmarks/files/fuzz.py FOLDER [--formats urdf mjcf] [--most 10000] [--minutes 60]
+    python benchmarks/files/fuzz.py FOLDER [--formats urdf mjcf] [--first 0] [--most 10000]
     python benchmarks/files/fuzz.py FOLDER --again     # the failures alone, as after a repair
 
 A mutation is told by its format and its number alone. What was found is kept in FOLDER, and later
@@ -88,7 +88,9 @@ def main() -> None:
     ends = time.monotonic() + 60 * given.minutes
     for name in given.formats:
         kept = given.folder / f"{name}.jsonl"
-        numbers = _failed(kept) if given.again else _missing(kept, given.most)
+        numbers = (
+            _failed(kept) if given.again else _missing(kept, given.first, given.first + given.most)
+        )
         with tempfile.TemporaryDirectory() as folder:
             _make(name, Path(folder))
             for batch in numbers if time.monotonic() < ends else ():
@@ -107,6 +109,7 @@ def _given() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("folder", type=Path, help="where what is found is kept")
     parser.add_argument("--formats", nargs="+", choices=FORMATS, default=list(FORMATS))
+    parser.add_argument("--first", type=int, default=0, help="number to begin with")
     parser.add_argument("--most", type=int, default=10_000, help="mutations of each format")
     parser.add_argument("--minutes", type=float, default=1e9, help="after which it ends")
     parser.add_argument("--again", action="store_true", help="try the failures again")
@@ -123,10 +126,9 @@ def _lines(kept: Path) -> list[Found]:
     ]
 
 
-def _missing(kept: Path, most: int) -> Iterator[range]:
+def _missing(kept: Path, start: int, most: int) -> Iterator[range]:
     """Yield the numbers that were not tried yet."""
     done = {k for found in _lines(kept) for k in range(found.first, found.after)}
-    start = 0
     while start < most:
         if start in done:
             start += 1

@@ -200,6 +200,10 @@ class Playback:
         with interrupts(interrupted.set), ExitStack() as open_:
             if self.start_when is not None:
                 state = self._stand_by(self.start_when, states, state, interrupted, realtime)
+            while state.stale and not state.holding:  # which no stream can start from
+                if interrupted.is_set():
+                    raise NotBegunError
+                state = states.receive()
             start, began = state.time, time.monotonic()
             recorder = open_.enter_context(self._recorder(robot, start))
             open_.enter_context(self._braking(robot, recorder))

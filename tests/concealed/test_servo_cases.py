@@ -1,10 +1,17 @@
 """A diagnosis without torque names what is hidden in the concealed arm behind servos."""
 
+import os
+from pathlib import Path
+
+import gripper_cases
 import pytest
 import servo_cases
 from told_cases import PUSHING, TURNING
 
 import limo_driver as limo
+
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
+SO101 = DATA / "so101" / "robot" / "so101_new_calib.xml"
 
 
 @pytest.mark.slow("ten seconds a case; benchmarks/diagnosis/concealed_servos.py runs many")
@@ -56,3 +63,15 @@ def test_what_is_hidden_in_an_arm_that_is_told_no_positions_is_named(told, seed,
     findings = limo.diagnose(sim, recordings).verdict.findings
 
     assert {(x.effect, x.joints) for x in findings} == {(x.effect, x.joints) for x in case.hidden}
+
+
+@pytest.mark.slow("half a minute; benchmarks/diagnosis/concealed_servos.py --gripper runs many")
+@pytest.mark.skipif(not SO101.exists(), reason=f"no {SO101}; name its folder in LIMO_DATA")
+def test_what_all_else_explains_once_it_is_fitted_again_is_not_named(tmp_path):
+    case = gripper_cases.make(910015, (), SO101, 200.0)  # joint 6 moves as with some punch
+    sim, recordings = case.write(tmp_path)
+
+    found = limo.diagnose(sim, recordings)
+
+    assert found.verdict.findings == ()
+    assert [drive.punch for drive in found.after.drives] == [0.0] * 6

@@ -80,6 +80,7 @@ class JointValues:
     period: float  # [s] of the recordings
     extras: tuple[str, ...]  # effects beyond what every joint has
     proven: tuple[str, ...]  # those of them that a part of the recordings shows
+    refitted: dict[str, FloatArray]  # squared errors of that motion without an effect (K,) [rad²]
 
     @classmethod
     def of_all(
@@ -93,7 +94,8 @@ class JointValues:
         return tuple(
             cls(j, stated, fit, nominal, tolerance,
                 tuple((own[j], fits[j].row) for own, fits in parts),
-                period, final.extras[j], proof.extras[j])
+                period, final.extras[j], proof.extras[j],
+                {effect: less for (k, effect), less in evidence.refitted.items() if k == j})
             for j, (fit, nominal, tolerance) in enumerate(every)
         )  # fmt: skip
 
@@ -109,7 +111,10 @@ class JointValues:
             shown = effect in self.proven and is_known(self.fit, [size])
             if not (shown if extra else served and self._is_wrong(units)):
                 continue
-            without = self._squares(lambda row: as_it_is_stated(row, self.nominal, effect, units))  # noqa: B023  # at once
+            without = self.refitted.get(effect)
+            if without is None:
+                undone = partial(as_it_is_stated, nominal=self.nominal, effect=effect, units=units)
+                without = self._squares(undone)
             lost, confidence = float(without.mean()) - full, self._removes(squared, without)
             if confidence < CONFIDENT:
                 continue

@@ -11,7 +11,7 @@ What was identified from a part of the recordings and from all, and what all joi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -29,7 +29,7 @@ from limo_driver.model.units import unit_of
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
@@ -178,6 +178,13 @@ class Fold:
         """Return the loads along the held-out motion."""
         return ArmLoads(given.body, self.unseen, rows_of(given))
 
+    def squares(self, loads: ArmLoads, less: Suspect | None = None) -> list[FloatArray]:
+        """Return squared errors of each joint along these loads [rad²], without one suspect."""
+        change = ArmChange.none(loads.n) if self.arm is None else self.arm.change
+        parts = loads.parts(change if less is None else without(change, less))
+        rows = [fit.row for fit in self.identified.fits]
+        return [errors(own, row) ** 2 for own, row in zip(parts, rows, strict=True)]
+
 
 @dataclass(frozen=True)
 class DriveEvidence:
@@ -191,6 +198,8 @@ class DriveEvidence:
     shared: tuple[StatedArm, StatedArm] | None = None  # of the same two, where drives are stated
     counted: DriveEvidence | None = None  # with joints turned, as they were recorded
     exchanged: tuple[Fold, ...] = ()  # parts of the motion, each held out in turn
+    refitted: Mapping[tuple[int, str], FloatArray] = field(default_factory=dict)  # squared errors
+    # there of a joint, 0-based, without an effect (K,) [rad²]
     zeros: tuple[float, ...] = ()  # stated ones, which recordings no longer have [rad]
 
     @property
@@ -217,7 +226,7 @@ class DriveEvidence:
 
         def squares(one: Suspect | None) -> list[FloatArray]:
             """Return squared errors of each joint on all that is held out, without one suspect."""
-            every = [_squares(fold, loads, one) for fold, loads in folds]
+            every = [fold.squares(loads, one) for fold, loads in folds]
             return [np.concatenate(own) for own in zip(*every, strict=True)]
 
         full = squares(None)
@@ -237,14 +246,6 @@ class DriveEvidence:
             rmse = [tuple(float(np.sqrt(x.mean())) for x in own) for own in (less, full)]
             stated = self.zeros[one.joint] if self.zeros and one.joint is not None else 0.0
             yield lost, shared_finding(one, final, confidence, BeforeAfter(*rmse), stated)
-
-
-def _squares(fold: Fold, loads: ArmLoads, less: Suspect | None) -> list[FloatArray]:
-    """Return squared errors of each joint on held-out motion [rad²], without one suspect."""
-    change = ArmChange.none(loads.n) if fold.arm is None else fold.arm.change
-    parts = loads.parts(change if less is None else without(change, less))
-    rows = [fit.row for fit in fold.identified.fits]
-    return [errors(own, row) ** 2 for own, row in zip(parts, rows, strict=True)]
 
 
 def without(change: ArmChange, one: Suspect) -> ArmChange:

@@ -28,13 +28,15 @@ from estimators.diagnosis.from_motion.checks.conventions import (
 from estimators.diagnosis.from_motion.checks.recorded import check_commanded
 from estimators.diagnosis.from_motion.fitting.identification import fit_drives, with_servos
 from estimators.diagnosis.from_motion.held_out import (
+    CONFIDENT,
     DriveEvidence,
     Fold,
     position_errors,
+    removes,
     resolution_of,
     split,
 )
-from estimators.diagnosis.from_motion.search import fit_without, search
+from estimators.diagnosis.from_motion.search import Searched, fit_without, search
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
 from estimators.diagnosis.from_motion.stated import (
@@ -43,6 +45,7 @@ from estimators.diagnosis.from_motion.stated import (
     stated_arm,
     with_intervals,
 )
+from estimators.diagnosis.from_motion.suspects import COUNTED
 from estimators.diagnosis.from_motion.verdict import (
     about_counting,
     about_drift,
@@ -232,7 +235,8 @@ def _beside_stated(
     loads = ArmLoads(given.body, recordings, rows_of(given))
     searched = search(loads, rows_of(given), tolerances_of(given), tick)
     arm = stated_arm(given, searched, searched.fit)
-    if (other := arm.counted_otherwise) and turns < _TURNS:
+    other = tuple(one for one in arm.suspects if one.effect in COUNTED)
+    if other and turns < _TURNS:
         as_recorded = tuple(unseen)
         seen, unseen, every = (
             [as_described(r, arm.change) for r in x] for x in (seen, unseen, recordings)
@@ -252,20 +256,52 @@ def _beside_stated(
     while (doubtful := final.doubtful) is not None:
         searched = fit_without(searched, doubtful, tick)
         final = with_intervals(given, searched, ticks)
-    proof = prove_on_part(given, seen, searched, tick)
-    pairs = ((seen, unseen), (unseen, seen))
-    arms = [prove_on_part(given, own, searched, tick, held=True) for own, _ in pairs]
+    proven, folds, refitted = _proven(given, ((seen, unseen), (unseen, seen)), searched, tick)
+    if proven is not searched:
+        final = with_intervals(given, proven, ticks)
+    proof = prove_on_part(given, seen, proven, tick)
     return DriveEvidence(
         proof.identified,
         final.identified,
         tuple(recordings),
         tuple(unseen),
         shared=(proof, final),
-        exchanged=tuple(
-            Fold(arm.identified, tuple(other), arm)
-            for arm, (_, other) in zip(arms, pairs, strict=True)
-        ),
+        exchanged=folds,
+        refitted=refitted,
     )
+
+
+def _proven(
+    given: Simulation,
+    pairs: Sequence[tuple[Sequence[Recording], Sequence[Recording]]],
+    searched: Searched,
+    tick: float,
+) -> tuple[Searched, tuple[Fold, ...], dict[tuple[int, str], FloatArray]]:
+    """Leave out what a joint does without: where all else, fitted again, errs no more.
+
+    Returns:
+        What is left, its errors on each part that is held out, and the squared ones of its joint
+        without each effect, likewise (K,) [rad²].
+    """
+
+    def folds_of(found: Searched) -> tuple[Fold, ...]:
+        arms = [(prove_on_part(given, own, found, tick, held=True), other) for own, other in pairs]
+        return tuple(Fold(arm.identified, tuple(other), arm) for arm, other in arms)
+
+    folds = folds_of(searched)
+    refitted: dict[tuple[int, str], FloatArray] = {}
+    for one in searched.suspects:
+        if one.joint is None or one.shared or one.freed:
+            continue
+        less = fit_without(searched, one, tick)
+        full, without = (
+            np.concatenate([fold.squares(fold.loads(given))[one.joint] for fold in own])
+            for own in (folds, folds_of(less))
+        )
+        if removes(full, without, len(pairs)) < CONFIDENT:
+            return _proven(given, pairs, less, tick)
+        refitted[one.joint, one.effect] = without
+    return searched, folds, refitted
 
 
 @dataclass(frozen=True, repr=False)

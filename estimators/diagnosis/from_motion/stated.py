@@ -42,7 +42,6 @@ from estimators.diagnosis.from_motion.simulation.free_run import (
 )
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
-from estimators.diagnosis.from_motion.suspects import COUNTED, Suspect
 from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.settings.judgement import VALUES
 from limo_driver.model.descriptions.geometry import Inertial
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
+    from estimators.diagnosis.from_motion.suspects import Suspect
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
@@ -101,11 +101,6 @@ class StatedArm:
         simulation = self.identified.simulation
         mass = sum(own.mass for own in simulation.model.inertials.values())
         return VALUES.sure * simulation.tolerances.inertia * mass
-
-    @property
-    def counted_otherwise(self) -> tuple[Suspect, ...]:
-        """Joints that count against the description, or are exchanged."""
-        return tuple(one for one in self.suspects if one.effect in COUNTED)
 
 
 def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:

@@ -270,6 +270,11 @@ class LAWS:
         "lower costs time; higher gives a name to what lies better on the grid",
         chosen=("play of 0.7 mrad brought 0.75 of it on the grid of gaps, and 1.3 once refined; "
                 "a gap between two that are tried has 0.63 in common with the nearer one"))
+    slips: int = setting(3, "", "widths of slipping springs that are refined, at most",
+        "more cost time; fewer leave what lies between two of the grid to other effects")
+    carried: float = setting(0.02, "of the friction of all springs",
+        "that one of the grid has to carry, to be among these",
+        "lower refines shares of noise; higher loses the last width")
 
 
 @settings

@@ -238,6 +238,16 @@ class PreslidingHysteresis(TorqueEffect):
         return Hypothesis(cls.name, (joint - 1,), terms, realise, positive=True, law="Maxwell slip")
 
     @classmethod
+    def slips(cls, joint: int, *widths: float) -> Hypothesis:
+        """Return parallel springs that slip at widths [rad] of their own, for a refinement."""
+        return replace(
+            cls.maxwell_slip(joint, widths),
+            settings=widths,
+            family=partial(cls.slips, joint),
+            bounds=tuple((max(0.4 * width, STOP_WIDTHS[0]), 2.5 * width) for width in widths),
+        )
+
+    @classmethod
     def lugre(cls, joint: int, width: float, rise: float, v_s: float) -> Hypothesis:
         """Return bristles that slide after a width [rad]; at rest they hold a part `rise` more."""
         unit = cls(joint=joint, law="lugre", sigma_0=1.0 / width, tau_c=1.0, tau_s=rise, v_s=v_s)

@@ -230,18 +230,19 @@ def _loose(state: FloatArray, position: FloatArray, flank: float) -> FloatArray:
     """Advance (lead of the link over the drive, unused, last position) in place.
 
     Returns:
-        The part of each step in which no flank is met, (T,): a step may meet one on its way.
+        The part of the time around each sample, a step long, in which no flank is met, (T,): the
+        joint goes on as it came. The part of the step before would be late by half of one.
     """
     x, last = state[0], state[2]
     loose = np.empty(position.size)
     for t in range(position.size):
         step = 0.0 if np.isnan(last) else position[t] - last
-        reached = min(max(x + step, -flank), flank)
+        ahead = flank - math.copysign(1.0, step) * (x + step)  # to the flank that is moved to
+        x, last = min(max(x + step, -flank), flank), position[t]
         if step != 0.0:
-            loose[t] = (reached - x) / step
+            loose[t] = min(max(0.5 + ahead / abs(step), 0.0), 1.0)
         else:
             loose[t] = 1.0 if abs(x) < flank else 0.0
-        x, last = reached, position[t]
     state[0], state[2] = x, last
     return loose
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 RATE = 500.0  # [Hz], of samples that are a little uneven
 REFUSED = [
     ("external_contact", EXAMPLES["external_contact"][0]),
+    ("picked_up_load", EXAMPLES["picked_up_load"][0]),
     ("temperature_dependent_friction", {"per_kelvin": -0.1, "reference": 30.0}),
 ]
 CASES = [(name, values) for name, given in EXAMPLES.items() for values in given]

@@ -119,10 +119,22 @@ def test_the_drag_of_a_drive_is_gone_from_a_reversal_to_the_end_of_the_gap():
         np.arange(position.size) * 0.01, position, velocity, 0 * position, 0 * position
     )
     torque, _ = play.advance(play.initial_state(), motion)
-    from_the_middle, back = forth <= 2e-3, np.abs(forth[-1] - position) <= 4e-3
-    loose = np.concatenate([from_the_middle, back[forth.size :]])
-    loose[forth.size] = False  # the step between both directions goes nowhere, at a flank
-    np.testing.assert_allclose(torque, np.where(loose, -1.5 * np.sign(velocity), 0.0), atol=1e-9)
+    ahead = np.concatenate([2e-3 - forth, 4e-3 - (forth[-1] - forth[::-1])])  # of the flank
+    loose = np.clip(0.5 + ahead / 1e-3, 0.0, 1.0)  # half of the time about a sample on it
+    loose[forth.size] = 0.0  # the step between both directions goes nowhere, at a flank
+    np.testing.assert_allclose(torque, -1.5 * np.sign(velocity) * loose, atol=1e-9)
+
+
+def test_a_drag_comes_back_at_the_gap_however_coarse_the_samples():
+    play = Backlash(joint=1, gap=0.01, drag=1.0, v_eps=1e-6)
+    for rate in (20.0, 100.0, 1000.0):
+        loose = []  # [s], from 0.1 s after the reversal on
+        for start in np.linspace(0.0, 1.0 / rate, 8, endpoint=False):  # of the samples
+            time = np.arange(start - 1.0, 1.0, 1.0 / rate)
+            motion = JointMotion(time, 0.1 * time**2, 0.2 * time, 0 * time, 0 * time)
+            torque, _ = play.advance(play.initial_state(), motion)
+            loose.append(-torque[time > 0.1].sum() / rate)
+        assert np.mean(loose) == pytest.approx(np.sqrt(0.01 / 0.1) - 0.1, rel=0.02)
 
 
 def test_a_drag_that_winds_something_up_goes_and_comes_in_proportion_to_the_distance():

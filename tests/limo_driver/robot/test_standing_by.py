@@ -95,6 +95,16 @@ def test_what_is_raised_while_it_waits_leaves_nothing(play, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_run_begins_once_a_measurement_that_was_lost_is_back(motion, tmp_path):
+    with open_for("virtual", motion, simulation=None, robot=None, seed=5) as robot:
+        first = robot.receive()
+        robot.lose_measurements(3)
+        played = Playback(motion, tmp_path / "run.parquet").run(robot, lambda *_: None)
+    time = pq.read_table(tmp_path / "run.parquet")["time"].to_numpy()
+    assert played.samples == CYCLES
+    assert time[0] == pytest.approx(first.time + 4 * robot.spec.period)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_the_wait(play, tmp_path, number):
     def interrupt():

@@ -13,11 +13,13 @@ Source: Schwarz, "Estimating the dimension of a model", Annals of Statistics 6(2
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import minimize
 
+from estimators.diagnosis.from_torque.fitting.contribution import coefficients
 from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate, LawEvidence, entered
 from estimators.diagnosis.from_torque.hypotheses.catalogue import rivals
 from estimators.diagnosis.from_torque.hypotheses.ripple import with_fewer_lines
@@ -27,13 +29,13 @@ from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, REFINEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
 from estimators.regression.definite import is_more, ranked
 from estimators.regression.evidence import Evidence, NormalEquations, Prior, joined
-from limo_driver.physics import QuadraticDrag, ViscousFriction
+from limo_driver.physics import PreslidingHysteresis, QuadraticDrag, ViscousFriction
 from limo_driver.physics.catalogue import confusion_of
 from limo_driver.physics.domain import Domain
 from limo_driver.physics.effect import TorqueEffect
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -67,6 +69,10 @@ def likeliest(
     """
     near = _best_of_each(problem, solution, member, other)
     competing = [*near, *rivals(near[0]), *with_fewer_lines(near[0], problem.observed)]
+    for i, item in enumerate(problem.candidates):
+        if item.hypothesis is not None and any(item.hypothesis is one for one in near):
+            found = solution.having((*(m for m in solution.members if m != member), i))
+            competing += _of_few_slips(item.hypothesis, coefficients(problem, found, i))
     tried = [refine(hypothesis, around) for hypothesis in competing]
     setting = 0.5 * float(np.log(problem.split.fitted.sum()))  # [nat]
     scored = [(hypothesis, gain - setting * len(hypothesis.settings)) for hypothesis, gain in tried]
@@ -126,6 +132,36 @@ def _best_of_each(
     falling = ranked(best.values(), lambda item: item[0])
     least = falling[0][0] - LAWS.refinable
     return [hypothesis for gain, hypothesis in falling if hypothesis.law or gain > least]
+
+
+def _of_few_slips(hypothesis: Hypothesis, carried: FloatArray) -> Iterator[Hypothesis]:
+    """Yield springs that slip at a few widths of their own, in place of those of a grid.
+
+    A width between two of the grid comes out as a share of either; and what these leave looks like
+    play, or like another friction.
+
+    Args:
+        hypothesis: Springs of a grid of widths; others have none.
+        carried: By each of them where it slips [N m].
+    """
+    slips = [
+        x.width[0] for x in hypothesis.terms if isinstance(x, PreslidingHysteresis) and x.width
+    ]
+    if hypothesis.settings or not slips:
+        return
+    used = carried > LAWS.carried * carried.sum()
+    widths, carried = np.array(slips)[used], carried[used]
+
+    def apart(cuts: tuple[int, ...]) -> float:
+        groups = zip(np.split(np.log(widths), cuts), np.split(carried, cuts), strict=True)
+        return sum(float(c @ (w - np.average(w, weights=c)) ** 2) for w, c in groups)
+
+    for many in range(1, min(LAWS.slips, widths.size) + 1):
+        cuts = min(combinations(range(1, widths.size), many - 1), key=apart)
+        split = zip(np.split(carried, cuts), np.split(carried / widths, cuts), strict=True)
+        own = [float(force.sum() / stiffness.sum()) for force, stiffness in split]
+        if min(own) > min(slips):  # at its end is what is narrower, as any sharper sign
+            yield PreslidingHysteresis.slips(hypothesis.joints[0] + 1, *own)
 
 
 def sentence_of(laws: Sequence[LawEvidence]) -> str:

@@ -30,7 +30,7 @@ from estimators.diagnosis.from_torque.fitting.laws import compete
 from estimators.diagnosis.from_torque.fitting.problem import simulated
 from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.fitting import CANDIDATES, CONTRIBUTION
 from estimators.regression.definite import first_best, ranked
 from estimators.regression.evidence import REACH
 from limo_driver.physics import Payload
@@ -74,7 +74,10 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
         everywhere = range(problem.observed.n)
         if strains(problem, solution, new.fitted):
             continue  # what a body does at other joints would be laid to stated values
-        if not surely_better(problem, solution, solution.members, new.members, everywhere):
+        # one that is much likelier, since others were refined, needs no proof that it does as well
+        if new.gain > solution.gain + CANDIDATES.missing or not surely_better(
+            problem, solution, solution.members, new.members, everywhere
+        ):
             return new
     return solution
 

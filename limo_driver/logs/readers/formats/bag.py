@@ -150,7 +150,8 @@ def topic_with(
         RecordingError: Several topics do.
     """
     found = _Found(topic)
-    for message in islice(filter(_is_state, messages_of(paths)), _PEEKED):
+    of_joints = (x for x in messages_of(paths) if (x.schema, x.encoding) == (JOINT_STATE, CDR))
+    for message in islice(of_joints, _PEEKED):
         found.add(message)
     groups = [g for g in found.groups.values() if set(joints) <= set(g.names)]
     topics = list(dict.fromkeys(g.topic for g in groups if topic in {None, g.topic}))
@@ -159,10 +160,6 @@ def topic_with(
             f"joint states of several topics: {', '.join(topics)}; say which is meant"
         )
     return topics[0] if topics else None
-
-
-def _is_state(message: LoggedMessage) -> bool:
-    return message.schema == JOINT_STATE and message.encoding == CDR
 
 
 @dataclass(frozen=True)

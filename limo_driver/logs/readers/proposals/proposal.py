@@ -173,10 +173,11 @@ def propose(table: LogTable, model: RobotModel) -> Proposal:
     draft.questions += time.questions
     draft.taken.append(Taken("time", ", ".join(time.columns.columns), time.unit, time.why))
     positions = _position_family(draft)
-    torques = _torque_family(draft, positions)
+    torques = _best(draft, TORQUE) or _best(draft, CURRENT) or _of_some_joints(draft, positions)
     position = _positions(draft, positions, _beside(draft, time, torques))
     torque = _torques(draft, torques, position)
-    velocity = _velocities(draft, time.columns, position)
+    rates = _best(draft, VELOCITY)
+    velocity = rates and _rates(draft, VELOCITY, rates, time.columns, position)
     _ask_of_clock(draft, time, position, torque)
     command = _commands(draft, position, torque)
     led = torque is None and command is None  # by velocities, if by anything
@@ -281,11 +282,6 @@ def _position_family(draft: _Draft) -> ColumnFamily:
         draft.table,
         draft.model,
     )
-
-
-def _torque_family(draft: _Draft, positions: ColumnFamily) -> ColumnFamily | None:
-    found = _best(draft, TORQUE) or _best(draft, CURRENT)
-    return found or _of_some_joints(draft, positions)
 
 
 def _of_some_joints(draft: _Draft, positions: ColumnFamily) -> ColumnFamily | None:
@@ -420,11 +416,6 @@ def _by_gravity(draft: _Draft, currents: ColumnFamily, position: Channels) -> st
     if not parts:
         return ""
     return f" If the arm carries nothing, the weight of its bodies says {', '.join(parts)}"
-
-
-def _velocities(draft: _Draft, time: TimeColumns, position: Channels) -> Channels | None:
-    family = _best(draft, VELOCITY)
-    return None if family is None else _rates(draft, VELOCITY, family, time, position)
 
 
 def _ask_of_clock(

@@ -225,26 +225,22 @@ def _named(
         quantities: That count as one.
         joints: Names that are looked for; those of the robot if none are given.
     """
-    known = (name for name, values in table.columns.items() if _has_numbers(values))
+    known = (
+        name
+        for name, values in table.columns.items()
+        if values.dtype.kind != "f" or np.isfinite(values).any()
+    )
     found = [
         family
         for family in families_of(known, joints or model.joint_names)
         if family.quantity in quantities
         and family.rank in (MEASURED, PLAIN)
-        and _names_joints(family)
+        and all(isinstance(name.joint, str) for name in family.names)
     ]
     if not found:
         return {}
     best = min(found, key=lambda family: (-len(family.names), family.rank))
     return {str(name.joint): (name.column, name.unit) for name in best.names}
-
-
-def _names_joints(family: ColumnFamily) -> bool:
-    return all(isinstance(name.joint, str) for name in family.names)
-
-
-def _has_numbers(values: np.ndarray) -> bool:
-    return values.dtype.kind != "f" or bool(np.isfinite(values).any())
 
 
 def _is_cut(taken: Iterable[str], missing: Iterable[str]) -> bool:

@@ -46,6 +46,7 @@ _NAMED_PERIOD: Final = re.compile(
     r"[^\d\n]{0,12}?[:=]\s*(\d+(?:\.\d+)?(?:e[+-]?\d+)?)\s*(ms|us|ns|s|)(?![a-z])"
 )
 _NO_RATE: Final = re.compile(r"cut-?off|filter|low-?pass|bandwidth|motion|sine|chirp|control")
+_APART_AS_ANY: Final = 1.0  # of squared steps over variance, from which on no motion leads on
 _NEARLY_ALL: Final = (0.01, 0.99)
 _PIECES: Final = 20  # of a column, each with steps of its own
 _OTHER_UNIT: Final = 100.0  # between steps of two pieces; units are 1000 apart, rates less
@@ -253,11 +254,32 @@ def _known(values: NDArray[Any]) -> NDArray[np.float64]:
 
 def _unit_in(table: LogTable, name: str) -> tuple[str, str, str]:
     """Return unit, reason and question of a column of time, whose unit the format may state."""
-    unit, why, question = _unit(table.columns[name], read_name(name).unit)
+    stated = read_name(name).unit
+    unit, why, question = _unit(table.columns[name], stated)
+    if unit == "ms" and stated not in SECONDS and _holds_poses(table, name):
+        asked = (
+            f"time: {why} in ms, but from row to row the columns jump as far as between any two "
+            "rows, as poses do that are held one after the other: is it in s?"
+        )
+        return "s", "poses held one after the other", asked
     if not table.clock or question or unit == table.clock:
         return unit, why, question
     asked = f"time: the format has {table.clock}, but {why}: were they stamped at another speed?"
     return table.clock, why, asked
+
+
+def _holds_poses(table: LogTable, time: str) -> bool:
+    """Say whether most columns jump from row to row as far as between any two rows.
+
+    By von Neumann's ratio of squared steps to variance: 2 of rows that have nothing in common, and
+    next to nothing of those along a motion.
+    """
+    ratios = list[float]()
+    for name, values in table.columns.items():
+        known = _known(values) if name != time and values.dtype.kind == "f" else np.zeros(0)
+        if known.size >= _FEWEST_EVEN and (variance := float(known.var())):
+            ratios.append(float(np.mean(np.diff(known) ** 2)) / variance)
+    return bool(ratios) and float(np.median(ratios)) > _APART_AS_ANY
 
 
 def _unit(values: NDArray[Any], said: str) -> tuple[str, str, str]:

@@ -86,6 +86,17 @@ def test_the_hidden_law_is_named_with_its_odds(given, seen, law):
     assert "likelier than" in finding.evidence.split("Its law is")[1]
 
 
+@sampled("width", [(0.0015, 0.009), (0.004,)], "a whole diagnosis each")
+def test_springs_that_slip_between_the_widths_tried_are_found_without_play(given, seen, width):
+    assert {*width}.isdisjoint(STOP_WIDTHS)
+    hidden = slip(stiffness=tuple(0.3 / w for w in width), width=width)
+    true = replace(given, effects=(*given.effects, hidden))
+    (finding,) = diagnose(given, [seen(true)]).verdict.findings
+    assert (finding.effect, finding.joints) == ("presliding_hysteresis", (2,))
+    assert finding.parameters["width"].value == pytest.approx(width, rel=0.05)
+    assert finding.parameters["stiffness"].value == pytest.approx(hidden.stiffness, rel=0.05)
+
+
 @sampled("gap", [0.0025, 0.006, 0.016], "a whole diagnosis each")
 def test_play_of_a_width_between_those_tried_is_not_taken_for_presliding(given, seen, gap):
     assert gap not in DRAGGED_GAPS

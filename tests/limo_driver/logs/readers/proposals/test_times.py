@@ -38,3 +38,14 @@ def test_columns_without_any_number_are_none():
     table = table_of({"t": TIME, "q": q, "tau": np.ones_like(q)})
     with pytest.raises(RecordingError, match="has no positions of the 7 joints of iiwa14"):
         propose(table, RobotModel.load("iiwa14"))
+
+
+def test_poses_held_one_after_the_other_may_be_seconds_apart_and_motion_is_not():
+    random = np.random.default_rng(3)
+    time = np.cumsum(random.uniform(15.0, 20.0, 61))
+    held = time_columns(table_of({"t": time, "q": random.uniform(-1.0, 1.0, (61, 3))}))
+    assert held.columns.unit == ("s",)
+    assert "in ms, but from row to row the columns jump" in held.questions[0]
+    assert "is it in s?" in held.questions[0]
+    moved = time_columns(table_of({"t": time, "q": np.sin(time[:, None] * [2e-3, 3e-3, 5e-3])}))
+    assert (moved.columns.unit, moved.questions) == (("ms",), ())
