@@ -28,9 +28,8 @@ from limo_driver.pages.figures import (
     JOINTS,
     MEASURED,
     curve,
-    dots,
+    joint_errors,
     layout,
-    rounded_ticks,
 )
 from limo_driver.pages.markup import columns, grid, header, paragraph, section
 from limo_driver.pages.motion import planned_motion
@@ -112,18 +111,17 @@ def errors(out: Path, drawn: Drawn) -> str:
         f"Off the measured torque: the rigid body with Coulomb and viscous friction {rigid:.2f} "
         f"N m, with what was learned of the joints {learned:.2f} N m (RMS over joints)."
     )
-    sides = (
-        ("noise floor", "noise_floor", {"symbol": "line-ns-open", "size": 16, "color": FLOOR}),
-        ("rigid body", "rmse_rigid_body", {"symbol": "circle-open", "size": 11, "color": BEFORE}),
-        ("joint physics", "rmse_hybrid", {"symbol": "circle", "size": 11, "color": AFTER}),
+    of_floor, of_rigid_body, of_model = (
+        [np.nan if v is None else v for v in found[key]]
+        for key in ("noise_floor", "rmse_rigid_body", "rmse_hybrid")
     )
-    known = {name: [np.nan if v is None else v for v in found[key]] for name, key, _ in sides}
-    axes = layout("RMSE [N m], logarithmic", "")
-    axes["xaxis"] |= {"type": "log"} | rounded_ticks(np.concatenate(list(known.values())))
-    axes["yaxis"] |= {"autorange": "reversed", "showgrid": False}
-    marks = [dots(known[name], names, name, mark) for name, _, mark in sides]
-    chart = {"data": marks, "layout": axes, "height": 90 + 30 * len(names)}
-    values = {"joint": names} | {f"{name} [N m]": known[name] for name in known}
+    sides = (
+        ("noise floor", of_floor, "line-ns-open", FLOOR),
+        ("rigid body", of_rigid_body, "circle-open", BEFORE),
+        ("joint physics", of_model, "circle", AFTER),
+    )
+    chart = joint_errors(sides, names, "N m")
+    values = {"joint": names} | {f"{side[0]} [N m]": side[1] for side in sides}
     values["ratio of MSE"] = found["mse_ratio"]
     values["within the 95 % interval"] = [f"{p:.0%}" for p in found["coverage_of_95_percent"]]
     return (
@@ -174,7 +172,7 @@ def live(out: Path, drawn: Drawn) -> str:
     )
     return paragraph(said) + grid(
         drawn.charts.place(
-            {"data": data, "layout": layout("time [s]", y) | {"showlegend": True}, "height": 290},
+            {"data": data, "layout": layout("time [s]", y) | {"showlegend": True}},
             caption,
         )
         for data, caption, y in pictures

@@ -79,7 +79,7 @@ def _without(**settings: object) -> Change:
 PARTS: dict[str, Change] = {
     WHOLE: Change({}, {}),
     "short recordings: guards of 1 s, two blocks held out": _without(
-        residuals__HELD_OUT__guard_part=1.0, residuals__HELD_OUT__turns=(0,)
+        residuals__HELD_OUT__guard_part=1.0, residuals__HELD_OUT__turn=0
     ),
     "bodies: as they are fitted, possible or not; no load in place of a link": Change(
         {},

@@ -264,7 +264,7 @@ def _compared_to(lead: float) -> str:
     """Say how likely an explanation is beside the chosen one, from its lead [nat]."""
     if lead == 0.0:
         return "chosen"
-    if abs(lead) < np.log(1.5):
+    if abs(lead) < np.log(2.0):
         return "as likely"
     sentences = likelier(abs(lead)).rstrip(",")
     return sentences if lead > 0 else sentences.replace("likelier", "less likely")

@@ -75,6 +75,9 @@ class HELD_OUT:
     which: tuple[int, ...] = setting((2, 5), "", "blocks held out, from 0",
         "more leave less to fit to",
         chosen="in the middle, so that effects that change with time are not extrapolated")
+    turn: int = setting(1, "blocks", "by which those held out are moved, to and fro, at most",
+        "more take time; fewer judge by the few reversals of a short recording",
+        chosen="all blocks but the first and the last, which would be extrapolated")
     resamples: int = setting(400, "", "of the interval of the error removed",
         "more cost time; fewer are a rough interval")
     block: float = setting(3.0, "s", "of a stretch that is resampled whole",
