@@ -272,6 +272,10 @@ class LAWS:
     carried: float = setting(0.02, "of the friction of all springs",
         "that one of the grid has to carry, to be among these",
         "lower refines shares of noise; higher loses the last width")
+    recorded: float = setting(0.2, "of the impacts of a play",
+        "that have to be in the torque above the bandwidth, as sharp and that way",
+        "higher loses play whose drive recoils; lower takes other jumps for impacts",
+        chosen="0.38 of a damped play's, at most 0.06 of five that stood for other friction")
 
 
 @settings

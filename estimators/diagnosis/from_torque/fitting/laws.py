@@ -292,7 +292,12 @@ class _Local:
         gram[size:, :size] = gram[:size, size:].T
         own = replace(candidate.prior, index=size + candidate.prior.index)
         evidence = self._alone.extended(NormalEquations(gram, product))
-        return evidence.gain(joined(self._others, own))
+        prior = joined(self._others, own)
+        gain = evidence.gain(prior)
+        if hypothesis.sized:  # of another coefficient, its settings would be others
+            fit = evidence.posterior(prior)
+            gain -= 0.5 * float((fit.mean[-1] - 1.0) / fit.deviation[-1]) ** 2
+        return gain
 
 
 def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> Candidate | None:

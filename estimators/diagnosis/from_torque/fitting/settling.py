@@ -27,7 +27,7 @@ from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplifi
 from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.hypotheses.search import is_friction
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, SOLVING
 from estimators.regression.definite import ranked
 from estimators.regression.evidence import joined
 from limo_driver.physics.effect import MotionEffect
@@ -224,8 +224,9 @@ def _not_recorded(
     """Return the members whose impacts were not recorded, as effects and joints (0-based).
 
     What is sharper than the filter is compared behind it, where a law of impacts bends to much that
-    is slow. What its impacts have above the filter's bandwidth was recorded there, beside noise:
-    where less was, there were none.
+    is slow. What its impacts have above the filter's bandwidth was recorded there, beside noise.
+    Where less was, since the drive recoils, an impact still goes the way of its law, and is as
+    sharp; or there was none.
     """
     fit, found = problem.under(solution), set[tuple[str, tuple[int, ...]]]()
     sharp = [
@@ -239,10 +240,17 @@ def _not_recorded(
         bare = fit.predict(replace(fit.simulation, effects=others))
         own = [j - 1 for j in effect.joints]
         of_law, recorded = (
-            np.nansum(fit.above(torque[:, own]) ** 2)
+            np.nan_to_num(fit.above(torque[:, own])[:, 0])
             for torque in (whole - bare, fit.recorded - bare)
         )
-        if of_law > recorded:
+        periods = np.int64(fit.motion.time * fit.bandwidth)
+        starts = np.flatnonzero(np.diff(periods, prepend=periods[0] - 1))
+        impact, highest = (np.maximum.reduceat(np.abs(x), starts) for x in (of_law, recorded))
+        agrees = np.add.reduceat(of_law * recorded, starts) > 0
+        stands_out = impact > 2.0 * np.median(highest)
+        seen = agrees & (highest >= impact)
+        few = np.sum(seen[stands_out]) < LAWS.recorded * np.sum(stands_out)
+        if few and np.sum(of_law**2) > np.sum(recorded**2):
             found.add((effect.name, tuple(own)))
     return found & {problem.candidates[member].place for member in solution.members}
 
