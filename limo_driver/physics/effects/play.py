@@ -186,6 +186,7 @@ class Backlash(MotionEffect):
             family=partial(cls.of_gap, joint),
             bounds=own,
             sized=True,
+            most=2.0,  # beyond, another gap of the grid is nearer
             law=FREE if damping is None else SLOWED,
         )
 

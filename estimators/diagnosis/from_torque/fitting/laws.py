@@ -294,10 +294,11 @@ class _Local:
         evidence = self._alone.extended(NormalEquations(gram, product))
         prior = joined(self._others, own)
         gain = evidence.gain(prior)
-        if hypothesis.sized:  # of another coefficient, its settings would be others
-            fit = evidence.posterior(prior)
-            gain -= 0.5 * float((fit.mean[-1] - 1.0) / fit.deviation[-1]) ** 2
-        return gain
+        if not hypothesis.sized:
+            return gain
+        fit = evidence.posterior(prior)  # of another size than one, its settings would be others
+        off, deviation = float(fit.mean[-1]) - 1.0, float(fit.deviation[-1])  # none at a limit
+        return gain - 0.5 * (off / deviation) ** 2 if deviation else -REFINEMENT.rejected
 
 
 def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> Candidate | None:

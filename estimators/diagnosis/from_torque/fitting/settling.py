@@ -243,7 +243,7 @@ def _not_recorded(
             np.nan_to_num(fit.above(torque[:, own])[:, 0])
             for torque in (whole - bare, fit.recorded - bare)
         )
-        periods = np.int64(fit.motion.time * fit.bandwidth)
+        periods = (fit.motion.time * fit.bandwidth).astype(np.int64)
         starts = np.flatnonzero(np.diff(periods, prepend=periods[0] - 1))
         impact, highest = (np.maximum.reduceat(np.abs(x), starts) for x in (of_law, recorded))
         agrees = np.add.reduceat(of_law * recorded, starts) > 0
