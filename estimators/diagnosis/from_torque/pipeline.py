@@ -160,6 +160,9 @@ def _concluded(
     verdict = say(named)
     if doubtful := unsure(verdict.findings, simulation):
         dropped = [i for i in judged.named if _place_of(problem, i) in doubtful]
+        # which law of its friction a joint follows is doubtful, and not that it has some
+        if not harmful and (plain := judged.with_plain_friction(dropped)) is not judged:
+            return _concluded(given, plain, events, budget, harmful=harmful)
         named = [i for i in named if i not in dropped]
         verdict = say(named)
     values = attempts.at(

@@ -143,6 +143,15 @@ class JudgedSet:
             problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
         ), True
 
+    def with_plain_friction(self, some: Collection[int]) -> JudgedSet:
+        """Return this with plain friction for those of some members that joints have instead."""
+        problem, members = self.problem, self.solution.members
+        laws = [i for i in some if len(problem.less(members, (i,))) >= len(members)]
+        if not laws:
+            return self
+        fewer = problem.less(members, laws)
+        return JudgedSet.of(problem, fitted(problem, fewer, self.solution.noise))
+
     @property
     def _spared(self) -> JudgedSet:
         """This, with all that acts on harmed joints alone as it is stated."""

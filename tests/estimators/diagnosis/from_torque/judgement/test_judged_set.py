@@ -15,10 +15,47 @@ from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
+    CoulombFriction,
+    PreslidingHysteresis,
     Simulation,
+    SpringLoad,
     Tolerances,
     ViscousFriction,
 )
+
+
+@pytest.fixture(scope="module")
+def problem(arm, training_recording):
+    bare, random = Simulation(str(arm)), np.random.default_rng(5)
+    dry = (CoulombFriction(joint=j, tau_c=1.0 * j, v_eps=0.003) for j in (1, 2))
+    true = replace(bare, effects=(*dry, ViscousFriction(joint=1, f_v=2.0)))
+    torque = true.predict(training_recording)
+    noisy = replace(training_recording, torque=torque + 0.02 * random.standard_normal(torque.shape))
+    return RegressionProblem.of(Observations.of(bare, [noisy], 10.0), quiet)
+
+
+def judged(problem, members):
+    return JudgedSet.of(problem, fitted(problem, members, noise_of_everything(problem)))
+
+
+def places(one):
+    return one.places(one.solution.members)
+
+
+def test_a_law_that_is_doubtful_gives_way_to_plain_friction_and_nothing_else_does(problem):
+    """Of a joint that rubs, dry friction was lost with the name of another law of it."""
+    law, dry = (PreslidingHysteresis.name, (0,)), (CoulombFriction.name, (0,))
+    spring = (SpringLoad.name, (1,))
+    found, other = (
+        next(i for i, item in enumerate(problem.candidates) if item.place == place)
+        for place in (law, spring)
+    )
+    rest = tuple(i for i in problem.base if problem.candidates[i].joints == (1,))
+    doubtful = judged(problem, (*rest, found, other))  # its own law is all that joint 1 has
+    plain = doubtful.with_plain_friction([found, other])
+    assert {law, dry, spring} & places(plain) == {dry, spring}
+    assert dry in plain.places(plain.named)
+    assert plain.with_plain_friction([other]) is plain
 
 
 @pytest.fixture(scope="module")
